@@ -9,9 +9,11 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import numpy as np
 import tyro
 import viser
 from figures import Figure, answer, at_most
@@ -21,6 +23,7 @@ from real_sensor import real_sensor
 from ninedtact import Frame, Sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.design import Gel
+from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.studio.displayed_reading import PageController
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.scene_3d import gel_block_under_skin
@@ -43,8 +46,9 @@ class PacedCamera(CameraInMemory):
 
 
 def page_clients(clients: int = 20, rounds: int = 5, images: int = 240, json: bool = False) -> None:
-    """Show the page to nobody and to a crowd in turns, and print what that costs."""
+    """Show the page to nobody and to a crowd in turns, then pages of several sensors to one client, and print what that costs."""
     pictures, shape = real_sensor("sensor_a")
+    several = {sensors: lost_of_several(pictures, shape, sensors, images) for sensors in (2, 4)}
     sensor = Sensor(LatestFrameSource(PacedCamera(pictures["ball_reference"], pictures["ball"])), shape, 2)
     alone, crowded, few, memory_mb = [], [], [], []
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as poller:
@@ -63,7 +67,46 @@ def page_clients(clients: int = 20, rounds: int = 5, images: int = 240, json: bo
             memory_mb.append(resident_now_mb())
         stop.set()
         showing.join()
-    answer("Clients of the live page", list(figures(clients, rounds * images, alone, crowded, few, memory_mb)), json)
+    lost = [
+        at_most(f"lost by the worst of {sensors} sensors on a page with a client, %", 100 * share, 5)
+        for sensors, (share, _) in several.items()
+    ]
+    lost += [
+        Figure(f"processor time of {sensors} sensors and their page, % of a core", 100 * share)
+        for sensors, (_, share) in several.items()
+    ]
+    answer(
+        "Clients of the live page", [*figures(clients, rounds * images, alone, crowded, few, memory_mb), *lost], json
+    )
+
+
+def lost_of_several(
+    pictures: dict[str, np.ndarray], shape: CalibratedShape, sensors: int, images: int
+) -> tuple[float, float]:
+    """The largest share of images that one of several sensors loses while a client watches all, and processor time per time."""
+    changed, stop = threading.Event(), threading.Event()
+    pollers = [
+        SensorPoller(
+            Sensor(LatestFrameSource(PacedCamera(pictures["ball_reference"], pictures["ball"])), shape, 2),
+            changed=changed,
+        )
+        for _ in range(sensors)
+    ]
+    with page_server("127.0.0.1", 0) as server, ExitStack() as opened:
+        for poller in pollers:
+            opened.enter_context(poller)
+        others = [PageController(one, Path("out/readings"), name=f"finger_{n}") for n, one in enumerate(pollers[1:], 1)]
+        studio = PageController(pollers[0], Path("out/readings"), name="finger_0", others=others)
+        page = SensorPage(server, studio, gel_block_under_skin(shape, Gel()), "fingers")
+        showing = threading.Thread(target=studio.run, args=(page, DISPLAY_HZ, stop.is_set))
+        showing.start()
+        with crowd(server, 1, silent=0), ThreadPoolExecutor(sensors) as counters:
+            began_s, worked_s = time.monotonic(), time.process_time()
+            lost = list(counters.map(lost_images, pollers, [images] * sensors))
+            load = (time.process_time() - worked_s) / (time.monotonic() - began_s)
+        stop.set()
+        showing.join()
+    return max(lost) / images, load
 
 
 def figures(

@@ -4,6 +4,7 @@ A program calls this as `ninedtact.open`; the commands use it to understand `--s
 sensor is opened, so that `ninedtact --help` stays quick.
 """
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 SIMULATED = "sim"
 """Name of the sensor's twin as a source."""
 RECORDING_SUFFIX = ".mcap"
+_RECORDING_ADDRESS = re.compile(rf".*{re.escape(RECORDING_SUFFIX)}(#\w+)?", re.IGNORECASE | re.DOTALL)
 _TWIN_REFERENCE_FRAMES = 10
 
 PathLike = Path | str
@@ -181,8 +183,8 @@ def live_source_for(text: str, settings: "CameraSettings | None" = None) -> "Fra
 
 
 def is_recording(text: str) -> bool:
-    """Return whether the text names a file that `ninedtact record` or `collect` writes."""
-    return text.lower().endswith(RECORDING_SUFFIX) and "://" not in text
+    """Return whether the text names a file that `ninedtact record` or `collect` writes, or one sensor of it: `grasp.mcap#left`."""
+    return _RECORDING_ADDRESS.fullmatch(text) is not None and "://" not in text
 
 
 def is_simulated(text: str) -> bool:

@@ -4,12 +4,12 @@ from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from jaxtyping import Float64, UInt8
+from jaxtyping import Bool, Float64, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, PointCloud, Rectified, Wrench, WrenchEstimate
 from ninedtact.shape.image_check import find_image_warnings
-from ninedtact.shape.measures import ShapeSummary, summarise_shape
+from ninedtact.shape.measures import ShapeSummary, contact_mask, summarise_shape
 from ninedtact.shape.surface import point_cloud
 
 
@@ -83,7 +83,12 @@ class Reading:
     @cached_property
     def summary(self) -> ShapeSummary:
         """All measures of the contact: depth, area, volume, centre."""
-        return summarise_shape(self.height)
+        return summarise_shape(self.height, touched=self.contact)
+
+    @cached_property
+    def contact(self) -> Bool[Array, "rows cols"]:
+        """The pixels of the height map at which something touches."""
+        return contact_mask(self.height)
 
     @property
     def max_indentation_mm(self) -> float:

@@ -19,8 +19,10 @@ import numpy as np
 import pytest
 from hand import BEGAN_NS, TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, truth
 from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from twin_folder import twin_folder
 
+import ninedtact
 from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
@@ -38,12 +40,14 @@ from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings
+from ninedtact.recording.errors import RecordingUnreadable
+from ninedtact.recording.mcap_repair import save_spans
 from ninedtact.recording.merge_streams import Arrival, merge_live_streams, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import Recording, sensor_folder_attachments
+from ninedtact.recording.reader import Recording, read_folder, sensor_addresses, sensor_folder_attachments
 from ninedtact.recording.recorded_source import RecordedSource
-from ninedtact.recording.recorder import RecordedEstimates, Recorder, record
-from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.recorder import RecordedEstimates, Recorder, SensorToRecord, record, record_several
+from ninedtact.recording.ros_messages import LabelledSpan, Topic
 from ninedtact.recording.saved_pairs import read_saved_pairs
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
@@ -129,26 +133,88 @@ def test_the_delay_of_the_camera_is_taken_off_every_stamp(sensor: Path, tmp_path
         assert recording.stamps_ns(Topic.IMAGES)[0] == BEGAN_NS - 12_500_000
 
 
-def test_several_sensors_are_recorded_at_once_on_one_clock(
-    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    sensors = ["--sensor", f"left={sensor}", f"right={sensor}"]
+@pytest.fixture
+def two_sensors(sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
+    """A recording of two sensors, left and right, from folders of 40 images each."""
     for hand, grey in (("left", 90), ("right", 120)):
         (tmp_path / hand).mkdir()
         for number in range(40):
             cv2.imwrite(str(tmp_path / hand / f"{number:02d}.png"), np.full((480, 640, 3), grey + number, np.uint8))
     sources = ["--source", f"left={tmp_path / 'left'}", f"right={tmp_path / 'right'}"]
-    began_ns = time.monotonic_ns()
-    found = told(capsys, "record", *sources, *sensors, "--images", "png", "--out", tmp_path / "two.mcap")["recordings"]
-    assert list(found) == ["left", "right"] and found["left"]["written"] == {"/twin/image_raw/compressed": 40}
+    sensors = ["--sensor", f"left={sensor}", f"right={sensor}"]
+    found = told(capsys, "record", *sources, *sensors, "--images", "png", "--heights", "--out", tmp_path / "two.mcap")
+    assert found["written"]["/left/image_raw/compressed"] == found["written"]["/right/height"] == 40
+    assert found["dropped"] == {"left": 0, "right": 0} and found["lost"] == {}
+    return tmp_path / "two.mcap"
+
+
+def test_several_sensors_are_recorded_into_one_file_on_one_clock(
+    two_sensors: Path, sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert sensor_addresses(two_sensors) == [f"{two_sensors}#left", f"{two_sensors}#right"]
+    began_ns = []
     for hand, grey in (("left", 90), ("right", 120)):
-        with Recording(tmp_path / f"two_{hand}.mcap") as recording:
-            assert next(recording.frames()).image[0, 0, 0] == grey
-            stamps_ns = recording.stamps_ns(Topic.IMAGES)
-            assert began_ns < stamps_ns[0] < stamps_ns[-1] < time.monotonic_ns()
-    sources = ["--source", f"left={tmp_path / 'left'}", "right=/dev/video99"]
+        with Recording(f"{two_sensors}#{hand}") as recording:
+            assert [frame.image[0, 0, 0] for frame in recording.frames()] == list(range(grey, grey + 40))
+            assert recording.sensor == "twin" and recording.sensor_files() == read_folder(sensor)
+            assert len(list(recording.heights())) == recording.summary().topics[0].messages == 40
+            began_ns.append(recording.stamps_ns(Topic.IMAGES)[0])
+        with ninedtact.open(source=f"{two_sensors}#{hand}", force="none") as opened:
+            assert opened.read().image[0, 0, 0] == grey + 10  # after ten reference images
+    assert abs(began_ns[0] - began_ns[1]) < 2e9
+    with two_sensors.open("rb") as file:  # any other program reads it, and knows which frame is whose
+        read = list(make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages())
+    frames = {channel.topic: message.header.frame_id for _, channel, _, message in read if channel.topic[-3:] != "nts"}
+    assert frames["/left/image_raw/compressed"] == "left_camera" and frames["/right/height"] == "right_skin"
+    said = told(capsys, "info", two_sensors)["sensors"]
+    assert [one["name"] for one in said] == ["left", "right"]
+    told(capsys, "export", two_sensors, "--out", tmp_path / "both")
+    assert all(len(list((tmp_path / "both" / hand / "images").iterdir())) == 40 for hand in ("left", "right"))
+
+
+def test_a_sensor_of_several_must_be_named_and_labels_are_theirs_together(two_sensors: Path) -> None:
+    with pytest.raises(
+        RecordingUnreadable, match=r"expected one of the sensors left, right of .*, got none; name it as"
+    ):
+        Recording(two_sensors)
+    with pytest.raises(RecordingUnreadable, match=r"got 'middle'; name it as .*#left"):
+        Recording(f"{two_sensors}#middle")
+    with Recording(f"{two_sensors}#right") as recording:
+        span = LabelledSpan(recording.began_ns, recording.began_ns + 10**6, "grasp")
+    save_spans(two_sensors, [span])
+    for address in sensor_addresses(two_sensors):
+        with Recording(address) as recording:
+            assert recording.is_finished and recording.spans() == [span]
+
+
+def test_a_sensor_that_is_not_there_keeps_all_from_being_recorded(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sensors = ["--sensor", f"left={sensor}", f"right={sensor}"]
+    sources = ["--source", "left=sim", "right=/dev/video99"]
     assert main(["record", *map(str, [*sources, *sensors, "--out", tmp_path / "one.mcap"])]) == 1
-    assert not (tmp_path / "one_right.mcap").exists()
+    assert "/dev/video99" in capsys.readouterr().err and not (tmp_path / "one.mcap").exists()
+
+
+class LostCamera(Camera):
+    """Delivers twelve images and is then unplugged."""
+
+    def read(self) -> Frame:
+        frame = super().read()
+        if frame.index == 12:
+            raise CameraLost("expected an image, got none; plug the camera in")
+        return frame
+
+
+def test_a_sensor_that_is_lost_is_reported_and_the_others_go_on(sensor: Path, tmp_path: Path) -> None:
+    folder, said = load_sensor(sensor), list[str]()
+    parts = {"left": SensorToRecord(LostCamera(1.0), folder), "right": SensorToRecord(Camera(1.0), folder)}
+    writers, errors = record_several(parts, tmp_path / "grasp.mcap", notify=said.append)
+    assert list(errors) == ["left"] and said == [f"left: {errors['left']}; the others go on"]
+    assert writers["left"].written[Topic.IMAGES] == 12 < writers["right"].written[Topic.IMAGES]
+    with Recording(tmp_path / "grasp.mcap#left") as recording:
+        (event,) = recording.events()
+        assert event.subject == "lost" and "plug the camera in" in event.text and recording.is_finished
 
 
 @pytest.mark.parametrize(

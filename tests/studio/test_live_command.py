@@ -85,8 +85,8 @@ def test_only_a_live_source_is_followed(tmp_path: Path, images: Path) -> None:
     def follows(live: Live) -> bool:
         return live.sensor_and_wrenches(folder)[0].following is not None
 
-    assert follows(Live("0")) and not follows(Live("0", follow_reference=False))
-    assert not follows(Live(str(images))) and not follows(Live(str(images), loop=True))
+    assert follows(Live(("0",))) and not follows(Live(("0",), follow_reference=False))
+    assert not follows(Live((str(images),))) and not follows(Live((str(images),), loop=True))
 
 
 def test_bad_options_are_refused_before_any_camera_is_touched(
@@ -94,16 +94,16 @@ def test_bad_options_are_refused_before_any_camera_is_touched(
 ) -> None:
     folder = sensor_folder(tmp_path / "small")
     with pytest.raises(SensorFolderDamaged, match="expected a sensor folder"):
-        Live(str(images), tmp_path / "none").run()
+        Live((str(images),), (str(tmp_path / "none"),)).run()
     with pytest.raises(SourceUnknown, match="which is none of these"):
-        Live("nothing", folder).run()
+        Live(("nothing",), (str(folder),)).run()
     with pytest.raises(InvalidLiveOption, match="above 0 and at most 120, got 0;"):
-        Live(str(images), folder, display_hz=0).run()
+        Live((str(images),), (str(folder),), display_hz=0).run()
     with pytest.raises(InvalidAllowedOrigin, match="got 'robot';"):
-        Live(str(images), folder, allow_origin=("robot",)).run()
+        Live((str(images),), (str(folder),), allow_origin=("robot",)).run()
     monkeypatch.setattr("ninedtact.cli.live.find_spec", lambda name: None if name == "rerun" else True)
     with pytest.raises(RerunMissing, match=r"run pip install 'ninedtact\[rerun\]'"):
-        Live(str(images), folder, rerun=True).run()
+        Live((str(images),), (str(folder),), rerun=True).run()
     monkeypatch.setattr("ninedtact.cli.live.find_spec", lambda name: None)
     with pytest.raises(PageLibraryMissing, match=r"got no such package; run pip install 'ninedtact\[studio\]'"):
-        Live(str(images), folder).run()
+        Live((str(images),), (str(folder),)).run()

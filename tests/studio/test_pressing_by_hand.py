@@ -1,8 +1,8 @@
 """A person presses the twin on the page: what they set is what the simulation does, and what the page shows."""
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.mechanics.pose import Pose
+from ninedtact.reading import Reading
 from ninedtact.simulation.ground_truth import true_height_map_like
 from ninedtact.simulation.hand_motion import HandMotion, HandTarget
 from ninedtact.simulation.objects.catalogue import indenter_from_name
@@ -31,7 +32,7 @@ from ninedtact.simulation.press_simulation import PressSimulation
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.displayed_reading import PageController, PageMoment
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_recorder import PageRecorder
+from ninedtact.studio.page_recorder import PageRecorder, RecordedSensor
 from ninedtact.studio.press_control import (
     MAX_DEPTH_MM,
     OBJECTS_BY_KIND,
@@ -44,6 +45,7 @@ from ninedtact.studio.press_panel import HANDLE_LIFT_MM, thumbnails_of_kind
 from ninedtact.studio.reading_view import ImageKind, SkinColouring, TractionSource
 from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
 from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.sensor_group import grip_forces
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.wrench_poller import WrenchHistory
 
@@ -76,32 +78,47 @@ class PressedTwin:
         return view is not None and view.press is not None and abs(view.press.contact.pose.depth_mm - depth_mm) < 1e-6
 
 
+def keep_reading(
+    reading: Reading, estimated: WrenchHistory, number: int, listeners: list[Callable[[Reading, int], None]]
+) -> None:
+    estimated.add_estimate(reading.force)
+    for listener in listeners:
+        listener(reading, number)
+
+
 @contextmanager
-def pressed_twin(folder: SensorFolder, out: Path) -> Iterator[PressedTwin]:
-    sources = demo_sources(TWIN)
-    simulation = PressSimulation(TWIN, [PRESSED], HZ)
-    sources.camera.simulation = sources.force_torque.simulation = simulation
-    sources.camera.__post_init__()
-    sources.force_torque.__post_init__()
-    sensor, pollers = page_sources_of_twin(folder.shape, sources)
-    sensor.estimator = TractionForce(HeightObservationModel(), Gel())
-    estimated = WrenchHistory("estimated", "by physics", states_errors=True)
-    control = PressControl(simulation)
-
-    listeners = [lambda reading: estimated.add_estimate(reading.force)]
-
-    def keep(reading: object) -> None:
-        for listener in tuple(listeners):
-            listener(reading)
-
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep) as loop, pollers[0]:
-        studio = PageController(loop, out, [pollers[0].history, estimated], press_at=control.press_at)
+def pressed_twin(folder: SensorFolder, out: Path, names: Sequence[str] = ("",)) -> Iterator[PressedTwin]:
+    """A twin on a page, or several; the first one's control."""
+    controls: list[PressControl] = []
+    studios: list[PageController] = []
+    listeners: list[Callable[[Reading, int], None]] = []
+    with page_server("127.0.0.1", 0) as server, ExitStack() as opened:
+        for name in reversed(names):
+            sources = demo_sources(TWIN)
+            simulation = PressSimulation(TWIN, [PRESSED], HZ)
+            sources.camera.simulation = sources.force_torque.simulation = simulation
+            sources.camera.__post_init__()
+            sources.force_torque.__post_init__()
+            sensor, pollers = page_sources_of_twin(folder.shape, sources)
+            sensor.estimator = TractionForce(HeightObservationModel(), Gel())
+            estimated = WrenchHistory("estimated", "by physics", states_errors=True)
+            keep = partial(keep_reading, estimated=estimated, number=names.index(name), listeners=listeners)
+            loop = opened.enter_context(SensorPoller(sensor, keep))
+            opened.enter_context(pollers[0])
+            controls.insert(0, PressControl(simulation))
+            histories, others = [pollers[0].history, estimated], studios if name == names[0] else ()
+            one = PageController(loop, out, histories, press_at=controls[0].press_at, name=name, others=others)
+            studios = [one, *studios]
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-        recorder = PageRecorder(folder, "twin", studio.wrenches, out, studio.quota)
+        recorded = [
+            RecordedSensor(folder, "twin", one.wrenches, name) for one, name in zip(studios, names, strict=True)
+        ]
+        recorder = PageRecorder(recorded, out, studios[0].quota)
+        opened.callback(recorder.stop)
         listeners.append(recorder.keep)
         desk = partial(RecordingsPanel, desk=RecordingDesk(server, folder, recorder))
-        yield PressedTwin(control, studio, SensorPage(server, studio, block, "twin", control, [desk]), server)
-        recorder.stop()
+        page = SensorPage(server, studios[0], block, "twin", controls if len(names) > 1 else controls[0], [desk])
+        yield PressedTwin(controls[0], studios[0], page, server)
 
 
 def open_tab(browser: Browser, twin: PressedTwin, width: int, height: int) -> tuple[Page, list[str]]:
@@ -236,6 +253,50 @@ def socket_client(twin: PressedTwin) -> Iterator[object]:
         client.send(msgspec.msgpack.encode(CAMERA))
         wait_until(lambda: len(twin.page.viewers) == before + 1)
         yield client
+
+
+def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor: SensorFolder) -> None:
+    with pressed_twin(twin_sensor, tmp_path, ("left", "right")) as twin, socket_client(twin) as hand:
+        (viewer,) = twin.page.viewers
+        wait_until(
+            lambda: (twin.studio.refresh(twin.page), viewer.moment is not None and viewer.moment.view)[1], PATIENCE_S
+        )
+        x, y, z = viewer.arrangement.places_mm[0]
+        handle = {"name": "/handle", "owner": viewer.client.scene._owner_id}
+        place = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (x + 1.5, y - 1.0, z + HANDLE_LIFT_MM - 0.9)}
+        message = {"type": "TransformControlsUpdateMessage"} | handle | place
+        hand.send(msgspec.msgpack.encode(message))  # type: ignore[attr-defined]
+
+        def both_rest() -> bool:
+            twin.studio.refresh(twin.page)
+            assert viewer.moment is not None
+            views = [one.view for one in viewer.moment.sensors]
+            poses = [None if view is None or view.press is None else view.press.contact.pose for view in views]
+            return len(poses) == 2 and all(
+                pose is not None and pose.depth_mm == pytest.approx(0.9) and pose.x_mm == pytest.approx(1.5)
+                for pose in poses
+            )
+
+        wait_until(both_rest, PATIENCE_S, 0.01)
+        assert viewer.moment is not None
+        forces_n = [
+            [-one.sample.wrench.force_n[2] for one in each.wrenches if one.sample] for each in viewer.moment.sensors
+        ]
+        true, estimated = grip_forces(viewer.moment.sensors)
+        means_n = np.mean(forces_n, axis=0)
+        assert (true.force_n, estimated.force_n) == pytest.approx(tuple(means_n)) and means_n[0] > 1.0
+        assert abs(means_n[1] - means_n[0]) < 3 * estimated.std_n
+        viewer.choose(sensor=1)
+        twin.studio.refresh(twin.page)
+        hand.send(msgspec.msgpack.encode(message | {"position": (0.0, 0.0, HANDLE_LIFT_MM - 0.4)}))  # type: ignore[attr-defined]
+
+        def only_the_right_is_pressed_less() -> bool:
+            twin.studio.refresh(twin.page)
+            assert viewer.moment is not None
+            presses = [one.view.press for one in viewer.moment.sensors if one.view is not None and one.view.press]
+            return [round(press.contact.pose.depth_mm, 3) for press in presses] == [0.9, 0.4]
+
+        wait_until(only_the_right_is_pressed_less, PATIENCE_S, 0.01)
 
 
 def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_viewers_own(

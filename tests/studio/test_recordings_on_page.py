@@ -37,10 +37,10 @@ from ninedtact.recording.ros_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.displayed_reading import PageController, PageMoment, SensorStatus
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_recorder import NotRecording, PageRecorder, RecorderState
+from ninedtact.studio.page_recorder import NotRecording, PageRecorder, RecordedSensor, RecorderState
 from ninedtact.studio.reading_view import session_colour_scale
 from ninedtact.studio.recording_player import RecordedReadings, RecordingPlayer, SpanRefused, recorded_wrench_columns
-from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
+from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel, _slider_marks
 from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_surface_sequence, save_video
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
@@ -74,7 +74,9 @@ class Bench:
             WrenchHistory("estimated", "", states_errors=True),
         )
         self.quota = SaveQuota(SaveLimits(per_minute=100, disk_share=share))
-        self.recorder = PageRecorder(self.folder, "bench", [self.true, self.estimated], out, self.quota)
+        self.recorder = PageRecorder(
+            [RecordedSensor(self.folder, "bench", [self.true, self.estimated])], out, self.quota
+        )
         self.sensor = sensor_on(SkinCamera())
         self.sensor.estimator = ScaledForce()
         self.kept: list[Reading] = []
@@ -156,7 +158,7 @@ def test_a_program_reads_the_reference_of_the_page_and_not_the_first_images(reco
         np.testing.assert_allclose([one.max_indentation_mm for one in recording.readings()], deep_mm, atol=1e-5)
     with ninedtact.open(source=str(path), force="none") as sensor:
         np.testing.assert_allclose([one.max_indentation_mm for one in sensor], deep_mm, atol=1e-5)
-    live = Live(str(path)).sensor_and_wrenches(bench.folder)[0]
+    live = Live((str(path),)).sensor_and_wrenches(bench.folder)[0]
     assert live.depth_reader is not None and deep_mm[0] > 0.5
 
 
@@ -189,6 +191,12 @@ def test_labels_are_kept_in_the_file_and_exported_and_the_rest_of_it_stays(
     assert deep.label == "deep" and bench.kept[2].stamp_ns <= deep.begin_ns <= bench.kept[4].stamp_ns <= deep.end_ns
     player = player_of(path, bench)
     player.add_span(0.0, player.duration_s, " whole ")
+    deep_s, (whole, *marks) = player.span_s(deep), _slider_marks(player)
+    assert (whole.value, whole.label) == (0.0, "whole") and marks[-1].value == player.duration_s
+    assert {round(mark.value, 6) for mark in marks} >= {round(at_s, 6) for at_s in deep_s}
+    assert [mark.label for mark in marks if mark.value == deep_s[0]] == [
+        "deep" if deep_s[0] > 0.2 * player.duration_s else None
+    ]
     size = path.stat().st_size
     player.add_span(0.0, 0.01, "first")
     assert path.stat().st_size < size + 200  # an earlier list of labels does not pile up
@@ -400,7 +408,7 @@ def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp
     tab.set_default_timeout(PATIENCE_S * 200)
     sensor.estimator = ScaledForce()
     estimated, limits = WrenchHistory("estimated", "by the bench", states_errors=True), SaveLimits(per_minute=100)
-    recorder = PageRecorder(folder, "bench", [estimated], out, SaveQuota(limits))
+    recorder = PageRecorder([RecordedSensor(folder, "bench", [estimated])], out, SaveQuota(limits))
 
     def keep(reading: Reading) -> None:
         estimated.add_estimate(scaled_force(reading))
@@ -446,7 +454,7 @@ def test_a_browser_says_why_a_recording_cannot_be_opened_and_goes_on_after_a_rel
     sensor = sensor_on(SkinCamera())
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
         controller = PageController(loop, out)
-        recorder = PageRecorder(bench.folder, "bench", [], out, controller.quota)
+        recorder = PageRecorder([RecordedSensor(bench.folder, "bench", [])], out, controller.quota)
         panel = partial(RecordingsPanel, desk=RecordingDesk(server, bench.folder, recorder))
         block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
         page = SensorPage(server, controller, block, "small", None, [panel])

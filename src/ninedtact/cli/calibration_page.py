@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.live import Live, PageSettings, require_page_library, serve_sensor_page
+from ninedtact.cli.live import Live, PageSensor, PageSettings, require_page_library, serve_sensor_page
 from ninedtact.force.estimator_loading import NONE, PHYSICS
 from ninedtact.open_sensor import SIMULATED, is_simulated, live_source_for
 
@@ -178,11 +178,11 @@ def serve_calibrated_sensor(
     folder: "SensorFolder", source: str, port: int, guard: "SocketGuard", automatic: bool
 ) -> None:
     """Serve the live page of a calibrated sensor at the address of its calibration, until Ctrl-C."""
-    live = Live(source, folder.path, automatic=automatic)
-    sensor, wrenches, pressed = live.sensor_and_wrenches(folder)
+    live = Live((source,), (str(folder.path),), automatic=automatic)
+    part = PageSensor(folder, *live.sensor_and_wrenches(folder))
     force = NONE if folder.record.twin is None else PHYSICS
     settings = PageSettings(_READINGS, _LIVE_HZ, guard.host, port, force, guard=guard)
-    serve_sensor_page(folder, sensor, wrenches, settings, ends=False, pressed=pressed)
+    serve_sensor_page([part], settings, ends=False)
 
 
 def list_calibration_cameras(source: str | None = None) -> dict[str, str]:

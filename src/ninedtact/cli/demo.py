@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ninedtact.cli.live import (
+    PageSensor,
     PageSettings,
     page_sources_of_twin,
     require_display_rate,
@@ -78,7 +79,7 @@ class Demo:
         sensor, wrenches = page_sources_of_twin(folder.shape, sources)
         settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.force, self.allow_origin)
         with suppress(KeyboardInterrupt):
-            serve_sensor_page(folder, sensor, wrenches, settings, pressed=sources.simulation)
+            serve_sensor_page([PageSensor(folder, sensor, wrenches, sources.simulation)], settings)
         print(f"stopped after {sensor.frames_read} images; results are in {self.out}")
         return 0
 

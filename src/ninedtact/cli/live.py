@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Event
 from time import monotonic_ns
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from ninedtact.cli.record import is_named, named_sensors
 from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
     from ninedtact.studio.wrench_poller import WrenchHistory, WrenchPoller
 
 _MAX_DISPLAY_HZ = 120.0
+MAX_SENSORS = 4
+"""Number of sensors that one page has room for."""
 
 
 class PageLibraryMissing(MissingLibraryError):
@@ -48,13 +52,15 @@ class InvalidLiveOption(InputError):
 
 @dataclass(frozen=True)
 class Live:
-    """Show a sensor live in the browser: camera image, heights, 3D surface, wrench, rates. Ctrl-C ends it."""
+    """Show sensors live in the browser: camera image, heights, 3D surface, wrench, rates. Ctrl-C ends it."""
 
-    source: str
+    source: tuple[str, ...]
     """Camera (0, /dev/video0, usb:1-2, csi:0), stream (http://…, rtsp://…), recording, video file or folder of images; or sim,
-    the twin of the sensor, pressed by several objects in turn, with its true wrench."""
-    sensor: Path | None = None
-    """Sensor folder that `ninedtact calibrate` wrote. A recording (.mcap) brings its own."""
+    the twin of the sensor, pressed by several objects in turn, with its true wrench. Several with a name each, such as
+    left=usb:1-2 right=usb:1-3, are shown on one page, with the grip force of each two in their order."""
+    sensor: tuple[str, ...] = ()
+    """Sensor folder that `ninedtact calibrate` wrote. A recording (.mcap) brings its own. For several sources, one for each name:
+    left=FOLDER right=FOLDER."""
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Reference image (no contact) of this session; several are averaged. Without any, the first images of the
     source are the reference."""
@@ -86,58 +92,91 @@ class Live:
         require_display_rate(self.display_hz)
         if self.rerun:
             require_rerun()
-        with named_sensor_with_notices(self.sensor, self.source) as folder:
-            sensor, wrenches, pressed = self.sensor_and_wrenches(folder)
+        named = self.named_sensors()
+        with ExitStack() as opened:
+            parts = []
+            for name, (address, path) in named.items():
+                folder = opened.enter_context(named_sensor_with_notices(path, address))
+                parts.append(PageSensor(folder, *self.sensor_and_wrenches(folder, name), name))
             settings = PageSettings(
                 self.out, self.display_hz, self.host, self.port, self.force, self.allow_origin, rerun=self.rerun
             )
+            ends = all(address == SIMULATED for address, _ in named.values())
             with suppress(KeyboardInterrupt):
-                serve_sensor_page(folder, sensor, wrenches, settings, ends=self.source == SIMULATED, pressed=pressed)
-        print(f"stopped after {sensor.frames_read} images")
+                serve_sensor_page(parts, settings, ends)
+        counts = [f"{part.sensor.frames_read} images" + f" of {part.name}" * bool(part.name) for part in parts]
+        print(f"stopped after {', '.join(counts)}")
         return 0
 
+    def named_sensors(self) -> dict[str, tuple[str, Path | None]]:
+        """Return address and sensor folder of all sources by their names; a single one needs none.
+
+        Raises `RecordingRefused` for missing or repeated names, and `InvalidLiveOption`.
+        """
+        if len(self.source) == 1 and not is_named(self.source[0]):
+            if len(self.sensor) > 1:
+                raise InvalidLiveOption(
+                    f"expected one --sensor with one --source, got {len(self.sensor)}; drop the others"
+                )
+            return {"": (self.source[0], Path(self.sensor[0]).expanduser() if self.sensor else None)}
+        named = named_sensors(self.source, self.sensor)
+        if len(named) > MAX_SENSORS:
+            raise InvalidLiveOption(f"expected at most {MAX_SENSORS} sources on one page, got {len(named)}; drop some")
+        if self.reference:
+            raise InvalidLiveOption(
+                f"expected no --reference with named sources, got {self.reference[0]}; drop it: the first images of each are its "
+                "reference"
+            )
+        return named
+
     def sensor_and_wrenches(
-        self, folder: "SensorFolder"
+        self, folder: "SensorFolder", name: str = ""
     ) -> "tuple[Sensor, list[WrenchPoller], PressSimulation | None]":
-        """Return the sensor on its source, not yet opened, and for a twin the source of its true wrench and its simulation."""
+        """Return the sensor on its source, not yet opened, and for a twin the source of its true wrench and its simulation.
+
+        name: of the sensor among several.
+        """
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
         from ninedtact.reference_following import following_settings_for
 
-        check, pressed = load_reference_check(folder), None
-        if self.source == SIMULATED:
+        check, pressed, source = load_reference_check(folder), None, self.named_sensors()[name][0]
+        if source == SIMULATED:
             from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
             from ninedtact.simulation.simulated_sources import demo_sources
 
             shown, references = demo_sources(build_sensor_twin(folder)), check.read_images(self.reference)
             (sensor, wrenches), pressed = page_sources_of_twin(folder.shape, shown, references), shown.simulation
         else:
-            sensor, wrenches = self.sensor_at_source(folder.shape, check.read_images(self.reference)), []
+            sensor, wrenches = self.sensor_at_source(source, folder.shape, check.read_images(self.reference), name), []
         sensor.find_reference_faults = check.find_faults
         sensor.following = following_settings_for(sensor.source) if self.follow_reference else None
         return sensor, wrenches, pressed
 
-    def sensor_at_source(self, shape: "CalibratedShape", references: "Sequence[Frame]") -> "Sensor":
+    def sensor_at_source(
+        self, address: str, shape: "CalibratedShape", references: "Sequence[Frame]", name: str
+    ) -> "Sensor":
         """Return the sensor on a camera or a recording, not yet opened."""
         from ninedtact.capture.frame_pacing import LatestFrameSource
         from ninedtact.capture.reconnecting import ReconnectingFrameSource
         from ninedtact.sensor import Sensor
 
+        of = f"{name}: " if name else ""
         source = ReconnectingFrameSource(
-            self.named_source(),
-            on_lost=lambda loss: print_notice(f"{loss}; waiting for it"),
-            on_back=lambda: print_notice("it is back"),
+            self.source_at(address),
+            on_lost=lambda loss: print_notice(f"{of}{loss}; waiting for it"),
+            on_back=lambda: print_notice(f"{of}it is back"),
         )
         depth_reader = shape.depth_reader(*references) if references else None
-        if depth_reader is None and is_recording(self.source):
-            depth_reader = recorded_reference(self.source, shape)
+        if depth_reader is None and is_recording(address):
+            depth_reader = recorded_reference(address, shape)
         return Sensor(LatestFrameSource(source), shape, depth_reader=depth_reader)
 
-    def named_source(self) -> "FrameSource":
-        """Return the source, which repeats if --loop is given."""
+    def source_at(self, address: str) -> "FrameSource":
+        """Return the source at an address, which repeats if --loop is given."""
         from ninedtact.capture.frame_pacing import RepeatingSource
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
 
-        source = live_source_for(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
+        source = live_source_for(address, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         return RepeatingSource(source) if self.loop else source
 
 
@@ -169,12 +208,19 @@ class Play:
             raise RecordingUnreadable(
                 f"expected a recording ({RECORDING_SUFFIX}), got {self.recording}; check the path"
             )
-        with named_sensor_with_notices(self.sensor, str(self.recording)) as folder, suppress(KeyboardInterrupt):
-            self.serve(folder)
+        from ninedtact.recording.reader import sensor_addresses
+
+        with ExitStack() as opened:
+            folders = {
+                address: opened.enter_context(named_sensor_with_notices(self.sensor, address))
+                for address in sensor_addresses(self.recording)
+            }
+            with suppress(KeyboardInterrupt):
+                self.serve(folders)
         return 0
 
-    def serve(self, folder: "SensorFolder") -> None:
-        """Serve the recording; raises what reading it raises, before anything is served."""
+    def serve(self, folders: "dict[str, SensorFolder]") -> None:
+        """Serve the recording of these sensors; raises what reading it raises, before anything is served."""
         from ninedtact.recording.recorded_source import RecordedSource
         from ninedtact.sensor import Sensor
         from ninedtact.studio.displayed_reading import PageController
@@ -185,17 +231,23 @@ class Play:
         from ninedtact.studio.sensor_poller import SensorPoller
         from ninedtact.studio.socket_guard import SocketGuard
 
-        columns = recorded_wrench_columns(self.recording, folder.shape)
+        columns = {address: recorded_wrench_columns(Path(address), one.shape) for address, one in folders.items()}
+        folder, shapes = next(iter(folders.values())), {address: one.shape for address, one in folders.items()}
         guard = SocketGuard.for_host(self.host, self.allow_origin)
         port = find_default_port(self.host) if self.port is None else self.port
         with page_server(self.host, port, guard) as server:
-            # The sensor of this poller is never opened: every viewer is shown a moment of the recording in its place.
-            idle = SensorPoller(Sensor(RecordedSource(self.recording), folder.shape))
-            controller = PageController(idle, self.out, columns)
+            # The sensors of these pollers are never opened: every viewer is shown a moment of the recording in their place.
+            def controller_of(address: str, others: Sequence[PageController] = ()) -> PageController:
+                idle, name = SensorPoller(Sensor(RecordedSource(address), shapes[address])), address.partition("#")[2]
+                return PageController(idle, self.out, columns[address], name=name, others=others)
+
+            first, *rest = folders
+            controller = controller_of(first, [controller_of(address) for address in rest])
             controller.recheck_s = 0.0
             block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-            desk = RecordingDesk(server, folder, opens=self.recording)
-            page = SensorPage(server, controller, block, folder.id, None, [partial(RecordingsPanel, desk=desk)])
+            desk = RecordingDesk(server, folder, None, self.recording, shapes)
+            title = folder.id if len(folders) == 1 else self.recording.stem
+            page = SensorPage(server, controller, block, title, None, [partial(RecordingsPanel, desk=desk)])
             print(
                 f"{self.recording}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True
             )
@@ -222,18 +274,21 @@ class PageSettings:
     """Whether readings are also sent to the Rerun viewer on this computer."""
 
 
-def serve_sensor_page(
-    folder: "SensorFolder",
-    sensor: "Sensor",
-    wrenches: "list[WrenchPoller]",
-    settings: PageSettings,
-    ends: bool = True,
-    pressed: "PressSimulation | None" = None,
-) -> None:
-    """Serve the page of a sensor until Ctrl-C, or with `ends` until the last round of its twin has ended.
+@dataclass(frozen=True)
+class PageSensor:
+    """A sensor of a page, on its source and not yet opened."""
 
-    pressed: the simulation of a twin, which is then pressed by hand on the page.
-    """
+    folder: "SensorFolder"
+    sensor: "Sensor"
+    wrenches: "list[WrenchPoller]"
+    pressed: "PressSimulation | None" = None
+    """The simulation of a twin, which is then pressed by hand on the page."""
+    name: str = ""
+    """Name among several sensors."""
+
+
+def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends: bool = True) -> None:
+    """Serve the page of one or several sensors until Ctrl-C, or with `ends` until the last round of their twins has ended."""
     from ninedtact.studio.displayed_reading import PageController
     from ninedtact.studio.page_and_server import SensorPage, find_default_port, page_server
     from ninedtact.studio.press_control import PressControl
@@ -245,45 +300,67 @@ def serve_sensor_page(
         guard = settings.guard or SocketGuard.for_host(settings.host, settings.allow_origin)
         port = find_default_port(settings.host) if settings.port is None else settings.port
         server = opened.enter_context(page_server(settings.host, port, guard))
-        estimates = _estimate_history(sensor, settings.force, folder)
-        histories = [*(poller.history for poller in wrenches), *estimates]
+        listeners: list[Callable[[Reading, int], None]] = []
+        loops, changed = list[SensorPoller](), Event()
+        controllers: list[PageController] = []
+        presses = [None if part.pressed is None else PressControl(part.pressed) for part in parts]
+        for number, part in reversed(tuple(enumerate(parts))):
+            estimates = _estimate_history(part.sensor, settings.force, part.folder)
+            keep = partial(_keep_reading, number=number, estimates=estimates, listeners=listeners)
+            loops.insert(0, SensorPoller(part.sensor, keep, changed))
+            press, histories = presses[number], [*(poller.history for poller in part.wrenches), *estimates]
+            press_at, others = None if press is None else press.press_at, () if number else tuple(controllers)
+            one = PageController(loops[0], settings.out, histories, press_at=press_at, name=part.name, others=others)
+            controllers.insert(0, one)
+        for loop, part in zip(loops, parts, strict=True):
+            opened.enter_context(loop)
+            for poller in part.wrenches:
+                opened.enter_context(poller)
+        first, controller = parts[0], controllers[0]
+        block = gel_block_under_skin(first.folder.shape, first.folder.record.design.gel)
+        panels = recordings_panels(opened, server, parts, controller, listeners)
+        title = " · ".join(part.name or part.folder.id for part in parts)
+        pressed = [press for press in presses if press is not None]
+        page = SensorPage(server, controller, block, title, pressed if len(pressed) == len(parts) else None, panels)
+        sources = ", ".join(f"{part.name}: " * bool(part.name) + part.sensor.source.name for part in parts)
+        print(f"{sources}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True)
 
-        def keep_estimate(reading: "Reading") -> None:
-            for history in estimates:
-                if reading.force is not None:
-                    history.add_estimate(reading.force)
+        def is_over() -> bool:
+            return ends and all(loop.snapshot(monotonic_ns()).phase is SensorPhase.ENDED for loop in loops)
 
-        def keep_reading(reading: "Reading") -> None:
-            for listener in tuple(listeners):
-                listener(reading)
-
-        listeners: list[Callable[[Reading], None]] = [keep_estimate]
         if settings.rerun:
-            from ninedtact.interop.rerun import RerunViewer
-
-            listeners.append(opened.enter_context(RerunViewer(folder.id)).show)
-        loop = opened.enter_context(SensorPoller(sensor, keep_reading))
-        for poller in wrenches:
-            opened.enter_context(poller)
-        press = None if pressed is None else PressControl(pressed)
-        controller = PageController(loop, settings.out, histories, press_at=None if press is None else press.press_at)
-        block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-        panels = recordings_panels(opened, server, folder, controller, sensor.source.name, listeners)
-        page = SensorPage(server, controller, block, folder.id, press, panels)
-        print(
-            f"{sensor.source.name}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True
-        )
-        is_over = lambda: ends and loop.snapshot(monotonic_ns()).phase is SensorPhase.ENDED  # noqa: E731
+            listeners.append(_show_in_rerun(opened, parts))
         controller.run(page, settings.display_hz, is_over)
+
+
+def _keep_reading(
+    reading: "Reading",
+    number: int,
+    estimates: "list[WrenchHistory]",
+    listeners: "list[Callable[[Reading, int], None]]",
+) -> None:
+    """Keep the estimate of a reading of this sensor, and tell the listeners."""
+    for history in estimates:
+        if reading.force is not None:
+            history.add_estimate(reading.force)
+    for listener in tuple(listeners):
+        listener(reading, number)
+
+
+def _show_in_rerun(opened: ExitStack, parts: Sequence[PageSensor]) -> "Callable[[Reading, int], None]":
+    """Return a listener that shows the readings of all sensors in the Rerun viewer until the page is closed."""
+    from ninedtact.interop.rerun import RerunViewer
+
+    viewers = [opened.enter_context(RerunViewer(part.name or part.folder.id)) for part in parts]
+    return lambda reading, number: viewers[number].show(reading)
 
 
 def recordings_panels(
     opened: ExitStack,
     server: Any,
-    folder: "SensorFolder",
+    parts: Sequence[PageSensor],
     controller: "PageController",
-    source: str,
-    listeners: "list[Callable[[Reading], None]]",
+    listeners: "list[Callable[[Reading, int], None]]",
 ) -> "list[PanelFactory]":
     """Return the panel that records, whose recorder is added to the listeners; none, and a notice, without its libraries."""
     try:
@@ -291,13 +368,17 @@ def recordings_panels(
     except RecordingLibrariesMissing as missing:
         print_notice(f"the page cannot record; {missing}")
         return []
-    from ninedtact.studio.page_recorder import PageRecorder
+    from ninedtact.studio.page_recorder import PageRecorder, RecordedSensor
     from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
 
-    recorder = PageRecorder(folder, source, controller.wrenches, controller.out, controller.quota)
+    recorded = [
+        RecordedSensor(part.folder, part.sensor.source.name, one.wrenches, part.name)
+        for part, one in zip(parts, controller.sensors, strict=True)
+    ]
+    recorder = PageRecorder(recorded, controller.out, controller.quota)
     opened.callback(recorder.stop)
     listeners.append(recorder.keep)
-    return [partial(RecordingsPanel, desk=RecordingDesk(server, folder, recorder))]
+    return [partial(RecordingsPanel, desk=RecordingDesk(server, parts[0].folder, recorder))]
 
 
 def page_sources_of_twin(

@@ -3,11 +3,11 @@
 import json
 import re
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -24,7 +24,9 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.capture.wrench_source import WrenchSource
+    from ninedtact.errors import NinedtactError
     from ninedtact.force.estimator_interface import ForceEstimator
+    from ninedtact.recording.recorder import SensorToRecord
     from ninedtact.recording.writer import RecordingWriter
 
 _BAR = "{n:.0f} of {total:.0f} s |{bar}| {remaining} left, {postfix}"
@@ -42,8 +44,8 @@ class Record:
 
     source: tuple[str, ...]
     """Camera (0, /dev/video0, usb:1-2, csi:0), stream (http://…, rtsp://…), video, folder or recording; or sim, the twin of the
-    sensor. Several with a name each, such as left=usb:1-2 right=usb:1-3, are recorded at once into OUT_left.mcap and
-    OUT_right.mcap, with stamps of one clock."""
+    sensor. Several with a name each, such as left=usb:1-2 right=usb:1-3, are recorded at once into one file, with stamps of one
+    clock; a sensor that fails is reported, and the others go on."""
     out: Path
     """Recording to write: a new .mcap file, which ROS 2 and Foxglove read. Images (bit for bit) and wrenches are stored without
     loss, and heights too unless --height-bits is 16. Images drop if the disk or the computer is too slow for the camera and 128 of
@@ -95,82 +97,99 @@ class Record:
         )
 
     def _record_several(self) -> int:
-        """Record every named source in a process of its own; where one fails, the others are ended too. Returns 1 then."""
-        sources, sensors = split_named("--source", self.source), split_named("--sensor", self.sensor)
-        if strangers := sensors.keys() - sources.keys():
-            raise RecordingRefused(
-                f"expected --sensor for {', '.join(sources)}, got one for {min(strangers)}; name it as its source"
-            )
+        """Record all named sources into one file; where one fails, the others go on. Returns 1 then."""
+        named = named_sensors(self.source, self.sensor)
         if self.force_torque is not None:
             raise RecordingRefused("expected one --source with --force-torque, got several; record them one by one")
-        outs = {name: self.out.with_name(f"{self.out.stem}_{name}{self.out.suffix}") for name in sources}
-        for out in outs.values():
-            require_new_recording(out)
-        commands = {name: self._command(sources[name], sensors.get(name), out) for name, out in outs.items()}
-        with stop_on_signal() as until:
-            answers = run_together(commands, lambda: until.requested)
-        found = {name: json.loads(answer) for name, answer in answers.items() if answer}
-        lines = [
-            f"{one['out']}: {sum(one['written'].values())} messages, {one['dropped']} dropped" for one in found.values()
-        ]
-        print_result(self.json, {"recordings": found}, lines)
-        return 0 if len(found) == len(sources) else 1
-
-    def _command(self, address: str, sensor: str | None, out: Path) -> list[str]:
-        """Return the command that records one of several sources."""
-        values: dict[str, object] = {
-            "--seconds": self.seconds,
-            "--images": self.images,
-            "--height-bits": self.height_bits,
+        with ExitStack() as opened:
+            folders = {
+                name: opened.enter_context(named_sensor_with_notices(sensor, address))
+                for name, (address, sensor) in named.items()
+            }
+            writers, errors = self._record_folders(folders, {name: address for name, (address, _) in named.items()})
+        messages = {
+            topic.path(name, self.images): number
+            for name, writer in writers.items()
+            for topic, number in sorted(writer.written.items())
         }
-        values |= {"--camera-delay-ms": self.camera_delay_ms, "--force": self.force, "--sensor": sensor}
-        options = [f"{name}={value}" for name, value in values.items() if value is not None]
-        options += ["--heights"] * self.heights + ["--automatic"] * self.automatic
-        start = [sys.executable, "-m", "ninedtact", "record", "--json"]
-        return [*start, f"--source={address}", f"--out={out}", *options]
+        dropped = {name: writer.dropped for name, writer in writers.items()}
+        figures = {"out": str(self.out), "written": messages, "dropped": dropped}
+        lost = {name: str(error) for name, error in errors.items()}
+        said = ", ".join(f"{number} of {name}" for name, number in dropped.items())
+        lines = [f"{self.out}: {self.out.stat().st_size / 1e6:.1f} MB, images dropped: {said}"]
+        lines += [f"  {number:8d}  {topic}" for topic, number in messages.items()]
+        print_result(
+            self.json, figures | {"lost": lost}, lines + [f"  {name}: {error}" for name, error in lost.items()]
+        )
+        return 1 if lost else 0
 
     def _record(self, folder: "SensorFolder") -> "RecordingWriter":
-        from tqdm import tqdm
-
-        from ninedtact.capture.camera_delay import resolve_camera_delay_ms
-        from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM
         from ninedtact.recording.recorder import record
 
+        part = self._part(folder, self.source[0])
+        with self._stored_and_progress() as (options, show):
+            return record(
+                part.source,
+                self.out,
+                folder,
+                part.force_torque,
+                estimator=part.estimator,
+                camera_delay_ms=part.camera_delay_ms,
+                on_progress=lambda writer: show([writer]),
+                **options,
+            )
+
+    def _record_folders(
+        self, folders: "dict[str, SensorFolder]", addresses: dict[str, str]
+    ) -> "tuple[dict[str, RecordingWriter], dict[str, NinedtactError]]":
+        from ninedtact.recording.recorder import record_several
+
+        parts = {name: self._part(folder, addresses[name]) for name, folder in folders.items()}
+        with self._stored_and_progress() as (options, show):
+            return record_several(parts, self.out, on_progress=show, **options)
+
+    @contextmanager
+    def _stored_and_progress(self) -> "Iterator[tuple[dict[str, Any], Callable[[Collection[RecordingWriter]], None]]]":
+        """Give the options that one and several sensors have in common, and the function that shows the progress."""
+        from tqdm import tqdm
+
+        from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM
+
+        with stop_on_signal(self.seconds) as until, _progress_bar(self.seconds, quiet=self.json) as show:
+            options = {
+                "heights": self.heights,
+                "settings": json.dumps(asdict(self), default=str),
+                "images": self.images,
+                "height_step_mm": HEIGHT_STEP_16_BIT_MM if self.height_bits == 16 else 0.0,
+                "should_stop": lambda: until.now,
+                "notify": lambda sentence: tqdm.write(f"ninedtact: {sentence}", sys.stderr),  # on a line of its own
+            }
+            yield options, lambda writers: show(until.elapsed_s, writers)
+
+    def _part(self, folder: "SensorFolder", address: str) -> "SensorToRecord":
+        """Return what is recorded of one sensor, not yet opened."""
+        from ninedtact.capture.camera_delay import resolve_camera_delay_ms
+        from ninedtact.recording.recorder import SensorToRecord
+
         camera_delay_ms = resolve_camera_delay_ms(self.camera_delay_ms, folder.path)
-        camera, force_torque = self._sources(folder)
+        camera, force_torque = self._sources(folder, address)
         estimator = self._estimator(folder)
         for notice in estimator.notices if estimator is not None else ():
             print_notice(notice)
-        settings = json.dumps(asdict(self), default=str)
-        with stop_on_signal(self.seconds) as until, _progress_bar(self.seconds, quiet=self.json) as show:
-            return record(
-                camera,
-                self.out,
-                folder,
-                force_torque,
-                heights=self.heights,
-                estimator=estimator,
-                settings=settings,
-                images=self.images,
-                height_step_mm=HEIGHT_STEP_16_BIT_MM if self.height_bits == 16 else 0.0,
-                camera_delay_ms=camera_delay_ms,
-                should_stop=lambda: until.now,
-                notify=lambda sentence: tqdm.write(f"ninedtact: {sentence}", sys.stderr),  # on a line of its own
-                on_progress=lambda writer: show(until.elapsed_s, writer),
-            )
+        return SensorToRecord(camera, folder, force_torque, estimator, camera_delay_ms)
 
     def _estimator(self, folder: "SensorFolder") -> "ForceEstimator | None":
         from ninedtact.force.estimator_loading import NONE, load_estimator
 
         return None if self.force == NONE else load_estimator(self.force, folder)
 
-    def _sources(self, folder: "SensorFolder") -> "tuple[FrameSource, WrenchSource | None]":
+    def _sources(self, folder: "SensorFolder", address: str) -> "tuple[FrameSource, WrenchSource | None]":
         """Return camera and force/torque sensor, not yet opened."""
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
 
-        if is_simulated(self.source[0]):
+        if is_simulated(address):
             return _twin_sources(folder, self.force_torque is not None)
-        camera = live_source_for(self.source[0], DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
+        camera = live_source_for(address, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         return camera, None if self.force_torque is None else untared_wrench_source(self.force_torque, folder)
 
 
@@ -190,6 +209,17 @@ def split_named(option: str, named: tuple[str, ...]) -> dict[str, str]:
             )
         found[match["name"]] = match["address"]
     return found
+
+
+def named_sensors(source: tuple[str, ...], sensor: tuple[str, ...]) -> dict[str, tuple[str, Path | None]]:
+    """Return address and sensor folder of several sources by their names; raises `RecordingRefused`."""
+    sources, sensors = split_named("--source", source), split_named("--sensor", sensor)
+    if strangers := sensors.keys() - sources.keys():
+        raise RecordingRefused(
+            f"expected --sensor for {', '.join(sources)}, got one for {min(strangers)}; name it as its source"
+        )
+    folders = {name: Path(path).expanduser() for name, path in sensors.items()}
+    return {name: (address, folders.get(name)) for name, address in sources.items()}
 
 
 def run_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]) -> dict[str, str]:
@@ -254,15 +284,18 @@ def require_duration(seconds: float | None) -> None:
 
 
 @contextmanager
-def _progress_bar(seconds: float | None, quiet: bool) -> Iterator[Callable[[float, "RecordingWriter"], None]]:
+def _progress_bar(
+    seconds: float | None, quiet: bool
+) -> Iterator[Callable[[float, "Collection[RecordingWriter]"], None]]:
     """Show a progress bar on standard error; yield the function that updates it."""
     from tqdm import tqdm
 
     total, form = seconds and round(seconds, 1), _BAR if seconds else _BAR_WITHOUT_END
     with tqdm(total=total, disable=quiet, bar_format=form, delay=_BAR_DELAY_S) as bar:
 
-        def show(elapsed_s: float, writer: "RecordingWriter") -> None:
-            bar.set_postfix_str(f"{writer.written.total()} messages, {writer.dropped} dropped", refresh=False)
+        def show(elapsed_s: float, writers: "Collection[RecordingWriter]") -> None:
+            messages, dropped = sum(one.written.total() for one in writers), sum(one.dropped for one in writers)
+            bar.set_postfix_str(f"{messages} messages, {dropped} dropped", refresh=False)
             bar.update(round(min(elapsed_s, seconds or elapsed_s), 1) - bar.n)
 
         yield show

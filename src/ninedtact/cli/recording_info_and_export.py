@@ -1,6 +1,7 @@
 """ninedtact info: what is in a recording. ninedtact export: a recording as images, tables and heights in files of their own."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -33,18 +34,23 @@ class Info:
 
         require_recording_libraries()
         from ninedtact.recording.mcap_repair import repair_recording
-        from ninedtact.recording.reader import Recording
+        from ninedtact.recording.reader import Recording, sensor_addresses
 
         if self.repair:
             repair_recording(self.recording)
-        with Recording(self.recording) as recording:
-            summary = recording.summary()
-        return print_result(self.json, asdict(summary), _summary_lines(self.recording, summary))
+        summaries, lines = [], list[str]()
+        for address in sensor_addresses(self.recording):
+            with Recording(address) as recording:
+                summaries.append(recording.summary())
+                lines += _summary_lines(recording.path, summaries[-1])
+        figures = [asdict(summary) for summary in summaries]
+        return print_result(self.json, figures[0] if len(figures) == 1 else {"sensors": figures}, lines)
 
 
 def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
     yield f"{path}: {summary.seconds:.1f} s from {summary.began}, {path.stat().st_size / 1e6:.1f} MB"
-    yield f"  sensor {summary.sensor}, images from {summary.source}"
+    named = f"{summary.name}: " * bool(summary.name)
+    yield f"  {named}sensor {summary.sensor}, images from {summary.source}"
     if summary.force_torque:
         yield f"  forces from {summary.force_torque}"
     for topic in summary.topics:
@@ -90,25 +96,28 @@ class Export:
         require_recording_libraries()
         from tqdm import tqdm
 
-        from ninedtact.recording.export import export_recording
-        from ninedtact.recording.reader import Recording
+        from ninedtact.recording.export import export_recordings
+        from ninedtact.recording.reader import Recording, sensor_addresses
         from ninedtact.recording.ros_messages import Topic
 
-        with Recording(self.recording) as recording:
-            images = len(recording.positions(Topic.IMAGES))
+        with ExitStack() as opened:
+            # These are of one sensor, which `Recording` asks for.
+            addresses = [str(self.recording)] if self.to in ("lerobot", "rerun") else sensor_addresses(self.recording)
+            recordings = [opened.enter_context(Recording(address)) for address in addresses]
+            images = sum(len(recording.positions(Topic.IMAGES)) for recording in recordings)
             with tqdm(total=images, unit="images", disable=self.json) as bar:
                 if self.to == "lerobot":
                     from ninedtact.interop.lerobot import export_lerobot
 
-                    written = export_lerobot([recording], self.out, self.task, on_image=bar.update)
+                    written = export_lerobot(recordings, self.out, self.task, on_image=bar.update)
                 elif self.to == "rerun":
                     require_rerun()
                     from ninedtact.interop.rerun import export_rerun
 
-                    written = export_rerun(recording, self.out, self.points_every, on_image=bar.update)
+                    written = export_rerun(recordings[0], self.out, self.points_every, on_image=bar.update)
                 else:
-                    written = export_recording(recording, self.out, on_image=bar.update)
-            finished = recording.is_finished
+                    written = export_recordings(recordings, self.out, on_image=bar.update)
+            finished = recordings[0].is_finished
         figures = {"out": str(self.out), "finished": finished, "written": written}
         lines = [f"{self.out}:", *(f"  {number:8d}  {kind}" for kind, number in written.items())]
         return print_result(self.json, figures, lines if finished else [*lines, f"  {_CUT_SHORT}"])

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact.cli.live import InvalidLiveOption, Live
-from ninedtact.cli.record import is_named, require_duration, run_together, split_named, untared_wrench_source
+from ninedtact.cli.record import is_named, named_sensors, require_duration, run_together, untared_wrench_source
 from ninedtact.cli.result_and_interrupt import (
     load_sensor_with_notices,
     named_sensor_with_notices,
@@ -96,8 +96,8 @@ class Ros2:
             raise RecordingRefused(f"expected one --sensor with one --source, got {len(self.sensor)}; drop the others")
         require_same_source_kind(self.source[0], self.force_torque, is_simulated)
         live = Live(
-            self.source[0],
-            Path(self.sensor[0]).expanduser() if self.sensor else None,
+            self.source[:1],
+            self.sensor[:1],
             force=self.force,
             follow_reference=self.follow_reference,
             automatic=self.automatic,
@@ -127,13 +127,9 @@ class Ros2:
 
     def _run_several(self) -> int:
         """Publish every named source in a process of its own; where one fails, the others are ended too. Returns 1 then."""
-        sources, sensors = split_named("--source", self.source), split_named("--sensor", self.sensor)
         if self.force_torque is not None:
             raise RecordingRefused("expected one --source with --force-torque, got several; start one command for each")
-        if strangers := sensors.keys() - sources.keys():
-            raise RecordingRefused(
-                f"expected --sensor for {', '.join(sources)}, got one for {min(strangers)}; name it as its source"
-            )
+        named = named_sensors(self.source, self.sensor)
         common: dict[str, object] = {"--force": self.force, "--points-every": self.points_every, "--out": self.out}
         common |= {"--domain": self.domain, "--interface": self.interface, "--seconds": self.seconds}
         options = [f"{key}={value}" for key, value in common.items() if value is not None]
@@ -143,16 +139,16 @@ class Ros2:
         start = [sys.executable, "-m", "ninedtact", "ros2", *options]
         commands = {
             name: [*start, f"--name={name}", f"--source={address}"]
-            + ([f"--sensor={sensors[name]}"] if name in sensors else [])
-            for name, address in sources.items()
+            + ([f"--sensor={sensor}"] if sensor is not None else [])
+            for name, (address, sensor) in named.items()
         }
-        for name, address in sources.items():
+        for name, (address, _) in named.items():
             print(f"{name}: topics /{name}/… of {address}; Ctrl-C ends", flush=True)
         with stop_on_signal() as until:
             outputs = run_together(commands, lambda: until.requested)
         for name, output in outputs.items():
             print(f"{name}: {output.splitlines()[-1]}")
-        return 0 if len(outputs) == len(sources) else 1
+        return 0 if len(outputs) == len(named) else 1
 
 
 @dataclass(frozen=True)
@@ -268,8 +264,8 @@ class Serve:
 def _live_settings(command: Foxglove | Serve) -> Live:
     """Return how the source of a command is opened."""
     return Live(
-        command.source,
-        command.sensor,
+        (command.source,),
+        () if command.sensor is None else (str(command.sensor),),
         force=command.force,
         follow_reference=command.follow_reference,
         automatic=command.automatic,
@@ -290,7 +286,8 @@ def _require_libraries(extra: str, *names: str) -> None:
 @contextmanager
 def _sensor_to_share(live: Live) -> "Iterator[tuple[SensorFolder, Sensor, WrenchSource | None]]":
     """Yield a sensor's folder, the sensor on its source with its estimator, and a twin's true wrench; neither is open yet."""
-    with _folder_or_demo_twin(live.sensor, live.source) as folder:
+    source, path = live.named_sensors()[""]
+    with _folder_or_demo_twin(path, source) as folder:
         sensor, wrenches, _ = live.sensor_and_wrenches(folder)
         if live.force != NONE:
             from ninedtact.force.estimator_loading import load_estimator

@@ -1,9 +1,9 @@
 from .export import export_recording
 from .mcap_repair import repair_recording
 from .metadata import RecordingMetadata
-from .reader import Recording
+from .reader import Recording, sensor_addresses
 from .recorded_source import RecordedSource, RecordedWrenchSource
-from .recorder import record
+from .recorder import SensorToRecord, record, record_several
 from .ros_messages import Topic
 from .saved_pairs import SavedPair, read_saved_pairs
 from .summary import RecordingSummary
@@ -17,9 +17,12 @@ __all__ = [
     "RecordingSummary",
     "RecordingWriter",
     "SavedPair",
+    "SensorToRecord",
     "Topic",
     "export_recording",
     "read_saved_pairs",
     "record",
+    "record_several",
     "repair_recording",
+    "sensor_addresses",
 ]

@@ -2,7 +2,8 @@
 
 import csv
 import json
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from io import StringIO
 from pathlib import Path
@@ -34,10 +35,22 @@ def export_recording(recording: Recording, out: Path, on_image: Callable[[], Non
         with Recording("press.mcap") as recording:
             export_recording(recording, Path("press"))
     """
+    return export_recordings([recording], out, on_image)
+
+
+def export_recordings(
+    recordings: Sequence[Recording], out: Path, on_image: Callable[[], None] = lambda: None
+) -> dict[str, int]:
+    """Write the sensors of one recording, each into a folder of its name where there are several, as `export_recording`."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ExportRefused(f"expected --out to be a new or empty folder, got {out}; choose another name")
+    written: Counter[str] = Counter()
     with create_folder_atomically(out) as folder:
-        return _export_into(recording, folder, on_image)
+        for recording in recordings:
+            place = folder / recording.metadata.name if len(recordings) > 1 else folder
+            place.mkdir(exist_ok=True)
+            written.update(_export_into(recording, place, on_image))
+    return dict(written)
 
 
 def _export_into(recording: Recording, out: Path, on_image: Callable[[], None]) -> dict[str, int]:

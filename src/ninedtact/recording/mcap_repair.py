@@ -38,7 +38,7 @@ from ninedtact.recording.mcap_index import (
     read_attachment,
     record_stream,
 )
-from ninedtact.recording.reader import SPANS_ATTACHMENT, Recording
+from ninedtact.recording.reader import SPANS_ATTACHMENT, Recording, sensor_addresses
 from ninedtact.recording.ros_messages import LabelledSpan, Topic
 
 _WRITTEN_WITHIN_S = 5.0
@@ -53,7 +53,7 @@ def repair_recording(path: Path) -> bool:
 
     Raises what `Recording` raises, and `OSError` on a full disk.
     """
-    with Recording(path) as recording:
+    with Recording(sensor_addresses(path)[0]) as recording:
         found = recording.index
     if found.finished:
         return False
@@ -74,7 +74,7 @@ def save_spans(path: Path, spans: Sequence[LabelledSpan]) -> None:
 
     Raises what `Recording` raises, `RecordingRefused` for a file that is still being written, and `FileNotWritten`.
     """
-    with Recording(path) as recording:
+    with Recording(sensor_addresses(path)[0]) as recording:
         if not recording.is_finished and time.time() - path.stat().st_mtime < _WRITTEN_WITHIN_S:
             raise RecordingRefused(
                 f"expected a recording that has ended, got {path}, which is still being written; wait, and label it then"
@@ -88,7 +88,7 @@ def save_spans(path: Path, spans: Sequence[LabelledSpan]) -> None:
         copy = Path(file.name)
         shutil.copymode(path, copy)
         repair_recording(copy)  # the index of its last chunk must stand before the new record
-        with Recording(copy) as recording:
+        with Recording(sensor_addresses(copy)[0]) as recording:
             end = _end_before_spans(recording)
         with copy.open("r+b", buffering=0) as raw:
             raw.truncate(end)

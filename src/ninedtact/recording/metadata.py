@@ -4,6 +4,7 @@ Stamps in the package and the log times of the messages are those of the monoton
 other programs expect. The difference of the two clocks is stored once per recording.
 """
 
+import re
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
@@ -40,7 +41,7 @@ def _new_recording_id() -> str:
 
 @dataclass(frozen=True)
 class RecordingMetadata:
-    """The data that apply to a whole recording: one run of one program with one sensor."""
+    """The data that apply to a whole recording of a sensor: one run of one program; several sensors have one each."""
 
     sensor: str
     """Name of the tactile sensor, as in its sensor.toml."""
@@ -59,17 +60,25 @@ class RecordingMetadata:
     """Quantisation step of heights that are stored as integers of 16 bits; 0 for 32-bit floating point."""
     camera_delay_ms: float = 0.0
     """Delay of the camera that was subtracted from the arrival times of its images; their stamps are times of exposure then."""
+    name: str = ""
+    """Name of the sensor among several of one recording, such as left; empty in a recording of one sensor."""
     software: str = ""
     id: str = field(default_factory=_new_recording_id)
     wall_minus_monotonic_ns: int = field(default_factory=wall_minus_monotonic_ns)
+
+    @property
+    def topic_name(self) -> str:
+        """The name of the sensor in topics: its name among several, or its id."""
+        return self.name or self.sensor
 
     def wall_ns(self, stamp_ns: int) -> int:
         """Return the wall time of a monotonic stamp."""
         return stamp_ns + self.wall_minus_monotonic_ns
 
     def to_mcap_metadata(self) -> dict[str, str]:
-        """Return the format number and all fields as strings by name, as MCAP keeps them, with their checksum."""
-        values = {"format": str(RECORDING_FORMAT), **{name: str(value) for name, value in asdict(self).items()}}
+        """Return the format number and all fields as strings by name, as MCAP keeps them, with their checksum; no empty name."""
+        stated = {name: str(value) for name, value in asdict(self).items() if name != "name" or value}
+        values = {"format": str(RECORDING_FORMAT), **stated}
         return {**values, CHECKSUM_KEY: values_checksum(values)}
 
 
@@ -90,11 +99,14 @@ def parse_recording_metadata(metadata: Mapping[str, str], name: str) -> Recordin
             f"expected the description of {name} as it was written, got other values than its checksum; restore it from a copy"
         )
     try:
-        values: dict[str, Any] = {entry.name: metadata[entry.name] for entry in fields(RecordingMetadata)}
+        stated = {"name": "", **metadata}
+        values: dict[str, Any] = {entry.name: stated[entry.name] for entry in fields(RecordingMetadata)}
         values |= {name: _finite_float(values[name]) for name in _NUMBERS}
         values["wall_minus_monotonic_ns"] = int(values["wall_minus_monotonic_ns"])
         if values["images"] not in get_args(ImageStorage):
             raise ValueError(f"images stored as {values['images']!r}")
+        if re.fullmatch(r"\w*", values["name"]) is None:
+            raise ValueError(f"a sensor of the name {values['name']!r}")
     except (KeyError, ValueError) as error:
         raise RecordingUnreadable(
             f"expected {name} to state what was recorded, got {error}; record it again"

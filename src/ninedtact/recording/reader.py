@@ -1,6 +1,7 @@
 """Reads a recording, complete or truncated: frames, wrenches, heights, labels, and a summary of its content."""
 
 import json
+import re
 import struct
 from collections.abc import Iterator
 from functools import cached_property
@@ -50,8 +51,8 @@ from ninedtact.recording.ros_messages import (
 )
 from ninedtact.recording.summary import RecordingSummary, summarise_recording
 
-SENSOR_FOLDER = "sensor"
-"""First part of the names of the attachments that hold the sensor folder."""
+SENSOR_FOLDER, SEVERAL_FOLDERS = "sensor", "sensors"
+"""First part of the names of the attachments that hold the sensor folder; among several sensors, their name is the second."""
 SPANS_ATTACHMENT = "spans.json"
 """Name of the attached list of labelled spans that were edited after the recording; the last one counts."""
 
@@ -66,12 +67,16 @@ class Recording:
     """
 
     def __init__(self, path: Path | str) -> None:
-        """Open the file and index its records; raises `CameraNotFound` or `RecordingUnreadable`."""
-        self.path = Path(path)
+        """Open the file and index its records; raises `CameraNotFound` or `RecordingUnreadable`.
+
+        path: of a recording of several sensors, with the name of one of them: `grasp.mcap#left`.
+        """
+        self.path, name = _split_address(str(path))
         self._file = _open_file(self.path)
         self._chunk: tuple[int, bytes] = (-1, b"")
         try:
-            self.index, self.metadata = _read_structure(self._file, str(self.path))
+            self.index, self.all_metadata = _read_structure(self._file, str(self.path))
+            self.metadata = _choose_metadata(self.all_metadata, name, self.path)
         except BaseException:
             self._file.close()
             raise
@@ -119,11 +124,14 @@ class Recording:
         return int(min(map(np.min, stamps_ns))), int(max(map(np.max, stamps_ns)))
 
     def _path(self, topic: Topic) -> str:
-        return topic.path(self.sensor, self.metadata.images)
+        return topic.path(self.metadata.topic_name, self.metadata.images)
 
     def positions(self, topic: Topic) -> Array:
         """Return `MESSAGE_POSITION` of the messages of a topic, in the order of writing."""
-        parts = self.index.positions.get(self._channels.get(self._path(topic), -1), [])
+        return self._positions_on(self._path(topic))
+
+    def _positions_on(self, path: str) -> Array:
+        parts = self.index.positions.get(self._channels.get(path, -1), [])
         return np.concatenate(parts) if parts else np.empty(0, MESSAGE_POSITION)
 
     def stamps_ns(self, topic: Topic) -> Int64[Array, " n"]:
@@ -213,7 +221,7 @@ class Recording:
         return [decode_event(message.data, message.stamp_ns) for message in self.messages(Topic.EVENTS)]
 
     def spans(self) -> list[LabelledSpan]:
-        """Return the labelled spans in the order of their beginnings, as they were last edited.
+        """Return the labelled spans in the order of their beginnings, as they were last edited; several sensors share them.
 
         Raises `RecordingUnreadable` where the list of them is damaged.
         """
@@ -222,7 +230,9 @@ class Recording:
             if attached:
                 spans = [LabelledSpan(**one) for one in json.loads(attached[-1].data)]
             else:
-                spans = [decode_span(message.data) for message in self.messages(Topic.SPANS)]
+                paths = [Topic.SPANS.path(metadata.topic_name) for metadata in self.all_metadata]
+                positions = np.concatenate([self._positions_on(path) for path in paths])
+                spans = [decode_span(message.data) for message in map(self.message, positions)]
             return sorted(spans, key=lambda span: (span.begin_ns, span.end_ns))
         except (ValueError, TypeError) as error:
             raise RecordingUnreadable(
@@ -261,11 +271,11 @@ class Recording:
 
     def sensor_files(self) -> dict[str, bytes]:
         """Return the content of the attached sensor folder's files by their paths in it; paths leading elsewhere are skipped."""
-        files = {}
+        folder, files = PurePosixPath(_attached_folder(self.metadata.name)).parts, {}
         for attachment in self.attachments():
-            name = PurePosixPath(attachment.name)
-            if name.parts[:1] == (SENSOR_FOLDER,) and len(name.parts) > 1 and ".." not in name.parts:
-                files[str(PurePosixPath(*name.parts[1:]))] = attachment.data
+            parts = PurePosixPath(attachment.name).parts
+            if parts[: len(folder)] == folder and len(parts) > len(folder) and ".." not in parts:
+                files[str(PurePosixPath(*parts[len(folder) :]))] = attachment.data
         return files
 
     def summary(self) -> RecordingSummary:
@@ -283,9 +293,46 @@ class Recording:
         self.close()
 
 
-def sensor_folder_attachments(folder: Path) -> dict[str, bytes]:
-    """Return the content of the files of a sensor folder by the names that they have in a recording."""
-    return {f"{SENSOR_FOLDER}/{name}": content for name, content in read_folder(folder).items()}
+def sensor_folder_attachments(folder: Path, name: str = "") -> dict[str, bytes]:
+    """Return the content of the files of a sensor folder by the names that they have in a recording.
+
+    name: of the sensor among several.
+    """
+    return {f"{_attached_folder(name)}/{file}": content for file, content in read_folder(folder).items()}
+
+
+def _attached_folder(name: str) -> str:
+    return f"{SEVERAL_FOLDERS}/{name}" if name else SENSOR_FOLDER
+
+
+def sensor_addresses(path: Path | str) -> list[str]:
+    """Return how `Recording` opens each sensor of a recording: its path alone, or with several sensors `grasp.mcap#left`.
+
+    A path that names a sensor already is returned as it is. Raises what `Recording` raises.
+    """
+    plain, name = _split_address(str(path))
+    if name:
+        return [str(path)]
+    with _open_file(plain) as file:
+        names = [metadata.name for metadata in _read_structure(file, str(plain))[1]]
+    return [f"{plain}#{name}" if name else str(plain) for name in names]
+
+
+def _split_address(text: str) -> tuple[Path, str]:
+    """Return the path of a recording and the name of one of its sensors, which is empty where none is named."""
+    match = None if Path(text).exists() else re.fullmatch(r"(.*)#(\w+)", text, re.DOTALL)
+    return (Path(text), "") if match is None else (Path(match[1]), match[2])
+
+
+def _choose_metadata(found: tuple[RecordingMetadata, ...], name: str, path: Path) -> RecordingMetadata:
+    """Return the metadata of the sensor that is named, or of the only one; raises `RecordingUnreadable`."""
+    chosen = [one for one in found if one.name == name or (not name and len(found) == 1)]
+    if not chosen:
+        names = ", ".join(one.name for one in found if one.name)
+        has = f"one of the sensors {names} of {path}" if names else f"no name of a sensor with {path}, which holds one"
+        remedy = f"name it as {path}#{found[0].name}" if names else "drop it"
+        raise RecordingUnreadable(f"expected {has}, got {f'{name!r}' if name else 'none'}; {remedy}")
+    return chosen[0]
 
 
 def read_folder(folder: Path) -> dict[str, bytes]:
@@ -310,8 +357,8 @@ def _open_file(path: Path) -> BinaryIO:
         raise RecordingUnreadable(f"expected to read {path}, got: {error.strerror}; check its permissions") from error
 
 
-def _read_structure(file: BinaryIO, name: str) -> tuple[McapIndex, RecordingMetadata]:
-    """Return the index and the metadata of a file; raises `RecordingUnreadable`."""
+def _read_structure(file: BinaryIO, name: str) -> tuple[McapIndex, tuple[RecordingMetadata, ...]]:
+    """Return the index of a file, and the metadata of every sensor in it; raises `RecordingUnreadable`."""
     try:
         index = index_mcap_records(file, name)
         metadata = _read_metadata(index, file, name)
@@ -323,11 +370,13 @@ def _read_structure(file: BinaryIO, name: str) -> tuple[McapIndex, RecordingMeta
     return index, metadata
 
 
-def _read_metadata(index: McapIndex, file: BinaryIO, name: str) -> RecordingMetadata:
-    for span in index.metadata:
-        record = Metadata.read(record_stream(file, span))
-        if record.name == METADATA_RECORD:
-            return parse_recording_metadata(record.metadata, name)
+def _read_metadata(index: McapIndex, file: BinaryIO, name: str) -> tuple[RecordingMetadata, ...]:
+    records = [Metadata.read(record_stream(file, span)) for span in index.metadata]
+    found = [parse_recording_metadata(one.metadata, name) for one in records if one.name == METADATA_RECORD]
+    if len({one.name for one in found}) < len(found):
+        raise ValueError("two sensors of the same name")
+    if found:
+        return tuple(found)
     raise RecordingUnreadable(
         f"expected a recording of ninedtact in {name}, got an MCAP file of another program, or one that was cut short "
         "before it began; record with 'ninedtact record'"

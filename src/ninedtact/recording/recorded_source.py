@@ -47,8 +47,9 @@ class _RecordedTopic(Openable):
             self._positions, self._next = recording.positions(self.topic), 0
             if len(self._positions) == 0:
                 recording.close()
+                topic = self.topic.path(recording.metadata.topic_name)
                 raise RecordingUnreadable(
-                    f"expected messages on {self.topic.path(recording.sensor)} in {self.path}, got none; take another recording"
+                    f"expected messages on {topic} in {self.path}, got none; take another recording"
                 )
             self._recording = recording
 

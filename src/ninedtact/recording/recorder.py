@@ -1,11 +1,15 @@
 """Records a sensor: reads its sources in the background, so that slow writing delays no source, and counts lost items."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from time import monotonic
+from threading import Event
+from time import monotonic, monotonic_ns
+from typing import NamedTuple
 
 from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
 from ninedtact.calibration.sensor_folder import SensorFolder
@@ -19,7 +23,7 @@ from ninedtact.reading import Reading
 from ninedtact.recording.errors import ReferenceMomentRefused
 from ninedtact.recording.merge_streams import BackgroundReader
 from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
-from ninedtact.recording.reader import Recording, sensor_folder_attachments
+from ninedtact.recording.reader import Recording, sensor_addresses, sensor_folder_attachments
 from ninedtact.recording.ros_messages import EventKind, RecordingEvent, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -50,12 +54,13 @@ def record(
 ) -> RecordingWriter:
     """Record a sensor into a new MCAP file until `seconds` are over, `should_stop` is true, or the source ends.
 
-    source: opened and closed here. sensor: its folder is attached to the file. force_torque: its wrenches are written as
-    measured. heights and estimator: also write heights (mm) and estimated wrenches; the first ten frames are then taken as
-    reference images (no contact), and compared with those of the calibration. settings: stored in the file, JSON. images: how
-    images are stored, always without loss. height_step_mm: quantisation step of heights in 16 bits; 0 for 32-bit floating
-    point. camera_delay_ms: is subtracted from the arrival times of the images. notify: called with every fault of the reference,
-    a step of the clock and, after an error, what the file keeps: sentences. on_progress: called a few times a second.
+    `record_several` records several sensors into one file. source: opened and closed here. sensor: its folder is attached to the
+    file. force_torque: its wrenches are written as measured. heights and estimator: also write heights (mm) and estimated
+    wrenches; the first ten frames are then taken as reference images (no contact), and compared with those of the calibration.
+    settings: stored in the file, JSON. images: how images are stored, always without loss. height_step_mm: quantisation step of
+    heights in 16 bits; 0 for 32-bit floating point. camera_delay_ms: is subtracted from the arrival times of the images. notify:
+    called with every fault of the reference, a step of the clock and, after an error, what the file keeps: sentences.
+    on_progress: called a few times a second.
 
     Returns the closed writer, which has the numbers of messages and dropped images. Raises `RecordingRefused`,
     `RecordingStopped`, what a lost device or a damaged video raises, and `ReferenceMomentRefused` where there were too few frames
@@ -67,33 +72,114 @@ def record(
     ...     recording.metadata.sensor
     'my_sensor'
     """
-    estimates = None
-    if heights or estimator:
-        find_faults = load_reference_check(sensor).find_faults
-        estimates = RecordedEstimates(sensor.shape, estimator or NoForce(), heights, find_faults, notify)
-    topics = {Topic.IMAGES, *(estimates.topics if estimates else ()), *([Topic.MEASURED] if force_torque else ())}
-    metadata = RecordingMetadata(
-        sensor=sensor.id,
-        purpose="record",
-        source=source.name,
-        force_torque=force_torque.name if force_torque else "",
-        settings=settings,
-        mm_per_px=sensor.shape.rectify.mm_per_px if estimates else 0.0,
-        images=images,
-        height_step_mm=height_step_mm if heights else 0.0,
-        camera_delay_ms=camera_delay_ms,
-        software=version("ninedtact"),
+    stored = RecordingMetadata(
+        sensor.id, settings=settings, images=images, height_step_mm=height_step_mm if heights else 0.0
     )
+    part = SensorToRecord(source, sensor, force_torque, estimator, camera_delay_ms)
+    recorder = _new_recorder("", part, out, stored, heights, notify)
     end_at = float("inf") if seconds is None else monotonic() + seconds
     with report_kept_messages(Path(out), notify):
-        with RecordingWriter(out, metadata, topics, sensor_folder_attachments(sensor.path), notify) as writer:
-            camera = DelayCorrectedSource(source, camera_delay_ms) if camera_delay_ms else source
-            Recorder(writer, camera, force_torque, estimates, notify).run(
-                lambda: should_stop() or monotonic() >= end_at, lambda: on_progress(writer)
-            )
-        if estimates is not None:
-            estimates.require_reference()
+        with recorder.writer as writer:
+            recorder.run(lambda: should_stop() or monotonic() >= end_at, lambda: on_progress(writer))
+        recorder.require_reference()
     return writer
+
+
+@dataclass(frozen=True)
+class SensorToRecord:
+    """A sensor with what is recorded of it."""
+
+    source: FrameSource
+    sensor: SensorFolder
+    force_torque: WrenchSource | None = None
+    estimator: ForceEstimator | None = None
+    camera_delay_ms: float = 0.0
+
+
+def record_several(
+    sensors: Mapping[str, SensorToRecord],
+    out: Path | str,
+    heights: bool = False,
+    settings: str = "{}",
+    images: ImageStorage = "zstd",
+    height_step_mm: float = 0.0,
+    should_stop: Callable[[], bool] = lambda: False,
+    notify: Callable[[str], None] = lambda sentence: None,
+    on_progress: Callable[[Collection[RecordingWriter]], None] = lambda writers: None,
+) -> tuple[dict[str, RecordingWriter], dict[str, NinedtactError]]:
+    """Record several sensors, by their names, into one new MCAP file, until all sources have ended or `should_stop` is true.
+
+    All sources are opened, or none. A sensor that fails later is reported through `notify` and marked in the file, and the others
+    go on. Returns the closed writers, and the errors of those that failed. Raises what `record` raises where nothing is recorded.
+    """
+    first = RecordingMetadata("", settings=settings, images=images, height_step_mm=height_step_mm if heights else 0.0)
+    recorders: dict[str, Recorder] = {}
+    for name, part in sensors.items():
+        beside = next((one.writer for one in recorders.values()), None)
+        said = partial(_notify_of, name, notify)
+        recorders[name] = _new_recorder(name, part, out, replace(first, name=name), heights, said, beside)
+    writers, errors = {name: recorder.writer for name, recorder in recorders.items()}, dict[str, NinedtactError]()
+
+    ending = Event()
+
+    def write(name: str, streams: "_Streams") -> None:
+        recorder = recorders[name]
+        try:
+            recorder.write(streams, lambda: ending.is_set() or should_stop())
+            recorder.require_reference()
+        except NinedtactError as error:
+            errors[name] = error
+            recorder.notify(f"{error}; the others go on")
+            with suppress(NinedtactError):
+                recorder.writer.write_event(RecordingEvent(monotonic_ns(), EventKind.REMARK, "lost", str(error)))
+
+    with report_kept_messages(Path(out), notify), next(iter(writers.values())), ExitStack() as opened:
+        streams = {name: opened.enter_context(recorder.opened()) for name, recorder in recorders.items()}
+        with ThreadPoolExecutor(len(recorders), "record") as pool:
+            written = [pool.submit(write, *one) for one in streams.items()]
+            try:
+                while wait(written, _WAIT_S).not_done:
+                    on_progress(writers.values())
+            finally:
+                ending.set()
+            for one in written:
+                one.result()
+    return writers, errors
+
+
+def _notify_of(name: str, notify: Callable[[str], None], sentence: str) -> None:
+    """Report a sentence about one of several sensors."""
+    notify(f"{name}: {sentence}")
+
+
+def _new_recorder(
+    name: str,
+    part: SensorToRecord,
+    out: Path | str,
+    stored: RecordingMetadata,
+    heights: bool,
+    notify: Callable[[str], None],
+    beside: RecordingWriter | None = None,
+) -> "Recorder":
+    """Return the recorder of one sensor, whose file and sources are still closed."""
+    sensor, force_torque, estimates = part.sensor, part.force_torque, None
+    if heights or part.estimator:
+        find_faults = load_reference_check(sensor).find_faults
+        estimates = RecordedEstimates(sensor.shape, part.estimator or NoForce(), heights, find_faults, notify)
+    topics = {Topic.IMAGES, *(estimates.topics if estimates else ()), *([Topic.MEASURED] if force_torque else ())}
+    metadata = replace(
+        stored,
+        sensor=sensor.id,
+        source=part.source.name,
+        force_torque=force_torque.name if force_torque else "",
+        mm_per_px=sensor.shape.rectify.mm_per_px if estimates else 0.0,
+        camera_delay_ms=part.camera_delay_ms,
+        software=version("ninedtact"),
+    )
+    attachments = sensor_folder_attachments(sensor.path, name)
+    writer = RecordingWriter(out, metadata, topics, attachments, notify, beside)
+    camera = DelayCorrectedSource(part.source, part.camera_delay_ms) if part.camera_delay_ms else part.source
+    return Recorder(writer, camera, force_torque, estimates, notify)
 
 
 @contextmanager
@@ -105,8 +191,10 @@ def report_kept_messages(path: Path, notify: Callable[[str], None]) -> Iterator[
     except BaseException:
         with suppress(NinedtactError, OSError):
             if not existed and path.exists():
-                with Recording(path) as recording:
-                    counts = [f"{topic.messages} of {topic.topic}" for topic in recording.summary().topics]
+                counts = []
+                for address in sensor_addresses(path):
+                    with Recording(address) as recording:
+                        counts += [f"{topic.messages} of {topic.topic}" for topic in recording.summary().topics]
                 notify(f"{path} keeps the messages before the failure: {', '.join(counts)}")
         raise
 
@@ -202,6 +290,13 @@ class RecordedEstimates:
             self.notify(f"the reference image is doubtful; {fault}")
 
 
+class _Streams(NamedTuple):
+    """What the devices of a sensor deliver."""
+
+    images: BackgroundReader[Frame]
+    samples: BackgroundReader[Wrench] | None
+
+
 @dataclass
 class Recorder:
     """Writes what a camera and a force/torque sensor deliver into an open recording."""
@@ -214,22 +309,38 @@ class Recorder:
     """Receives a sentence each time that a device has delivered nothing for a while."""
 
     def run(self, should_stop: Callable[[], bool], on_progress: Callable[[], None] = lambda: None) -> None:
-        """Record until `should_stop` is true or the source ends, all that was read until then; raises what a live source raises."""
+        """Open the devices and `write`."""
+        with self.opened() as streams:
+            self.write(streams, should_stop, on_progress)
+
+    @contextmanager
+    def opened(self) -> Iterator["_Streams"]:
+        """Read the devices in the background while the block runs; raises what opening them raises."""
         with ExitStack() as opened:
             samples = None
             if self.force_torque is not None:
                 wrenches = BackgroundReader[Wrench](self.force_torque, _BUFFERED_SAMPLES, on_stall=self.notify)
                 samples = opened.enter_context(wrenches)
             frames = BackgroundReader[Frame](self.camera, _BUFFERED_IMAGES, on_stall=self.notify)
-            images = opened.enter_context(frames)
-            try:
-                while not should_stop():
-                    self._write_arrivals(images, samples)
-                    on_progress()
-                for _ in range(images.waiting):  # what was read before the end, while writing was slow
-                    self._write_arrivals(images, samples)
-            except SourceEnded:
-                return
+            yield _Streams(opened.enter_context(frames), samples)
+
+    def write(
+        self, streams: "_Streams", should_stop: Callable[[], bool], on_progress: Callable[[], None] = lambda: None
+    ) -> None:
+        """Record until `should_stop` is true or the source ends, all that was read until then; raises what a live source raises."""
+        try:
+            while not should_stop():
+                self._write_arrivals(*streams)
+                on_progress()
+            for _ in range(streams.images.waiting):  # what was read before the end, while writing was slow
+                self._write_arrivals(*streams)
+        except SourceEnded:
+            return
+
+    def require_reference(self) -> None:
+        """Raise `ReferenceMomentRefused` where heights or forces could not be written for lack of reference images."""
+        if self.estimates is not None:
+            self.estimates.require_reference()
 
     def _write_arrivals(self, images: BackgroundReader[Frame], samples: BackgroundReader[Wrench] | None) -> None:
         while samples is not None and (sample := samples.take()) is not None:

@@ -32,7 +32,7 @@ _PNG_PARAMETERS = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2
 if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # since OpenCV 4.12; smaller and twice as fast
     _PNG_PARAMETERS += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]
 CAMERA_FRAME, SKIN_FRAME = "camera", "skin"
-"""Frames of a recording, which holds one sensor: that of the camera image, and that of heights and wrenches."""
+"""Frames of a recording, that of the camera image and that of heights and wrenches; among several sensors after their name."""
 _WARN = 1
 """Level of a diagnostic_msgs/DiagnosticStatus."""
 

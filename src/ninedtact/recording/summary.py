@@ -39,6 +39,8 @@ class RecordingSummary:
     """A summary of the content of a recording, as `ninedtact info` prints it."""
 
     sensor: str
+    name: str
+    """Name of the sensor among several of the recording; empty where it is the only one."""
     source: str
     force_torque: str
     purpose: str
@@ -68,6 +70,7 @@ def summarise_recording(recording: "Recording") -> RecordingSummary:
     began = datetime.fromtimestamp(metadata.wall_ns(recording.began_ns) / 1e9, UTC)
     return RecordingSummary(
         sensor=metadata.sensor,
+        name=metadata.name,
         source=metadata.source,
         force_torque=metadata.force_torque,
         purpose=metadata.purpose,
@@ -94,7 +97,7 @@ def median_rate_hz(stamps_ns: Array) -> float:
 def _summarise_topic(recording: "Recording", topic: Topic) -> TopicSummary:
     stamps_ns = recording.stamps_ns(topic)
     name, type_name = (
-        topic.path(recording.sensor, recording.metadata.images),
+        topic.path(recording.metadata.topic_name, recording.metadata.images),
         topic.message_type(recording.metadata.images),
     )
     selected = topic is Topic.IMAGES and recording.metadata.purpose != "record"

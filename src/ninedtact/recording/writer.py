@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from threading import RLock
 from time import monotonic, monotonic_ns
 from types import TracebackType
 
@@ -17,6 +18,8 @@ from ninedtact.recording.errors import RecordingRefused, RecordingStopped
 from ninedtact.recording.mcap_repair import repair_recording
 from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, wall_minus_monotonic_ns
 from ninedtact.recording.ros_messages import (
+    CAMERA_FRAME,
+    SKIN_FRAME,
     EventKind,
     LabelledSpan,
     PairLabel,
@@ -43,13 +46,15 @@ _LONGEST_BUFFERING_S = 0.5
 
 
 class RecordingWriter:
-    """Writes a recording while it is open (`with`). One thread at a time.
+    """Writes what one sensor delivers into a recording while it is open (`with`). One thread at a time for each sensor.
 
     Images are stored without loss, and everything in chunks that zstd compresses. The metadata say whether images are PNG and
     heights are integers (docs/recording.md has the figures).
 
         with RecordingWriter("press.mcap", RecordingMetadata("my_sensor")) as recording:
             recording.write_image(frame)
+
+    Several sensors are written into one file by a writer each; `with` of the first one opens and closes the file for all.
     """
 
     def __init__(
@@ -59,9 +64,10 @@ class RecordingWriter:
         topics: Collection[Topic] = tuple(Topic),
         attachments: Mapping[str, bytes] | None = None,
         notify: Callable[[str], None] = lambda sentence: None,
+        beside: "RecordingWriter | None" = None,
     ) -> None:
         """topics: those that will be written. attachments: content of the attached files by their names. notify: receives a
-        sentence where the wall clock is set during the recording."""
+        sentence where the wall clock is set during the recording. beside: the first writer of the same file, not yet opened."""
         self.path, self.metadata = Path(path), metadata
         self.written: Counter[Topic] = Counter()
         """Messages written so far."""
@@ -70,22 +76,28 @@ class RecordingWriter:
         self._topics = {*topics, Topic.EVENTS}
         self._attachments = dict(attachments or {})
         self._next_index: int | None = None
-        self._between_records = True
+        self._open_file: _SharedFile = _SharedFile() if beside is None else beside._open_file
+        self._open_file.writers.append(self)
         self._notify = notify
         self._wall_ahead_ns = metadata.wall_minus_monotonic_ns
         self._has_other_clock = abs(wall_minus_monotonic_ns() - self._wall_ahead_ns) > _CLOCK_STEP_NS
 
     def __enter__(self) -> "RecordingWriter":
         """Create the file; raises `RecordingRefused` or `RecordingStopped`."""
-        self._file = _RecordFile(self.path)
-        self._writer = Writer(self._file, CHUNK_BYTES, CompressionType.ZSTD)  # type: ignore[arg-type]
+        opened = self._open_file
+        opened.records = _RecordFile(self.path)
+        opened.mcap = Writer(opened.records, CHUNK_BYTES, CompressionType.ZSTD)  # type: ignore[arg-type]
         try:
-            self._begin()
+            opened.mcap.start("ros2", f"ninedtact {self.metadata.software}".strip())
+            for writer in opened.writers:
+                writer._begin()
+            for writer in opened.writers:
+                writer._register_channels()
         except BaseException:
-            self._file.close()
+            opened.records.close()
             self.path.unlink()
             raise
-        self._flushed_at = monotonic()
+        opened.flushed_at = monotonic()
         return self
 
     def write_image(self, frame: Frame) -> None:
@@ -99,12 +111,12 @@ class RecordingWriter:
 
     def write_selected_image(self, frame: Frame) -> None:
         """Write a frame that was selected among many: frames before it do not count as missing."""
-        image = encode_image(frame.image, self.metadata.wall_ns(frame.stamp_ns), self.metadata.images)
+        image = self._encode_image(frame)
         self._add(Topic.IMAGES, frame.stamp_ns, image, frame.index)
 
     def write_reference(self, frame: Frame, tare: int) -> None:
         """Write a reference image (no contact) of this tare."""
-        image = encode_image(frame.image, self.metadata.wall_ns(frame.stamp_ns), self.metadata.images)
+        image = self._encode_image(frame)
         self._add(Topic.REFERENCE, frame.stamp_ns, image, tare)
 
     def write_reference_grey(self, reference: Rectified, stamp_ns: int) -> None:
@@ -115,22 +127,27 @@ class RecordingWriter:
 
     def write_measured(self, wrench: Wrench) -> None:
         """Write a wrench of the force/torque sensor."""
-        self._add(Topic.MEASURED, wrench.stamp_ns, encode_wrench(wrench, self.metadata.wall_ns(wrench.stamp_ns)))
+        wall_ns = self.metadata.wall_ns(wrench.stamp_ns)
+        self._add(Topic.MEASURED, wrench.stamp_ns, encode_wrench(wrench, wall_ns, self._frame_id(SKIN_FRAME)))
 
     def write_estimated(self, estimate: WrenchEstimate, index: int = 0) -> None:
         """Write an estimated wrench with its covariance, and its warnings where it has any; index: of the image."""
         stamp_ns = estimate.wrench.stamp_ns
         wall_ns = self.metadata.wall_ns(stamp_ns)
-        self._add(Topic.ESTIMATED, stamp_ns, encode_wrench(estimate.wrench, wall_ns), index)
+        frame_id = self._frame_id(SKIN_FRAME)
+        self._add(Topic.ESTIMATED, stamp_ns, encode_wrench(estimate.wrench, wall_ns, frame_id), index)
         self._add(Topic.COVARIANCE, stamp_ns, encode_covariance(estimate.covariance), index)
         if estimate.warnings:
-            warnings = encode_warnings([warning.value for warning in estimate.warnings], self.metadata.sensor, wall_ns)
-            self._add(Topic.WARNINGS, stamp_ns, warnings, index)
+            texts = [warning.value for warning in estimate.warnings]
+            self._add(
+                Topic.WARNINGS, stamp_ns, encode_warnings(texts, self.metadata.topic_name, wall_ns, frame_id), index
+            )
 
     def write_height(self, height: HeightMap, index: int) -> None:
         """Write the heights of the image with this index, NaN out of view."""
         z_mm = np.where(height.in_view, height.z_mm, np.float32(np.nan))
-        message = encode_height(z_mm, self.metadata.wall_ns(height.stamp_ns), self.metadata.height_step_mm)
+        wall_ns, frame_id = self.metadata.wall_ns(height.stamp_ns), self._frame_id(SKIN_FRAME)
+        message = encode_height(z_mm, wall_ns, self.metadata.height_step_mm, frame_id)
         self._add(Topic.HEIGHTS, height.stamp_ns, message, index)
 
     def write_label(self, label: PairLabel) -> None:
@@ -150,10 +167,10 @@ class RecordingWriter:
 
     def flush(self) -> None:
         """Hand everything that was written to the operating system."""
-        with self._writing_records():
-            self._writer.flush()
-        self._flushed_at = monotonic()
-        self._report_clock_step()
+        with self._open_file.writing_records() as mcap:
+            mcap.flush()
+        self._open_file.flushed_at = monotonic()
+        self._open_file.writers[0]._report_clock_step()
 
     def _report_clock_step(self) -> None:
         """Report, as a remark in the recording and to the person who records, that the wall clock was set since the last call."""
@@ -169,52 +186,79 @@ class RecordingWriter:
         self._notify(text)
 
     def _add(self, topic: Topic, stamp_ns: int, data: bytes, sequence: int = 0) -> None:
-        with self._writing_records():
+        with self._open_file.writing_records() as mcap:
             wall_ns = self.metadata.wall_ns(stamp_ns)
-            self._writer.add_message(self._channels[topic], stamp_ns, data, wall_ns, sequence)
+            mcap.add_message(self._channels[topic], stamp_ns, data, wall_ns, sequence)
         self.written[topic] += 1
-        if monotonic() - self._flushed_at > _LONGEST_BUFFERING_S:
+        if monotonic() - self._open_file.flushed_at > _LONGEST_BUFFERING_S:
             self.flush()
 
-    @contextmanager
-    def _writing_records(self) -> Iterator[None]:
-        """Mark the block in which an interruption leaves the library's writer in an unknown state."""
-        self._between_records = False
-        yield
-        self._between_records = True
+    def _frame_id(self, part: str) -> str:
+        """Return the name of a frame, which among several sensors begins with the sensor's."""
+        return f"{self.metadata.name}_{part}" if self.metadata.name else part
+
+    def _encode_image(self, frame: Frame) -> bytes:
+        wall_ns = self.metadata.wall_ns(frame.stamp_ns)
+        return encode_image(frame.image, wall_ns, self.metadata.images, self._frame_id(CAMERA_FRAME))
 
     def _begin(self) -> None:
-        now_ns = monotonic_ns()
-        self._writer.start("ros2", f"ninedtact {self.metadata.software}".strip())
-        self._writer.add_metadata(METADATA_RECORD, self.metadata.to_mcap_metadata())
+        """Write metadata and attachments."""
+        now_ns, mcap = monotonic_ns(), self._open_file.mcap
+        mcap.add_metadata(METADATA_RECORD, self.metadata.to_mcap_metadata())
         for name, content in self._attachments.items():
             wall_ns = self.metadata.wall_ns(now_ns)
-            self._writer.add_attachment(wall_ns, now_ns, name, "application/octet-stream", content)
-        topics = [topic for topic in Topic if topic in self._topics]
-        sensor, images = self.metadata.sensor, self.metadata.images
-        schemas = {
-            name: self._writer.register_schema(name, "ros2msg", message_definition(name))
-            for name in dict.fromkeys(topic.message_type(images) for topic in topics)
-        }
+            mcap.add_attachment(wall_ns, now_ns, name, "application/octet-stream", content)
+
+    def _register_channels(self) -> None:
+        """Register the topics, and the message types that no other sensor of the file has."""
+        topics, mcap, schemas = [topic for topic in Topic if topic in self._topics], self._open_file.mcap, {}
+        images, known = self.metadata.images, self._open_file.schemas
+        for name in dict.fromkeys(topic.message_type(images) for topic in topics):
+            if name not in known:
+                known[name] = mcap.register_schema(name, "ros2msg", message_definition(name))
+            schemas[name] = known[name]
         self._channels = {
-            topic: self._writer.register_channel(topic.path(sensor, images), "cdr", schemas[topic.message_type(images)])
+            topic: mcap.register_channel(
+                topic.path(self.metadata.topic_name, images), "cdr", schemas[topic.message_type(images)]
+            )
             for topic in topics
         }
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         """Finish the file, whatever ended the block; delete it where the block failed before any message."""
+        opened = self._open_file
         try:
-            if self._between_records:
-                self._between_records = False
-                self._writer.finish()
-                self._between_records = True
+            if opened.is_between_records:
+                with opened.writing_records() as mcap:
+                    mcap.finish()
         finally:
-            self._file.close()
-            if error is not None and not self.written:
+            opened.records.close()
+            if error is not None and not any(writer.written for writer in opened.writers):
                 self.path.unlink()
-            elif not self._between_records:
+            elif not opened.is_between_records:
                 with suppress(OSError, NinedtactError):  # no room for a summary: it can be read without one
                     repair_recording(self.path)
+
+
+class _SharedFile:
+    """The file that the writers of several sensors share, one record at a time."""
+
+    records: "_RecordFile"
+    mcap: Writer
+
+    def __init__(self) -> None:
+        self.writers: list[RecordingWriter] = []
+        self.schemas: dict[str, int] = {}
+        self.flushed_at, self.is_between_records = 0.0, True
+        self._lock = RLock()
+
+    @contextmanager
+    def writing_records(self) -> Iterator[Writer]:
+        """Give the library's writer to one thread; an interruption of the block leaves it in an unknown state."""
+        with self._lock:
+            self.is_between_records = False
+            yield self.mcap
+            self.is_between_records = True
 
 
 class _RecordFile:

@@ -50,9 +50,11 @@ class ShapeSummary:
     """Fraction of the contact area that lies beyond the calibrated range, 0 to 1."""
 
 
-def summarise_shape(height: HeightMap, rule: ContactRule = ContactRule()) -> ShapeSummary:
-    """Return the measures of one height map; pixels out of view do not count."""
-    touched = contact_mask(height, rule)
+def summarise_shape(
+    height: HeightMap, rule: ContactRule = ContactRule(), touched: Bool[Array, "rows cols"] | None = None
+) -> ShapeSummary:
+    """Return the measures of one height map; pixels out of view do not count. touched: its `contact_mask`, where it is known."""
+    touched = contact_mask(height, rule) if touched is None else touched
     # The volume is summed inside the contact only, because rectified noise over the whole image adds up to cubic millimetres.
     area_mm2 = np.where(touched, pixel_footprint_mm2(height), np.float32(0))
     volume_mm3 = area_mm2 * np.where(touched, -height.z_mm, np.float32(0))

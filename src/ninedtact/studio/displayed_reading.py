@@ -6,7 +6,7 @@ viewer has frozen, so that images, surface, wrenches and plots always belong tog
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, Protocol, runtime_checkable
 
@@ -105,7 +105,7 @@ class NothingToSave(InputError):
 
 @dataclass(frozen=True)
 class PageMoment:
-    """Everything that the page shows at one refresh."""
+    """Everything that the page shows of one sensor at one refresh, with the moments of the other sensors beside it."""
 
     status: SensorStatus
     sensor: SensorSnapshot
@@ -116,6 +116,15 @@ class PageMoment:
     shown_hz: float = 0.0
     page_ms: dict[str, float] = field(default_factory=dict)
     """Time that drawing and sending the last moment took."""
+    name: str = ""
+    """Name of the sensor among several."""
+    beside: tuple["PageMoment", ...] = ()
+    """The moments of all sensors, this one among them; empty where there is one sensor."""
+
+    @property
+    def sensors(self) -> "tuple[PageMoment, ...]":
+        """The moments of all sensors, also where there is one."""
+        return self.beside or (self,)
 
     @property
     def reading(self) -> Reading | None:
@@ -159,7 +168,7 @@ RECHECK_S = 0.1
 
 
 class PageController:
-    """Connects a sensor poller and histories of wrenches with a display."""
+    """Connects a sensor poller and histories of wrenches with a display; of several sensors, the first one's leads the others."""
 
     def __init__(
         self,
@@ -168,9 +177,16 @@ class PageController:
         wrenches: Sequence[WrenchHistory] = (),
         save_limits: SaveLimits = SaveLimits(),
         press_at: Callable[[int], TwinPress | None] | None = None,
+        name: str = "",
+        others: Sequence["PageController"] = (),
     ) -> None:
-        """press_at: returns what pressed a twin at a stamp; None for a sensor that is no twin."""
-        self.scale: ColourScale = session_colour_scale(loop.sensor.shape.curve)
+        """press_at: returns what pressed a twin at a stamp; None for a sensor that is no twin. name: of the sensor among several.
+        others: the controllers of the other sensors, which this one refreshes too."""
+        self.name, self.sensors = name, (self, *others)
+        scales = [session_colour_scale(loop.sensor.shape.curve), *(other.scale for other in others)]
+        self.scale: ColourScale = max(scales, key=lambda scale: scale.pressed_mm)
+        for other in others:
+            other.scale = self.scale
         self.wrenches = tuple(wrenches)
         self._loop, self.out, self.quota = loop, out, SaveQuota(save_limits)
         self.recheck_s = RECHECK_S
@@ -191,7 +207,8 @@ class PageController:
             while not until():
                 self.refresh(display)
                 if self._loop.sensor.source.is_live:  # a folder of images is read faster than anybody needs
-                    slowdown = adapt_slowdown(slowdown, self._loop.snapshot(time.monotonic_ns()))
+                    now_ns = time.monotonic_ns()
+                    slowdown = max(adapt_slowdown(slowdown, one._loop.snapshot(now_ns)) for one in self.sensors)
                 due_at = max(due_at + slowdown / display_hz, time.monotonic())
                 time.sleep(max(due_at - time.monotonic(), 0))
                 self._loop.wait_for_change(self.recheck_s)
@@ -199,19 +216,23 @@ class PageController:
             self.show_final_state(display)
 
     def refresh(self, display: PageDisplay) -> None:
-        """Update the display once; raises the error with which the sensor thread failed."""
+        """Update the display once; raises the error with which the sensor thread failed, of several when all have failed."""
         now_ns = time.monotonic_ns()
-        sensor = self._loop.snapshot(now_ns)
-        if display.is_watched:
-            self._take(sensor.reading)
-        self._present(display, sensor, sensor_status(sensor, self.shown_reading, False, now_ns))
-        if sensor.phase is SensorPhase.FAILED and sensor.trouble is not None:
-            raise sensor.trouble
+        snapshots = [one._loop.snapshot(now_ns) for one in self.sensors]
+        moments = []
+        for one, sensor in zip(self.sensors, snapshots, strict=True):
+            if display.is_watched:
+                one._take(sensor.reading)
+            moments.append(one._moment(sensor, sensor_status(sensor, one.shown_reading, False, now_ns)))
+        self._present(display, moments)
+        troubles = [sensor.trouble for sensor in snapshots if sensor.phase is SensorPhase.FAILED]
+        if len(troubles) == len(self.sensors) and troubles[0] is not None:
+            raise troubles[0]
 
     def show_final_state(self, display: PageDisplay) -> None:
         """Mark the page as ended, because a browser keeps the last page that it received."""
-        sensor = self._loop.snapshot(time.monotonic_ns())
-        self._present(display, sensor, _final_status(sensor))
+        snapshots = [(one, one._loop.snapshot(time.monotonic_ns())) for one in self.sensors]
+        self._present(display, [one._moment(sensor, _final_status(sensor)) for one, sensor in snapshots])
 
     def take_reference(self) -> None:
         """Make the next images the reference."""
@@ -222,7 +243,8 @@ class PageController:
         `FileNotWritten`."""
         if moment is None or moment.reading is None:
             raise NothingToSave(WITHOUT_READING)
-        return save_moment_files(moment.reading, moment.status.sentence, moment.wrenches, self.out, self.quota)
+        status, wrenches = moment.status.sentence, moment.wrenches
+        return save_moment_files(moment.reading, status, wrenches, self.out, self.quota, moment.name)
 
     def _take(self, reading: Reading | None) -> None:
         if reading is None or reading is self.shown_reading:
@@ -231,14 +253,18 @@ class PageController:
         self._view, self._views = render_reading(reading, self.scale, press), self._views + 1
         self._shown.tick(time.monotonic_ns(), self._views)
 
-    def _present(self, display: PageDisplay, sensor: SensorSnapshot, status: SensorStatus) -> None:
-        """Show the newest view with everything that belongs to its moment."""
+    def _moment(self, sensor: SensorSnapshot, status: SensorStatus) -> PageMoment:
+        """Return the newest view of this sensor with everything that belongs to its moment."""
         if self._view is not None and self._view.is_past != status.is_past:
             # A view that is dimmed, or no longer, is another view: nothing of it has been drawn yet.
             self._view = self._view.dimmed_copy() if status.is_past else self._view.bright_copy()
         now_ns, at_ns = time.monotonic_ns(), None if self.shown_reading is None else self.shown_reading.frame.stamp_ns
         wrenches = tuple(history.snapshot(at_ns, now_ns) for history in self.wrenches)
+        return PageMoment(status, sensor, self._view, wrenches, self._shown.hz(now_ns), self._page_ms, self.name)
+
+    def _present(self, display: PageDisplay, moments: Sequence[PageMoment]) -> None:
+        """Show the moments of all sensors as one."""
         watch = Stopwatch()
-        display.show(PageMoment(status, sensor, self._view, wrenches, self._shown.hz(now_ns), self._page_ms))
+        display.show(replace(moments[0], beside=tuple(moments)) if len(moments) > 1 else moments[0])
         watch.mark("page")
         self._page_ms = dict(watch.stage_ms)

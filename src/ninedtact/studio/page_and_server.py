@@ -19,6 +19,7 @@ from ninedtact.studio.displayed_reading import PageController, PageMoment
 from ninedtact.studio.press_control import PressControl
 from ninedtact.studio.press_panel import PressPanel
 from ninedtact.studio.scene_3d import GelBlock, set_up_view
+from ninedtact.studio.sensor_group import GroupCurvesPanel
 from ninedtact.studio.sensor_panels import CurvesPanel, SensorPanel, StatusPanel, WrenchPanel
 from ninedtact.studio.socket_guard import SocketGuard
 from ninedtact.studio.view_panels import ImagePanel, ProfilePanel, ViewPanel
@@ -106,18 +107,22 @@ class SensorPage:
         controller: PageController,
         block: GelBlock,
         title: str,
-        press: PressControl | None = None,
+        press: PressControl | Sequence[PressControl] | None = None,
         more_panels: Sequence[PanelFactory] = (),
     ) -> None:
-        """press: what a person does with a twin; None for a sensor that is no twin. more_panels: further tabs, before the last."""
+        """press: what a person does with a twin; None for a sensor that is no twin, one for each sensor where all are twins.
+        more_panels: further tabs, before the last."""
         self._server, self._controller, self._block = server, controller, block
         self._viewers: dict[int, Viewer] = {}
         self._lock = Lock()
-        press_panels: list[PanelFactory] = [] if press is None else [partial(PressPanel, control=press)]
-        curves: list[PanelFactory] = [CurvesPanel] if controller.wrenches else []
+        presses = (press,) if isinstance(press, PressControl) else tuple(press or ())
+        press_panels: list[PanelFactory] = [partial(PressPanel, controls=presses)] if presses else []
+        several = len(controller.sensors) > 1
+        curves: list[PanelFactory] = [GroupCurvesPanel if several else CurvesPanel] if controller.wrenches else []
         self._panels: tuple[PanelFactory, ...] = (
             ImagePanel,
             StatusPanel,
+            partial(WrenchPanel, is_above=True),
             *press_panels,
             ViewPanel,
             ProfilePanel,

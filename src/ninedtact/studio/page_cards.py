@@ -172,7 +172,7 @@ def wrenches_html(moments: Sequence[WrenchSnapshot], is_past: bool) -> str:
     head = "".join(f'<th style="text-align:right;font-weight:600">{escape(moment.name)}</th>' for moment in known)
     rows = "".join(_component_row_html(number, known) for number in range(6))
     warnings = [warning for moment in known if moment.sample for warning in moment.sample.warnings]
-    badges = "".join(_badge_html(warning) for warning in warnings)
+    badges = "".join(badge_html(warning) for warning in warnings)
     lines = [(TONES["lost"], str(moment.trouble)) for moment in moments if moment.trouble is not None]
     lines += [(TONES["busy"], notice) for moment in moments for notice in moment.notices]
     below = "".join(f'<div style="font-size:0.85em;color:{colour}">{escape(line)}</div>' for colour, line in lines)
@@ -211,7 +211,7 @@ def _format_component(sample: WrenchSample, number: int, scale: float) -> str:
     return value + (f' <span style="{DIM}">± {std:.2f}</span>' if np.isfinite(std) else "")
 
 
-def _badge_html(text: str) -> str:
+def badge_html(text: str) -> str:
     """Return a warning as a badge."""
     return (
         f'<span style="display:inline-block;margin:0.1em 0.3em 0.1em 0;padding:0.1em 0.6em;border-radius:1em;color:#fff;'
@@ -245,15 +245,21 @@ def _curves_of(
     moment: WrenchSnapshot, at_s: Float64[Array, " n"], first: int, unit: float
 ) -> Iterator[Float64[Array, " n"]]:
     """Yield what `_add_curves` draws of one source: each axis, and its upper and lower end where errors are stated."""
-    sampled_s, values, stds = moment.history[0], moment.history[1:7] * unit, moment.history[7:] * unit
-    stds = np.where(np.isfinite(stds), stds, 0.0)
-    ends = (values, values + stds, values - stds) if moment.states_errors else (values,)
     for axis in range(first, first + 3):
-        for curve in ends:
-            if sampled_s.size:
-                yield np.interp(at_s, sampled_s, curve[axis], left=np.nan, right=np.nan)
-            else:
-                yield np.full(at_s.shape, np.nan)
+        yield from component_curves(moment, at_s, axis, unit)
+
+
+def component_curves(
+    moment: WrenchSnapshot, at_s: Float64[Array, " n"], axis: int, unit: float
+) -> Iterator[Float64[Array, " n"]]:
+    """Yield one component of a source over the last seconds, and its upper and lower end where errors are stated."""
+    sampled_s, values, stds = moment.history[0], moment.history[1 + axis] * unit, moment.history[7 + axis] * abs(unit)
+    stds = np.where(np.isfinite(stds), stds, 0.0)
+    for curve in (values, values + stds, values - stds) if moment.states_errors else (values,):
+        if sampled_s.size:
+            yield np.interp(at_s, sampled_s, curve, left=np.nan, right=np.nan)
+        else:
+            yield np.full(at_s.shape, np.nan)
 
 
 def _curve_scales(half: float) -> dict[str, uplot.Scale]:

@@ -1,6 +1,6 @@
-"""Records what the live page shows of its sensor: its readings, with heights, wrenches and labels, into an MCAP file.
+"""Records what the live page shows of its sensors: readings, with heights, wrenches and labels, into one MCAP file.
 
-The sensor thread only puts readings into a queue; a thread of the recorder writes them. Where the disk is too slow, images drop,
+A sensor thread only puts readings into a queue; a thread of the recorder writes them. Where the disk is too slow, images drop,
 and they are counted. All viewers of a page share one `PageRecorder`.
 """
 
@@ -37,6 +37,28 @@ class NotRecording(InputError):
 
 
 @dataclass(frozen=True)
+class RecordedSensor:
+    """One of the sensors of a page, as it is recorded."""
+
+    sensor: SensorFolder
+    source: str
+    wrenches: Sequence[WrenchHistory]
+    """The first one without stated errors is written as measured; estimates come with the readings."""
+    name: str = ""
+    """Name among several sensors."""
+
+    @property
+    def measured(self) -> WrenchHistory | None:
+        """The wrenches that are written as measured."""
+        return next((history for history in self.wrenches if not history.states_errors), None)
+
+    @property
+    def has_estimates(self) -> bool:
+        """Whether estimates are written."""
+        return any(history.states_errors for history in self.wrenches)
+
+
+@dataclass(frozen=True)
 class RecorderState:
     """The state of the recorder at one moment."""
 
@@ -57,14 +79,10 @@ class RecorderState:
 class PageRecorder:
     """Writes one recording at a time into the page's folder, until it is stopped or nothing more may be written."""
 
-    def __init__(
-        self, sensor: SensorFolder, source: str, wrenches: Sequence[WrenchHistory], out: Path, quota: SaveQuota
-    ) -> None:
-        """wrenches: the first one without stated errors is written as measured; estimates come with the readings."""
-        self._sensor, self._source, self.out, self._quota = sensor, source, out, quota
-        self._measured = next((history for history in wrenches if not history.states_errors), None)
-        self._estimates = any(history.states_errors for history in wrenches)
-        self._queue: Queue[Reading] = Queue(BUFFERED_READINGS)
+    def __init__(self, sensors: Sequence[RecordedSensor], out: Path, quota: SaveQuota) -> None:
+        """sensors: are all recorded into one file."""
+        self.sensors, self.out, self._quota = tuple(sensors), out, quota
+        self._queue: Queue[tuple[int, Reading]] = Queue(BUFFERED_READINGS * len(self.sensors))
         self._spans: deque[LabelledSpan] = deque()
         self._span: tuple[str, int] | None = None
         self._state, self._began_at = RecorderState(), 0.0
@@ -78,11 +96,11 @@ class PageRecorder:
             seconds = monotonic() - self._began_at if self._state.is_running else self._state.seconds
             return replace(self._state, label=label, seconds=seconds)
 
-    def keep(self, reading: Reading) -> None:
-        """Record a reading where a recording runs; never waits. The writer counts those that find no room."""
+    def keep(self, reading: Reading, number: int = 0) -> None:
+        """Record a reading of a sensor where a recording runs; never waits. The writer counts those that find no room."""
         if self._state.is_running and not self._stopping.is_set():
             with suppress(Full):
-                self._queue.put_nowait(reading)
+                self._queue.put_nowait((number, reading))
 
     def start(self) -> Path:
         """Begin a recording, or return the path of the one that runs.
@@ -100,14 +118,15 @@ class PageRecorder:
             opened = ExitStack()
             kept: list[str] = []
             opened.enter_context(report_kept_messages(path, kept.append))
-            writer = opened.enter_context(self._new_writer(path))
-            self._queue, self._span = Queue(BUFFERED_READINGS), None
+            writers = self._new_writers(path)
+            opened.enter_context(writers[0])
+            self._queue, self._span = Queue(self._queue.maxsize), None
             self._spans.clear()
             self._stopping.clear()
             self._began_at = monotonic()
             self._state = RecorderState(path, is_running=True)
             self._thread = Thread(
-                target=self._run, args=(opened, writer, kept), name=f"record {path.name}", daemon=True
+                target=self._run, args=(opened, writers, kept), name=f"record {path.name}", daemon=True
             )
             self._thread.start()
             return path
@@ -141,27 +160,33 @@ class PageRecorder:
             (label, begin_ns), self._span = self._span, None
             self._spans.append(LabelledSpan(begin_ns, monotonic_ns(), label))
 
-    def _new_writer(self, path: Path) -> RecordingWriter:
-        metadata = RecordingMetadata(
-            sensor=self._sensor.id,
-            purpose="record",
-            source=self._source,
-            force_torque="" if self._measured is None else self._measured.meaning,
-            mm_per_px=self._sensor.shape.rectify.mm_per_px,
-            height_step_mm=HEIGHT_STEP_16_BIT_MM,
-            software=version("ninedtact"),
-        )
-        topics = {Topic.IMAGES, Topic.HEIGHTS, Topic.REFERENCE_GREY, Topic.SPANS}
-        topics |= {Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS} if self._estimates else set()
-        topics |= {Topic.MEASURED} if self._measured is not None else set()
-        return RecordingWriter(path, metadata, topics, sensor_folder_attachments(self._sensor.path))
+    def _new_writers(self, path: Path) -> list[RecordingWriter]:
+        """Return the writers of all sensors into one file; the first one opens it."""
+        first = RecordingMetadata("", software=version("ninedtact"), height_step_mm=HEIGHT_STEP_16_BIT_MM)
+        writers: list[RecordingWriter] = []
+        for part in self.sensors:
+            metadata = replace(
+                first,
+                sensor=part.sensor.id,
+                name=part.name,
+                source=part.source,
+                force_torque="" if part.measured is None else part.measured.meaning,
+                mm_per_px=part.sensor.shape.rectify.mm_per_px,
+            )
+            topics = {Topic.IMAGES, Topic.HEIGHTS, Topic.REFERENCE_GREY, Topic.SPANS}
+            topics |= {Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS} if part.has_estimates else set()
+            topics |= {Topic.MEASURED} if part.measured is not None else set()
+            attachments = sensor_folder_attachments(part.sensor.path, part.name)
+            beside = writers[0] if writers else None
+            writers.append(RecordingWriter(path, metadata, topics, attachments, beside=beside))
+        return writers
 
-    def _run(self, opened: ExitStack, writer: RecordingWriter, kept: list[str]) -> None:
+    def _run(self, opened: ExitStack, writers: list[RecordingWriter], kept: list[str]) -> None:
         """Write until the end; what ends the recording early is kept as a sentence for the page."""
-        trouble = ""
+        trouble, writer = "", writers[0]
         try:
             with opened:
-                _ReadingWriter(self, writer).run()
+                self._write_all(writers)
         except Exception as error:  # every viewer is told, and the sensor goes on
             trouble = "; ".join([str(error), *kept])
         with self._lock:
@@ -171,61 +196,62 @@ class PageRecorder:
                 is_running=False,
                 seconds=monotonic() - self._began_at,
                 written_bytes=writer.path.stat().st_size if writer.path.exists() else 0,
-                dropped=writer.dropped,
+                dropped=sum(one.dropped for one in writers),
                 trouble=trouble,
             )
 
-    def _note(self, written_bytes: int, dropped: int, labels: int) -> None:
-        with self._lock:
-            self._state = replace(self._state, written_bytes=written_bytes, dropped=dropped, labels=labels)
-
-
-class _ReadingWriter:
-    """Writes what waits in a recorder's queue."""
-
-    def __init__(self, recorder: PageRecorder, writer: RecordingWriter) -> None:
-        self._recorder, self._writer = recorder, writer
-        self._reference: Rectified | None = None
-        self._measured_ns, self._counted_bytes = monotonic_ns(), 0
-
-    def run(self) -> None:
+    def _write_all(self, writers: list[RecordingWriter]) -> None:
         """Write until the recorder is stopped and nothing waits any longer."""
-        recorder = self._recorder
+        streams = [_ReadingWriter(part, writer) for part, writer in zip(self.sensors, writers, strict=True)]
+        counted_bytes = 0
         while True:
-            is_last = recorder._stopping.is_set() and recorder._queue.empty()
+            is_last = self._stopping.is_set() and self._queue.empty()
             with suppress(Empty):
-                self._write(recorder._queue.get(timeout=_WAIT_S))
-            self._write_wrenches()
-            while recorder._spans:
-                self._writer.write_span(recorder._spans.popleft())
-            self._count()
+                number, reading = self._queue.get(timeout=_WAIT_S)
+                streams[number].write(reading)
+            for stream in streams:
+                stream.write_wrenches()
+            while self._spans:
+                writers[0].write_span(self._spans.popleft())
+            counted_bytes = self._count(writers, counted_bytes)
             if is_last:
                 return
 
-    def _write(self, reading: Reading) -> None:
+    def _count(self, writers: list[RecordingWriter], counted_bytes: int) -> int:
+        """Count the bytes against the quota of the page and return them; raises `SaveRefused` where it is used up."""
+        size = writers[0].path.stat().st_size
+        self._quota.add_bytes(size - counted_bytes)
+        dropped, labels = sum(one.dropped for one in writers), writers[0].written[Topic.SPANS]
+        with self._lock:
+            self._state = replace(self._state, written_bytes=size, dropped=dropped, labels=labels)
+        self._quota.require_space(0, self.out, "a recording that goes on")
+        return size
+
+
+class _ReadingWriter:
+    """Writes the readings and wrenches of one sensor."""
+
+    def __init__(self, part: RecordedSensor, writer: RecordingWriter) -> None:
+        self._writer, self._measured, self._has_estimates = writer, part.measured, part.has_estimates
+        self._reference: Rectified | None = None
+        self._measured_ns = monotonic_ns()
+
+    def write(self, reading: Reading) -> None:
+        """Write a reading, and its reference image where it is a new one."""
         writer, index = self._writer, reading.frame.index
         if reading.reference is not None and reading.reference is not self._reference:
             self._reference = reading.reference
             writer.write_reference_grey(reading.reference, reading.stamp_ns)
         writer.write_image(reading.frame)
         writer.write_height(reading.height, index)
-        if reading.force is not None and self._recorder._estimates:
+        if reading.force is not None and self._has_estimates:
             writer.write_estimated(replace(reading.force, warnings=reading.warnings), index)
 
-    def _write_wrenches(self) -> None:
+    def write_wrenches(self) -> None:
         """Write the measured wrenches that are newer than the last one."""
-        measured = self._recorder._measured
-        if measured is None:
+        if self._measured is None:
             return
-        for stamp_ns, sample in measured.snapshot(None, monotonic_ns()).samples:
+        for stamp_ns, sample in self._measured.snapshot(None, monotonic_ns()).samples:
             if stamp_ns > self._measured_ns:
                 self._writer.write_measured(sample.wrench)
                 self._measured_ns = stamp_ns
-
-    def _count(self) -> None:
-        """Count the bytes against the quota of the page; raises `SaveRefused` where it is used up."""
-        size = self._writer.path.stat().st_size
-        self._recorder._quota.add_bytes(size - self._counted_bytes)
-        self._counted_bytes = size
-        self._recorder._note(size, self._writer.dropped, self._writer.written[Topic.SPANS])
-        self._recorder._quota.require_space(0, self._recorder.out, "a recording that goes on")

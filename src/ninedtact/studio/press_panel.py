@@ -3,6 +3,7 @@
 Every viewer has these controls; they move one object, so each follows what the others do.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache, partial
 from html import escape
 from typing import Any
@@ -53,10 +54,22 @@ class PressPanel:
     title, icon = "Press", Icon.HAND_FINGER
     side: Side = "right"
 
-    def __init__(self, viewer: Viewer, control: PressControl) -> None:
-        self._viewer, self._control = viewer, control
-        self._followed, self._follower = -1, ControlFollower()
+    def __init__(self, viewer: Viewer, controls: Sequence[PressControl]) -> None:
+        """controls: one for each sensor of the page."""
+        self._viewer, self._controls = viewer, tuple(controls)
+        self._followed, self._follower = (-1, -1), ControlFollower()
         self._dragging = False
+
+    @property
+    def _pressed(self) -> tuple[PressControl, ...]:
+        """The twins that are pressed: those that the views show, in the same way, as the fingers of a gripper close."""
+        number = self._viewer.options.sensor
+        return self._controls if number is None else (self._controls[number],)
+
+    @property
+    def _control(self) -> PressControl:
+        """The twin that the controls follow: the first of those that are pressed."""
+        return self._pressed[0]
 
     def build(self, gui: GuiApi) -> None:
         """Add the choice of objects, the sliders and the 3D handle."""
@@ -96,9 +109,9 @@ class PressPanel:
 
     def update(self, moment: PageMoment) -> None:
         """Follow what other viewers do, and say how the contact is."""
-        revision, state = self._control.revision, self._control.state
-        if revision != self._followed:
-            self._followed = revision if self._follow(state) else -1
+        state, followed = self._control.state, (self._viewer.options.sensor or 0, self._control.revision)
+        if followed != self._followed:
+            self._followed = followed if self._follow(state) else (-1, -1)
         self._says.content = _contact_html(moment, self._control)
         self._show_handle(state, moment)
 
@@ -117,7 +130,7 @@ class PressPanel:
             return
         press = None if moment.view is None else moment.view.press
         pose = press.contact.pose if press is not None and (state.is_playing or state.by_load) else state.target.pose
-        x, y, z = (float(part) for part in pose.origin_mm)
+        x, y, z = (float(part) for part in pose.origin_mm + np.array(self._place_mm))
         self._handle.position = (round(x, 3), round(y, 3), round(z, 3) + HANDLE_LIFT_MM)
         self._handle.wxyz = SO3.from_matrix(np.asarray(pose.rotation)).wxyz
 
@@ -126,19 +139,26 @@ class PressPanel:
         if event.client is None:
             return
         self._dragging = event.phase != "end"
-        x, y, z = event.target.position
+        x, y, z = np.array(event.target.position) - self._place_mm
         rotation = SO3(np.asarray(event.target.wxyz)).as_matrix()
         moved = {"x_mm": float(x), "y_mm": float(y), "depth_mm": HANDLE_LIFT_MM - float(z)}
-        self._control.move(by_load=False, **moved, **state_from_rotation(rotation))
+        for control in self._pressed:
+            control.move(by_load=False, **moved, **state_from_rotation(rotation))
+
+    @property
+    def _place_mm(self) -> tuple[float, float, float]:
+        """The middle of the twin that the controls follow, in the scene."""
+        return self._viewer.arrangement.places_mm[0]
 
     def _choose_mode(self, event: GuiEvent[Any]) -> None:
         """Let the sequence play, or hold the object to a depth or under a load."""
         if not is_from_browser(event):
             return
-        if event.target.value == _SEQUENCE:
-            self._control.play()
-        else:
-            self._control.move(by_load=event.target.value == _BY_LOAD)
+        for control in self._pressed:
+            if event.target.value == _SEQUENCE:
+                control.play()
+            else:
+                control.move(by_load=event.target.value == _BY_LOAD)
 
     def _choose_object(self, event: GuiEvent[Any]) -> None:
         """Take another object, the first one of a kind that was not shown before."""
@@ -150,9 +170,10 @@ class PressPanel:
         elif family not in OBJECTS_BY_KIND.get(kind, ()):
             family = OBJECTS_BY_KIND[kind][0] if kind in OBJECTS_BY_KIND else ""
         try:
-            self._control.choose(kind, family, int(self._number.value))
+            for control in self._pressed:
+                control.choose(kind, family, int(self._number.value))
         except NinedtactError as trouble:
-            self._followed = -1
+            self._followed = (-1, -1)
             self._viewer.notify("Not taken", str(trouble), "red")
 
     def _move(self, name: str, event: GuiEvent[Any]) -> None:
@@ -160,18 +181,20 @@ class PressPanel:
         if not is_from_browser(event) or not np.isfinite(event.target.value):
             return
         by_load = {"depth_mm": {"by_load": False}, "load_n": {"by_load": True}}.get(name, {})
-        self._control.move(**{name: float(event.target.value)}, **by_load)
+        for control in self._pressed:
+            control.move(**{name: float(event.target.value)}, **by_load)
 
     def _upload(self, event: GuiEvent[GuiUploadButtonHandle]) -> None:
         """Press one's own mesh, or say in one sentence why it cannot be."""
         unit = str(self._unit.value)
         placement = FITTING if unit == _FIT else MeshPlacement(unit=unit if unit in MM_PER_UNIT else "mm")
         try:
-            said = self._control.upload(event.target.value.name, event.target.value.content, placement)
+            file = event.target.value
+            said = {control.upload(file.name, file.content, placement) for control in self._pressed}
         except NinedtactError as trouble:
             self._viewer.notify("Mesh not taken", str(trouble), "red")
         else:
-            self._viewer.notify("Mesh taken", said, "green")
+            self._viewer.notify("Mesh taken", " ".join(said), "green")
 
     def _follow(self, state: HeldObject) -> bool:
         """Set all controls to the present state; return whether all show it, which one that is being changed does not yet."""

@@ -3,7 +3,7 @@
 A `ReadingView` belongs to one reading. What it draws is drawn when a viewer first asks for it, and once for all viewers.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Int32, UInt8
+from jaxtyping import Bool, Float, Float32, Int32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.force.brightness_channels import compute_image_deformation, render_deformation
@@ -20,7 +20,7 @@ from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.measures import ContactRule, ShapeSummary, contact_mask
+from ninedtact.shape.measures import ShapeSummary
 from ninedtact.shape.surface import point_cloud, triangulate_view
 from ninedtact.simulation.pixel_map import grid_coordinates, sample_periodic
 from ninedtact.simulation.press_simulation import TwinPress
@@ -38,6 +38,8 @@ _OUTLINE = (20, 20, 20)
 LINE_LIFT_MM = 0.2
 """Height of lines over the skin, so that the points of a coarse surface do not hide them."""
 _JPEG_QUALITY = 85
+TILE_WIDTH_PX = 320
+"""Width of the image of one sensor where those of several stand side by side."""
 
 T = TypeVar("T")
 Image = UInt8[Array, "rows cols 3"]
@@ -74,14 +76,20 @@ class TractionSource(StrEnum):
 
 @dataclass(frozen=True)
 class SkinSurface:
-    """Points on the skin, and triangles between neighbouring points."""
+    """Points on the skin, row by row, and triangles between neighbouring points."""
 
     points_mm: Float32[Array, "n 3"]
     colours: UInt8[Array, "n 3"]
     """Red, green and blue: the colour of the height, lit from one side, because points have no shading of their own."""
-    faces: Int32[Array, "m 3"]
+    in_view: Bool[Array, "rows cols"]
+    """Which places of the grid have a point."""
     spacing_mm: float
     """Distance of neighbouring points on undeformed skin."""
+
+    @cached_property
+    def faces(self) -> Int32[Array, "m 3"]:
+        """Triangles between neighbouring points."""
+        return triangulate_view(self.in_view)
 
 
 def skin_surface(height: HeightMap, colours_bgr: Image | None, coarser: int = 1) -> SkinSurface:
@@ -96,7 +104,7 @@ def skin_surface(height: HeightMap, colours_bgr: Image | None, coarser: int = 1)
         colours = np.clip(cloud.normals * 127.5 + 127.5, 0, 255).astype(np.uint8)
     else:
         colours = _shade_colours(colours_bgr[::every, ::every][seen][:, ::-1], cloud.normals)
-    return SkinSurface(cloud.points_mm, colours, triangulate_view(seen), every * height.mm_per_px)
+    return SkinSurface(cloud.points_mm, colours, seen, every * height.mm_per_px)
 
 
 def _row_step(height: HeightMap) -> int:
@@ -191,7 +199,7 @@ class ReadingView:
     @cached_property
     def contact_outlines_px(self) -> list[Int32[Array, "n 1 2"]]:
         """The edges of the contact, as columns and rows of the height map."""
-        mask = contact_mask(self.reading.height, ContactRule()).astype(np.uint8)
+        mask = self.reading.contact.astype(np.uint8)
         return [
             np.asarray(line, np.int32) for line in cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
         ]
@@ -240,7 +248,7 @@ class ReadingView:
         if kind is ImageKind.CAMERA:
             return self.reading.frame.image
         if kind is ImageKind.HEIGHT:
-            return colourise_heights(self.reading.height, self.scale)
+            return self._draw(("colours", kind), lambda: colourise_heights(self.reading.height, self.scale))
         tractions = self.tractions(TractionSource.TRUE if kind is ImageKind.STICKING else source)
         if kind in (ImageKind.GEL_FLOW, ImageKind.GEL_FLOW_SAFE) and self.reading.reference is not None:
             flow = render_deformation(compute_image_deformation(self.reading.rectified, self.reading.reference))
@@ -271,6 +279,28 @@ class ReadingView:
 def render_reading(reading: Reading, scale: ColourScale, press: TwinPress | None = None) -> ReadingView:
     """Return the view of a reading, with heights in the colours of `scale`."""
     return ReadingView(reading, scale, press)
+
+
+def tiles_jpeg(
+    views: Sequence[ReadingView], names: Sequence[str], kind: ImageKind, with_outline: bool, source: TractionSource
+) -> bytes:
+    """Return the same image of several sensors in one JPEG, with their names, encoded once for all viewers."""
+    key = ("tiles", kind, with_outline, source, *((view.reading.stamp_ns, view.is_past) for view in views))
+    return views[0]._draw(key, lambda: _encode_tiles(views, names, kind, with_outline, source))
+
+
+def _encode_tiles(
+    views: Sequence[ReadingView], names: Sequence[str], kind: ImageKind, with_outline: bool, source: TractionSource
+) -> bytes:
+    images = [view.image(kind, with_outline, source) for view in views]
+    rows, cols = images[0].shape[0] * TILE_WIDTH_PX // images[0].shape[1], TILE_WIDTH_PX
+    tiles = [np.asarray(cv2.resize(image, (cols, rows), interpolation=cv2.INTER_AREA), np.uint8) for image in images]
+    for tile, name in zip(tiles, names, strict=True):
+        cv2.rectangle(tile, (0, 0), (9 * len(name) + 8, 18), (30, 30, 30), cv2.FILLED)
+        cv2.putText(tile, name, (4, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
+    tiles += [np.full_like(tiles[0], 90)] * (len(tiles) % 2)
+    pairs = [np.hstack(tiles[at : at + 2]) for at in range(0, len(tiles), 2)]
+    return cv2.imencode(".jpg", np.vstack(pairs), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
 
 
 def session_colour_scale(curve: DepthCurve) -> ColourScale:

@@ -39,7 +39,7 @@ from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.depth import DepthReader
 from ninedtact.shape.measures import max_indentation_mm
 from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
-from ninedtact.studio.displayed_reading import PageMoment, SensorStatus
+from ninedtact.studio.displayed_reading import SILENT_AFTER_MS, WAITING_STATUS, PageMoment, SensorStatus
 from ninedtact.studio.reading_view import ReadingView, render_reading
 from ninedtact.studio.sensor_poller import HISTORY_S, NS_PER_S, SensorPhase, SensorSnapshot
 from ninedtact.studio.wrench_poller import MOST_HZ, WrenchHistory, WrenchSample, WrenchSnapshot
@@ -186,15 +186,27 @@ def recorded_wrench_columns(path: Path, shape: CalibratedShape) -> list[WrenchHi
 
 
 class RecordingPlayer:
-    """Plays one recording to one viewer: at any speed, one image forwards or backwards, from any time. Safe from all threads."""
+    """Plays one recording to one viewer: at any speed, one image forwards or backwards, from any time. Safe from all threads.
+
+    Each sensor of a recording has a player. The first one leads the others; its time has the images of all of them.
+    """
 
     def __init__(
-        self, path: Path, shape: CalibratedShape, scale: ColourScale, sources: Sequence[WrenchHistory] = ()
+        self,
+        path: Path,
+        shape: CalibratedShape,
+        scale: ColourScale,
+        sources: Sequence[WrenchHistory] = (),
+        others: Sequence["RecordingPlayer"] = (),
     ) -> None:
-        """sources: the columns of wrenches that the page has; raises what `RecordedReadings` raises."""
+        """path: of the recording, with several sensors `grasp.mcap#left`. sources: the columns of wrenches that the page has.
+        others: the players of the other sensors. Raises what `RecordedReadings` raises."""
         self.path, self.shape, self._scale, self._sources = path, shape, scale, tuple(sources)
+        self.sensors = (self, *others)
+        """The players of all sensors."""
         self._readings = RecordedReadings(path, shape)
-        self._times_s = (self._readings.stamps_ns - self._readings.stamps_ns[0]) / NS_PER_S
+        self._stamps_ns = np.unique(np.concatenate([one._readings.stamps_ns for one in self.sensors]))
+        self._times_s = (self._stamps_ns - self._stamps_ns[0]) / NS_PER_S
         self._samples = {topic: self._readings.samples(topic) for topic in (Topic.MEASURED, Topic.ESTIMATED)}
         self.spans = self._readings.recording.spans()
         """The labelled spans, in the order of their beginnings."""
@@ -215,7 +227,7 @@ class RecordingPlayer:
 
     @property
     def at_s(self) -> float:
-        """Time of the image that is shown, in seconds after the first."""
+        """Time of the newest image that is shown, in seconds after the first."""
         return float(self._times_s[self.number])
 
     @property
@@ -230,7 +242,7 @@ class RecordingPlayer:
 
     @property
     def number(self) -> int:
-        """Number of the image that is shown, from 0: the last one up to the present time."""
+        """Number of the newest image that is shown, from 0: the last one up to the present time."""
         return max(int(np.searchsorted(self._times_s, self._at_s + 1e-6, side="right")) - 1, 0)
 
     def toggle_play(self) -> None:
@@ -260,7 +272,7 @@ class RecordingPlayer:
                 f"expected a label and an end after its beginning, got '{label}' from {begin_s:.2f} to {end_s:.2f} s; name it and "
                 "mark both ends"
             )
-        first_ns = int(self._readings.stamps_ns[0])
+        first_ns = int(self._stamps_ns[0])
         begin_ns, end_ns = (first_ns + round(at_s * NS_PER_S) for at_s in (begin_s, end_s))
         self._keep_spans([*self.spans, LabelledSpan(begin_ns, end_ns, label.strip())])
 
@@ -270,35 +282,47 @@ class RecordingPlayer:
 
     def span_s(self, span: LabelledSpan) -> tuple[float, float]:
         """Return beginning and end of a span in seconds after the first image."""
-        first_ns = int(self._readings.stamps_ns[0])
+        first_ns = int(self._stamps_ns[0])
         return (span.begin_ns - first_ns) / NS_PER_S, (span.end_ns - first_ns) / NS_PER_S
 
     def readings_within(self, span: LabelledSpan | None) -> tuple[RecordedReadings, range]:
-        """Return the readings anew, to be closed by whoever asks, and the numbers of those in a span; of all without a span."""
+        """Return the readings of this sensor anew, to be closed by whoever asks, and the numbers of those in a span, or of all."""
         readings = RecordedReadings(self.path, self.shape)
-        begin_s, end_s = (0.0, self.duration_s) if span is None else self.span_s(span)
-        inside = np.flatnonzero((self._times_s >= begin_s - 1e-6) & (self._times_s <= end_s + 1e-6))
+        begin_ns, end_ns = readings.stamps_ns[[0, -1]] if span is None else (span.begin_ns - 1000, span.end_ns + 1000)
+        inside = np.flatnonzero((readings.stamps_ns >= begin_ns) & (readings.stamps_ns <= end_ns))
         return readings, range(int(inside[0]), int(inside[-1]) + 1) if len(inside) else range(0)
 
     def moment(self, newest: PageMoment) -> PageMoment:
         """Return the moment at the present time; an image that is damaged is said, and the last whole one stays."""
         with self._lock:
             self._advance()
-            number = self.number
-            if self._shown[0] != number:
-                self._shown = number, *self._view(number)
-            view, trouble = self._shown[1:]
-            stamp_ns = int(self._readings.stamps_ns[number]) if view is None else view.reading.stamp_ns
-            history = self._history_until(stamp_ns)
-            rate_hz = self._readings.hz
-            sensor = SensorSnapshot(
-                SensorPhase.RECORDED, None if view is None else view.reading, stamp_ns, rate_hz, rate_hz, history
-            )
-            wrenches = tuple(self._wrenches_at(stamp_ns, None if view is None else view.reading.force))
-            return PageMoment(self._status(view, trouble), sensor, view, wrenches, newest.shown_hz, newest.page_ms)
+            moments = [one._moment_at(int(self._stamps_ns[self.number]), newest) for one in self.sensors]
+            self._is_playing = self._is_playing and not any(one._shown[2] for one in self.sensors)
+            states = [one._status(moment, self) for one, moment in zip(self.sensors, moments, strict=True)]
+            moments = [replace(moment, status=status) for moment, status in zip(moments, states, strict=True)]
+            return replace(moments[0], beside=tuple(moments)) if len(moments) > 1 else moments[0]
+
+    def _moment_at(self, at_ns: int, newest: PageMoment) -> PageMoment:
+        """Return the moment of this sensor at a stamp, still without its status."""
+        number = max(int(np.searchsorted(self._readings.stamps_ns, at_ns, side="right")) - 1, 0)
+        if self._shown[0] != number:
+            self._shown = number, *self._view(number)
+        view = self._shown[1]
+        reading = None if view is None else view.reading
+        history, rate_hz, heard_ns = (
+            self._history_until(at_ns),
+            self._readings.hz,
+            int(self._readings.stamps_ns[number]),
+        )
+        sensor = SensorSnapshot(SensorPhase.RECORDED, reading, heard_ns, rate_hz, rate_hz, history)
+        wrenches = tuple(self._wrenches_at(at_ns, None if reading is None else reading.force))
+        name = self._readings.recording.metadata.name
+        return PageMoment(WAITING_STATUS, sensor, view, wrenches, newest.shown_hz, newest.page_ms, name)
 
     def close(self) -> None:
-        """Close the file; the player is not used afterwards."""
+        """Close the files; the player is not used afterwards."""
+        for other in self.sensors[1:]:
+            other.close()
         self._closing.set()
         self._thread.join()
         with self._lock:
@@ -317,14 +341,17 @@ class RecordingPlayer:
         try:
             return render_reading(self._readings.reading(number), self._scale), ""
         except (NinedtactError, OSError, cv2.error) as trouble:
-            self._is_playing = False
             return self._shown[1], str(trouble)
 
-    def _status(self, view: ReadingView | None, trouble: str) -> SensorStatus:
+    def _status(self, moment: PageMoment, lead: "RecordingPlayer") -> SensorStatus:
+        """Return the status of this sensor, whose time is that of the first one."""
+        (_, view, trouble), silent_s = self._shown, (lead._stamps_ns[lead.number] - moment.sensor.heard_ns) / NS_PER_S
         if trouble:
             return SensorStatus("lost", trouble)
-        state = f"playing at {self.speed:g} ×" if self._is_playing else "paused"
-        place = f"recorded, {self.at_s:.2f} of {self.duration_s:.2f} s, {state}"
+        if abs(silent_s) > SILENT_AFTER_MS / 1e3:
+            return SensorStatus("lost", f"recorded, {lead.at_s:.2f} s; no image of this sensor here")
+        state = f"playing at {lead.speed:g} ×" if lead._is_playing else "paused"
+        place = f"recorded, {lead.at_s:.2f} of {lead.duration_s:.2f} s, {state}"
         warnings = () if view is None else (*view.reading.reference_warnings, *view.reading.image_warnings)
         return SensorStatus("warned" if warnings else "held", "; ".join((place, *warnings)))
 
@@ -365,5 +392,5 @@ class RecordingPlayer:
     def _keep_spans(self, spans: Sequence[LabelledSpan]) -> None:
         with self._lock:
             ordered = sorted(spans, key=lambda span: (span.begin_ns, span.end_ns))
-            save_spans(self.path, ordered)
+            save_spans(self._readings.recording.path, ordered)
             self.spans = ordered

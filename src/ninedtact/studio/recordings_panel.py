@@ -3,9 +3,9 @@
 Recording is shared by all viewers; what is open, and where in its time, is each viewer's own.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
 from html import escape
@@ -14,15 +14,16 @@ from time import monotonic
 from typing import Any
 
 from viser import GuiApi, GuiEvent, Icon, ViserServer
+from viser._messages import GuiSliderMark
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.errors import NinedtactError
-from ninedtact.open_sensor import load_named_sensor
+from ninedtact.open_sensor import RECORDING_SUFFIX, load_named_sensor
 from ninedtact.reading import Reading
-from ninedtact.recording.export import export_recording
-from ninedtact.recording.reader import Recording
-from ninedtact.recording.ros_messages import LabelledSpan
+from ninedtact.recording.export import export_recordings
+from ninedtact.recording.reader import Recording, sensor_addresses
+from ninedtact.recording.ros_messages import LabelledSpan, Topic
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.studio.displayed_reading import WITHOUT_READING, NothingToSave, PageMoment
 from ninedtact.studio.page_cards import TONES, shape_summary_html, status_html, wrenches_html
@@ -36,6 +37,8 @@ STEPS = {"back": -1, "play": 0, "next": 1}
 PLAY_KEYS = "keys: J frame back, K play or pause, L frame forward"
 _LIST_EVERY_S = 1.0
 _HEIGHT_BYTES = 4
+_MARK_LETTERS, _MARK_ROOM = 10, 0.2
+"""Number of letters of a label that are drawn on the time slider, and the share of it that they take."""
 _SMALL = "margin:0.2em 0.9em;font-size:0.85em"
 
 
@@ -49,14 +52,16 @@ class RecordingDesk:
     """None on a page without a sensor."""
     opens: Path | None = None
     """The recording that every viewer begins with."""
+    shapes: Mapping[str, CalibratedShape] = field(default_factory=dict)
+    """The calibrations of its sensors by how `Recording` opens them; those that are not here are read from the recording."""
 
     def shape_of(self, path: Path) -> CalibratedShape:
         """Return the calibration that a recording carries, or that of the page's sensor where it carries none of the same sensor.
 
         Raises `RecordingUnreadable` for a recording of another sensor that carries none.
         """
-        if path == self.opens:
-            return self.sensor.shape
+        if str(path) in self.shapes:
+            return self.shapes[str(path)]
         with Recording(path) as recording:
             carries_none = not recording.sensor_files()
             if carries_none and recording.sensor == self.sensor.id:
@@ -192,10 +197,16 @@ class RecordingsPanel:
     def _open(self, path: Path) -> None:
         """Show a recording in place of the sensor, to this viewer."""
         viewer = self._viewer
-        with self._refusals("Not opened"):
-            player = RecordingPlayer(
-                path, self._desk.shape_of(path), viewer.controller.scale, viewer.controller.wrenches
-            )
+        with self._refusals("Not opened"), ExitStack() as opened:
+            paths, sensors = list(map(Path, sensor_addresses(path))), viewer.controller.sensors
+            others: list[RecordingPlayer] = []
+            for number, one in enumerate(paths[1:], start=1):
+                columns = sensors[min(number, len(sensors) - 1)].wrenches
+                others.append(RecordingPlayer(one, self._desk.shape_of(one), viewer.controller.scale, columns))
+                opened.callback(others[-1].close)
+            shape = self._desk.shape_of(paths[0])
+            player = RecordingPlayer(paths[0], shape, viewer.controller.scale, sensors[0].wrenches, others)
+            opened.pop_all()
             self._player = player
             set_control(self._slider, 0.0)
             self._slider.max = max(round(player.duration_s, 3), 0.001)
@@ -269,6 +280,7 @@ class RecordingsPanel:
         if player is not None:
             names = [_span_name(player, span) for span in player.spans]
             self._label_choice.options = (WHOLE, *dict.fromkeys(names))
+            self._slider._marks = tuple(_slider_marks(player))  # viser 1.1 takes marks only when a slider is made
             self._list.content = f'<div style="{_SMALL}">' + "<br>".join(map(escape, names)) + "</div>"
             begin_s, end_s = self._marks_s
             self._marked.content = f'<div style="{_SMALL}">marked: {begin_s:.2f} to {end_s:.2f} s</div>'
@@ -307,32 +319,34 @@ class RecordingsPanel:
 
     def _export_tables(self, time: str) -> Path:
         path = self._out / f"{self._opened().path.stem}_export_{time}"
-        with Recording(self._opened().path) as recording:
-            count, first = len(self._opened()), self._viewer.moment
+        with ExitStack() as opened:
+            recordings = [opened.enter_context(Recording(one.path)) for one in self._opened().sensors]
+            count = sum(len(recording.positions(Topic.IMAGES)) for recording in recordings)
+            first = self._viewer.moment
             pixels = 0 if first is None or first.reading is None else first.reading.height.z_mm.size
             image_bytes = 0 if first is None or first.reading is None else first.reading.frame.image.nbytes
             self._quota.require_space(count * (image_bytes + _HEIGHT_BYTES * pixels), self._out, "an export")
             said = iter(range(1, count + 1))
-            export_recording(recording, path, lambda: self._say_progress(next(said, count), count))
+            export_recordings(recordings, path, lambda: self._say_progress(next(said, count), count))
         self._quota.add_bytes(sum(file.stat().st_size for file in path.rglob("*") if file.is_file()))
         return path
 
     def _export_surfaces(self, time: str) -> Path:
-        path = self._out / f"{self._opened().path.stem}_surfaces_{time}"
+        path = self._out / f"{_file_name(self._chosen_player().path)}_surfaces_{time}"
         with self._readings_of_choice() as readings:
             save_surface_sequence(readings, path, self._quota)
         return path
 
     def _export_video(self, time: str) -> Path:
-        path = self._out / f"{self._opened().path.stem}_{time}.mp4"
+        path = self._out / f"{_file_name(self._chosen_player().path)}_{time}.mp4"
         with self._readings_of_choice() as readings:
-            save_video(readings, self._viewer.controller.scale, self._opened().hz, path, self._quota)
+            save_video(readings, self._viewer.controller.scale, self._chosen_player().hz, path, self._quota)
         return path
 
     @contextmanager
     def _readings_of_choice(self) -> Iterator[Iterator[Reading]]:
         """Give the readings of the chosen label, or all, and say how many have been asked for."""
-        readings, numbers = self._opened().readings_within(self._chosen_span())
+        readings, numbers = self._chosen_player().readings_within(self._chosen_span())
         with readings:
             yield (self._say_and_read(readings.reading, number, numbers) for number in numbers)
 
@@ -343,6 +357,11 @@ class RecordingsPanel:
     def _say_progress(self, number: int, count: int) -> None:
         if number % 10 == 1 or number == count:
             self._progress.content = f'<div style="{_SMALL}">exporting {number} of {count}</div>'
+
+    def _chosen_player(self) -> RecordingPlayer:
+        """Return the player of the sensor that the views show, or of the first; raises `NothingToSave`."""
+        sensors = self._opened().sensors
+        return sensors[min(self._viewer.options.sensor or 0, len(sensors) - 1)]
 
     def _opened(self) -> RecordingPlayer:
         """Return what is open; raises `NothingToSave`."""
@@ -361,6 +380,23 @@ class RecordingsPanel:
 
 Export = Callable[[str], Path]
 """Writes something under a name that contains this time, and returns its path."""
+
+
+def _slider_marks(player: RecordingPlayer) -> Iterator[GuiSliderMark]:
+    """Yield what is drawn on the time slider: its end, and both ends of every label, with its name where there is room for it."""
+    duration_s, free_s = player.duration_s, 0.0
+    room_s = _MARK_ROOM * duration_s
+    ends = [(player.span_s(span)[end], "" if end else span.label) for span in player.spans for end in (0, 1)]
+    for at_s, label in sorted((min(max(at_s, 0.0), duration_s), label) for at_s, label in ends):
+        has_room = bool(label) and free_s <= at_s <= duration_s - room_s
+        free_s = at_s + room_s if has_room else free_s
+        yield GuiSliderMark(at_s, label[:_MARK_LETTERS] if has_room else None)
+    yield GuiSliderMark(duration_s, f"{duration_s:.1f} s")
+
+
+def _file_name(path: Path) -> str:
+    """Return the beginning of the names of what is exported of one sensor: `grasp_left` of `grasp.mcap#left`."""
+    return path.name.replace(RECORDING_SUFFIX, "").replace("#", "_")
 
 
 def _span_name(player: RecordingPlayer, span: LabelledSpan) -> str:

@@ -111,23 +111,23 @@ class SaveQuota:
 
 
 def save_moment_files(
-    reading: Reading, status: str, wrenches: Iterable[WrenchSnapshot], folder: Path, quota: SaveQuota
+    reading: Reading, status: str, wrenches: Iterable[WrenchSnapshot], folder: Path, quota: SaveQuota, sensor: str = ""
 ) -> list[Path]:
-    """Write camera image, heights (mm), and wrenches with errors and warnings, to files named by the time.
+    """Write camera image, heights (mm), and wrenches with errors and warnings, to files named by the time and the sensor's name.
 
     Raises `SaveRefused`, `FileNotWritten`.
     """
     with quota.writing:
         quota.count_save(reading.frame.image.nbytes + _SAVED_BYTES_PER_PX * reading.height.z_mm.size, folder)
-        paths = _write_moment_files(reading, moment_values(reading, status, wrenches), folder)
+        paths = _write_moment_files(reading, moment_values(reading, status, wrenches), folder, sensor)
         quota.add_bytes(sum(path.stat().st_size for path in paths))
         return paths
 
 
-def _write_moment_files(reading: Reading, values: dict[str, Any], folder: Path) -> list[Path]:
+def _write_moment_files(reading: Reading, values: dict[str, Any], folder: Path, sensor: str) -> list[Path]:
     """Write the files of a moment and return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
-    name = f"reading_{datetime.now():%Y%m%d_%H%M%S_%f}"
+    name = f"reading_{datetime.now():%Y%m%d_%H%M%S_%f}" + f"_{sensor}" * bool(sensor)
     image, heights = folder / f"{name}_image.png", [folder / f"{name}_height.{ending}" for ending in FORMATS]
     moment = folder / f"{name}_moment.json"
     write_file_atomically(image, cv2.imencode(".png", reading.frame.image)[1].tobytes())

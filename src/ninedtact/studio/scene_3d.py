@@ -6,6 +6,7 @@ arrows, the contact has an outline, and the object of a twin is drawn over the s
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import ceil, sqrt
 
 import numpy as np
 from jaxtyping import Float32, Float64, UInt32
@@ -113,11 +114,11 @@ class _WrenchArrows:
     """One wrench in the scene; the head of the arrow is where the force passes through the undeformed skin."""
 
     def __init__(self, scene: SceneApi, name: str) -> None:
-        self._force = _add_arrow(scene, f"/{name}/force", FORCE)
-        self._twist = _add_arrow(scene, f"/{name}/twist", TWIST)
+        self._force = _add_arrow(scene, f"{name}/force", FORCE)
+        self._twist = _add_arrow(scene, f"{name}/twist", TWIST)
         whole = np.zeros((ARC_PIECES, 2, 3), np.float32)
         self._arc = scene.add_line_segments(
-            f"/{name}/arc", whole, TWIST, thickness=4.0, thickness_units="screen", visible=False
+            f"{name}/arc", whole, TWIST, thickness=4.0, thickness_units="screen", visible=False
         )
 
     def show(self, wrench: Wrench | None) -> None:
@@ -182,29 +183,38 @@ POINT_OVERLAP = 1.3
 class SkinScene:
     """Draws the skin, the gel block, the wrench, tractions and the object in the scene of one viewer."""
 
-    def __init__(self, scene: SceneApi, block: GelBlock) -> None:
+    def __init__(self, scene: SceneApi, block: GelBlock, at: str = "", name: str = "") -> None:
+        """at: node of the scene that it hangs under; none for the root. name: of the sensor, written behind the gel."""
+        self._at = at
         empty, level = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint32)
-        self._mesh: MeshHandle = scene.add_mesh_simple("/skin/surface", empty, level, color=GEL, side="double")
+        self._mesh: MeshHandle = scene.add_mesh_simple(f"{at}/skin/surface", empty, level, color=GEL, side="double")
         self._points: PointCloudHandle = scene.add_point_cloud(
-            "/skin/points", empty, GEL, point_shape="square", point_shading="flat"
+            f"{at}/skin/points", empty, GEL, point_shape="square", point_shading="flat"
         )
         self._block = [
-            scene.add_line_segments(f"/gel/{name}", lines, colour, thickness=1.5, thickness_units="screen")
-            for name, lines, colour in (("floor", block.floor_mm, FLOOR), ("edges", block.edges_mm, EDGES))
+            scene.add_line_segments(f"{at}/gel/{part}", lines, colour, thickness=1.5, thickness_units="screen")
+            for part, lines, colour in (("floor", block.floor_mm, FLOOR), ("edges", block.edges_mm, EDGES))
         ]
         nothing = np.zeros((1, 2, 3), np.float32)
         self._outline, self._profile = (
             scene.add_line_segments(
-                f"/skin/{name}", nothing, colour, thickness=3.0, thickness_units="screen", visible=False
+                f"{at}/skin/{part}", nothing, colour, thickness=3.0, thickness_units="screen", visible=False
             )
-            for name, colour in (("outline", OUTLINE), ("profile", PROFILE))
+            for part, colour in (("outline", OUTLINE), ("profile", PROFILE))
         )
         self._tractions = scene.add_arrows(
-            "/skin/tractions", nothing, TRACTION, shaft_radius=0.06, head_radius=0.16, head_length=0.4, visible=False
+            f"{at}/skin/tractions",
+            nothing,
+            TRACTION,
+            shaft_radius=0.06,
+            head_radius=0.16,
+            head_length=0.4,
+            visible=False,
         )
-        self._marks = [(mark, _add_label(scene, number, mark.text)) for number, mark in enumerate(block.marks())]
-        self._wrench = _WrenchArrows(scene, "wrench")
-        self._object: MeshHandle = scene.add_mesh_simple("/object", empty, level, visible=False)
+        marks = [*block.marks(), *([_Mark(name, (0.0, block.length_mm / 2 + 3 * AWAY_MM, 0.0))] if name else [])]
+        self._marks = [(mark, _add_label(scene, f"{at}/gel/mark_{n}", mark.text)) for n, mark in enumerate(marks)]
+        self._wrench = _WrenchArrows(scene, f"{at}/wrench")
+        self._object: MeshHandle = scene.add_mesh_simple(f"{at}/object", empty, level, visible=False)
         self._indenter: Indenter | None = None
         self._scene, self._exaggeration = scene, 0.0
         self.exaggerate(1.0)
@@ -246,7 +256,7 @@ class SkinScene:
             self._indenter = press.indenter
             vertices, faces = object_underside(press.indenter)
             self._object = self._scene.add_mesh_simple(
-                "/object", vertices, faces, color=OBJECT, wireframe=True, opacity=0.35, side="double"
+                f"{self._at}/object", vertices, faces, color=OBJECT, wireframe=True, opacity=0.35, side="double"
             )
         self._object.position = tuple(press.contact.pose.origin_mm.tolist())
         self._object.wxyz = SO3.from_matrix(np.asarray(press.contact.pose.rotation)).wxyz
@@ -297,10 +307,38 @@ def _place_camera(server: ViserServer, block: GelBlock) -> None:
     """Look at the skin from the front and above, with x to the right."""
     far = max(block.width_mm, block.length_mm)
     server.scene.set_up_direction("+z")
-    server.initial_camera.position = (0.0, -1.7 * far, 1.4 * far)
-    server.initial_camera.look_at = (0.0, -0.05 * far, -block.gel_mm)
+    server.initial_camera.position, server.initial_camera.look_at = _camera_pose(block, far)
     server.initial_camera.fov = FIELD_OF_VIEW_RAD
-    server.initial_camera.near, server.initial_camera.far = 0.1, 100 * far
+    server.initial_camera.near, server.initial_camera.far = 0.1, 400 * far
+
+
+def _camera_pose(block: GelBlock, far: float) -> tuple[Point, Point]:
+    """Return position and target of the camera from which `far` mm of skin are seen."""
+    return (0.0, -1.7 * far, 1.4 * far), (0.0, -0.05 * far, -block.gel_mm)
+
+
+_SPACING, _MARGIN = 1.4, 1.35
+"""Distance of the middles of sensors that stand side by side, in lengths of a block; room around them."""
+_SEEN_WIDTH = 1.65
+"""Width at the middle of the view that the camera sees, in units of `far`, where the view is as wide as high."""
+
+
+class SideBySide:
+    """The places of several sensors in the scene, in one column where the view is narrow, and the camera that sees all."""
+
+    def __init__(self, block: GelBlock, sensors: int, aspect: float) -> None:
+        """aspect: width over height of the view."""
+        length_mm = max(block.width_mm, block.length_mm)
+        columns = 1 if sensors == 2 and aspect < 1 else ceil(sqrt(sensors))
+        rows, step_mm = ceil(sensors / columns), _SPACING * length_mm
+        grid = (divmod(number, columns) for number in range(sensors))
+        self.places_mm: list[Point] = [
+            ((column - (columns - 1) / 2) * step_mm, ((rows - 1) / 2 - row) * step_mm, 0.0) for row, column in grid
+        ]
+        """The middles of the sensors, row by row from the back, as text is read."""
+        wide = (length_mm + (columns - 1) * step_mm) * _MARGIN / (_SEEN_WIDTH * aspect)
+        deep = length_mm + 0.5 * (rows - 1) * step_mm
+        self.camera_mm, self.target_mm = _camera_pose(block, max(wide, deep) if sensors > 1 else length_mm)
 
 
 def _add_lights(server: ViserServer) -> None:
@@ -313,6 +351,6 @@ def _add_lights(server: ViserServer) -> None:
     )
 
 
-def _add_label(scene: SceneApi, number: int, text: str) -> LabelHandle:
+def _add_label(scene: SceneApi, node: str, text: str) -> LabelHandle:
     """Add one text at an edge."""
-    return scene.add_label(f"/gel/mark_{number}", text, font_screen_scale=0.8, anchor="center-center")
+    return scene.add_label(node, text, font_screen_scale=0.8, anchor="center-center")

@@ -14,11 +14,11 @@ from ninedtact.studio.page_cards import (
     status_html,
     wrenches_html,
 )
+from ninedtact.studio.sensor_group import group_status_html, group_wrenches_html, may_plot
 from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.viewer import Side, Viewer
 
-PLOT_EVERY = 3
-"""Number of moments after which the curves are redrawn."""
+SIDE_BY_SIDE = "all side by side"
 SAVED_AS = "the camera's image as .png, heights in mm as .npy, .png and .ply, wrenches and warnings as .json"
 KEYS = "keys: F freeze or resume, S save, R take the reference, Ctrl+K all commands"
 
@@ -33,7 +33,20 @@ class StatusPanel:
         self._viewer = viewer
 
     def build(self, gui: GuiApi) -> None:
-        """Add state, values and buttons."""
+        """Add the choice among several sensors, state, values and buttons."""
+        viewer, names = self._viewer, [one.name for one in self._viewer.controller.sensors]
+        if viewer.is_shared:
+            shown = gui.add_dropdown(
+                "sensor",
+                (SIDE_BY_SIDE, *names),
+                initial_value=SIDE_BY_SIDE if viewer.options.sensor is None else names[viewer.options.sensor],
+                hint="what the views show",
+            )
+            shown.on_update(
+                lambda event: viewer.choose(
+                    sensor=names.index(event.target.value) if event.target.value in names else None
+                )
+            )
         self._status = gui.add_html(status_html(WAITING_STATUS))
         self._figures = gui.add_html("")
         self._freeze = gui.add_button(
@@ -47,6 +60,9 @@ class StatusPanel:
 
     def update(self, moment: PageMoment) -> None:
         """Show state and values."""
+        if moment.beside:
+            self._status.content, self._figures.content = group_status_html(moment.beside), ""
+            return
         self._status.content = status_html(moment.status)
         if moment.view is not None:
             self._figures.content = shape_summary_html(moment.view.summary, moment.status.is_past)
@@ -60,7 +76,9 @@ class StatusPanel:
     def _save(self) -> None:
         """Save in a thread of viser, so that a slow disk delays neither the sensor nor the page."""
         try:
-            paths = self._viewer.controller.save(self._viewer.moment)
+            moment, save = self._viewer.moment, self._viewer.controller.save
+            shown = (None,) if moment is None else self._viewer.choose_shown(moment.sensors)
+            paths = [path for one in shown for path in save(one)]
         except (NinedtactError, OSError) as trouble:
             self._viewer.notify("Not saved", str(trouble), "red")
         else:
@@ -68,20 +86,25 @@ class StatusPanel:
 
 
 class WrenchPanel:
-    """The wrenches of all sources side by side in one table, below the tabs, so that it is always in view."""
+    """The wrenches of all sources in one table: below the tabs, or above them for several sensors on a wide screen."""
 
     title, icon = "", None
     side: Side = "right"
 
-    def __init__(self, viewer: Viewer) -> None:
-        pass
+    def __init__(self, viewer: Viewer, is_above: bool = False) -> None:
+        self._is_here = is_above == (viewer.is_shared and not viewer.is_narrow)
 
     def build(self, gui: GuiApi) -> None:
         """Add the table."""
-        self._table = gui.add_html("")
+        self._table = gui.add_html("", visible=self._is_here)
 
     def update(self, moment: PageMoment) -> None:
-        """Show the wrenches of this moment."""
+        """Show the wrenches of this moment, of several sensors with the grip force."""
+        if not self._is_here:
+            return
+        if moment.beside:
+            self._table.content = group_wrenches_html(moment.beside)
+            return
         self._table.content = wrenches_html(moment.wrenches, moment.status.is_past) if moment.wrenches else ""
 
 
@@ -101,13 +124,8 @@ class CurvesPanel:
     def update(self, moment: PageMoment) -> None:
         """Redraw the curves from time to time, and not while they are frozen."""
         self._moments += 1
-        if _may_plot(self._viewer, moment, self._moments) and moment.wrenches:
+        if may_plot(self._viewer, moment, self._moments) and moment.wrenches:
             self._curves.draw(moment.wrenches[: len(self._viewer.controller.wrenches)])
-
-
-def _may_plot(viewer: Viewer, moment: PageMoment, moments: int) -> bool:
-    """Return whether curves are redrawn: from time to time, and with every moment of a recording, but not while frozen."""
-    return not viewer.is_frozen and (moments % PLOT_EVERY == 0 or moment.sensor.phase is SensorPhase.RECORDED)
 
 
 class SensorPanel:
@@ -142,14 +160,18 @@ class SensorPanel:
 
     def update(self, moment: PageMoment) -> None:
         """Show rates and costs, and from time to time the curve."""
-        self._costs.content = name_value_table_html(_format_rates(moment) | _format_stage_costs(moment))
+        rates = {
+            f"{one.name} {name}".strip(): rate for one in moment.sensors for name, rate in _format_rates(one).items()
+        }
+        self._costs.content = name_value_table_html(rates | _format_stage_costs(moment))
         self._reference.disabled = moment.sensor.phase is not SensorPhase.READING
         self._moments += 1
-        if _may_plot(self._viewer, moment, self._moments):
+        if may_plot(self._viewer, moment, self._moments):
             self._plot.data = tuple(moment.sensor.history)
 
     def _take_reference(self, event: GuiEvent[Any] | CommandEvent) -> None:
-        self._viewer.controller.take_reference()
+        for controller in self._viewer.shown_controllers:
+            controller.take_reference()
 
 
 def _format_rates(moment: PageMoment) -> dict[str, str]:

@@ -117,14 +117,20 @@ class SensorPoller:
     every reading, also with those that the page does not show.
     """
 
-    def __init__(self, sensor: Sensor, on_reading: Callable[[Reading], None] = lambda reading: None) -> None:
+    def __init__(
+        self,
+        sensor: Sensor,
+        on_reading: Callable[[Reading], None] = lambda reading: None,
+        changed: Event | None = None,
+    ) -> None:
+        """changed: is set with every reading and state; several sensors of one page share it."""
         self.sensor, self._on_reading = sensor, on_reading
         self._phase = SensorPhase.READING
         self._trouble: BaseException | None = None
         self._reading: Reading | None = None
         self._history, self._delivered, self._read = _IndentationHistory(), RateMeter(), RateMeter()
         self._lock = Lock()
-        self._closing, self._reference_wanted, self._changed = Event(), Event(), Event()
+        self._closing, self._reference_wanted, self._changed = Event(), Event(), changed or Event()
         self._thread = Thread(target=self._run, name=f"read {sensor.source.name}", daemon=True)
 
     def snapshot(self, now_ns: int) -> SensorSnapshot:

@@ -16,6 +16,7 @@ from ninedtact.studio.reading_view import (
     ReadingView,
     SkinColouring,
     TractionSource,
+    tiles_jpeg,
 )
 from ninedtact.studio.scene_3d import SkinScene
 from ninedtact.studio.viewer import MAX_EXAGGERATION, Side, Viewer, ViewOptions, is_from_browser, set_control
@@ -49,9 +50,14 @@ class ImagePanel:
         view, options = moment.view, self._viewer.options
         if view is None:
             return
+        shown = [one for one in self._viewer.choose_shown(moment.sensors) if one.view is not None]
+        views, names = [one.view for one in shown if one.view is not None], [one.name for one in shown]
         for image, legend, kind in zip(self._images, self._legends, options.images, strict=True):
             # viser would encode the image for every viewer anew; the view has encoded it once for all.
-            image._data = view.jpeg(kind, options.with_outline, options.source)
+            if len(views) > 1:
+                image._data = tiles_jpeg(views, names, kind, options.with_outline, options.source)
+            else:
+                image._data = view.jpeg(kind, options.with_outline, options.source)
             legend.content = _legend_html(view, kind, self._scale, options.source)
 
     def _choose(self, slot: int, event: GuiEvent[Any]) -> None:
@@ -70,12 +76,18 @@ class ViewPanel:
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = viewer
-        self._drawn: tuple[int, ViewOptions] | None = None
+        self._drawn: dict[int, tuple[int, ViewOptions]] = {}
+        self._stood = 1
 
     def build(self, gui: GuiApi) -> None:
         """Add the menus, and the scene."""
         viewer, options = self._viewer, self._viewer.options
-        self._scene = SkinScene(viewer.client.scene, viewer.block)
+        scene, sensors = viewer.client.scene, viewer.controller.sensors
+        self._frames = [scene.add_frame(f"/sensor_{n}", show_axes=False) for n in range(len(sensors))]
+        self._scenes = [
+            SkinScene(scene, viewer.block, frame.name, sensor.name)
+            for frame, sensor in zip(self._frames, sensors, strict=True)
+        ]
         self._set_background()
         colouring = gui.add_dropdown(
             "surface colouring", [str(each) for each in SkinColouring], initial_value=str(options.colouring)
@@ -105,28 +117,45 @@ class ViewPanel:
 
     def update(self, moment: PageMoment) -> None:
         """Draw the scene where it differs from what was drawn last."""
-        view, options = moment.view, self._viewer.options
+        sensors, chosen = moment.sensors, self._viewer.options.sensor
+        shown = range(len(self._scenes)) if chosen is None else (min(chosen, len(self._scenes) - 1),)
+        arrangement = self._viewer.arrangement
+        for number, frame in enumerate(self._frames):
+            frame.visible = number in shown
+        for number, place in zip(shown, arrangement.places_mm, strict=True):
+            self._frames[number].position = place
+            if number < len(sensors):
+                self._draw(number, sensors[number])
+        if len(shown) != self._stood:
+            self._stood = len(shown)
+            camera = self._viewer.client.camera
+            camera.position, camera.look_at = arrangement.camera_mm, arrangement.target_mm
+
+    def _draw(self, number: int, moment: PageMoment) -> None:
+        """Draw one sensor."""
+        view, options, scene = moment.view, self._viewer.options, self._scenes[number]
         if view is None:
             return
         is_past = moment.status.is_past
         first = moment.wrenches[0].sample if moment.wrenches and not is_past else None
-        self._scene.show_wrench(None if first is None else first.wrench)
-        if self._drawn == (id(view), options):
+        scene.show_wrench(None if first is None else first.wrench)
+        is_first = number == (options.sensor or 0)
+        if self._drawn.get(number) == (id(view), options):
             return
-        self._drawn = id(view), options
-        self._scene.exaggerate(options.exaggeration)
+        self._drawn[number] = id(view), options
+        scene.exaggerate(options.exaggeration)
         as_points = options.colouring is not SkinColouring.PLAIN
-        self._scene.show_surface(view.surface(options.colouring, options.coarser, options.source), as_points, is_past)
-        line = view.profile(*options.profile_mm).points_mm if options.with_profile else None
-        self._scene.show_lines(view.outline_mm() if options.with_outline and not is_past else None, line)
+        scene.show_surface(view.surface(options.colouring, options.coarser, options.source), as_points, is_past)
+        line = view.profile(*options.profile_mm).points_mm if options.with_profile and is_first else None
+        scene.show_lines(view.outline_mm() if options.with_outline and not is_past else None, line)
         tractions = view.tractions(options.source)
         wants_arrows = options.pressure_arrows or options.shear_arrows
-        self._scene.show_tractions(
+        scene.show_tractions(
             tractions.arrows_mm(view.reading.height, options.pressure_arrows, options.shear_arrows)
             if wants_arrows and tractions is not None
             else None
         )
-        self._scene.show_object(view.press)
+        scene.show_object(view.press)
 
     def _choose_theme(self, event: GuiEvent[Any]) -> None:
         """Make the page light or dark."""
@@ -193,7 +222,8 @@ class ProfilePanel:
         origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
         if abs(direction[2]) < 1e-6:
             return
-        x, y, _ = (origin - direction * origin[2] / direction[2]).tolist()
+        place_mm = self._viewer.arrangement.places_mm[0]
+        x, y, _ = (origin - direction * origin[2] / direction[2] - place_mm).tolist()
         point = self._start if self._picks % 2 == 0 else self._end
         self._picks += 1
         set_control(point, (round(x, 1), round(y, 1)))

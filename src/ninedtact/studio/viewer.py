@@ -14,7 +14,7 @@ from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, P
 
 from ninedtact.studio.displayed_reading import PageController, PageMoment
 from ninedtact.studio.reading_view import ImageKind, SkinColouring, TractionSource
-from ninedtact.studio.scene_3d import GelBlock
+from ninedtact.studio.scene_3d import GelBlock, SideBySide
 
 NOTICE_S = 8.0
 """Time for which a notification stays."""
@@ -54,6 +54,8 @@ class ViewOptions:
     with_profile: bool = False
     """Whether the line is drawn in 3D."""
     dark: bool = False
+    sensor: int | None = 0
+    """Number of the sensor that the views show, among several; None shows all side by side."""
 
 
 class Panel(Protocol):
@@ -100,14 +102,36 @@ class Viewer:
     ) -> None:
         self.client, self.controller, self.block = client, controller, block
         self.is_narrow = client.camera.image_width < NARROW_PX
-        self.options = ViewOptions(coarser=2 if self.is_narrow else 1)
+        self.is_shared = len(controller.sensors) > 1
+        """Whether the page has several sensors."""
+        sensor = None if self.is_shared and not self.is_narrow else 0
+        self.options = ViewOptions(coarser=2 if self.is_narrow or self.is_shared else 1, sensor=sensor)
         self.moment: PageMoment | None = None
-        """The moment that this viewer is shown; None before the first."""
+        """The moment that this viewer is shown, of the sensor that the views show; None before the first."""
         self._played: MomentSource | None = None
         self._frozen = False
         self._lock = RLock()
         self._panels = [make(self) for make in panels]
         self._place_panels()
+
+    def choose_shown(self, moments: Sequence[PageMoment]) -> tuple[PageMoment, ...]:
+        """Return those of the sensors' moments that the views show: one, or all side by side."""
+        number = self.options.sensor
+        return tuple(moments) if number is None else (moments[min(number, len(moments) - 1)],)
+
+    @property
+    def arrangement(self) -> SideBySide:
+        """The places of the sensors that the views show, in what the panels leave free of the window."""
+        camera = self.client.camera
+        free_px = camera.image_width - (0 if self.is_narrow else LEFT_PX + RIGHT_PX)
+        aspect = max(free_px / max(camera.image_height, 1), 0.5)
+        return SideBySide(self.block, len(self.shown_controllers), aspect)
+
+    @property
+    def shown_controllers(self) -> tuple[PageController, ...]:
+        """The controllers of the sensors that the views show."""
+        sensors, number = self.controller.sensors, self.options.sensor
+        return sensors if number is None else (sensors[number],)
 
     @property
     def is_frozen(self) -> bool:
@@ -134,12 +158,12 @@ class Viewer:
     def show(self, newest: PageMoment) -> None:
         """Show the newest moment, or the frozen one with its age."""
         with self._lock:
-            moment = newest = newest if self._played is None else self._played.moment(newest)
-            if self._frozen and self.moment is not None and self.moment.view is not None:
-                status = self.moment.status_while_frozen(newest, monotonic_ns())
-                view = self.moment.view.dimmed_copy() if status.is_past else self.moment.view.bright_copy()
-                moment = replace(self.moment, status=status, view=view)
-            self.moment = moment
+            newest = newest if self._played is None else self._played.moment(newest)
+            sensors = newest.sensors
+            if self._frozen and self.moment is not None and len(self.moment.sensors) == len(sensors):
+                sensors = tuple(map(_frozen_moment, self.moment.sensors, sensors))
+            shown = sensors[min(self.options.sensor or 0, len(sensors) - 1)]
+            self.moment = moment = replace(shown, beside=sensors if len(sensors) > 1 else ())
             with self.client.atomic():
                 for panel in self._panels:
                     panel.update(moment)
@@ -176,6 +200,14 @@ class Viewer:
             upper.set_width(LEFT_PX)
             if isinstance(lower, PanelHandle):
                 lower.dock_below(upper)
+
+
+def _frozen_moment(kept: PageMoment, newest: PageMoment) -> PageMoment:
+    """Return a frozen moment with the state of the sensor now."""
+    if kept.view is None:
+        return newest
+    status = kept.status_while_frozen(newest, monotonic_ns())
+    return replace(kept, status=status, view=kept.view.dimmed_copy() if status.is_past else kept.view.bright_copy())
 
 
 def is_from_browser(event: GuiEvent[Any]) -> bool:

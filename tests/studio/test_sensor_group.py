@@ -1,0 +1,288 @@
+"""Several sensors on one page: their wrenches and grip force, one recording of all, and a sensor that is lost alone."""
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from subprocess import PIPE
+
+import cv2
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page
+from reading_clients import open_panel
+from small_sensor import SkinCamera, sensor_folder, sensor_on, skin, wait_until
+from test_recordings_on_page import Journey, ScaledForce
+
+from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.capture.reconnecting import ReconnectingFrameSource
+from ninedtact.cli import main
+from ninedtact.cli.live import InvalidLiveOption, Live
+from ninedtact.quantities import Wrench
+from ninedtact.reading import Reading
+from ninedtact.recording.errors import RecordingRefused
+from ninedtact.recording.reader import Recording, sensor_addresses
+from ninedtact.recording.ros_messages import Topic
+from ninedtact.studio.displayed_reading import PageController, PageMoment, SensorStatus
+from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_recorder import PageRecorder, RecordedSensor
+from ninedtact.studio.recording_player import RecordingPlayer
+from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
+from ninedtact.studio.saved_files import SaveLimits
+from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.sensor_group import grip_forces
+from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSample, WrenchSnapshot
+
+PATIENCE_S = 90.0
+SMALLEST_IMAGE_PX = 30
+
+
+def keep(reading: Reading, number: int, history: WrenchHistory, recorder: list[PageRecorder]) -> None:
+    """What the page keeps of a reading of one of its sensors."""
+    assert reading.force is not None
+    history.add_estimate(reading.force)
+    for one in recorder:
+        one.keep(reading, number)
+
+
+@dataclass
+class Gripper:
+    """A page of sensors whose skins are pressed by the brightness of their cameras: 2 N for every mm."""
+
+    folder: SensorFolder
+    cameras: dict[str, SkinCamera]
+    controller: PageController
+    page: SensorPage
+    out: Path
+    address: str
+
+    def until_shown(self, tab: Page, *texts: str, limit_s: float = PATIENCE_S) -> None:
+        """Refresh until a browser shows some texts."""
+
+        def is_shown() -> bool:
+            self.controller.refresh(self.page)
+            said = tab.inner_text("body")
+            return all(text in said for text in texts)
+
+        wait_until(is_shown, limit_s, pause_s=0.05)
+
+    def refresh_for(self, seconds: float) -> None:
+        until_s = time.monotonic() + seconds
+        while time.monotonic() < until_s:
+            self.controller.refresh(self.page)
+            time.sleep(0.03)
+
+
+@pytest.fixture
+def gripper(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Gripper]:
+    """As many sensors as the test names, on one page, with a recorder."""
+    folder, out, names = load_sensor(sensor_folder(tmp_path / "small")), tmp_path / "readings", request.param
+    cameras = {name: SkinCamera(0.03) for name in names}
+    histories = {name: WrenchHistory("estimated", "by the bench", states_errors=True) for name in names}
+    recorders: list[PageRecorder] = []
+    controllers: list[PageController] = []
+    with ExitStack() as opened:
+        server = opened.enter_context(page_server("127.0.0.1", 0))
+        for number, (name, camera) in reversed(tuple(enumerate(cameras.items()))):
+            sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
+            sensor.estimator = ScaledForce()
+            kept = partial(keep, number=number, history=histories[name], recorder=recorders)
+            loop = opened.enter_context(SensorPoller(sensor, kept))
+            limits, others = SaveLimits(per_minute=100), () if number else tuple(controllers)
+            one = PageController(loop, out, [histories[name]], limits, name=name, others=others)
+            controllers.insert(0, one)
+        recorded = [RecordedSensor(folder, "bench", [histories[name]], name) for name in names]
+        recorders.append(PageRecorder(recorded, out, controllers[0].quota))
+        panel = partial(RecordingsPanel, desk=RecordingDesk(server, folder, recorders[0]))
+        block = gel_block_under_skin(folder.shape, folder.record.design.gel)
+        page = SensorPage(server, controllers[0], block, " · ".join(names), None, [panel])
+        yield Gripper(folder, cameras, controllers[0], page, out, f"http://127.0.0.1:{server.get_port()}")
+        recorders[0].stop()
+
+
+def moment_with(name: str, force_z_n: float, std_n: float, tone: str = "live", source: str = "estimated") -> PageMoment:
+    """The moment of a sensor with one wrench."""
+    sample = WrenchSample(Wrench(np.array([0.1, 0.2, force_z_n]), np.zeros(3)), np.full(6, std_n))
+    wrench = WrenchSnapshot(source, "by hand", sample, (), 0, states_errors=True)
+    snapshot = SensorSnapshot(SensorPhase.READING, None, 0, 0.0, 0.0, np.zeros((2, 0)))
+    return PageMoment(SensorStatus(tone, "here"), snapshot, None, (wrench,), name=name)  # type: ignore[arg-type]
+
+
+def test_grip_force_is_the_mean_of_each_two_opposing_normal_forces() -> None:
+    four = [moment_with(name, -force, 0.3) for name, force in zip("abcd", (2.0, 4.0, 1.0, 7.0), strict=True)]
+    grips = list(grip_forces(four))
+    assert [(grip.fingers, grip.force_n) for grip in grips] == [(("a", "b"), 3.0), (("c", "d"), 4.0)]
+    assert grips[0].std_n == pytest.approx(0.3 / np.sqrt(2))
+    assert [grip.fingers for grip in grip_forces(four[:3])] == [("a", "b")]
+    (alone,) = grip_forces([four[0], moment_with("b", -4.0, 0.3, tone="lost")])
+    assert alone.force_n is None and alone.missing == "b"
+    (unknown,) = grip_forces([moment_with("a", 0.0, np.inf), four[1]])
+    assert unknown.force_n is None and unknown.missing == "a"
+    assert not list(grip_forces([four[0], moment_with("b", -4.0, 0.3, source="true")]))
+
+
+@pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
+def test_two_fingers_are_seen_recorded_into_one_file_and_played(
+    browser: Browser, gripper: Gripper, tmp_path: Path
+) -> None:
+    tab, errors = browser.new_page(viewport={"width": 1200, "height": 900}), []
+    tab.set_default_timeout(PATIENCE_S * 200)
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    tab.goto(gripper.address)
+    gripper.until_shown(tab, "left: live", "right: live", "grip force left and right, estimated")
+    gripper.cameras["left"].level, gripper.cameras["right"].level = 75, 50  # 1 mm and 2 mm: 2 N and 4 N
+    gripper.until_shown(tab, "1.00 mm, ", "2.00 mm, ", "\N{MINUS SIGN}2.00", "\N{MINUS SIGN}4.00", "3.00 N")
+    open_panel(tab, "Record")
+    tab.get_by_role("button", name="Record", exact=True).dispatch_event("click")
+    gripper.until_shown(tab, "Stop recording")
+    gripper.refresh_for(0.5)
+    gripper.cameras["left"].level = 50
+    gripper.until_shown(tab, "4.00 N")
+    tab.get_by_role("button", name="Stop recording").dispatch_event("click")
+    gripper.until_shown(tab, "recorded recording_")
+    (path,) = gripper.out.glob("*.mcap")
+    assert sensor_addresses(path) == [f"{path}#left", f"{path}#right"]
+    for name, first_n in (("left", -2.0), ("right", -4.0)):
+        with Recording(f"{path}#{name}") as recording:
+            wrenches = list(recording.wrenches(Topic.ESTIMATED))
+            assert len(wrenches) == len(recording.positions(Topic.IMAGES)) > 10
+            assert wrenches[0].force_n[2] == pytest.approx(first_n, abs=0.02)
+            assert wrenches[-1].force_n[2] == pytest.approx(-4.0, abs=0.02)
+    gripper.cameras["left"].level = gripper.cameras["right"].level = 100  # the sensors go on, and are not shown
+    journey = Journey(tab, gripper.out, lambda: gripper.controller.refresh(gripper.page))
+    journey.choose(journey.field("recording"), path.name)
+    gripper.until_shown(tab, "left: recorded, 0.00 of ", "right: recorded, 0.00 of ", "3.00 N", "2.00 mm, ")
+    tab.get_by_role("slider").first.focus()
+    tab.keyboard.press("End")
+    gripper.until_shown(tab, "4.00 N")
+    tab.get_by_role("button", name="Images and tables").dispatch_event("click")
+    gripper.until_shown(tab, "Exported")
+    (exported,) = gripper.out.glob("*_export_*")
+    assert {one.name for one in exported.iterdir()} == {"left", "right"}
+    gripper.refresh_for(1.0)
+    tab.screenshot(path=tmp_path / "two.png")
+    assert errors == []
+
+
+@pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
+def test_a_lost_finger_is_said_and_the_other_goes_on(browser: Browser, gripper: Gripper) -> None:
+    tab = browser.new_page(viewport={"width": 1200, "height": 900})
+    tab.goto(gripper.address)
+    gripper.until_shown(tab, "left: live", "right: live")
+    gripper.cameras["left"].plugged_in, gripper.cameras["right"].level = False, 75
+    gripper.until_shown(tab, "left: no image for", "right: live", "1.00 mm, ", "unknown without left")
+    gripper.cameras["left"].plugged_in = True
+    gripper.until_shown(tab, "left: live", "1.00 N")
+    (viewer,) = gripper.page.viewers
+    viewer.toggle_freeze()
+    gripper.cameras["right"].level = 50
+    gripper.until_shown(tab, "left: frozen", "right: frozen", "1.00 N")
+    viewer.toggle_freeze()
+    viewer.choose(sensor=1)
+    gripper.until_shown(tab, "2.00 N")
+    assert viewer.moment is not None and viewer.moment.name == "right" and viewer.shown_controllers[0].name == "right"
+
+
+def overlaps(tab: Page) -> list[str]:
+    """What lies over something else, or outside of the window, of tables, states, images and the plot."""
+    boxes = tab.evaluate(
+        """() => [...document.querySelectorAll('[role=status], table, img[src^=blob], .uplot, button')].map(e => {
+            const box = e.getBoundingClientRect(), seen = [box.left, box.top, box.right, box.bottom];
+            for (let p = e.parentElement; p; p = p.parentElement) if (getComputedStyle(p).overflowY != 'visible') {
+                const clip = p.getBoundingClientRect();
+                seen[1] = Math.max(seen[1], clip.top); seen[3] = Math.min(seen[3], clip.bottom);
+            }
+            return [e.textContent.slice(0, 20) || e.tagName, ...seen];
+        }).filter(([_, left, top, right, bottom]) => right > left && bottom > top)"""
+    )
+    width = tab.viewport_size["width"]  # type: ignore[index]
+    found = [f"{name} outside" for name, left, _, right, _ in boxes if left < -1 or right > width + 1]
+    for number, (one, left, top, right, bottom) in enumerate(boxes):
+        for other, left2, top2, right2, bottom2 in boxes[number + 1 :]:
+            inside = one == other or (left2 >= left and right2 <= right and top2 >= top and bottom2 <= bottom)
+            shared_x, shared_y = min(right, right2) - max(left, left2), min(bottom, bottom2) - max(top, top2)
+            if not inside and shared_x > 2 and shared_y > 2:
+                found.append(f"{one} over {other}")
+    return found
+
+
+@pytest.mark.parametrize("gripper", [("thumb", "first", "second", "third")], indirect=True)
+def test_four_fingers_have_room_on_a_desktop_and_on_a_phone(browser: Browser, gripper: Gripper, tmp_path: Path) -> None:
+    for width, height in ((1280, 800), (390, 844)):
+        tab = browser.new_page(viewport={"width": width, "height": height})
+        tab.goto(gripper.address)
+        states = [f"{name}: live" for name in gripper.cameras]
+        gripper.until_shown(tab, *states, "grip force thumb and first", "grip force second and third")
+        for number, camera in enumerate(gripper.cameras.values()):
+            camera.level = 90 - 10 * number  # 0.4, 0.8, 1.2 and 1.6 mm
+        gripper.until_shown(tab, "1.20 N", "2.80 N", "1.60 mm, ")
+        gripper.refresh_for(2.0)
+        tab.screenshot(path=tmp_path / f"four_{width}.png")
+        assert overlaps(tab) == []
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width
+        images = [image.bounding_box() for image in tab.locator("img[src^=blob]").all()]
+        assert len(images) == 2 and all(box is not None and box["width"] > SMALLEST_IMAGE_PX for box in images)
+        tab.close()
+
+
+def test_a_recording_of_a_finger_that_was_lost_is_played_to_the_end_of_the_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, path = sensor_folder(tmp_path / "small"), tmp_path / "two.mcap"
+    for name, count in (("left", 3), ("right", 60)):
+        (tmp_path / name).mkdir()
+        for number in range(count):
+            cv2.imwrite(str(tmp_path / name / f"{number:02d}.png"), skin(100 - number))
+    sources = [f"{name}={tmp_path / name}" for name in ("left", "right")]
+    sensors = [f"{name}={folder}" for name in ("left", "right")]
+    assert main(["record", "--source", *sources, "--sensor", *sensors, "--out", str(path)]) == 0
+    shape, addresses = load_sensor(folder).shape, [Path(address) for address in sensor_addresses(path)]
+    newest = moment_with("", 0.0, 0.1)
+    scale = PageController(SensorPoller(sensor_on(SkinCamera())), tmp_path).scale
+    right = RecordingPlayer(addresses[1], shape, scale)
+    player = RecordingPlayer(addresses[0], shape, scale, (), [right])
+    player.seek(1e9)
+    left, other = player.moment(newest).beside
+    assert left.status.tone == "lost" and "no image of this sensor here" in left.status.sentence
+    assert other.reading is not None and other.reading.image.min() == 41 and other.name == "right"
+    player.seek(0.0)
+    assert [one.status.tone for one in player.moment(newest).beside] == ["held", "held"]
+    player.add_span(0.0, player.duration_s, "grasp")
+    player.close()
+    with Recording(f"{path}#right") as recording:
+        assert [span.label for span in recording.spans()] == ["grasp"]
+
+
+def test_live_shows_named_sources_until_ctrl_c(tmp_path: Path) -> None:
+    folder, images = sensor_folder(tmp_path / "small"), tmp_path / "images"
+    images.mkdir()
+    for number in range(3):
+        cv2.imwrite(str(images / f"{number}.png"), skin(100))
+    options = ["--source", f"left={images}", f"right={images}", "--sensor", f"left={folder}", f"right={folder}"]
+    command = [sys.executable, "-m", "ninedtact", "live", *options, "--loop", "--port", "0"]
+    live = subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True)
+    assert live.stdout is not None
+    assert re.match(r"left: .*images.*, right: .*images.*: open http://127", live.stdout.readline())
+    live.send_signal(signal.SIGINT)
+    said, complained = live.communicate(timeout=60)
+    assert re.fullmatch(r"stopped after \d+ images of left, \d+ images of right\n", said) and complained == ""
+
+
+def test_wrong_names_and_numbers_of_sensors_are_refused() -> None:
+    with pytest.raises(RecordingRefused, match="a name of its own for each of several, such as left=usb:1-2, got 0"):
+        Live(("left=0", "0")).run()
+    with pytest.raises(RecordingRefused, match="expected --sensor for left, right, got one for up"):
+        Live(("left=0", "right=1"), ("up=x",)).run()
+    with pytest.raises(InvalidLiveOption, match="expected at most 4 sources on one page, got 5"):
+        Live(tuple(f"{name}=0" for name in "abcde")).run()
+    with pytest.raises(InvalidLiveOption, match=r"expected no --reference with named sources, got a\.png; drop it"):
+        Live(("left=0", "right=1"), reference=(Path("a.png"),)).run()
+    with pytest.raises(InvalidLiveOption, match="expected one --sensor with one --source, got 2"):
+        Live(("0",), ("a", "b")).run()
