@@ -8,9 +8,11 @@ from known_sensor import LENS
 
 from ninedtact.calibration.board import lens_fit
 from ninedtact.calibration.board.board_fit import _integer_spot_centre, anchored_mm_per_px_std
+from ninedtact.calibration.board.detection import BoardCandidate, predict_missing_pins
 from ninedtact.calibration.board.lattice import (
     DarkSpots,
     PinLattice,
+    _lattice_seeds,
     _spans_square_lattice,
     detect_dark_spots,
     find_pin_lattices,
@@ -105,6 +107,25 @@ def test_a_window_larger_than_the_lattice_holds_all_of_it() -> None:
     assert len(small.window(5, 6)) == 3
     assert set(small.corners(2, 2)) == {(2, 3)}
     assert set(small.corners(3, 2)) == {(1, 3), (2, 3)}
+
+
+def test_a_step_to_the_right_and_one_down_start_a_lattice() -> None:
+    points = np.array([(200.0, 110.0), (230, 116), (170, 104), (206, 80), (194, 140), (260, 122)])
+    found = [
+        (seed, tuple(u), tuple(v))
+        for seed, u, v in _lattice_seeds(DarkSpots(points, np.ones(6)), points[0])
+        if seed == 0
+    ]
+    assert found == [(0, (30, 6), (-6, 30))]
+
+
+def test_a_missing_side_is_predicted_where_it_puts_the_board_into_the_middle() -> None:
+    seen = NODES[:, 0] < 8
+    points_px = STRAIGHT.to_px(POINTS_MM)
+    lattice = PinLattice(NODES[seen], points_px[seen], np.ones(56))
+    fit = fit_lens_with_terms(POINTS_MM, points_px, (480, 640), 1)
+    missing = predict_missing_pins(BoardCandidate(lattice, 0, fit), BOARD, points_px[seen], (480, 640))
+    np.testing.assert_allclose(missing, points_px[~seen], atol=0.01)
 
 
 def noisy_pins(noise_px: float, seed: int, lens: LensModel = LENS) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ninedtact.calibration.ball.ball_press import anchor_depth_curve_at_zero
 from ninedtact.calibration.ball.contact_circle import (
     BallPressUnusable,
     ContactCircle,
@@ -17,6 +18,7 @@ from ninedtact.calibration.ball.contact_circle import (
 )
 from ninedtact.calibration.brightness import estimate_pixel_noise, find_exposure_fault, relative_brightness_change
 from ninedtact.design import BallGauge
+from ninedtact.shape.depth import DepthCurve
 
 SHAPE, RADIUS_PX = (160, 200), 30.0
 ROW, COL = np.indices(SHAPE).astype(float)
@@ -209,3 +211,10 @@ def test_a_fifth_of_an_image_may_be_overexposed() -> None:
     assert fault is not None and fault.kind == "overexposed" and fault.sentence.startswith("20% of the image")
     dark = find_exposure_fault(image // 20)
     assert dark is not None and dark.kind == "dark"
+
+
+def test_a_depth_curve_begins_at_zero() -> None:
+    curve = anchor_depth_curve_at_zero(
+        "ratio", np.array([0.0, 0.1, 0.2]), np.array([0.05, 0.3, 0.6]), np.array([0.01, 0.02, 0.03])
+    )
+    assert curve == DepthCurve("ratio", (0.0, 0.1, 0.2), (0.0, 0.3, 0.6), (0.01, 0.02, 0.03))

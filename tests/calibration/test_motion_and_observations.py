@@ -1,11 +1,16 @@
 """Closed forms of small parts: the motion of the skin and its error, and which pixels of a press are fitted."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.board.lattice import pin_positions_mm
 from ninedtact.calibration.board.lens_fit import fit_lens_with_terms
+from ninedtact.calibration.drift import diagnosis_and_reference_check as diagnosis
+from ninedtact.calibration.drift.brightness_change import BrightnessChange
+from ninedtact.calibration.drift.drift_measurement import DriftMeasurement
 from ninedtact.calibration.drift.skin_motion import _jackknife_error, _pearson_correlation, _undo_motion
 from ninedtact.calibration.twin.ball_press_fit import _autocorrelation_sums, effective_observation_count
 from ninedtact.calibration.twin.ball_press_model import REACH_MM, ObservedBallPress
@@ -87,3 +92,24 @@ def test_the_pixels_among_the_pins_are_fitted_but_for_those_near_a_missing_pin()
     expected[::3, ::3] = among[::3, ::3]
     np.testing.assert_array_equal(press.chosen, expected)
     np.testing.assert_allclose(press.pixel_density(points_mm[:5]), 1, rtol=1e-4)
+
+
+def of_kind(kind: type[Any], **parts: object) -> Any:
+    """One of this kind of which nothing else is asked."""
+    one = object.__new__(kind)
+    for name, part in parts.items():
+        object.__setattr__(one, name, part)
+    return one
+
+
+@pytest.mark.parametrize(
+    ("gain", "said"), [(1.125, None), (0.875, None), (1.126, "light brighter"), (0.874, "light dimmer")]
+)
+def test_a_change_of_brightness_up_to_the_limit_is_no_finding(
+    gain: float, said: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(diagnosis, "_MAX_BRIGHTNESS_CHANGE", 0.125)
+    monkeypatch.setattr(diagnosis, "_equivalent_height_mm", lambda drift, change: 100 * change)
+    finding = diagnosis._find_brightness_change(of_kind(DriftMeasurement, change=of_kind(BrightnessChange, gain=gain)))
+    assert (finding and finding.diagnosis) == said
+    assert finding is None or finding.height_mm == pytest.approx(100 * (gain - 1))
