@@ -30,8 +30,9 @@ from file_mutations import Mutation, remove
 from ninedtact.cli import main as run_command
 from ninedtact.errors import NinedtactError
 
-LONGEST_S = 20.0
-"""Time after which a case counts as one that does not end; the slowest good one takes a few seconds."""
+LONGEST_S, LONGEST_BY_THE_CLOCK_S = 20, 120.0
+"""Processor time, and time on a busy machine, after which a case counts as one that does not end; the slowest good one takes a few
+seconds."""
 MOST_BYTES = 12 << 30
 """Address space of a case: a command that reads without end fails there, and not the machine."""
 STDS = 3.0
@@ -59,7 +60,7 @@ class Run:
     """What a process printed and how it ended."""
 
     code: int
-    """The exit code; negative where a signal ended it, −SIGALRM where it did not end."""
+    """The exit code; negative where a signal ended it, −SIGXCPU where it did not end."""
     printed: str
     complaints: str
 
@@ -162,6 +163,7 @@ def _run_and_leave(
             os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT), number)
         sys.stdout, sys.stderr = os.fdopen(1, "w", closefd=False), os.fdopen(2, "w", closefd=False)
         resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
+        resource.setrlimit(resource.RLIMIT_CPU, (LONGEST_S, LONGEST_S + 5))
         if unprivileged and os.geteuid() == 0:
             os.seteuid(NOBODY)
         code = next((failed for command in commands if (failed := command(out))), 0)
@@ -174,8 +176,8 @@ def _run_and_leave(
 
 
 def _wait(child: int) -> int:
-    """Return the exit code of the child, which is ended after `LONGEST_S`."""
-    deadline = time.monotonic() + LONGEST_S
+    """Return the exit code of the child, which is ended after `LONGEST_BY_THE_CLOCK_S`."""
+    deadline = time.monotonic() + LONGEST_BY_THE_CLOCK_S
     while time.monotonic() < deadline:
         done, status = os.waitpid(child, os.WNOHANG)
         if done:
@@ -183,15 +185,15 @@ def _wait(child: int) -> int:
         time.sleep(0.004)
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
-    return -signal.SIGALRM
+    return -signal.SIGXCPU
 
 
 def judge(run: Run, usual: Answer, is_authored: bool) -> tuple[str, str]:
     """Return the verdict on one case, and what is wrong where it is answered badly."""
     said = [line for line in run.complaints.splitlines() if line.strip()]
     last = said[-1][:300] if said else "nothing said"
-    if run.code == -signal.SIGALRM:
-        return "badly", f"no end after {LONGEST_S:g} s"
+    if run.code == -signal.SIGXCPU:
+        return "badly", f"no end after {LONGEST_S} s"
     if run.code == 1 and "Traceback" not in run.complaints and "expected" in last:
         return "refused", ""
     if run.code != 0:

@@ -6,16 +6,26 @@ import numpy as np
 import pytest
 from known_sensor import LENS
 
+from ninedtact.calibration.board import lens_fit
 from ninedtact.calibration.board.board_fit import _integer_spot_centre, anchored_mm_per_px_std
+from ninedtact.calibration.board.detection import BoardCandidate, predict_missing_pins
 from ninedtact.calibration.board.lattice import (
     DarkSpots,
     PinLattice,
+    _lattice_seeds,
     _spans_square_lattice,
     detect_dark_spots,
     find_pin_lattices,
     pin_positions_mm,
 )
-from ninedtact.calibration.board.lens_fit import LensFit, fit_lens, fit_lens_with_terms, rms_vector_length
+from ninedtact.calibration.board.lens_fit import (
+    LensCorrectionFit,
+    LensFit,
+    fit_lens,
+    fit_lens_correction,
+    fit_lens_with_terms,
+    rms_vector_length,
+)
 from ninedtact.calibration.board.pin_imprint_centres import (
     _extract_pin_patches,
     _fit_ring_plane,
@@ -24,7 +34,7 @@ from ninedtact.calibration.board.pin_imprint_centres import (
     locate_imprints_mm,
 )
 from ninedtact.design import PinBoard
-from ninedtact.shape.lens import LensModel, central_mm_per_px
+from ninedtact.shape.lens import LensCorrection, LensModel, central_mm_per_px
 
 BOARD = PinBoard()
 NODES = np.array([(column, row) for row in range(7) for column in range(9)])
@@ -99,6 +109,25 @@ def test_a_window_larger_than_the_lattice_holds_all_of_it() -> None:
     assert set(small.corners(3, 2)) == {(1, 3), (2, 3)}
 
 
+def test_a_step_to_the_right_and_one_down_start_a_lattice() -> None:
+    points = np.array([(200.0, 110.0), (230, 116), (170, 104), (206, 80), (194, 140), (260, 122)])
+    found = [
+        (seed, tuple(u), tuple(v))
+        for seed, u, v in _lattice_seeds(DarkSpots(points, np.ones(6)), points[0])
+        if seed == 0
+    ]
+    assert found == [(0, (30, 6), (-6, 30))]
+
+
+def test_a_missing_side_is_predicted_where_it_puts_the_board_into_the_middle() -> None:
+    seen = NODES[:, 0] < 8
+    points_px = STRAIGHT.to_px(POINTS_MM)
+    lattice = PinLattice(NODES[seen], points_px[seen], np.ones(56))
+    fit = fit_lens_with_terms(POINTS_MM, points_px, (480, 640), 1)
+    missing = predict_missing_pins(BoardCandidate(lattice, 0, fit), BOARD, points_px[seen], (480, 640))
+    np.testing.assert_allclose(missing, points_px[~seen], atol=0.01)
+
+
 def noisy_pins(noise_px: float, seed: int, lens: LensModel = LENS) -> np.ndarray:
     """Where the pins appear, with noise."""
     return lens.to_px(POINTS_MM) + np.random.default_rng(seed).normal(0, noise_px, (63, 2))
@@ -151,6 +180,33 @@ def test_a_pin_is_stray_beyond_a_tenth_of_the_pitch(
     assert find_stray_pins(fit, BOARD)[5] == stray
     errors[:, 1] += 0.06
     assert not find_stray_pins(fit, BOARD).any()  # five times the median counts as well
+
+
+@pytest.mark.parametrize(("left", "used"), [(0.89, True), (0.91, False), (1.1, False)])
+def test_a_correction_removes_a_tenth_of_the_error_or_is_not_used(
+    left: float, used: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fit = fit_lens_with_terms(POINTS_MM, noisy_pins(0.1, 3), (480, 640), 3)
+    correction = LensCorrection(POINTS_MM, np.zeros((63, 2)), 3.0)
+    tried = []
+
+    def fitted(fit: LensFit, left_out_px: np.ndarray, width_mm: float, noise: float) -> LensCorrectionFit:
+        tried.append((width_mm, noise))
+        share = left if (width_mm, noise) == (5.0, 0.03) else 2.0
+        return LensCorrectionFit(correction, share * fit.leave_one_out_errors_mm)
+
+    monkeypatch.setattr(lens_fit, "_fit_correction", fitted)
+    assert (fit_lens_correction(fit, 2.5) is not None) == used
+    assert len(set(tried)) == 12
+
+
+def test_a_smooth_residual_is_corrected_and_a_straight_lens_is_left_alone() -> None:
+    x, y = POINTS_MM.T
+    bent_px = noisy_pins(0.02, 4) + np.column_stack([3 * np.sin(x / 2) * np.cos(y / 3), 2 * np.cos(x / 2.5)])
+    fit = fit_lens_with_terms(POINTS_MM, bent_px, (480, 640), 3)
+    found = fit_lens_correction(fit, 2.5)
+    assert found is not None and rms_vector_length(found.leave_one_out_errors_mm) < 0.5 * fit.leave_one_out_rms_mm
+    assert fit_lens_correction(fit_lens_with_terms(POINTS_MM, noisy_pins(0.1, 5), (480, 640), 3), 2.5) is None
 
 
 def test_an_imprint_is_located_on_tilted_brightness() -> None:

@@ -2,12 +2,13 @@
 
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
 from ninedtact.calibration.certificate import checks
 from ninedtact.calibration.certificate.checks import CheckLimit, CheckResult
-from ninedtact.calibration.sensor_toml_schema import BallQuality, Certificate
+from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
 from ninedtact.design import SensorDesign
 
 LIMITS = {
@@ -35,6 +36,20 @@ def test_a_figure_passes_up_to_its_limit_and_fails_beyond_the_second(name: str) 
     limit: CheckLimit = getattr(checks, name)
     assert [limit.level(value) for value in LIMITS[name]] == ["pass", "warn", "warn", "fail"]
     assert limit.level(np.nan) == "fail"
+
+
+def test_the_shares_of_the_board_are_checked() -> None:
+    good = BoardQuality(63, 63, [], 0.05, 0.15, 0.07, 0.05, 0.0002, 20.0, 1.0, "lens", 0)
+
+    def levels(**changed: object) -> list[str]:
+        return [result.level for result in checks._check_board(msgspec.structs.replace(good, **changed))]
+
+    assert set(levels()) == {"pass"}
+    for changed, level in (({"pins_found": 60}, "warn"), ({"pins_found": 50}, "fail")):
+        assert levels(**changed)[0] == level and set(levels(**changed)[1:]) == {"pass"}
+    for scale, level in ((0.0003, "warn"), (0.0006, "fail")):
+        assert sorted(set(levels(mm_per_px_std=scale))) == sorted({"pass", level})
+    assert "warn" in levels(noise_grey_levels=2.1) and "fail" not in levels(noise_grey_levels=2.1)
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from ninedtact.calibration.ball.ball_press import anchor_depth_curve_at_zero
 from ninedtact.calibration.ball.contact_circle import (
     BallPressUnusable,
     ContactCircle,
+    _is_glare,
     asymmetry_warnings,
     find_contact_circle,
     reference_drift_warnings,
@@ -16,6 +18,7 @@ from ninedtact.calibration.ball.contact_circle import (
 )
 from ninedtact.calibration.brightness import estimate_pixel_noise, find_exposure_fault, relative_brightness_change
 from ninedtact.design import BallGauge
+from ninedtact.shape.depth import DepthCurve
 
 SHAPE, RADIUS_PX = (160, 200), 30.0
 ROW, COL = np.indices(SHAPE).astype(float)
@@ -54,6 +57,28 @@ def test_an_uneven_rim_leans_to_its_brighter_side() -> None:
     assert found(disc(40.0, lean=0.4)).leaning == pytest.approx((expected, 0), abs=0.005)
     for leaning, warned in (((0.06, 0.05), False), ((0.06, 0.06), True)):
         assert bool(asymmetry_warnings(ContactCircle((0, 0), 9, 0, 40, leaning))) == warned
+
+
+def test_a_disc_whose_rim_is_dark_on_one_side_is_found_from_the_rest() -> None:
+    shaded = (np.abs(np.arctan2(ROW - 72, COL - 105) - 0.5) < 0.4) & (np.hypot(ROW - 72, COL - 105) > 20)
+    circle = found(np.where(shaded, np.minimum(disc(40.0), -3.0), disc(40.0)))
+    assert circle.centre_px == pytest.approx((105, 72), abs=0.5)
+    assert circle.radius_px == pytest.approx(RADIUS_PX, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "width_px", "glare"),
+    [
+        (100, 80, 30, False),
+        (100, 80, 3, True),
+        (199, 80, 30, True),
+        (0, 80, 30, True),
+        (100, 0, 30, True),
+        (100, 159, 30, True),
+    ],
+)
+def test_glare_is_small_or_at_the_border(x: float, y: float, width_px: float, glare: bool) -> None:
+    assert _is_glare((spot(x, y, 30.0, width_px) + spot(40, 120, -10.0, 8.0)).astype(np.float32)) == glare
 
 
 @pytest.mark.parametrize(("drop", "enough"), [(2.9, False), (3.3, True)])
@@ -186,3 +211,10 @@ def test_a_fifth_of_an_image_may_be_overexposed() -> None:
     assert fault is not None and fault.kind == "overexposed" and fault.sentence.startswith("20% of the image")
     dark = find_exposure_fault(image // 20)
     assert dark is not None and dark.kind == "dark"
+
+
+def test_a_depth_curve_begins_at_zero() -> None:
+    curve = anchor_depth_curve_at_zero(
+        "ratio", np.array([0.0, 0.1, 0.2]), np.array([0.05, 0.3, 0.6]), np.array([0.01, 0.02, 0.03])
+    )
+    assert curve == DepthCurve("ratio", (0.0, 0.1, 0.2), (0.0, 0.3, 0.6), (0.01, 0.02, 0.03))

@@ -89,6 +89,45 @@ def test_random_bytes_are_refused_or_read_as_a_image(tmp_path: Path, start: byte
     read_or_refuse(start + rest, tmp_path)
 
 
+def gel_image(rows: int = 240, cols: int = 320) -> np.ndarray:
+    """An image as of a gel under LEDs: smooth, with a press and the noise of a camera."""
+    y, x = np.mgrid[:rows, :cols]
+    press = 60 * np.exp(-((x - 150) ** 2 + (y - 110) ** 2) / 900)
+    grey = (
+        150 - 0.0004 * ((x - 170) ** 2 + (y - 100) ** 2) - press + np.random.default_rng(1).normal(0, 0.7, (rows, cols))
+    )
+    return np.clip(grey[..., None] + [0, 12, -9], 0, 255).round().astype(np.uint8)
+
+
+@pytest.mark.parametrize(("sampling", "quality"), [(0x221111, 95), (0x111111, 90), (0x211111, 75)])
+def test_a_flipped_bit_of_a_jpeg_is_refused_where_it_shifts_brightness(
+    tmp_path: Path, sampling: int, quality: int
+) -> None:
+    options = (cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampling)
+    content = cv2.imencode(".jpg", gel_image(), options)[1].tobytes()
+    whole, scan = read_or_refuse(content, tmp_path), content.index(b"\xff\xda") + 14
+    assert whole is not None
+    shifted, rng = 0, np.random.default_rng(0)
+    for at in rng.integers(scan, len(content) - 2, 150):
+        damaged = content[:at] + bytes([content[at] ^ 1 << int(rng.integers(8))]) + content[at + 1 :]
+        decoded = cv2.imdecode(np.frombuffer(damaged, np.uint8), cv2.IMREAD_GRAYSCALE)
+        change = decoded - cv2.cvtColor(whole, cv2.COLOR_BGR2GRAY).astype(np.float32)
+        read = read_or_refuse(damaged, tmp_path)
+        shifted += read is None
+        assert read is None or np.abs(cv2.GaussianBlur(change, (0, 0), 12)).max() < 4, at
+    assert shifted > 20
+
+
+@pytest.mark.parametrize("quality", [30, 60, 90, 100])
+def test_no_whole_jpeg_is_taken_for_a_damaged_one(tmp_path: Path, quality: int) -> None:
+    edge = gel_image()
+    edge[101:] //= 2  # a sharp line across the image, beside the borders of blocks
+    noise = np.random.default_rng(2).integers(0, 256, (64, 80, 3), np.uint8)
+    for image in (gel_image(), gel_image(50, 70), edge, noise, gel_image()[..., 0], np.full_like(noise, 7)):
+        content = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, quality))[1].tobytes()
+        assert read_or_refuse(content, tmp_path) is not None
+
+
 def test_images_of_every_accepted_kind_are_bgr(tmp_path: Path) -> None:
     grey = IMAGE[:, :, 1]
     opaque = np.dstack([IMAGE, np.full(grey.shape, 255, np.uint8)])

@@ -328,6 +328,31 @@ def test_a_damaged_video_gives_its_whole_images_and_then_says_how_many_are_missi
     assert capfd.readouterr() == ("", "")
 
 
+def test_a_flipped_bit_that_the_decoder_hides_ends_a_video_of_predicted_images(tmp_path: Path) -> None:
+    path, (y, x) = tmp_path / "press.mp4", np.mgrid[:240, :320]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 30.0, (320, 240))
+    for depth in (0, 0, 40, 40):
+        grey = 150 - 0.0006 * (x - 150) ** 2 - depth * np.exp(-((x - 180) ** 2 + (y - 110) ** 2) / 900)
+        writer.write(np.repeat(grey[..., None].astype(np.uint8), 3, 2))
+    writer.release()
+    content = path.read_bytes()
+    with VideoFile(path) as video:
+        whole = [frame.image for frame in video]
+    assert len(whole) == 4
+    start, found = content.index(b"mdat") + 60, 0
+    for at in range(start, start + 600, 97):
+        path.write_bytes(content[:at] + bytes([content[at] ^ 4]) + content[at + 1 :])
+        with VideoFile(path) as video:
+            try:
+                images = [frame.image for frame in video]
+            except VideoDamaged:
+                found += 1
+                continue
+        change = np.array(images, np.float32)[..., 1] - np.array(whole, np.float32)[..., 1]
+        assert max(np.abs(cv2.GaussianBlur(one, (0, 0), 4)).max() for one in change) < 10, at
+    assert found > 0
+
+
 def test_a_video_whose_images_change_their_size_ends_there(tmp_path: Path) -> None:
     large, small = (cv2.imencode(".jpg", np.full((rows, 64, 3), 90, np.uint8))[1].tobytes() for rows in (48, 32))
     (tmp_path / "two.mjpg").write_bytes(7 * large + 5 * small)

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hand import BEGAN_NS, BIAS, NOISE, REST_TOUCHES, TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, truth
+from twin_folder import twin_folder
 
+from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.training_pair_rule import SamplingRuleSettings
 from ninedtact.cli.collect import handle_keys
@@ -17,6 +19,7 @@ from ninedtact.cli.option_parser import CollectOptions
 from ninedtact.quantities import Frame
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings, CollectSettingsInvalid
+from ninedtact.recording.collecting.paired_sources import setup_with_twin
 from ninedtact.recording.collecting.sample_faults import ClockDriftMonitor, SampleFault
 from ninedtact.recording.merge_streams import MergedArrival, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
@@ -24,6 +27,7 @@ from ninedtact.recording.reader import Recording
 from ninedtact.recording.ros_messages import EventKind
 from ninedtact.recording.saved_pairs import NO_OBJECT, SavedPair, read_saved_pairs
 from ninedtact.recording.writer import RecordingWriter
+from ninedtact.simulation.simulated_sources import SimulatedCamera
 
 SETTINGS = CollectSettings(checks=SampleCheckSettings(range_n=(50, 50, 50)))
 REST_S = UNTOUCHED_S + TOUCHES * TOUCH_S
@@ -205,3 +209,17 @@ def test_options_and_settings_have_the_same_defaults_and_refuse_nonsense() -> No
     for wrong in ({"tolerance_ms": 0.0}, {"no_contact": 0.6, "light_touch": 0.5}, {"reference_images": 0}):
         with pytest.raises(CollectSettingsInvalid, match=r"expected .* got .*; correct"):
             replace(CollectOptions(), **wrong).settings()
+
+
+def test_a_simulated_collection_names_the_object_that_presses(tmp_path: Path) -> None:
+    setup = setup_with_twin(
+        load_sensor(twin_folder(tmp_path / "sensor")), ("ball:4", "cylinder:3,11"), 1, 0, SampleCheckSettings()
+    )
+    assert isinstance(setup.camera, SimulatedCamera) and setup.object_at is not None
+    simulation = setup.camera.simulation
+    simulation.clock.start_ns = 5_000_000_000
+    first_s, second_s = simulation.ends_s
+    assert second_s > first_s > 1.5  # the first begins with skin that nothing touches
+    for moment_s, name in ((0, "ball:4"), (first_s - 0.01, "ball:4"), (first_s + 0.01, "cylinder:3,11")):
+        frame = Frame(np.zeros((4, 4, 3), np.uint8), 5_000_000_000 + round(1e9 * moment_s), 0)
+        assert setup.object_at(frame) == name

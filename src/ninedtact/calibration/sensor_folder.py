@@ -105,11 +105,15 @@ class SensorFolder:
     def depth(self) -> DepthTable:
         """The calibrated depth; raises `DepthNotCalibrated` for a sensor that was calibrated with the board alone."""
         if self.record.depth is None:
-            raise DepthNotCalibrated(
-                f"expected {self.path} to be calibrated for depth, got a sensor calibrated with the board alone, which rectifies "
-                f"images and gives no heights and no force; press the ball and run: {self.completion_command}"
-            )
+            raise self._depth_not_calibrated()
         return self.record.depth
+
+    def _depth_not_calibrated(self) -> DepthNotCalibrated:
+        """Return the error of a sensor that was calibrated with the board alone."""
+        return DepthNotCalibrated(
+            f"expected {self.path} to be calibrated for depth, got a sensor calibrated with the board alone, which rectifies "
+            f"images and gives no heights and no force; press the ball and run: {self.completion_command}"
+        )
 
     @property
     def is_imported(self) -> bool:
@@ -166,8 +170,8 @@ class SensorFolder:
         pressed yet. Imported sensors have no images of a board.
         """
         if name not in self.record.images:
-            if not self.is_imported and name.startswith("ball"):
-                _ = self.depth
+            if name.startswith("ball") and self.record.depth is None:
+                raise self._depth_not_calibrated()
             advice = "calibrate again" if name.startswith("board") else f"run: {self.completion_command}"
             kind = "an imported sensor" if self.is_imported else "a sensor"
             raise SensorFolderDamaged(

@@ -2,7 +2,8 @@
 
 The structure of a file is checked before any decoder reads it. Versions of decoders differ in what they accept: some return half
 an image with a line on standard error, others crash on a damaged animation. The check of the structure gives the same result
-with all of them. PNG: https://www.w3.org/TR/png-3/ section 5; JPEG: ITU-T T.81 annex B.
+with all of them. PNG: https://www.w3.org/TR/png-3/ section 5; JPEG: ITU-T T.81 annex B. A JPEG file has no checksum: damage that
+leaves it decodable is found in the decoded image, as steps along the borders of its blocks that no optical image has.
 """
 
 import zlib
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Shaped, UInt8
+from jaxtyping import Float32, Int, Shaped, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.capture.opencv_capture import capture_output
@@ -27,6 +28,8 @@ _OTHER_FORMATS = {
     b"\0\0\0": "a video, HEIC or AVIF",
     b"%PDF": "a PDF",
 }
+_BESIDE_BORDER_PX = (-4, -3, 3, 4)
+"""Distances from the border of a block at which the scene itself is compared."""
 _CUT_SHORT = "a file that is cut short"
 _DAMAGED = "a damaged file"
 
@@ -97,6 +100,51 @@ def _jpeg_segments(content: bytes) -> Iterator[tuple[int, bytes]]:
         size = 0 if marker == 0xD9 else int.from_bytes(content[at + 2 : at + 4])
         yield marker, content[at + 2 : at + 2 + size]
         at += 2 + size
+
+
+def has_shifted_blocks(content: bytes, grey: UInt8[Array, "rows cols"]) -> bool:
+    """Return whether the brightness of a decoded JPEG image is shifted from some block on, as after a flipped bit.
+
+    A block's mean brightness is stored as its difference from the block before (ITU-T T.81, F.1.1.5.1), so that a wrong difference
+    shifts all that follow. The border between them and the blocks above is as long as the image is wide. Along any such
+    border of a whole image, the steps due to quantisation average less than a quantum, and those of the scene are no larger than
+    on lines beside it.
+    """
+    height, quantum = _luminance_blocks(content)
+    rows, cols = grey.shape
+    count = (rows - 2 - max(_BESIDE_BORDER_PX)) // height
+    if count < 1:
+        return False
+    borders = height * np.arange(1, count + 1)
+    at_border, *beside = (steps_between_rows(grey, borders + px) for px in (0, *_BESIDE_BORDER_PX))
+
+    def means(steps: Float32[Array, "lines cols"]) -> Shaped[Array, " places"]:
+        sums = np.cumsum(steps, dtype=float)
+        return np.abs(sums[cols - 1 :] - np.concatenate([[0.0], sums[:-cols]])) / cols
+
+    noise = float(np.std(beside)) / np.sqrt(cols)
+    usual = 2 * np.max([means(steps) for steps in beside], axis=0)
+    return bool((means(at_border) > usual + 1.25 * quantum + 0.5 + 4 * noise).any())
+
+
+def steps_between_rows(grey: UInt8[Array, "rows cols"], chosen: Int[Array, " lines"]) -> Float32[Array, "lines cols"]:
+    """Return the difference of each chosen row from the one before, less the mean of the slopes on both sides."""
+    before, row = grey[chosen - 1].astype(np.int16), grey[chosen].astype(np.int16)
+    return np.float32(1.5) * (row - before) - np.float32(0.5) * (grey[chosen + 1].astype(np.int16) - grey[chosen - 2])
+
+
+def _luminance_blocks(content: bytes) -> tuple[int, float]:
+    """Return the height of a JPEG image's coded units in pixels, and the quantum of a block's mean brightness in grey levels."""
+    height, table, quanta = 8, 0, dict[int, int]()
+    for marker, segment in _jpeg_segments(content):
+        if _is_frame_header(marker) and len(segment) > 10:
+            height, table = 8 * (segment[9] % 16 if segment[7] > 1 else 1), segment[10]
+        at = 2
+        while marker == 0xDB and at + 2 < len(segment):
+            size = 1 + (segment[at] >> 4)
+            quanta[segment[at] % 16] = int.from_bytes(segment[at + 1 : at + 1 + size])
+            at += 1 + 64 * size
+    return max(height, 8), quanta.get(table, 16) / 8
 
 
 def _bmp_fault(content: bytes) -> str | None:
@@ -190,7 +238,16 @@ def _decode(content: bytes, path: Path) -> Shaped[Array, "rows cols *channels"]:
             image = None
     if image is None or "Corrupt JPEG" in printed.text or "Premature end" in printed.text:
         raise ImageUnreadable(f"expected an image in {path}, got damaged data; record it again")
+    if content.startswith(_JPEG) and has_shifted_blocks(content, _to_grey(image)):
+        raise ImageUnreadable(
+            f"expected an image in {path}, got one whose brightness changes at once along a line of JPEG blocks, as after a "
+            "flipped bit; record it again, and keep images as PNG, which has a checksum"
+        )
     return image
+
+
+def _to_grey(image: Shaped[Array, "rows cols *channels"]) -> UInt8[Array, "rows cols"]:
+    return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
 
 
 def _to_bgr(image: Shaped[Array, "rows cols *channels"], path: Path) -> UInt8[Array, "rows cols 3"]:

@@ -3,7 +3,8 @@
 OpenCV delivers a damaged video without an error: it leaves out images that cannot be decoded, fills damaged areas of others with
 guesses, and scales an image of another size. Three things reveal this. FFmpeg prints a message for damaged data; the process of its
 own keeps these messages apart from those of the program. The stored images (packets) are read beside the decoded ones, and their
-number and sizes are compared. Positions in time and the duration in the file's header show what the file lacks.
+number and sizes are compared. Positions in time and the duration in the file's header show what the file lacks. Damage that leaves
+a video decodable is found in the decoded images, as steps along the borders of blocks that no optical image has.
 
 `VideoDecoder` starts `python -m ninedtact.capture.video_decoding FILE` and reads its standard output: a `_HEADER`, then for every
 image an `_IMAGE` and its pixels (BGR), then an `_IMAGE` without pixels.
@@ -34,6 +35,9 @@ _PREDICTED = (ord("P"), ord("B"))
 _FFV1 = int.from_bytes(b"ffv1", "little")
 """Four-letter code of the codec whose images are not predicted, but whose entropy coder continues from image to image."""
 _JPEG = b"\xff\xd8"
+_BLOCK_PX = 8
+_BESIDE_BORDER_PX = (3, 4, 5)
+"""Distances from the border of a block at which the scene itself is compared."""
 
 
 class DecodedImage(NamedTuple):
@@ -139,14 +143,18 @@ def _decode_video(path: str, out: BinaryIO) -> None:
         if not delivered:
             break
         image_count += 1
+        is_lossless = images.get(cv2.CAP_PROP_FOURCC) == _FFV1
         is_predicted = images.get(cv2.CAP_PROP_FRAME_TYPE) in _PREDICTED or (
-            images.get(cv2.CAP_PROP_FOURCC) == _FFV1 and not stored.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME)
+            is_lossless and not stored.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME)
         )
-        size, is_complete = _inspect_jpeg(packet.tobytes()) if packet_delivered else ((0, 0), True)
+        size, is_complete, is_whole = _inspect_packet(packet.tobytes() if packet_delivered else b"", image, is_lossless)
         # Some cameras never send the marker that ends a JPEG image; from those that do, an image without it is cut short.
         jpegs_are_complete = is_complete if image_count == 1 else jpegs_are_complete
         is_damaged = (
-            messages.report_damage() or (is_damaged and is_predicted) or (jpegs_are_complete and not is_complete)
+            messages.report_damage()
+            or not is_whole
+            or (is_damaged and is_predicted)
+            or (jpegs_are_complete and not is_complete)
         )
         out.write(_IMAGE.pack(is_damaged, images.get(cv2.CAP_PROP_POS_MSEC), *image.shape[:2], *size))
         out.write(np.ascontiguousarray(image).data)
@@ -156,13 +164,40 @@ def _decode_video(path: str, out: BinaryIO) -> None:
     out.flush()
 
 
-def _inspect_jpeg(packet: bytes) -> tuple[tuple[int, int], bool]:
-    """Return rows and columns of a stored JPEG image, and whether it is complete; zeros and True for other formats."""
-    from ninedtact.capture.strict_image_reading import image_file_fault, jpeg_size
+def _inspect_packet(
+    packet: bytes, image: UInt8[Array, "rows cols 3"], is_lossless: bool
+) -> tuple[tuple[int, int], bool, bool]:
+    """Return rows and columns of a stored JPEG image, whether it is complete, and whether the blocks of any image fit together.
 
+    Rows and columns are zero for other formats, which count as complete.
+    """
+    import cv2
+
+    from ninedtact.capture.strict_image_reading import has_shifted_blocks, image_file_fault, jpeg_size
+
+    if is_lossless:
+        return (0, 0), True, True
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
     if not packet.startswith(_JPEG):
-        return (0, 0), True
-    return jpeg_size(packet) or (0, 0), image_file_fault(packet) is None
+        return (0, 0), True, not (_has_odd_blocks(grey) or _has_odd_blocks(np.ascontiguousarray(grey.T)))
+    return jpeg_size(packet) or (0, 0), image_file_fault(packet) is None, not has_shifted_blocks(packet, grey)
+
+
+def _has_odd_blocks(grey: UInt8[Array, "rows cols"]) -> bool:
+    """Return whether a block differs from the one above by far more than other blocks do, and the scene beside the border does."""
+    from ninedtact.capture.strict_image_reading import steps_between_rows
+
+    rows, cols = grey.shape
+    borders = np.arange(_BLOCK_PX, rows - 1 - max(_BESIDE_BORDER_PX), _BLOCK_PX)
+    if not borders.size or cols < _BLOCK_PX:
+        return False
+    inside = grey[:, : cols - cols % _BLOCK_PX]
+    at_border, *beside = (
+        np.abs(steps_between_rows(inside, borders + px).reshape(len(borders), -1, _BLOCK_PX).mean(2))
+        for px in (0, *_BESIDE_BORDER_PX)
+    )
+    usual = max(5 * float(np.quantile(at_border, 0.9)), 2 * float(np.max(beside)))
+    return float(at_border.max()) > usual + 4
 
 
 class VideoTimeline:

@@ -11,8 +11,10 @@ position) followed by radial and tangential terms about a free centre (Brown 197
 map.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
@@ -102,13 +104,12 @@ class LensModel:
 
     def distort(self, plane: Points) -> Points:
         """Apply the radial and tangential terms, image units to image units."""
-        offset = plane - self.centre
-        squared = (offset**2).sum(axis=1, keepdims=True)
-        growth = 1 + sum(k * squared ** (n + 1) for n, k in enumerate(self.radial))
-        p, q = self.tangential
-        product = 2 * offset.prod(axis=1, keepdims=True)
-        bend = np.array([p, q]) * product + np.array([q, p]) * (squared + 2 * offset**2)
-        return offset * growth + bend + self.centre
+        x, y = (plane - self.centre).T
+        squared, product, (p, q) = x * x + y * y, 2 * x * y, self.tangential
+        growth = 1 + squared * _polynomial(self.radial, squared)
+        bent_x = x * growth + p * product + q * (squared + 2 * x * x)
+        bent_y = y * growth + q * product + p * (squared + 2 * y * y)
+        return np.column_stack([bent_x, bent_y]) + self.centre
 
     def px_per_mm(self, points_mm: Points) -> Float[Array, "n 2 2"]:
         """Return the Jacobian of `to_px`: rows are pixel axes, columns are mm axes."""
@@ -126,7 +127,7 @@ class LensModel:
         by_rows = np.stack([np.hstack([ahead, none]), np.hstack([none, ahead])], axis=1)
         by_homography = np.concatenate([by_rows, -plane[..., None] * ahead[:, None, :2]], axis=2)
         squared, product = (offset**2).sum(axis=1, keepdims=True), 2 * offset.prod(axis=1, keepdims=True)
-        by_radial = [offset * squared ** (n + 1) for n in range(len(self.radial))]
+        by_radial = list(accumulate(self.radial, lambda term, _: term * squared, initial=offset))[1:]
         along = squared + 2 * offset**2
         by_tangential = [np.hstack([product, along[:, 1:]]), np.hstack([along[:, :1], product])]
         rest = np.stack([*by_radial, *by_tangential], axis=-1)
@@ -135,9 +136,9 @@ class LensModel:
     def _distortion_jacobian(self, plane: Points) -> Float[Array, "n 2 2"]:
         """Return the Jacobian of `distort`."""
         offset = plane - self.centre
-        squared = (offset**2).sum(axis=1)
-        growth = 1 + sum(k * squared ** (n + 1) for n, k in enumerate(self.radial))
-        slope = sum((2 * n + 2) * k * squared**n for n, k in enumerate(self.radial)) + np.zeros(len(plane))
+        squared = offset[:, 0] ** 2 + offset[:, 1] ** 2
+        growth = 1 + squared * _polynomial(self.radial, squared)
+        slope = _polynomial([(2 * n + 2) * k for n, k in enumerate(self.radial)], squared)
         (x, y), (p, q) = offset.T, self.tangential
         bend = np.stack([2 * p * y + 6 * q * x, 2 * p * x + 2 * q * y, 2 * p * x + 2 * q * y, 2 * q * x + 6 * p * y])
         outer = offset[:, :, None] * offset[:, None, :] * slope[:, None, None]
@@ -163,6 +164,14 @@ class LensModel:
         """Return a first guess of `to_mm`, by the model's tangent at the skin centre."""
         origin = np.zeros((1, 2))
         return (points_px - self.to_px(origin)) @ np.linalg.inv(self.px_per_mm(origin)[0]).T
+
+
+def _polynomial(coefficients: Sequence[float], at: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Return the polynomial of these coefficients, the constant first, by Horner's rule."""
+    value = np.zeros_like(at)
+    for coefficient in reversed(coefficients):
+        value = value * at + coefficient
+    return value
 
 
 def central_mm_per_px(projection: Projection, reach_mm: float) -> float:

@@ -1,0 +1,115 @@
+"""Closed forms of small parts: the motion of the skin and its error, and which pixels of a press are fitted."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ninedtact.calibration.board.board_fit import BoardFit
+from ninedtact.calibration.board.lattice import pin_positions_mm
+from ninedtact.calibration.board.lens_fit import fit_lens_with_terms
+from ninedtact.calibration.drift import diagnosis_and_reference_check as diagnosis
+from ninedtact.calibration.drift.brightness_change import BrightnessChange
+from ninedtact.calibration.drift.drift_measurement import DriftMeasurement
+from ninedtact.calibration.drift.skin_motion import _jackknife_error, _pearson_correlation, _undo_motion
+from ninedtact.calibration.twin.ball_press_fit import _autocorrelation_sums, effective_observation_count
+from ninedtact.calibration.twin.ball_press_model import REACH_MM, ObservedBallPress
+from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
+from ninedtact.design import PinBoard
+from ninedtact.quantities import Rectified
+from ninedtact.shape.lens import LensModel
+from ninedtact.shape.rectification import skin_grid_mm
+
+RNG = np.random.default_rng(0)
+STRAIGHT = LensModel((0.0625, 0.0, 0.0, 0.0, 0.0625, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0), (480, 640))
+"""20 pixels per mm, without distortion."""
+
+
+def test_the_jackknife_of_a_mean_is_its_standard_error() -> None:
+    values = RNG.normal(2.0, 0.7, (12, 3))
+    found = _jackknife_error(np.tile(np.eye(3), (12, 1, 1)), values)
+    np.testing.assert_allclose(found, values.std(axis=0, ddof=1) / np.sqrt(12), rtol=1e-9)
+
+
+def test_a_motion_is_undone_about_the_middle_of_the_image() -> None:
+    image = RNG.random((30, 41)).astype(np.float32)
+    there = np.roll(image, (2, 5), (0, 1))
+    np.testing.assert_allclose(_undo_motion(there, np.array([5.0, 2.0, 0.0]))[:-2, :-5], image[:-2, :-5], atol=1e-6)
+    half_turn = _undo_motion(image, np.array([0.0, 0.0, np.pi * 41 / 2]))
+    np.testing.assert_allclose(half_turn, image[::-1, ::-1], atol=0.02)
+
+
+def test_images_correlate_between_minus_one_and_one() -> None:
+    image = RNG.random((9, 8), np.float32)
+    assert _pearson_correlation(image, 3 * image + 2) == pytest.approx(1, abs=1e-5)
+    assert _pearson_correlation(image, 5 - image) == pytest.approx(-1, abs=1e-5)
+    assert _pearson_correlation(image, np.full((9, 8), 4, np.float32)) == 0
+
+
+def test_autocorrelation_sums_are_those_of_the_definition() -> None:
+    field = RNG.normal(size=(5, 7))
+    sums = _autocorrelation_sums(field)
+    assert sums.shape == (9, 13) and sums[4, 6] == pytest.approx((field**2).sum())
+    assert sums[5, 8] == pytest.approx((field[1:, 2:] * field[:-1, :-2]).sum())
+    np.testing.assert_allclose(sums, sums[::-1, ::-1], atol=1e-12)
+
+
+def test_blocks_of_equal_pixels_count_as_one_observation_each() -> None:
+    independent = effective_observation_count(RNG.normal(size=(60, 60)))
+    assert independent == pytest.approx(3600, rel=0.15)
+    blocks = np.kron(RNG.normal(size=(20, 20)), np.ones((3, 3)))
+    assert effective_observation_count(blocks) == pytest.approx(400, rel=0.25)
+
+
+def observed(shape: tuple[int, int], mm_per_px: float) -> Rectified:
+    return Rectified(np.full(shape, 100, np.float32), mm_per_px)
+
+
+def test_the_pixels_around_the_ball_are_fitted() -> None:
+    middle = (-3.1, 1.9)
+    press = ObservedBallPress(observed((345, 460), 0.05), observed((345, 460), 0.05), middle)
+    x, y = skin_grid_mm((345, 460), 0.05)
+    expected = np.zeros((345, 460), bool)
+    expected[::2, ::2] = (np.hypot(x - middle[0], y - middle[1]) < REACH_MM)[::2, ::2]
+    np.testing.assert_array_equal(press.chosen, expected)
+    np.testing.assert_array_equal(press.points_mm[0][0], x[expected])
+    np.testing.assert_allclose(press.relative_brightness, 1, rtol=1e-5)
+
+
+def test_the_pixels_among_the_pins_are_fitted_but_for_those_near_a_missing_pin() -> None:
+    board, nodes = PinBoard(), np.array([(column, row) for row in range(7) for column in range(9)])
+    points_mm = pin_positions_mm(nodes, board, 0)
+    lens_fit = fit_lens_with_terms(points_mm, STRAIGHT.to_px(points_mm), (480, 640), 1)
+    found = np.ones(63, bool)
+    found[12] = False  # at (-2.5, -5) mm
+    change, ones = np.zeros((480, 640), np.float32), np.ones(63)
+    fit = BoardFit(board, 0, lens_fit, nodes, points_mm, STRAIGHT.to_px(points_mm), found, ones, 0.5, change)
+    assert fit.missing_pins == ["column 4, row 2"]
+    press = ObservedBoardPress(observed((345, 460), 0.055), observed((345, 460), 0.055), fit)
+    x, y = skin_grid_mm((345, 460), 0.055)
+    among = (np.abs(x) < 11.5) & (np.abs(y) < 9) & (np.hypot(x + 2.5, y + 5) > 1.5)
+    expected = np.zeros_like(among)
+    expected[::3, ::3] = among[::3, ::3]
+    np.testing.assert_array_equal(press.chosen, expected)
+    np.testing.assert_allclose(press.pixel_density(points_mm[:5]), 1, rtol=1e-4)
+
+
+def of_kind(kind: type[Any], **parts: object) -> Any:
+    """One of this kind of which nothing else is asked."""
+    one = object.__new__(kind)
+    for name, part in parts.items():
+        object.__setattr__(one, name, part)
+    return one
+
+
+@pytest.mark.parametrize(
+    ("gain", "said"), [(1.125, None), (0.875, None), (1.126, "light brighter"), (0.874, "light dimmer")]
+)
+def test_a_change_of_brightness_up_to_the_limit_is_no_finding(
+    gain: float, said: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(diagnosis, "_MAX_BRIGHTNESS_CHANGE", 0.125)
+    monkeypatch.setattr(diagnosis, "_equivalent_height_mm", lambda drift, change: 100 * change)
+    finding = diagnosis._find_brightness_change(of_kind(DriftMeasurement, change=of_kind(BrightnessChange, gain=gain)))
+    assert (finding and finding.diagnosis) == said
+    assert finding is None or finding.height_mm == pytest.approx(100 * (gain - 1))
