@@ -2,6 +2,6 @@
 
 `ros2_messages` turns a reading into ROS 2 messages (CDR bytes), `dds` brings such bytes to ROS 2 without an installation of ROS,
 `ros2_sensor` is a sensor on it, and `reading_stream` serves readings to programs in any language. `mujoco` lets the bodies of a
-scene press a twin (`mujoco_scene` reads the scene, `geom_undersides` its shapes), `edge_following` is a Gymnasium environment,
-and `lerobot` writes data sets.
+scene press a twin (`mujoco_scene` reads the scene, `geom_undersides` its shapes), `mujoco_batch` those of many scenes at once.
+`edge_following` and `ball_rolling` are Gymnasium environments on the base of `tactile_environment`, and `lerobot` writes data sets.
 """
