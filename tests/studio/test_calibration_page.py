@@ -145,7 +145,7 @@ def test_the_live_page_follows_at_the_same_address(tmp_path: Path, monkeypatch: 
     options, guard = CalibrationPageOptions(page=True, host="0.0.0.0"), SocketGuard.for_host("0.0.0.0")
     guided = GuidedCalibration(tmp_path / "small", "small", SensorDesign(), CalibrationSettings(), options)
     guided._serve_live(load_sensor(sensor_folder(guided.out)), "0", 1234, guard)
-    ((folder, sensor, wrenches, settings, more),) = served
-    assert folder.id == "small" and sensor.source.name == "camera 0" and wrenches == []
+    (((part,), settings, _),) = served
+    assert part.folder.id == "small" and part.sensor.source.name == "camera 0" and part.wrenches == []
     assert (settings.host, settings.port, settings.guard) == ("0.0.0.0", 1234, guard)
-    assert settings.force == "none" and more["pressed"] is None  # a sensor without a twin has no force by physics
+    assert settings.force == "none" and part.pressed is None  # a sensor without a twin has no force by physics
