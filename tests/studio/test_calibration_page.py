@@ -150,7 +150,7 @@ def test_the_live_page_follows_at_the_same_address(tmp_path: Path, monkeypatch: 
     )
     guard, folder = SocketGuard.for_host("0.0.0.0"), load_sensor(sensor_folder(tmp_path / "small"))
     serve_calibrated_sensor(folder, "0", 1234, guard, automatic=False)
-    ((folder, sensor, wrenches, settings, more),) = served
-    assert folder.id == "small" and sensor.source.name == "camera 0" and wrenches == []
+    (((part,), settings, _),) = served
+    assert part.folder.id == "small" and part.sensor.source.name == "camera 0" and part.wrenches == []
     assert (settings.host, settings.port, settings.guard) == ("0.0.0.0", 1234, guard)
-    assert settings.force == "none" and more["pressed"] is None  # a sensor without a twin has no force by physics
+    assert settings.force == "none" and part.pressed is None  # a sensor without a twin has no force by physics
