@@ -6,7 +6,7 @@ UV := VIRTUAL_ENV=$(CURDIR)/.venv .venv/bin/uv
 INSTALL := $(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt
 REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
-.PHONY: demo real test test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs docs-images benchmarks clean
+.PHONY: demo real test test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs docs-images gallery tour dist benchmarks clean
 
 .venv/bin/uv:
 	$(PYTHON) -m venv .venv
@@ -25,7 +25,7 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 	touch $@
 
 .venv/ready-interop: .venv/ready
-	$(INSTALL) -e '.[mujoco,ros2,stream]'
+	$(INSTALL) -e '.[mujoco,ros2,stream,foxglove]'
 	touch $@
 
 .venv/ready-docs: .venv/ready
@@ -75,9 +75,20 @@ licences: .venv/ready
 test-cluster: .venv/ready-cluster
 	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster tests/test_clusters.py
 
-# Doors to other programs, tried against those programs (MuJoCo, DDS, C++, JavaScript). What needs none of them runs in `make test`.
-test-interop: .venv/ready-interop
-	.venv/bin/python -m pytest -m 'interop or not interop' tests/interop
+# Doors to other programs, tried against those programs (MuJoCo, DDS, Foxglove, C++, JavaScript; Rerun where its extra is
+# installed). What needs none of them runs in `make test`.
+test-interop: .venv/ready-interop .venv-lerobot/ready
+	NINEDTACT_LEROBOT_PYTHON=$(CURDIR)/.venv-lerobot/bin/python \
+	  .venv/bin/python -m pytest -m 'interop or not interop' tests/interop
+	HF_HUB_OFFLINE=1 .venv-lerobot/bin/python -m pytest $(LEROBOT_PLUGIN)/tests
+
+# LeRobot in an environment of its own, because it pins other versions. It allows no torch as new as that of the checks.
+LEROBOT_PLUGIN := plugins/lerobot_camera_ninedtact
+.venv-lerobot/ready: pyproject.toml $(LEROBOT_PLUGIN)/pyproject.toml $(LEROBOT_PLUGIN)/tests/overrides.txt | .venv/bin/uv
+	.venv/bin/uv venv -q --clear --python $(PYTHON) .venv-lerobot
+	VIRTUAL_ENV=$(CURDIR)/.venv-lerobot .venv/bin/uv pip install -q $(if $(LINKS),--find-links $(LINKS)) \
+	  --override $(LEROBOT_PLUGIN)/tests/overrides.txt -e . -e $(LEROBOT_PLUGIN) 'pytest>=8'
+	touch $@
 
 # Commands that are interrupted, killed or out of disk, and hours of use in half an hour: docs/reliability.md holds the tables.
 chaos: .venv/ready
@@ -102,11 +113,33 @@ coverage: .venv/ready
 	.venv/bin/python -m pytest -n 2 --dist loadfile --cov=ninedtact --cov-report=json:out/coverage.json
 	.venv/bin/python scripts/write_coverage_page.py out/coverage.json
 
-# The documentation site, in out/site. Warnings and broken links are errors.
+# The documentation site, in out/site, which works without a network. Warnings, broken links and files from elsewhere are errors.
 docs: .venv/ready-docs
 	.venv/bin/python scripts/draw_architecture.py
 	.venv/bin/python scripts/write_command_reference.py
 	.venv/bin/mkdocs build --strict --site-dir out/site
+	.venv/bin/python scripts/check_site.py out/site
+
+# The pictures of docs/gallery.md, and the notebook with its page, run again; a minute each.
+gallery: .venv/ready
+	.venv/bin/python scripts/draw_gallery.py
+
+tour: .venv/ready
+	.venv/bin/python scripts/run_tour.py
+
+# The distributions for PyPI, in dist: built, checked, and tried in a fresh environment that holds nothing else.
+TOOL := .venv/bin/uv tool run -q $(if $(LINKS),--find-links $(LINKS))
+dist: .venv/bin/uv
+	rm -rf dist out/dist_check && mkdir -p out/dist_check
+	.venv/bin/uv build -q $(if $(LINKS),--find-links $(LINKS)) --out-dir dist .
+	.venv/bin/uv build -q $(if $(LINKS),--find-links $(LINKS)) --out-dir dist plugins/lerobot_camera_ninedtact
+	$(TOOL) twine check --strict dist/*.whl dist/*.tar.gz
+	$(TOOL) check-wheel-contents dist
+	.venv/bin/python scripts/check_distributions.py dist
+	.venv/bin/uv venv -q --clear --python $(PYTHON) .venv-dist
+	VIRTUAL_ENV=$(CURDIR)/.venv-dist .venv/bin/uv pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt \
+	  "$$(ls dist/ninedtact-*.whl)[studio]"
+	cd out/dist_check && ../../.venv-dist/bin/ninedtact --version && ../../.venv-dist/bin/ninedtact demo --rounds 1 --port 0
 
 # The pictures of the page in docs/images, taken in a browser without a window: about five minutes.
 docs-images: .venv/ready

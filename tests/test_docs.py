@@ -1,13 +1,18 @@
-"""Pages of the documentation that follow the code: the Python API and the reference of commands."""
+"""Pages of the documentation follow the code: the Python API, every command on them, and the site that is built of them."""
 
 import re
+import shlex
+import subprocess
 import sys
+import tomllib
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import ninedtact
+from ninedtact.cli import parse_arguments
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTED = re.findall(r"^::: ([\w.]+)$", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), re.MULTILINE)
@@ -33,3 +38,141 @@ def test_the_reference_of_commands_is_what_the_commands_print(monkeypatch: pytes
     sys.modules.pop("write_command_reference", None)
     page = import_module("write_command_reference").command_reference()
     assert page == (ROOT / "docs" / "commands.md").read_text(encoding="utf-8"), "run scripts/write_command_reference.py"
+
+
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def command_lines(text: str) -> Iterator[list[str]]:
+    """The words of every command line in the code of a page, indented or fenced as a shell's, without comments."""
+    shell, rest = [], re.sub(r"\\\n\s*", " ", text)
+    for fence in re.findall(r"^[ \t]*```.*?^[ \t]*```", rest, re.DOTALL | re.MULTILINE):
+        shell += fence.splitlines()[1:] if re.match(r"\s*```(bash|sh|console)\b", fence) else []
+        rest = rest.replace(fence, "")
+    for line in [*shell, *re.findall(r"^(?: {4}|\t).*$", rest, re.MULTILINE)]:
+        try:
+            words = shlex.split(line, comments=True)
+        except ValueError:  # code of another language
+            continue
+        if words and words[0].removeprefix(".venv/bin/") in CHECKS:
+            ends = [place for place, word in enumerate(words) if word in ("&", "|", ">", ";", "&&")]
+            yield [words[0].removeprefix(".venv/bin/"), *words[1 : min(ends, default=None)]]
+
+
+def fault_of_ninedtact(arguments: list[str]) -> str:
+    """Why the program refuses arguments; empty where it accepts them."""
+    try:
+        parse_arguments(arguments)
+    except SystemExit as end:
+        return "" if end.code == 0 else "the parser refuses it"
+    return ""
+
+
+def fault_of_make(targets: list[str]) -> str:
+    """Which target of make does not exist."""
+    phony = set(re.findall(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)[0].split())
+    unknown = [name for name in targets if name not in phony and not (ROOT / f"{name}.py").exists()]
+    return f"no target {unknown}" if unknown else ""
+
+
+def fault_of_pip(arguments: list[str]) -> str:
+    """Which extra does not exist."""
+    extras = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"])
+    asked = {one for found in re.findall(r"\[([\w,-]+)\]", " ".join(arguments)) for one in found.split(",")}
+    return f"no extra {sorted(asked - extras)}" if asked - extras else ""
+
+
+def fault_of_python(arguments: list[str]) -> str:
+    """Which script does not exist, or what the program refuses."""
+    if arguments[:2] == ["-m", "ninedtact"]:
+        return fault_of_ninedtact(arguments[2:])
+    is_script = bool(arguments) and re.match(r"(examples|scripts|benchmarks)/", arguments[0]) is not None
+    return f"no file {arguments[0]}" if is_script and not (ROOT / arguments[0]).exists() else ""
+
+
+CHECKS = {
+    "ninedtact": fault_of_ninedtact,
+    "make": fault_of_make,
+    "pip": fault_of_pip,
+    "python": fault_of_python,
+    "python3": fault_of_python,
+}
+"""Programs whose command lines are checked; `.venv/bin/` before them is ignored."""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_command_line_of_a_page_is_one_that_the_program_accepts(
+    page: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = page.read_text(encoding="utf-8")
+    faults = {" ".join(words): fault for words in command_lines(text) if (fault := CHECKS[words[0]](words[1:]))}
+    assert faults == {}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_and_options_that_a_page_mentions_exist(page: Path) -> None:
+    reference = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8").split("\n## ")
+    for mentioned in re.findall(r"`ninedtact ([a-z][^`]*)`", page.read_text(encoding="utf-8")):
+        command, *words = mentioned.split()
+        sections = [section for section in reference if re.match(rf"ninedtact {command}\b", section)]
+        assert sections, f"`ninedtact {mentioned}`: no such command"
+        for option in (word.partition("=")[0].replace("--no-", "--") for word in words if re.match(r"--\w", word)):
+            assert re.search(rf"{option}\b", "".join(sections).replace("--no-", "--")), (
+                f"`ninedtact {mentioned}`: {option}"
+            )
+
+
+def test_command_lines_are_found_and_faults_seen() -> None:
+    page = "```bash\nninedtact live --sorce 0 # watch\n```\n\n    .venv/bin/pip install 'x[studio,nothing]' && ls\n"
+    page += "    make \\\n      demos\n"
+    assert [CHECKS[words[0]](words[1:]) for words in command_lines(page)] == [
+        "the parser refuses it",
+        "no extra ['nothing']",
+        "no target ['demos']",
+    ]
+    assert sum(len(list(command_lines(one.read_text(encoding="utf-8")))) for one in PAGES) > 100
+
+
+def test_a_site_that_loads_from_elsewhere_or_links_to_nothing_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    from check_site import find_faults
+
+    (tmp_path / "a.html").write_text('<h1 id="top"><a href="b.html#end"><a href="https://x.org"><img src="b.html">')
+    (tmp_path / "b.html").write_text('<p id="end"><a href="a.html#top"><a href="#end">')
+    assert find_faults(tmp_path) == []
+    (tmp_path / "c.html").write_text('<script src="https://x.org/a.js"></script><a href="a.html#no"><a href="d.html">')
+    (tmp_path / "style.css").write_text("@import 'https://x.org/font.css';")
+    assert [fault.split(" ", 1)[1] for fault in find_faults(tmp_path)] == [
+        "loads https://x.org/font.css",
+        "links to a.html#no, a place that does not exist",
+        "links to d.html, which does not exist",
+        "loads https://x.org/a.js",
+    ]
+
+
+EXAMPLES = re.findall(
+    r"^```python\n(.*?)^```", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+)
+PREPARE = """
+import cv2, pathlib
+from ninedtact.cli import main
+from ninedtact.simulation.calibration_images import simulate_calibration_images
+pathlib.Path("my_images").mkdir()
+for name, image in vars(simulate_calibration_images(ninedtact.default_twin())).items():
+    cv2.imwrite(f"my_images/{name}.png", image)
+assert main("simulate dataset --out pairs --pairs 8 --sensors 1 --objects 2 --pitch-mm 0.6 --workers 1".split()) == 0
+"""
+
+
+def test_the_examples_of_the_api_show_every_public_name_and_run(tmp_path: Path) -> None:
+    shown = set(re.findall(r"ninedtact\.(\w+)", "".join(EXAMPLES)))
+    assert set(ninedtact.__all__) - shown == {"__version__"}
+    first, *examples = EXAMPLES
+    calibrate = next(example for example in examples if "ninedtact.calibrate(" in example)
+    rest = [example for example in examples if example != calibrate]
+    (tmp_path / "examples.py").write_text("\n".join([first, PREPARE, calibrate, *rest]), encoding="utf-8")
+    ran = subprocess.run([sys.executable, "examples.py"], cwd=tmp_path, capture_output=True, text=True, timeout=240)
+    assert ran.returncode == 0, ran.stderr
+    assert "all images are read" in ran.stdout and "expected a sensor folder" in ran.stdout

@@ -1,5 +1,6 @@
 """The examples are the manual, so they run: each as a person starts it, in a process of its own, on real images."""
 
+import json
 import os
 import re
 import subprocess
@@ -10,6 +11,8 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
+
+import ninedtact
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -99,10 +102,29 @@ def test_estimate_force(force: str, real_data: Path, tmp_path: Path) -> None:
 
 def test_a_finger_in_mujoco_grips_by_its_image(real_data: Path, tmp_path: Path) -> None:
     pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
-    *table, end = run("08_mujoco_grip.py", real_data, "--sensor", tmp_path / "twin").splitlines()
+    *table, load, friction, warnings = run("08_mujoco_grip.py", real_data, "--sensor", tmp_path / "twin").splitlines()
     assert [row.split()[0] for row in table[1:]] == ["grips"] + 11 * ["slides"]
     for row in table[2:]:
         by_image, gel, scene = (float(row.split()[column]) for column in (3, 6, 7))
         assert by_image == pytest.approx(2.0, abs=0.1)
         assert gel == pytest.approx(scene, abs=0.02)
-    assert abs(number(r"MuJoCo's ([+-][\d.]+)", end)) < 0.6
+    assert abs(number(r"MuJoCo's ([+-][\d.]+)", load)) < 0.2
+    assert abs(number(r"MuJoCo's ([+-][\d.]+)", friction)) < 0.1
+    assert warnings.endswith(": none")
+
+
+def test_the_tour_runs_with_the_public_names_and_its_page_is_what_it_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLES.parent / "scripts"))
+    from run_tour import NOTEBOOK, PAGE, to_page
+
+    kept = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
+    assert to_page(kept)[0] == PAGE.read_text(encoding="utf-8"), "run scripts/run_tour.py"
+    code = "".join("".join(cell["source"]) + "\n" for cell in kept["cells"] if cell["cell_type"] == "code")
+    assert set(re.findall(r"ninedtact\.(\w+)", code)) - {"simulation"} <= set(ninedtact.__all__)
+    run_there = [sys.executable, str(EXAMPLES.parent / "scripts" / "run_tour.py"), str(tmp_path / "run.ipynb")]
+    subprocess.run(run_there, check=True, timeout=240)
+    page, figures = to_page(json.loads((tmp_path / "run.ipynb").read_text(encoding="utf-8")))
+    assert number(r"to ([\d.]+) mm \(RMS\)", page) < 0.03 and number(r"pressed in by ([\d.]+) mm", page) == 1.81
+    assert number(r"Fz (-?[\d.]+) N\n", page) < 0.3 and len(figures) == 3

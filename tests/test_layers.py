@@ -49,6 +49,8 @@ HEAVY = {
     "ezdxf": {"hardware.export"},
     "shapely": {"hardware.led_board"},
     "cyclonedds": {"interop"},
+    "foxglove": {"interop"},
+    "rerun": {"interop"},
     "mujoco": {"interop"},
     "gymnasium": {"interop"},
     "rosbags": {"recording", "interop"},

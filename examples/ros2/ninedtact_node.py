@@ -10,6 +10,7 @@ import time
 import ninedtact
 from ninedtact.interop.ros2_messages import LIVE_TOPICS, STATUS, TF_STATIC, QosProfile, SensorMessages
 from ninedtact.recording.metadata import wall_minus_monotonic_ns
+from ninedtact.recording.ros_messages import Topic
 
 try:
     import rclpy
@@ -48,7 +49,7 @@ class SensorNode(Node):
         self.outlets = {
             topic: self.create_publisher(get_message(kind), self.messages.path(topic), ros_qos(profile))
             for topic, (kind, profile) in LIVE_TOPICS.items()
-            if topic != STATUS
+            if topic not in (STATUS, Topic.MEASURED)  # a force/torque sensor has a node of its own
         }
         self.static = self.create_publisher(
             get_message("tf2_msgs/msg/TFMessage"), TF_STATIC, ros_qos(QosProfile.LATCHED)
@@ -62,6 +63,7 @@ class SensorNode(Node):
     def run(self) -> None:
         """Publish until ROS shuts down. rclpy publishes bytes that are already in CDR as they are."""
         self.static.publish(self.messages.encode_static_transforms(time.time_ns()))
+        shown = None
         with self.sensor:
             while rclpy.ok():
                 rclpy.spin_once(self, timeout_sec=0.0)
@@ -71,6 +73,9 @@ class SensorNode(Node):
                 reading = self.sensor.read()
                 wanted = [topic for topic, outlet in self.outlets.items() if outlet.get_subscription_count()]
                 wall_ns = reading.stamp_ns + wall_minus_monotonic_ns()
+                if reading.reference is not shown:
+                    shown = reading.reference
+                    self.outlets["reference_grey"].publish(self.messages.encode_reference(shown, wall_ns))
                 for topic, message in self.messages.encode(reading, wall_ns, wanted).items():
                     self.outlets[topic].publish(message)
 

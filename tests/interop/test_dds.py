@@ -19,6 +19,8 @@ import pytest
 from small_sensor import RECORDED, SkinCamera, sensor_folder, sensor_on, skin, wait_until
 
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.capture.frame_source import SourceNotOpen
+from ninedtact.capture.wrench_source import WrenchSource
 
 pytestmark = pytest.mark.interop
 pytest.importorskip("cyclonedds", reason="expected cyclonedds, got none; pip install 'ninedtact[ros2]'")
@@ -122,11 +124,13 @@ def json_of(text: str) -> dict[str, Any]:
 
 
 @contextmanager
-def sensor_on_ros2(folder: SensorFolder, out: Path, period_s: float = 0.01) -> Iterator[Running]:
+def sensor_on_ros2(
+    folder: SensorFolder, out: Path, period_s: float = 0.01, measured: WrenchSource | None = None
+) -> Iterator[Running]:
     camera, over = SkinCamera(period_s), Event()
     with DdsParticipant(DOMAIN, INTERFACE) as participant:
         messages = SensorMessages(folder, "small", points_every=1)
-        shared = SensorOnRos2(sensor_on(camera), messages, participant, parse_qos(()), out)
+        shared = SensorOnRos2(sensor_on(camera), messages, participant, parse_qos(()), out, measured)
         thread = Thread(target=shared.run, args=(over.is_set,))
         thread.start()
         writer = participant.writer("/small/command", STRING_TYPE, QosProfile.RELIABLE)
@@ -181,14 +185,61 @@ def test_images_points_and_transforms_arrive_whole(tmp_path: Path) -> None:
         images = make("/small/image_raw", LIVE_TOPICS[Topic.IMAGES][0], QosProfile.SENSOR_DATA)
         points = make("/small/points", LIVE_TOPICS[POINTS][0], QosProfile.RELIABLE)
         transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
+        late = make("/small/reference_grey", LIVE_TOPICS[Topic.REFERENCE_GREY][0], QosProfile.LATCHED)
         found: dict[str, bytes] = {}
-        for name, reader in (("image", images), ("points", points), ("tf", transforms)):
+        for name, reader in (("image", images), ("points", points), ("tf", transforms), ("reference", late)):
             wait_until(lambda name=name, reader=reader: bool([found.setdefault(name, cdr) for cdr in reader.take()]))  # type: ignore[misc]
     image = type_store().deserialize_cdr(found["image"], LIVE_TOPICS[Topic.IMAGES][0])
     assert (image.width, image.height, image.encoding, len(image.data)) == (64, 48, "bgr8", 64 * 48 * 3)
+    reference = type_store().deserialize_cdr(found["reference"], LIVE_TOPICS[Topic.REFERENCE_GREY][0])
+    assert (reference.encoding, reference.header.frame_id) == ("32FC1", "small_skin")
+    assert np.frombuffer(reference.data, "<f4").reshape(reference.height, reference.width).mean() > 20
     assert type_store().deserialize_cdr(found["points"], LIVE_TOPICS[POINTS][0]).width == 30 * 40
     frames = [each.child_frame_id for each in type_store().deserialize_cdr(found["tf"], TF_TYPE).transforms]
     assert frames == ["small_camera_optical", "small_gel"]
+
+
+class Samples(WrenchSource):
+    """A force/torque sensor of 500 samples per second, whose n-th sample pulls with n N."""
+
+    name = "samples"
+
+    def open(self) -> None:
+        self.is_open, self._count = True, 0
+
+    def close(self) -> None:
+        self.is_open = False
+
+    def read(self) -> Wrench:
+        time.sleep(0.002)
+        if not self.is_open:
+            raise SourceNotOpen(self.name)
+        self._count += 1
+        return Wrench(np.array([0.0, 0.0, self._count]), np.zeros(3), stamp_ns=time.monotonic_ns())
+
+
+def test_every_sample_of_a_force_torque_sensor_is_published_and_recorded(tmp_path: Path) -> None:
+    device, message_type = Samples(), LIVE_TOPICS[Topic.MEASURED][0]
+    folder = load_sensor(sensor_folder(tmp_path / "small"))
+    with sensor_on_ros2(folder, tmp_path, measured=device) as running:
+        reader = running.participant.reader("/small/wrench_measured", message_type, QosProfile.RELIABLE)
+        found: list[Any] = []
+
+        def collect() -> bool:
+            found.extend(type_store().deserialize_cdr(cdr, message_type) for cdr in reader.take())
+            return len(found) > 100
+
+        assert running.answer("start_recording both")["ok"]
+        wait_until(collect)
+        assert running.answer("stop_recording")["ok"]
+    assert not device.is_open
+    forces = [one.wrench.force.z for one in found]
+    assert forces == sorted(set(forces)) and {one.header.frame_id for one in found} == {"small_skin"}
+    stamps_s = [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in found]
+    assert abs(stamps_s[-1] - time.time()) < 60
+    with Recording(tmp_path / "both.mcap") as recording:
+        recorded = [wrench.force_n[2] for wrench in recording.wrenches()]
+    assert len(recorded) > 50 and np.all(np.diff(recorded) == 1)
 
 
 def test_commands_are_answered_and_a_recording_opens(tmp_path: Path) -> None:

@@ -84,7 +84,9 @@ def test_the_command_says_what_it_wrote_and_refuses_in_one_sentence(
     assert not (tmp_path / "both").exists()
 
 
+ROOT = Path(__file__).parents[2]
 LEROBOT_PYTHON = os.environ.get("NINEDTACT_LEROBOT_PYTHON", "")
+TORCHVISION = (ROOT / "plugins/lerobot_camera_ninedtact/tests/conftest.py").read_text(encoding="utf-8")
 READ_BACK = """
 import json, sys
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -104,7 +106,11 @@ def test_lerobot_itself_reads_the_data_set(tmp_path: Path) -> None:
         export_lerobot([first, second], out, "press the ball")
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | {"HF_HUB_OFFLINE": "1"}
     read = subprocess.run(
-        [LEROBOT_PYTHON, "-c", READ_BACK, str(out)], env=environment, capture_output=True, text=True, check=True
+        [LEROBOT_PYTHON, "-c", TORCHVISION + READ_BACK, str(out)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     frames, episodes, fps, task, shape, wrenches, episode, index = json.loads(read.stdout.splitlines()[-1])
     assert (frames, episodes, fps, task, shape) == (19, 2, 30, "press the ball", [3, *SHAPE[:2]])

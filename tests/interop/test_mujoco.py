@@ -1,6 +1,7 @@
 """The sensor in a MuJoCo scene: MuJoCo's own rays see the same undersides, and its forces are those of the gel."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,27 @@ import pytest
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
 from ninedtact import default_twin  # noqa: E402
+from ninedtact.errors import InputError  # noqa: E402
 from ninedtact.interop.mujoco import (  # noqa: E402
     BodyThroughBase,
     MujocoBodyUnusable,
     TactileReading,
     TactileSensor,
 )
+from ninedtact.interop.mujoco_batch import TactileSensorBatch  # noqa: E402
 
 TWIN = default_twin()
+
+
+@pytest.fixture(autouse=True)
+def stable_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """MuJoCo warns of scenes that become unstable, in a file MUJOCO_LOG.TXT where it runs."""
+    monkeypatch.chdir(tmp_path)
+    yield
+    log = tmp_path / "MUJOCO_LOG.TXT"
+    assert not log.exists(), log.read_text()
+
+
 GEL = '<geom name="gel" type="box" pos="0 0 -0.0025" size="0.01475 0.01125 0.0025" friction="1" solref="0.01 1"/>'
 GEOMS = {
     "sphere": 'type="sphere" size="0.004"',
@@ -155,28 +169,103 @@ def test_a_body_through_the_base_is_refused() -> None:
         sensor.step()
 
 
+def test_scenes_in_a_batch_get_the_contacts_that_each_gets_alone() -> None:
+    kinds = ["sphere", "box", "mesh"]
+    alone = [TactileSensor(*scene(GEOMS[kind]), "sensor", TWIN) for kind in kinds]
+    batch = TactileSensorBatch([scene(GEOMS[kind]) for kind in kinds], "sensor", TWIN)
+    assert all(one.twin is batch.twin for one in batch.sensors)
+    for sensor in alone:
+        sensor.open()
+    for step in range(12):
+        for number, sensor in enumerate([*alone, *batch.sensors]):
+            sensor.data.qfrc_applied[:2] = 0.02 * step, -1.0 - 0.2 * (number % 3)
+            sensor.data.qfrc_applied[:2] -= 0.2 * sensor.data.qvel[:2]
+            mujoco.mj_step(sensor.model, sensor.data, 8)
+        one_by_one, at_once = [sensor.step() for sensor in alone], batch.step()
+    for single, batched in zip(one_by_one, at_once, strict=True):
+        assert single.wrench.force_n[2] < -0.9
+        np.testing.assert_allclose(batched.wrench.force_n, single.wrench.force_n, atol=2e-3)
+        np.testing.assert_array_equal(batched.scene_wrench.six, single.scene_wrench.six)
+        assert np.quantile(abs(batched.heights.z_mm - single.heights.z_mm), 0.99) < 0.02
+        assert abs(batched.frame.image.astype(int) - single.frame.image).mean() < 0.1
+        assert (batched.frame.index, batched.frame.stamp_ns) == (single.frame.index, single.frame.stamp_ns)
+    batch.reset([1])
+    model, data = batch.scenes[1]
+    mujoco.mj_resetData(model, data)
+    data.qpos[1] = 0.01
+    mujoco.mj_forward(model, data)
+    assert not batch.step()[1].wrench.six.any()
+
+
+def test_a_batch_says_which_scene_is_refused_and_leaves_the_others_as_they_were() -> None:
+    batch = TactileSensorBatch([scene(GEOMS["sphere"]) for _ in range(2)], "sensor", replace(TWIN, thickness_mm=2.5))
+    for number, (model, data) in enumerate(batch.scenes):
+        data.qpos[1] = (-0.0004, -0.0029)[number]
+        mujoco.mj_forward(model, data)
+    with pytest.raises(BodyThroughBase, match="scene 1: expected body object less deep"):
+        batch.step()
+    assert batch.sensors[0].last is None and batch.sensors[0]._press_before is None
+    with pytest.raises(InputError, match="at least one scene"):
+        TactileSensorBatch([], "sensor", TWIN)
+
+
+@pytest.mark.interop
+def test_a_batch_gives_the_same_with_torch() -> None:
+    torch = pytest.importorskip("torch")
+    readings = []
+    for like in (np.zeros((), np.float32), torch.zeros((), dtype=torch.float32)):
+        batch = TactileSensorBatch([scene(GEOMS[kind]) for kind in ("sphere", "cylinder")], "sensor", TWIN, like)
+        for _ in range(5):
+            for model, data in batch.scenes:
+                data.qfrc_applied[:2] = -0.2 * data.qvel[:2] - (0.0, 1.0)
+                mujoco.mj_step(model, data, 8)
+            last = batch.step()
+        readings.append(last)
+    for one, other in zip(*readings, strict=True):
+        assert one.wrench.force_n[2] == pytest.approx(-1.0, abs=0.05)
+        np.testing.assert_allclose(one.wrench.force_n, other.wrench.force_n, atol=1e-3)
+        assert abs(one.frame.image.astype(int) - other.frame.image).mean() < 0.2
+
+
+def follow_the_rail(observation: dict[str, Any]) -> list[float]:
+    _, _, load, about_x, *_ = observation["wrench"]
+    return [0.5, 0.15 * 1e3 * about_x / max(-load, 0.1), 0.6 * (1 + load)]
+
+
+def roll_the_ball(observation: dict[str, Any]) -> list[float]:
+    _, _, load, about_x, about_y, _ = observation["wrench"]
+    ball_mm = 1e3 * np.array([-about_y, about_x]) / min(load, -0.1)  # where the load acts
+    return [*(observation["goal_mm"] - ball_mm), 0.0]
+
+
 @pytest.mark.interop
 @pytest.mark.filterwarnings("ignore:.*Box observation space:UserWarning")
-def test_gymnasium_accepts_the_environment_and_an_agent_follows_the_rail() -> None:
+@pytest.mark.parametrize(
+    ("task", "controller"), [("EdgeFollowing", follow_the_rail), ("BallRolling", roll_the_ball)], ids=["edge", "ball"]
+)
+def test_gymnasium_accepts_an_environment_and_a_simple_controller_does_the_task(task: str, controller: Any) -> None:
     gymnasium = pytest.importorskip("gymnasium", reason="the extra 'mujoco' is not installed")
     from gymnasium.utils.env_checker import check_env
 
-    import ninedtact.interop.edge_following  # noqa: F401 - registers the environment
+    import ninedtact.interop.ball_rolling
+    import ninedtact.interop.edge_following  # noqa: F401 - importing registers them
 
-    env = gymnasium.make("ninedtact/EdgeFollowing-v0", sensor_folder=TWIN, render_mode="rgb_array")
+    env = gymnasium.make(f"ninedtact/{task}-v0", sensor_folder=TWIN, render_mode="rgb_array")
     check_env(env.unwrapped)
-    observation, _ = env.reset(seed=1)
+    observation, begin = env.reset(seed=1)
     total, ended = 0.0, False
     while not ended:
-        _, _, load, about_x, *_ = observation["wrench"]
-        across = 1e3 * about_x / max(-load, 0.1)
-        action = np.clip([0.5, 0.15 * across, 0.6 * (1 + load)], -1, 1).astype(np.float32)
+        action = np.clip(controller(observation), -1, 1).astype(np.float32)
         observation, reward, ended, truncated, state = env.step(action)
         assert not truncated
         total += reward
-    assert abs(state["offset_mm"]) < 1.0
     assert state["load_n"] == pytest.approx(1.0, abs=0.1)
-    assert total > 5
+    if task == "BallRolling":
+        assert state["distance_mm"] < 0.5 < 3 < begin["distance_mm"]
+        assert total > 10
+    else:
+        assert abs(state["offset_mm"]) < 1.0
+        assert total > 5
 
 
 SNIPPETS = re.findall(

@@ -24,13 +24,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.interop.reading_stream import (
-    ReadingServer,
-    StreamedReading,
-    StreamPortRefused,
-    serve_sensor,
-    stream_schema,
-)
+from ninedtact.interop.reading_broadcast import StreamPortRefused, serve_sensor
+from ninedtact.interop.reading_stream import ReadingServer, StreamedReading, stream_schema
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
@@ -67,7 +62,7 @@ def served() -> Iterator[Served]:
     with ReadingServer("small", "127.0.0.1", 0, 0) as server:
         over, sensor = Event(), sensor_on(SkinCamera())
         sensor.estimator = Constant()
-        thread = Thread(target=serve_sensor, args=(server, sensor, over.is_set))
+        thread = Thread(target=serve_sensor, args=(server.publish, sensor, over.is_set))
         thread.start()
         yield Served(server, sensor)
         over.set()
@@ -149,7 +144,7 @@ def test_a_client_that_does_not_read_delays_nobody_and_is_told_what_it_missed() 
         slow.connect(("127.0.0.1", server.tcp_port))
         slow.sendall(b'{"images": "jpeg"}\n')
         quick = tcp(server.tcp_port, b"{}\n").makefile()
-        wait_until(lambda: len(server._clients) == 2)
+        wait_until(lambda: len(server._broadcast.queues) == 2)
         took_s = 0.0
         for number in range(published):
             began = time.perf_counter()
@@ -202,7 +197,7 @@ def test_on_a_network_only_who_has_the_token_can_read() -> None:
         with connect(f"ws://127.0.0.1:{server.port}/{server.guard.token}/?images=jpeg"):
             pass
         with tcp(server.tcp_port, json.dumps({"token": server.guard.token}).encode() + b"\n") as client:
-            wait_until(lambda: len(server._clients) > 0)
+            wait_until(lambda: len(server._broadcast.queues) > 0)
 
 
 def test_a_port_in_use_is_refused() -> None:

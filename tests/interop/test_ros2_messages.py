@@ -59,7 +59,7 @@ def test_all_messages_of_a_reading_carry_its_stamp_and_the_frames_of_its_sensor(
     camera = {Topic.IMAGES.value, COMPRESSED, CAMERA_INFO}
     for topic, message in stamped.items():
         assert message.header.frame_id == ("left_hand_camera_optical" if topic in camera else "left_hand_skin")
-    assert set(encoded) == set(LIVE_TOPICS) - {"status"}
+    assert set(encoded) == set(LIVE_TOPICS) - {"status", Topic.MEASURED, Topic.REFERENCE_GREY}
     assert MESSAGES.path(POINTS) == "/left_hand/points"
     assert [status.message for status in stamped[Topic.WARNINGS].status] == [
         warning.value for warning in reading.warnings
@@ -146,9 +146,9 @@ def test_what_ros2_cannot_do_is_refused_in_one_sentence(
 ) -> None:
     from small_sensor import sensor_folder
 
-    from ninedtact.cli import ros2_and_serve
+    from ninedtact.cli import ros2_foxglove_and_serve
 
-    monkeypatch.setattr(ros2_and_serve, "find_spec", lambda name: True)  # refused before DDS is spoken
+    monkeypatch.setattr(ros2_foxglove_and_serve, "find_spec", lambda name: True)  # refused before DDS is spoken
     folder = sensor_folder(tmp_path / "small")
     (tmp_path / "images").mkdir()
     cv2.imwrite(str(tmp_path / "images" / "0.png"), skin(100))
@@ -160,14 +160,18 @@ def test_what_ros2_cannot_do_is_refused_in_one_sentence(
 
 @pytest.mark.parametrize(
     ("command", "missing", "extra"),
-    [("ros2", "cyclonedds", "ninedtact[ros2]"), ("serve", "websockets", "ninedtact[stream]")],
+    [
+        ("ros2", "cyclonedds", "ninedtact[ros2]"),
+        ("foxglove", "foxglove", "ninedtact[foxglove]"),
+        ("serve", "websockets", "ninedtact[stream]"),
+    ],
 )
 def test_a_missing_library_is_named_with_its_extra(
     command: str, missing: str, extra: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from ninedtact.cli import ros2_and_serve
+    from ninedtact.cli import ros2_foxglove_and_serve
 
-    monkeypatch.setattr(ros2_and_serve, "find_spec", lambda name: None if name == missing else True)
+    monkeypatch.setattr(ros2_foxglove_and_serve, "find_spec", lambda name: None if name == missing else True)
     assert cli.main([command, "--source", "0"]) == 1
     said = capsys.readouterr().err
     assert f"got no {missing}" in said

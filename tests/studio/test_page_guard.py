@@ -106,6 +106,16 @@ def test_browsers_leave_port_80_out() -> None:
         assert (guard.find_refusal(plain, "127.0.0.1", port) is None) == is_own
 
 
+def test_files_of_this_computer_connect_only_where_they_are_allowed() -> None:
+    def is_refused(guard: SocketGuard, **headers: str) -> bool:
+        return guard.find_refusal(Request("/", Headers(**headers)), "127.0.0.1", 8080) is not None
+
+    closed, opened = SocketGuard.for_host("127.0.0.1"), SocketGuard.for_host("127.0.0.1", ("FILE://",))
+    own = "127.0.0.1:8080"
+    assert is_refused(closed, Host=own, Origin="file://") and not is_refused(opened, Host=own, Origin="file://")
+    assert is_refused(opened, Host=own, Origin="null") and is_refused(opened, Host="", Origin="file://")
+
+
 def test_on_a_network_the_address_has_a_secret() -> None:
     guard = SocketGuard.for_host("0.0.0.0")
     with page_server("0.0.0.0", 0, guard) as server:

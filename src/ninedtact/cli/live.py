@@ -38,6 +38,10 @@ class PageLibraryMissing(MissingLibraryError):
     """The library that serves the page is not installed."""
 
 
+class RerunMissing(MissingLibraryError):
+    """The library of Rerun is not installed."""
+
+
 class InvalidLiveOption(InputError):
     """An option has a value that the page cannot have."""
 
@@ -73,14 +77,20 @@ class Live:
     """Port of the page; without it 8080, or the next free one. 0 takes any free port."""
     allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
     """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
+    rerun: bool = False
+    """Also send readings to the Rerun viewer that runs on this computer; `rerun` starts it."""
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
         require_page_library()
         require_display_rate(self.display_hz)
+        if self.rerun:
+            require_rerun()
         with named_sensor_with_notices(self.sensor, self.source) as folder:
             sensor, wrenches, pressed = self.sensor_and_wrenches(folder)
-            settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.force, self.allow_origin)
+            settings = PageSettings(
+                self.out, self.display_hz, self.host, self.port, self.force, self.allow_origin, rerun=self.rerun
+            )
             with suppress(KeyboardInterrupt):
                 serve_sensor_page(folder, sensor, wrenches, settings, ends=self.source == SIMULATED, pressed=pressed)
         print(f"stopped after {sensor.frames_read} images")
@@ -208,6 +218,8 @@ class PageSettings:
     """Websites that may use the page besides the page itself."""
     guard: "SocketGuard | None" = None
     """The rules by which requests are accepted; None takes those of the host and the allowed websites."""
+    rerun: bool = False
+    """Whether readings are also sent to the Rerun viewer on this computer."""
 
 
 def serve_sensor_page(
@@ -246,6 +258,10 @@ def serve_sensor_page(
                 listener(reading)
 
         listeners: list[Callable[[Reading], None]] = [keep_estimate]
+        if settings.rerun:
+            from ninedtact.interop.rerun import RerunViewer
+
+            listeners.append(opened.enter_context(RerunViewer(folder.id)).show)
         loop = opened.enter_context(SensorPoller(sensor, keep_reading))
         for poller in wrenches:
             opened.enter_context(poller)
@@ -317,6 +333,12 @@ def require_display_rate(display_hz: float) -> None:
         raise InvalidLiveOption(
             f"expected --display-hz above 0 and at most {_MAX_DISPLAY_HZ:g}, got {display_hz:g}; drop it"
         )
+
+
+def require_rerun() -> None:
+    """Refuse what needs Rerun without it; raises `RerunMissing`."""
+    if find_spec("rerun") is None:
+        raise RerunMissing("expected rerun-sdk, got no such package; run pip install 'ninedtact[rerun]' (740 MB)")
 
 
 def require_page_library() -> None:

@@ -171,7 +171,7 @@ class Record:
         if is_simulated(self.source[0]):
             return _twin_sources(folder, self.force_torque is not None)
         camera = live_source_for(self.source[0], DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
-        return camera, None if self.force_torque is None else _wrench_source(self.force_torque, folder)
+        return camera, None if self.force_torque is None else untared_wrench_source(self.force_torque, folder)
 
 
 def is_named(text: str) -> bool:
@@ -224,7 +224,7 @@ def _twin_sources(folder: "SensorFolder", force_torque: bool) -> "tuple[FrameSou
     return SimulatedCamera(simulation), SimulatedForceTorque(simulation) if force_torque else None
 
 
-def _wrench_source(address: str, folder: "SensorFolder") -> "WrenchSource":
+def untared_wrench_source(address: str, folder: "SensorFolder") -> "WrenchSource":
     """Return a device in the sensor frame, without a tare; samples that it marks as wrong are skipped and reported."""
     from ninedtact.capture.force_torque.mounted_wrench_source import MountedWrenchSource, force_torque_sensor_for
     from ninedtact.capture.force_torque.sample_checks import SkippingWrenchSource

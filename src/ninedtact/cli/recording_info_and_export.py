@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from ninedtact.cli.live import require_rerun
 from ninedtact.cli.result_and_interrupt import print_result
 
 if TYPE_CHECKING:
@@ -71,11 +72,14 @@ class Export:
     recording: Annotated[Path, tyro.conf.Positional]
     """File that `ninedtact record` or `ninedtact collect` wrote."""
     out: Path
-    """New or empty folder."""
-    to: Literal["files", "lerobot"] = "files"
-    """`lerobot` writes a LeRobotDataset v3.0 of one episode: images, and wrenches at their times."""
+    """New or empty folder; with `--to rerun`, a new file (.rrd)."""
+    to: Literal["files", "lerobot", "rerun"] = "files"
+    """`lerobot` writes a LeRobotDataset v3.0 of one episode: images, and wrenches at their times. `rerun` writes a file for
+    the Rerun viewer: images, surfaces, wrenches with error bands."""
     task: str = "touch"
     """With `--to lerobot`: what is done in the recording, in words."""
+    points_every: int = 4
+    """With `--to rerun`: write the points of every so many rows and columns of the height map."""
     json: bool = False
     """Print the result as one JSON object."""
 
@@ -86,7 +90,6 @@ class Export:
         require_recording_libraries()
         from tqdm import tqdm
 
-        from ninedtact.interop.lerobot import export_lerobot
         from ninedtact.recording.export import export_recording
         from ninedtact.recording.reader import Recording
         from ninedtact.recording.ros_messages import Topic
@@ -95,7 +98,14 @@ class Export:
             images = len(recording.positions(Topic.IMAGES))
             with tqdm(total=images, unit="images", disable=self.json) as bar:
                 if self.to == "lerobot":
+                    from ninedtact.interop.lerobot import export_lerobot
+
                     written = export_lerobot([recording], self.out, self.task, on_image=bar.update)
+                elif self.to == "rerun":
+                    require_rerun()
+                    from ninedtact.interop.rerun import export_rerun
+
+                    written = export_rerun(recording, self.out, self.points_every, on_image=bar.update)
                 else:
                     written = export_recording(recording, self.out, on_image=bar.update)
             finished = recording.is_finished

@@ -1,7 +1,8 @@
 """Doors to other tools: each module needs its own extra, and none is imported by the package itself.
 
 `ros2_messages` turns a reading into ROS 2 messages (CDR bytes), `dds` brings such bytes to ROS 2 without an installation of ROS,
-`ros2_sensor` is a sensor on it, and `reading_stream` serves readings to programs in any language. `mujoco` lets the bodies of a
-scene press a twin (`mujoco_scene` reads the scene, `geom_undersides` its shapes), `edge_following` is a Gymnasium environment,
-and `lerobot` writes data sets.
+`ros2_sensor` is a sensor on it, `foxglove` shows a sensor in Foxglove, and `reading_stream` serves readings to programs in any
+language; `reading_broadcast` is the thread and the queues of both. `mujoco` lets the bodies of a scene press a twin
+(`mujoco_scene` reads the scene, `geom_undersides` its shapes), `edge_following` is a Gymnasium environment, and `lerobot` writes
+data sets, `rerun` files for the Rerun viewer.
 """

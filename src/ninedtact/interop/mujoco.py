@@ -8,6 +8,7 @@ MuJoCo's skin does not yield sideways, a gel does. While a body sticks, the obje
 needs to resist with MuJoCo's friction. Where the friction of the scene is exhausted, the object slides as the body does.
 """
 
+from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.util import find_spec
@@ -27,6 +28,7 @@ from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, HeightMap, Wrench
 from ninedtact.simulation.ground_truth import true_height_map
+from ninedtact.simulation.renderer import BgrImage
 from ninedtact.simulation.twin import Twin
 
 if TYPE_CHECKING:
@@ -101,6 +103,17 @@ class _Press:
     stiffness_n_per_mm: float
 
 
+@dataclass(frozen=True)
+class GelStep:
+    """A contact to be solved: the object goes near a pose, and sinks in until the gel resists with a load."""
+
+    last: Contact
+    solids: SolidsInPlace
+    pose: Pose
+    load_n: float
+    friction: float
+
+
 @dataclass
 class TactileSensor(FrameSource):
     """A sensor on a body of a MuJoCo scene. It is also a source of frames, which `ninedtact.open` takes in place of a camera.
@@ -130,6 +143,7 @@ class TactileSensor(FrameSource):
     is_open: bool = field(default=False, init=False)
     _press_before: _Press | None = field(default=None, init=False, repr=False)
     _frames: int = field(default=0, init=False)
+    _scene_wrench: Wrench = field(default_factory=lambda: Wrench(np.zeros(3), np.zeros(3)), init=False, repr=False)
 
     def __post_init__(self) -> None:
         require_mujoco()
@@ -154,6 +168,8 @@ class TactileSensor(FrameSource):
         from ninedtact.calibration.sensor_folder import load_sensor
 
         given = self.sensor_folder
+        if isinstance(given, Twin) and given.pitch_mm == self.pitch_mm:
+            return given
         folder = load_sensor(given) if isinstance(given, Path | str) else given
         return replace(folder if isinstance(folder, Twin) else folder.twin(), pitch_mm=self.pitch_mm)
 
@@ -176,31 +192,52 @@ class TactileSensor(FrameSource):
 
         Raises `BodyThroughBase`, `MujocoBodyUnusable`, and what `Twin.step` raises.
         """
+        pressing = self.press_steps()
+        try:
+            request = next(pressing)
+            while True:
+                twin = self._twin_with_friction(request.friction)
+                request = pressing.send(twin.step(request.last, request.solids, request.pose, request.load_n))
+        except StopIteration as ended:
+            contact: Contact | None = ended.value
+        return self.show(contact, self.twin.renderer(contact, self._frames + 1))
+
+    def press_steps(self) -> Generator[GelStep, Contact, Contact | None]:
+        """Yield the contacts to be solved for the scene as it is now, receive each, and return the one that is shown.
+
+        `step` solves them one by one, `TactileSensorBatch` those of many scenes at once.
+        """
         touching = [one for one in self._scene.body_contacts() if one.load_n > MIN_LOAD_N]
-        stamp_ns, self._frames = round(self.data.time * 1e9), self._frames + 1
-        self._press_before = press = self._press(touching) if touching else None
-        contact = None if press is None else self.twin.correct_contact(press.contact)
         six = np.sum([one.wrench.six for one in touching], axis=0) if touching else np.zeros(6)
-        none = Wrench(np.zeros(3), np.zeros(3), stamp_ns=stamp_ns)
+        self._scene_wrench = Wrench(six[:3], six[3:], stamp_ns=round(self.data.time * 1e9))
+        if not touching:
+            self._press_before = None
+            return None
+        self._press_before = press = yield from self._press(touching)
+        return self.twin.correct_contact(press.contact)
+
+    def show(self, contact: Contact | None, image: BgrImage) -> TactileReading:
+        """Keep and return the reading of a solved contact and its image."""
+        scene, self._frames = self._scene_wrench, self._frames + 1
+        none = replace(scene, force_n=np.zeros(3), torque_nm=np.zeros(3))
         self.last = TactileReading(
-            Frame(self.twin.renderer(contact, self._frames), stamp_ns, self._frames - 1),
-            none if contact is None else replace(contact.wrench(), stamp_ns=stamp_ns),
-            replace(none, force_n=six[:3], torque_nm=six[3:]),
+            Frame(image, scene.stamp_ns, self._frames - 1),
+            none if contact is None else replace(contact.wrench(), stamp_ns=scene.stamp_ns),
+            scene,
             contact,
             self.twin.area_mm,
         )
         return self.last
 
-    def _press(self, touching: list[BodyContact]) -> _Press:
+    def _press(self, touching: list[BodyContact]) -> Generator[GelStep, Contact, _Press]:
         """Press the bodies that touch until the gel resists with their load and, where they stick, with their friction."""
         leader = max(touching, key=lambda one: one.load_n)
         self._require_above_base(touching)
         before = self._press_before
         last = before if before is not None and before.leader.body == leader.body else None
         wanted = np.sum([one.wrench.force_n for one in touching], axis=0)
-        twin = self._twin_with_friction(round(leader.friction, 3))
         centre = np.clip(leader.centre_mm[:2], -_ORIGIN_WITHIN_MM, _ORIGIN_WITHIN_MM)
-        contact = twin.model.initial_contact() if last is None else _move_origin(last, centre)
+        contact = self.twin.model.initial_contact() if last is None else _move_origin(last, centre)
         pose, lag = _pose_now(contact, last, leader, centre), np.zeros(3) if last is None else last.lag_mm
         stiffness = 0.0 if last is None else last.stiffness_n_per_mm
         slides = np.hypot(*wanted[:2]) > _SLIPS_FROM * leader.friction * -wanted[2]
@@ -210,7 +247,8 @@ class TactileSensor(FrameSource):
         for _ in range(_SOLVES_PER_STEP):
             about = (float(pose.x_mm + lag[0]), float(pose.y_mm + lag[1]))
             solids = self._solids([one.body for one in touching], lag, about)
-            solved = twin.step(contact, solids, replace(pose, x_mm=about[0], y_mm=about[1]), float(-wanted[2]))
+            at = replace(pose, x_mm=about[0], y_mm=about[1])
+            solved = yield GelStep(contact, solids, at, float(-wanted[2]), round(leader.friction, 3))
             tried.append((lag, solved.wrench().force_n))
             stiffness = _shear_stiffness(solved, tried, stiffness)
             missing = wanted - tried[-1][1]

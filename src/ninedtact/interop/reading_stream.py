@@ -1,23 +1,18 @@
 """Readings for programs in any language: one JSON object a line over TCP, and the same objects over WebSocket for browsers.
 
-    sensor thread ──Reading──▶ ReadingServer.publish ──▶ server thread: a short queue for each client ──▶ TCP, WebSocket
-
-`publish` never waits: a client that reads too slowly misses readings, which its next message counts (`missed`), and is
-disconnected after ten seconds without reading. Who may connect is decided as for the live page (`studio.socket_guard`).
-The messages are the classes below; their JSON schema is served at `/schema.json`.
+A client that reads too slowly misses readings, which its next message counts (`missed`), and is disconnected after ten seconds
+without reading. Who may connect is decided as for the live page (`studio.socket_guard`). The messages are the classes below; their
+JSON schema is served at `/schema.json`.
 """
 
 import asyncio
 import base64
-import errno
 import hmac
 import json
 import time
-from collections import deque
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
-from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from functools import cached_property, partial
-from threading import Thread
 from time import monotonic_ns
 from types import TracebackType
 from typing import Any, Literal, cast, get_args
@@ -27,28 +22,20 @@ import cv2
 import msgspec
 import numpy as np
 from websockets.asyncio.server import ServerConnection
-from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from ninedtact.errors import DeviceError
+from ninedtact.interop.reading_broadcast import ReadingBroadcast, feed_until_closed, port_errors
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
-from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
 from ninedtact.studio.socket_guard import SocketGuard
 
 STREAM_FORMAT = 1
 """Number of the message format, raised when a field changes its meaning."""
 ImageFormat = Literal["none", "jpeg", "png"]
-_QUEUED_MESSAGES = 8
-"""Messages that wait for one client at most; further ones replace the oldest."""
+_QUEUED_READINGS = 8
+"""Readings that wait for one client at most."""
 _REQUEST_BYTES, _REQUEST_S = 4096, 10.0
 """Size of a TCP client's request, and the time in which it must arrive."""
-_POLL_S = 0.1
-
-
-class StreamPortRefused(DeviceError):
-    """Raised for a port that is in use, or an address that this computer does not have."""
 
 
 class StreamRequest(msgspec.Struct, forbid_unknown_fields=True):
@@ -158,32 +145,6 @@ def _streamed_wrench(estimate: WrenchEstimate) -> StreamedWrench:
     return StreamedWrench(wrench.force_n.tolist(), wrench.torque_nm.tolist(), std[:3], std[3:], estimate.touching)
 
 
-class _Client:
-    """The readings that wait for one client."""
-
-    def __init__(self, images: ImageFormat) -> None:
-        self._images: ImageFormat = images
-        self._waiting: deque[_SharedReading] = deque()
-        self._missed, self._arrived = 0, asyncio.Event()
-
-    def add(self, reading: _SharedReading) -> None:
-        """Queue a reading; where too many wait, the oldest is missed."""
-        if len(self._waiting) == _QUEUED_MESSAGES:
-            self._waiting.popleft()
-            self._missed += 1
-        self._waiting.append(reading)
-        self._arrived.set()
-
-    async def messages(self) -> AsyncIterator[bytes]:
-        """Yield the messages for this client, without end."""
-        while True:
-            await self._arrived.wait()
-            while self._waiting:
-                missed, self._missed = self._missed, 0
-                yield self._waiting.popleft().encode(self._images, missed)
-            self._arrived.clear()
-
-
 class ReadingServer:
     """Serves readings over TCP and WebSocket in a thread of its own while it is open (`with`).
 
@@ -194,10 +155,7 @@ class ReadingServer:
         self.guard = SocketGuard.for_host(host, allowed_origins)
         self.port, self.tcp_port = port, tcp_port
         """Ports of WebSocket and TCP; those in use, once the server is open."""
-        self._sensor, self._clients = sensor, set[_Client]()
-        self._loop = asyncio.new_event_loop()
-        self._thread = Thread(target=self._loop.run_forever, name="serve readings", daemon=True)
-        self._servers = AsyncExitStack()
+        self._broadcast = ReadingBroadcast(partial(_SharedReading, sensor=sensor), _QUEUED_READINGS)
         self._connections = set[asyncio.Task[None]]()
 
     @property
@@ -212,76 +170,46 @@ class ReadingServer:
 
     def publish(self, reading: Reading) -> None:
         """Hand a reading to all clients; returns at once."""
-        self._loop.call_soon_threadsafe(self._distribute, reading)
+        self._broadcast.publish(reading)
 
     def __enter__(self) -> "ReadingServer":
         """Listen on both ports; raises `StreamPortRefused`."""
-        self._thread.start()
-        try:
-            self._call(self._listen())
-        except BaseException:
-            self._end_thread()
-            raise
+        self._broadcast.start(self._listen())
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._end_thread()
-
-    def _call(self, work: Coroutine[Any, Any, None]) -> None:
-        """Run a coroutine in the server thread and wait for it."""
-        asyncio.run_coroutine_threadsafe(work, self._loop).result()
-
-    def _end_thread(self) -> None:
-        self._call(self._close())
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
-        self._loop.close()
-
-    async def _close(self) -> None:
-        for connection in self._connections:
-            connection.cancel()
-        await self._servers.aclose()
+        self._broadcast.stop()
 
     async def _listen(self) -> None:
-        host = self.guard.host
-        with _port_errors(host, self.port, "--port"):
+        host, servers = self.guard.host, self._broadcast.servers
+        with port_errors(host, self.port, "--port"):
             guarded = self.guard.serve(
                 self._feed_websocket, host, self.port, is_expected=lambda _: False, process_request=_answer_request
             )
-            websocket = await self._servers.enter_async_context(guarded)
-        with _port_errors(host, self.tcp_port, "--tcp-port"):
+            websocket = await servers.enter_async_context(guarded)
+        with port_errors(host, self.tcp_port, "--tcp-port"):
             tcp = await asyncio.start_server(self._feed_tcp, host, self.tcp_port, limit=_REQUEST_BYTES)
-            await self._servers.enter_async_context(_closing(tcp))
+            await servers.enter_async_context(_closing(tcp))
+        servers.callback(self._end_connections)
         self.port = next(iter(websocket.sockets)).getsockname()[1]
         self.tcp_port = tcp.sockets[0].getsockname()[1]
 
-    def _distribute(self, reading: Reading) -> None:
-        if self._clients:
-            shared = _SharedReading(reading, self._sensor)
-            for client in self._clients:
-                client.add(shared)
+    def _end_connections(self) -> None:
+        for connection in self._connections:
+            connection.cancel()
 
     async def _feed(self, images: ImageFormat, send: Callable[[bytes], Awaitable[None]]) -> None:
         """Send readings to a client until it leaves."""
-        client = _Client(images)
-        self._clients.add(client)
-        try:
-            async for message in client.messages():
-                await send(message)
-        finally:
-            self._clients.discard(client)
+        with self._broadcast.queue() as queue:
+            async for reading, missed in queue.readings():
+                await send(reading.encode(images, missed))
 
     async def _feed_websocket(self, connection: ServerConnection) -> None:
         request = connection.request
         images = _asked_images(request.path) if request is not None else None
         if images is None:  # refused before the handshake
             return
-        feeding = asyncio.ensure_future(self._feed(images, partial(connection.send, text=True)))
-        leaving = asyncio.ensure_future(connection.wait_closed())  # noticed also while there are no readings
-        await asyncio.wait({feeding, leaving}, return_when=asyncio.FIRST_COMPLETED)
-        feeding.cancel()
-        with suppress(ConnectionClosed, asyncio.CancelledError):
-            await feeding
+        await feed_until_closed(connection, self._feed(images, partial(connection.send, text=True)))
 
     async def _feed_tcp(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Answer a TCP client: a request of one line, then readings; an error line where the request is refused."""
@@ -304,7 +232,7 @@ class ReadingServer:
         except (OSError, TimeoutError):  # the client has left, or does not read
             pass
         except asyncio.CancelledError:
-            if not self._loop.is_running():
+            if not self._broadcast.is_running:
                 raise
         finally:
             self._connections.discard(connection)
@@ -330,29 +258,6 @@ class ReadingServer:
         return request
 
 
-def serve_sensor(server: ReadingServer, sensor: Sensor, should_stop: Callable[[], bool]) -> int:
-    """Read a sensor and publish every reading until `should_stop` is true or its source ends; return how many.
-
-    Raises what the sensor raises.
-    """
-    served = 0
-
-    def publish(reading: Reading) -> None:
-        nonlocal served
-        server.publish(reading)
-        served += 1
-
-    with SensorPoller(sensor, publish) as poller:
-        while not should_stop():
-            poller.wait_for_change(_POLL_S)
-            now = poller.snapshot(monotonic_ns())
-            if now.phase is SensorPhase.FAILED and now.trouble is not None:
-                raise now.trouble
-            if now.phase is SensorPhase.ENDED:
-                break
-    return served
-
-
 def _answer_request(connection: ServerConnection, request: Request) -> Response | None:
     """Serve the schema, refuse unknown addresses, and let WebSockets through."""
     path = urlsplit(request.path).path
@@ -368,19 +273,6 @@ def _asked_images(path: str) -> ImageFormat | None:
     query = parse_qs(urlsplit(path).query, keep_blank_values=True)
     images = query.pop("images", ["none"])[-1]
     return None if query or images not in get_args(ImageFormat) else cast(ImageFormat, images)
-
-
-@contextmanager
-def _port_errors(host: str, port: int, option: str) -> Iterator[None]:
-    """Raise `StreamPortRefused` where a port cannot be listened on."""
-    try:
-        yield
-    except (OSError, OverflowError) as trouble:
-        got = "one in use" if getattr(trouble, "errno", 0) == errno.EADDRINUSE else f"'{trouble}'"
-        raise StreamPortRefused(
-            f"expected port {port} on {host} to be free for readings, got {got}; choose another with {option}, or a host of "
-            "this machine with --host"
-        ) from trouble
 
 
 @asynccontextmanager

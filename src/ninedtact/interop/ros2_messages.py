@@ -19,10 +19,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float64, UInt8
+from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.ros_messages import (
     MESSAGE_TYPES,
@@ -31,6 +32,7 @@ from ninedtact.recording.ros_messages import (
     encode_height,
     encode_image,
     encode_message,
+    encode_reference_grey,
     encode_warnings,
     encode_wrench,
     header,
@@ -46,7 +48,7 @@ POINTS, COMPRESSED, CAMERA_INFO = "points", "image_raw/compressed", "camera_info
 STRING_TYPE, TF_TYPE = "std_msgs/msg/String", "tf2_msgs/msg/TFMessage"
 _POINTS_TYPE, _COMPRESSED_TYPE = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CompressedImage"
 _CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
-_POINT_FIELDS = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "intensity")
+POINT_FIELDS = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "intensity")
 _FLOAT32 = 7
 """`PointField.FLOAT32`."""
 _FIT_ROWS = 30
@@ -72,8 +74,10 @@ LIVE_TOPICS: Mapping[str, tuple[str, QosProfile]] = {
     Topic.HEIGHTS: (MESSAGE_TYPES[Topic.HEIGHTS], QosProfile.RELIABLE),
     POINTS: (_POINTS_TYPE, QosProfile.RELIABLE),
     Topic.ESTIMATED: (MESSAGE_TYPES[Topic.ESTIMATED], QosProfile.RELIABLE),
+    Topic.MEASURED: (MESSAGE_TYPES[Topic.MEASURED], QosProfile.RELIABLE),
     Topic.COVARIANCE: (MESSAGE_TYPES[Topic.COVARIANCE], QosProfile.RELIABLE),
     Topic.WARNINGS: (MESSAGE_TYPES[Topic.WARNINGS], QosProfile.RELIABLE),
+    Topic.REFERENCE_GREY: (MESSAGE_TYPES[Topic.REFERENCE_GREY], QosProfile.LATCHED),
     STATUS: (STRING_TYPE, QosProfile.LATCHED),
 }
 """Type and default quality of service of every topic that is published; a reliable topic serves `sensor_data` subscribers too."""
@@ -227,26 +231,38 @@ class SensorMessages:
         z_mm = np.where(reading.height.in_view, reading.height.z_mm, np.float32(np.nan))
         return encode_height(z_mm, wall_ns, frame=self.frame("skin"))
 
-    def _points(self, reading: Reading, wall_ns: int) -> bytes:
-        """Return points in metres, outward unit normals, and as intensity the grey level of the rectified image."""
+    def point_values(self, reading: Reading) -> Float32[Array, "n 7"]:
+        """Return `POINT_FIELDS` of every point: metres, outward unit normal, and the grey level of the rectified image."""
         every = (slice(None, None, self.points_every),) * 2
         cloud = point_cloud(reading.height, self.points_every)
-        values = np.empty((len(cloud.points_mm), len(_POINT_FIELDS)), "<f4")
+        values = np.empty((len(cloud.points_mm), len(POINT_FIELDS)), "<f4")
         values[:, :3], values[:, 3:6] = cloud.points_mm * np.float32(_M_PER_MM), cloud.normals
         values[:, 6] = reading.rectified.grey[every][reading.height.in_view[every]]
+        return values
+
+    def _points(self, reading: Reading, wall_ns: int) -> bytes:
+        values = self.point_values(reading)
         field = type_store().types["sensor_msgs/msg/PointField"]
         return encode_message(
             _POINTS_TYPE,
             header=header(wall_ns, self.frame("skin")),
             height=1,
             width=len(values),
-            fields=[field(name, 4 * place, _FLOAT32, 1) for place, name in enumerate(_POINT_FIELDS)],
+            fields=[field(name, 4 * place, _FLOAT32, 1) for place, name in enumerate(POINT_FIELDS)],
             is_bigendian=False,
             point_step=values.strides[0],
             row_step=values.nbytes,
             data=values.view(np.uint8).reshape(-1),
             is_dense=True,
         )
+
+    def encode_measured(self, wrench: Wrench, wall_ns: int) -> bytes:
+        """Return the message of a wrench that a force/torque sensor measured."""
+        return encode_wrench(wrench, wall_ns, self.frame("skin"))
+
+    def encode_reference(self, reference: Rectified, wall_ns: int) -> bytes:
+        """Return the message of the rectified reference image against which heights are computed from this time on."""
+        return encode_reference_grey(reference.grey, wall_ns, self.frame("skin"))
 
     def _wrench(self, reading: Reading, wall_ns: int) -> bytes | None:
         return None if reading.wrench is None else encode_wrench(reading.wrench, wall_ns, self.frame("skin"))

@@ -2,19 +2,22 @@
 
     sensor thread:     Sensor ──read──▶ newest reading ──▶ recording thread, while one is made
     publishing thread: newest reading ──SensorMessages──▶ CDR ──▶ DDS        commands ──▶ answers on `status`
+    measuring thread:  force/torque sensor ──▶ every sample ──▶ CDR ──▶ DDS, and to the recording thread
 
-The publishing thread alone waits for subscribers that stall.
+The publishing and the measuring thread wait for subscribers that stall; the sensor does not.
 """
 
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from queue import Full, Queue
-from threading import Thread
+from queue import Queue
+from threading import Event, Semaphore, Thread
 from time import monotonic, monotonic_ns
 from typing import Any
 
+from ninedtact.capture.frame_source import SourceEnded
+from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import NinedtactError
 from ninedtact.interop.dds import DdsParticipant, InvalidRos2Option
 from ninedtact.interop.ros2_messages import (
@@ -29,6 +32,7 @@ from ninedtact.interop.ros2_messages import (
     decode_command,
     encode_status,
 )
+from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import RecordingMetadata, wall_minus_monotonic_ns
 from ninedtact.recording.reader import sensor_folder_attachments
@@ -39,6 +43,8 @@ from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
 
 _COMMAND_WAIT_S = 0.05
 _STATUS_S = 1.0
+_REFERENCE_S = 1.0
+"""Shortest time between two reference images, which may follow slow changes of light and gel."""
 _WAITING_READINGS = 128
 """Readings that wait to be recorded at most: about 120 MB."""
 
@@ -46,20 +52,22 @@ _WAITING_READINGS = 128
 class _ReadingRecorder:
     """Records readings in a thread of its own, so that a slow disk delays neither the sensor nor subscribers."""
 
-    def __init__(self, path: Path, messages: SensorMessages) -> None:
+    def __init__(self, path: Path, messages: SensorMessages, measured: bool) -> None:
         topics = {Topic.IMAGES, Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS}
+        topics |= {Topic.MEASURED} if measured else set()
         metadata = RecordingMetadata(messages.folder.id, purpose="ros2", source=messages.name)
         self.writer = RecordingWriter(path, metadata, topics, sensor_folder_attachments(messages.folder.path))
         self.trouble: NinedtactError | None = None
-        self._waiting: Queue[Reading | None] = Queue(_WAITING_READINGS)
+        self._waiting: Queue[Reading | Wrench | None] = Queue()
+        self._room = Semaphore(_WAITING_READINGS)
         self._thread = Thread(target=self._run, name=f"record {path}", daemon=True)
         self.writer.__enter__()
         self._thread.start()
 
-    def add(self, reading: Reading) -> None:
-        """Record a reading; it is dropped, and counted by the writer, where too many wait."""
-        with suppress(Full):
-            self._waiting.put_nowait(reading)
+    def add(self, item: Reading | Wrench) -> None:
+        """Record a reading or a measured wrench; a reading is dropped, and counted by the writer, where too many wait."""
+        if isinstance(item, Wrench) or self._room.acquire(blocking=False):
+            self._waiting.put(item)
 
     def close(self) -> None:
         """Write what waits and finish the file; raises what writing raised."""
@@ -70,14 +78,22 @@ class _ReadingRecorder:
             raise self.trouble
 
     def _run(self) -> None:
-        while (reading := self._waiting.get()) is not None:
+        while (item := self._waiting.get()) is not None:
             try:
                 if self.trouble is None:
-                    self.writer.write_image(reading.frame)
-                    if reading.force is not None:
-                        self.writer.write_estimated(reading.force, reading.frame.index)
+                    self._write(item)
             except NinedtactError as trouble:
                 self.trouble = trouble
+            if isinstance(item, Reading):
+                self._room.release()
+
+    def _write(self, item: Reading | Wrench) -> None:
+        if isinstance(item, Wrench):
+            self.writer.write_measured(item)
+            return
+        self.writer.write_image(item.frame)
+        if item.force is not None:
+            self.writer.write_estimated(item.force, item.frame.index)
 
 
 @dataclass
@@ -94,9 +110,16 @@ class SensorOnRos2:
     profiles: Mapping[str, QosProfile]
     out: Path = Path("recordings")
     """Folder of recordings; a command names files in it, not paths."""
+    measured: WrenchSource | None = None
+    """A force/torque sensor beside, whose samples are published at its own rate; not yet open."""
     published: int = field(default=0, init=False)
     """Readings published."""
     _recorder: _ReadingRecorder | None = field(default=None, init=False)
+    _reference: Rectified | None = field(default=None, init=False, repr=False)
+    """The reference image that was published last, and when, in s."""
+    _reference_at: float = field(default=-_REFERENCE_S, init=False)
+    _trouble: NinedtactError | None = field(default=None, init=False)
+    """Why no more measured wrenches arrive."""
 
     def run(self, should_stop: Callable[[], bool]) -> None:
         """Publish until `should_stop` is true or the source ends; raises what the sensor raises."""
@@ -110,10 +133,12 @@ class SensorOnRos2:
         commands = self.participant.reader(self.messages.path(COMMAND), STRING_TYPE, QosProfile.RELIABLE)
         last, status_at = None, 0.0
         try:
-            with SensorPoller(self.sensor, self._record) as poller:
+            with self._measuring(), SensorPoller(self.sensor, self._record) as poller:
                 while not should_stop():
                     poller.wait_for_change(_COMMAND_WAIT_S)
                     now = poller.snapshot(monotonic_ns())
+                    if self._trouble is not None:
+                        raise self._trouble
                     if now.phase is SensorPhase.FAILED and now.trouble is not None:
                         raise now.trouble
                     if now.reading is not None and now.reading is not last:
@@ -134,13 +159,53 @@ class SensorOnRos2:
         wanted = {topic for topic, writer in self._writers.items() if writer.has_subscribers}
         for topic, message in self.messages.encode(reading, wall_ns, wanted).items():
             self._writers[topic].write(message)
+        if reading.reference is not None and reading.reference is not self._reference:
+            self._publish_reference(reading.reference, wall_ns)
         self.published += 1
 
-    def _record(self, reading: Reading) -> None:
-        """Hand a reading to the recording that is being made; called in the sensor thread."""
+    def _publish_reference(self, reference: Rectified, wall_ns: int) -> None:
+        """Publish a new reference image for all who subscribe now or later."""
+        if monotonic() - self._reference_at > _REFERENCE_S:
+            self._reference, self._reference_at = reference, monotonic()
+            self._writers[Topic.REFERENCE_GREY].write(self.messages.encode_reference(reference, wall_ns))
+
+    def _record(self, item: Reading | Wrench) -> None:
+        """Hand a reading or a measured wrench to the recording that is being made; called in the thread that has it."""
         recorder = self._recorder
         if recorder is not None:
-            recorder.add(reading)
+            recorder.add(item)
+
+    @contextmanager
+    def _measuring(self) -> Iterator[None]:
+        """Publish the samples of the force/torque sensor during the block; raises what opening it raises."""
+        if self.measured is None:
+            yield
+            return
+        over = Event()
+        self.measured.open()
+        thread = Thread(target=self._publish_measured, args=(self.measured, over), name="measure", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            self.measured.close()
+            thread.join()
+
+    def _publish_measured(self, source: WrenchSource, over: Event) -> None:
+        writer = self._writers[Topic.MEASURED]
+        try:
+            while not over.is_set():
+                wrench = source.read()
+                self._record(wrench)
+                if writer.has_subscribers:
+                    wall_ns = wrench.stamp_ns + wall_minus_monotonic_ns()
+                    writer.write(self.messages.encode_measured(wrench, wall_ns))
+        except SourceEnded:
+            return
+        except NinedtactError as trouble:
+            if not over.is_set():
+                self._trouble = trouble
 
     def _obey(self, command: str, poller: SensorPoller) -> dict[str, Any]:
         """Carry a command out and return the answer."""
@@ -172,7 +237,8 @@ class SensorOnRos2:
         if Path(name).name != name or name.startswith("."):
             raise InvalidRos2Option(f"expected the name of a recording without a folder, got {name!r}; leave it out")
         self.out.mkdir(parents=True, exist_ok=True)
-        self._recorder = _ReadingRecorder(self.out / f"{name.removesuffix('.mcap')}.mcap", self.messages)
+        path = self.out / f"{name.removesuffix('.mcap')}.mcap"
+        self._recorder = _ReadingRecorder(path, self.messages, self.measured is not None)
         return f"recording to {self._recorder.writer.path}"
 
     def _stop_recording(self) -> str:

@@ -221,9 +221,9 @@ def encode_span(span: LabelledSpan) -> bytes:
     return _encode_json(Topic.SPANS, vars(span))
 
 
-def encode_reference_grey(grey: Float32[Array, "rows cols"], wall_ns: int) -> bytes:
+def encode_reference_grey(grey: Float32[Array, "rows cols"], wall_ns: int, frame: str = SKIN_FRAME) -> bytes:
     """Return a message with the grey levels of a rectified reference image."""
-    return _encode_pixels(Topic.REFERENCE_GREY, header(wall_ns, "skin"), grey.shape, "32FC1", grey.astype("<f4"))
+    return _encode_pixels(Topic.REFERENCE_GREY, header(wall_ns, frame), grey.shape, "32FC1", grey.astype("<f4"))
 
 
 def encode_event(event: RecordingEvent) -> bytes:

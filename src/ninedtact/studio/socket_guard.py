@@ -33,6 +33,8 @@ from ninedtact.errors import InputError
 _LOG = logging.getLogger(__name__)
 _LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
 _TOKEN_BYTES = 16
+_FILES_ORIGIN = "file://"
+"""What pages in files of this computer state as their website; desktop programs that are made of pages do too."""
 _RELEASE_AFTER_S = 1.0
 """Time from the departure of a client to the release of its memory, so that a crowd that leaves is one release."""
 _CLOSE_S = 1.0
@@ -100,7 +102,7 @@ class SocketGuard:
         """Return HTTP status and reason with which a request is refused; None for one that is accepted."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         own = self.own_hosts(local_address, port)
-        proxies = {urlsplit(origin).netloc for origin in self.allowed_origins}
+        proxies = {urlsplit(origin).netloc for origin in self.allowed_origins} - {""}
         if len(hosts) != 1 or hosts[0].lower() not in own | proxies:
             return 403, _host_or_origin_refusal("Host", hosts, "http://NAME:PORT")
         allowed = {f"http://{host}" for host in own} | set(self.allowed_origins)
@@ -289,9 +291,11 @@ def _first_segment(path: str) -> str:
 
 def _normalise_origin(origin: str) -> str:
     """Return an origin as browsers send it; raises `InvalidAllowedOrigin`."""
+    if origin.lower() == _FILES_ORIGIN:
+        return _FILES_ORIGIN
     if re.fullmatch(r"https?://[\w.-]+(:\d+)?|https?://\[[0-9a-f:]+\](:\d+)?", origin.lower().rstrip("/")) is None:
         raise InvalidAllowedOrigin(
-            f"expected --allow-origin as http://NAME:PORT or https://NAME, got {origin!r}; leave out path and user"
+            f"expected --allow-origin as http://NAME:PORT, https://NAME or {_FILES_ORIGIN}, got {origin!r}; leave out path and user"
         )
     return re.sub(r"(?<=^http:)(//.*):80$|(?<=^https:)(//.*):443$", r"\1\2", origin.lower().rstrip("/"))
 

@@ -104,13 +104,13 @@ class WrenchPoller:
 
     def __init__(self, source: WrenchSource, name: str, meaning: str) -> None:
         self.history = WrenchHistory(name, meaning)
-        self._source = source
+        self.source = source
         self._closing = Event()
         self._thread = Thread(target=self._run, name=f"read {source.name}", daemon=True)
 
     def __enter__(self) -> "WrenchPoller":
         """Open the source, raising what it raises, and start reading."""
-        self._source.open()
+        self.source.open()
         self._thread.start()
         return self
 
@@ -118,13 +118,13 @@ class WrenchPoller:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._closing.set()
-        self._source.close()
+        self.source.close()
         self._thread.join()
 
     def _run(self) -> None:
         try:
             while not self._closing.is_set():
-                self.history.add(WrenchSample(self._source.read().about(np.zeros(3)), _UNKNOWN_STD))
+                self.history.add(WrenchSample(self.source.read().about(np.zeros(3)), _UNKNOWN_STD))
         except SourceEnded:
             pass
         except BaseException as trouble:  # the page shows it

@@ -204,7 +204,7 @@ class UncertaintyModel:
     hardly deforms it. So the force of one rounded contact is found well, and that of many fine ridges or dots is not.
     """
 
-    model: float = 0.04
+    model: float = 0.06
     """Relative error of the mechanics and of the brightness law."""
     thickness: float = 0.02
     """Relative error of the gel's thickness, as fitted to the ball press."""

@@ -1,4 +1,4 @@
-"""ninedtact ros2 and ninedtact serve: a running sensor for other programs, over ROS 2 or as JSON lines."""
+"""ninedtact ros2, foxglove and serve: a running sensor for other programs, over ROS 2, in Foxglove or as JSON lines."""
 
 import json
 import sys
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.live import Live
-from ninedtact.cli.record import is_named, require_duration, run_together, split_named
+from ninedtact.cli.live import InvalidLiveOption, Live
+from ninedtact.cli.record import is_named, require_duration, run_together, split_named, untared_wrench_source
 from ninedtact.cli.result_and_interrupt import (
     load_sensor_with_notices,
     named_sensor_with_notices,
@@ -21,11 +21,12 @@ from ninedtact.cli.result_and_interrupt import (
 )
 from ninedtact.errors import MissingLibraryError
 from ninedtact.force.estimator_loading import NONE, PHYSICS
-from ninedtact.open_sensor import is_simulated
+from ninedtact.open_sensor import is_simulated, require_same_source_kind
 from ninedtact.recording.errors import RecordingRefused
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.capture.wrench_source import WrenchSource
     from ninedtact.sensor import Sensor
 
 _TWIN_FOLDER = Path("out/demo")
@@ -40,8 +41,9 @@ class InteropLibrariesMissing(MissingLibraryError):
 class Ros2:
     """Publish a sensor on ROS 2 topics; ROS need not be installed. Ctrl-C ends it.
 
-    Topics: image_raw, image_raw/compressed, camera_info, height, points, wrench_estimated, wrench_covariance, warnings, status,
-    each after the sensor's name, and /tf_static. The topic command takes take_reference, start_recording [NAME], stop_recording.
+    Topics: image_raw, image_raw/compressed, camera_info, height, points, wrench_estimated, wrench_covariance, wrench_measured,
+    reference_grey, warnings, status, each after the sensor's name, and /tf_static. The topic command takes take_reference,
+    start_recording [NAME], stop_recording.
     """
 
     source: tuple[str, ...]
@@ -54,6 +56,9 @@ class Ros2:
     """Name of the sensor in topics and frames; its id, if not given."""
     force: str = PHYSICS
     """Estimator of force and torque: physics, corrected, a force model (.onnx), or none."""
+    force_torque: str | None = None
+    """Force/torque sensor beside (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT), published without a tare as wrench_measured;
+    or sim with --source sim, the true wrench of the twin."""
     qos: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="TOPIC=PROFILE")] = ()
     """Quality of service of a topic: sensor_data, reliable (the default of all but status), or latched; such as
     points=sensor_data."""
@@ -89,6 +94,7 @@ class Ros2:
             return self._run_several()
         if len(self.sensor) > 1:
             raise RecordingRefused(f"expected one --sensor with one --source, got {len(self.sensor)}; drop the others")
+        require_same_source_kind(self.source[0], self.force_torque, is_simulated)
         live = Live(
             self.source[0],
             Path(self.sensor[0]).expanduser() if self.sensor else None,
@@ -97,11 +103,17 @@ class Ros2:
             automatic=self.automatic,
             loop=self.loop,
         )
-        with _sensor_to_share(live) as (folder, sensor), DdsParticipant(self.domain, self.interface) as participant:
+        with (
+            _sensor_to_share(live) as (folder, sensor, true),
+            DdsParticipant(self.domain, self.interface) as participant,
+        ):
             from ninedtact.interop.ros2_messages import SensorMessages
 
             messages = SensorMessages(folder, self.name or folder.id, self.points_every)
-            shared = SensorOnRos2(sensor, messages, participant, profiles, self.out)
+            measured = None
+            if self.force_torque is not None:
+                measured = true or untared_wrench_source(self.force_torque, folder)
+            shared = SensorOnRos2(sensor, messages, participant, profiles, self.out, measured)
             residual_px = messages.camera.residual_px
             print(
                 f"{sensor.source.name}: topics {messages.path('…')} in DDS domain {participant.domain}; camera_info differs from "
@@ -116,6 +128,8 @@ class Ros2:
     def _run_several(self) -> int:
         """Publish every named source in a process of its own; where one fails, the others are ended too. Returns 1 then."""
         sources, sensors = split_named("--source", self.source), split_named("--sensor", self.sensor)
+        if self.force_torque is not None:
+            raise RecordingRefused("expected one --source with --force-torque, got several; start one command for each")
         if strangers := sensors.keys() - sources.keys():
             raise RecordingRefused(
                 f"expected --sensor for {', '.join(sources)}, got one for {min(strangers)}; name it as its source"
@@ -139,6 +153,65 @@ class Ros2:
         for name, output in outputs.items():
             print(f"{name}: {output.splitlines()[-1]}")
         return 0 if len(outputs) == len(sources) else 1
+
+
+@dataclass(frozen=True)
+class Foxglove:
+    """Show a sensor in Foxglove: camera, heights, 3D surface, wrench with errors, warnings. Ctrl-C ends it.
+
+    In Foxglove choose "Open connection", "Foxglove WebSocket" and the printed address, and import the layout that --layout writes.
+    """
+
+    source: str
+    """Camera (0, /dev/video0, usb:1-2, csi:0), stream, video, folder or recording; or sim, the twin of the sensor."""
+    sensor: Path | None = None
+    """Sensor folder that `ninedtact calibrate` wrote. A recording brings its own; sim without one is the twin of the demo."""
+    force: str = PHYSICS
+    """Estimator of force and torque: physics, corrected, a force model (.onnx), or none."""
+    layout: Path | None = None
+    """Write the layout for this sensor into this new file (.json), for "Import from file" in Foxglove."""
+    points_every: int = 3
+    """Send the points of every so many rows and columns of the height map."""
+    host: str = "127.0.0.1"
+    """Address to listen on: of this computer alone, or one at which others on the network reach it (0.0.0.0: all of them). The
+    printed address then contains a random token."""
+    port: int = 8765
+    """Port; 0 takes any free port."""
+    allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
+    """Website (http://NAME:PORT) whose pages may connect besides app.foxglove.dev; file:// for desktop programs that state it."""
+    seconds: float | None = None
+    """Duration; without it, until Ctrl-C or the end of the source."""
+    follow_reference: bool = True
+    """Let the reference image of a live source follow slow changes of light and gel while nothing touches."""
+    automatic: bool = False
+    """Keep automatic exposure and white balance on, for a camera that cannot switch them off."""
+    loop: bool = False
+    """Repeat a recording."""
+
+    def run(self) -> int:
+        """Serve until Ctrl-C."""
+        _require_libraries("foxglove", "foxglove", "websockets", "rosbags")
+        from ninedtact.atomic_write import write_file_atomically
+        from ninedtact.interop.foxglove import FoxgloveMessages, FoxgloveServer, foxglove_layout
+        from ninedtact.interop.reading_broadcast import serve_sensor
+
+        require_duration(self.seconds)
+        if self.points_every < 1:
+            raise InvalidLiveOption(f"expected --points-every of 1 or more, got {self.points_every}; drop it")
+        if self.layout is not None and self.layout.exists():
+            raise InvalidLiveOption(f"expected --layout to name a new file, got {self.layout}; choose another name")
+        with _sensor_to_share(_live_settings(self)) as (folder, sensor, _):
+            messages = FoxgloveMessages(folder, self.points_every)
+            with (
+                FoxgloveServer(messages, self.host, self.port, self.allow_origin) as server,
+                stop_on_signal(self.seconds) as until,
+            ):
+                if self.layout is not None:
+                    write_file_atomically(self.layout, json.dumps(foxglove_layout(messages.name), indent=2).encode())
+                print(f"{sensor.source.name}: {server.address}; Ctrl-C ends", flush=True)
+                served = serve_sensor(server.publish, sensor, lambda: until.now)
+        print(f"stopped after {served} readings")
+        return 0
 
 
 @dataclass(frozen=True)
@@ -175,27 +248,33 @@ class Serve:
     def run(self) -> int:
         """Serve until Ctrl-C."""
         _require_libraries("stream", "websockets")
-        from ninedtact.interop.reading_stream import ReadingServer, serve_sensor
+        from ninedtact.interop.reading_broadcast import serve_sensor
+        from ninedtact.interop.reading_stream import ReadingServer
 
         require_duration(self.seconds)
-        live = Live(
-            self.source,
-            self.sensor,
-            force=self.force,
-            follow_reference=self.follow_reference,
-            automatic=self.automatic,
-            loop=self.loop,
-        )
+        live = _live_settings(self)
         with (
-            _sensor_to_share(live) as (folder, sensor),
+            _sensor_to_share(live) as (folder, sensor, _),
             ReadingServer(folder.id, self.host, self.port, self.tcp_port, self.allow_origin) as server,
             stop_on_signal(self.seconds) as until,
         ):
             addresses = {"websocket": server.websocket_address, "tcp": server.tcp_address, "token": server.guard.token}
             print(f"{sensor.source.name}: {json.dumps(addresses)}; Ctrl-C ends", flush=True)
-            served = serve_sensor(server, sensor, lambda: until.now)
+            served = serve_sensor(server.publish, sensor, lambda: until.now)
         print(f"stopped after {served} readings")
         return 0
+
+
+def _live_settings(command: Foxglove | Serve) -> Live:
+    """Return how the source of a command is opened."""
+    return Live(
+        command.source,
+        command.sensor,
+        force=command.force,
+        follow_reference=command.follow_reference,
+        automatic=command.automatic,
+        loop=command.loop,
+    )
 
 
 def _require_libraries(extra: str, *names: str) -> None:
@@ -209,17 +288,17 @@ def _require_libraries(extra: str, *names: str) -> None:
 
 
 @contextmanager
-def _sensor_to_share(live: Live) -> "Iterator[tuple[SensorFolder, Sensor]]":
-    """Yield the folder of a sensor and the sensor on its source with its estimator, not yet opened."""
+def _sensor_to_share(live: Live) -> "Iterator[tuple[SensorFolder, Sensor, WrenchSource | None]]":
+    """Yield a sensor's folder, the sensor on its source with its estimator, and a twin's true wrench; neither is open yet."""
     with _folder_or_demo_twin(live.sensor, live.source) as folder:
-        sensor = live.sensor_and_wrenches(folder)[0]
+        sensor, wrenches, _ = live.sensor_and_wrenches(folder)
         if live.force != NONE:
             from ninedtact.force.estimator_loading import load_estimator
 
             sensor.estimator = load_estimator(live.force, folder)
             for notice in sensor.estimator.notices:
                 print_notice(notice)
-        yield folder, sensor
+        yield folder, sensor, wrenches[0].source if wrenches else None
 
 
 @contextmanager

@@ -1,0 +1,400 @@
+"""A sensor in Foxglove: its readings as typed messages over Foxglove's WebSocket protocol, and the layout that shows them.
+
+Topics, each after the sensor's name; stamps are the wall time of the image's arrival, lengths in 3D are metres:
+
+    image, camera_info   CompressedImage (JPEG) and CameraCalibration        points    PointCloud: x, y, z, normals, intensity
+    height               RawImage, 32FC1: height in mm, NaN out of view      warnings  Log, where the warnings have changed
+    wrench, contact      JSON with a schema: wrench with errors; depth and area of the contact, warnings      /tf  FrameTransforms
+
+foxglove-sdk gives the schemas and encodes the messages. Its WebSocket server lets every website on the computer connect, whatever
+its `Origin`, so that the protocol is spoken here, on a server behind the guard of the live page (`studio.socket_guard`).
+"""
+
+import base64
+import json
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from types import TracebackType
+from typing import Any, Literal
+
+import cv2
+import foxglove
+import msgspec
+import numpy as np
+from foxglove import messages as fox
+from jaxtyping import Float64
+from numpy import ndarray as Array
+from websockets.asyncio.server import ServerConnection
+from websockets.typing import Subprotocol
+
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.interop.reading_broadcast import ReadingBroadcast, ReadingQueue, feed_until_closed, port_errors
+from ninedtact.interop.ros2_messages import POINT_FIELDS, SensorMessages
+from ninedtact.quantities import EstimateWarning
+from ninedtact.reading import Reading
+from ninedtact.recording.metadata import wall_minus_monotonic_ns
+from ninedtact.studio.socket_guard import SocketGuard
+
+SUBPROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
+"""Names of the protocol: that of today's Foxglove, and that of programs made before, such as Lichtblick."""
+FOXGLOVE_ORIGIN = "https://app.foxglove.dev"
+"""The website of Foxglove, which may connect."""
+_MESSAGE_DATA = 1
+"""First byte of a binary message with data: then the client's subscription id, the time in ns and the message."""
+_STATUS_WARNING = 1
+_QUEUED_READINGS = 2
+"""Readings that wait for one client at most: what is shown is new."""
+_NS_PER_S = 1_000_000_000
+_M_PER_MM = 1e-3
+
+
+class _Subscription(msgspec.Struct):
+    id: int
+    channel: int = msgspec.field(name="channelId")
+
+
+class _Subscribe(msgspec.Struct, tag="subscribe", tag_field="op"):
+    subscriptions: list[_Subscription]
+
+
+class _Unsubscribe(msgspec.Struct, tag="unsubscribe", tag_field="op"):
+    subscriptions: list[int] = msgspec.field(name="subscriptionIds")
+
+
+@dataclass(frozen=True)
+class FoxgloveChannel:
+    """A topic: its schema, and what encodes a reading for it, given the wall time in ns; nothing where it has no message."""
+
+    topic: str
+    schema: foxglove.Schema
+    encode: Callable[[Reading, int], bytes | None]
+    encoding: Literal["protobuf", "json"] = "protobuf"
+    only_changes: bool = False
+    """Whether a client gets a message only where the warnings are not those of its last one."""
+
+
+class FoxgloveMessages:
+    """The channels of a sensor. points_every: the points of every so many rows and columns of the height map are sent."""
+
+    def __init__(self, folder: SensorFolder, points_every: int = 3) -> None:
+        self._ros = SensorMessages(folder, folder.id, points_every)
+        self.name = self._ros.path("").strip("/")
+        """The name of the sensor in topics and frames."""
+
+    @cached_property
+    def channels(self) -> tuple[FoxgloveChannel, ...]:
+        """All topics, in the order in which the messages of a reading are sent."""
+        path = self._ros.path
+        return (
+            FoxgloveChannel("/tf", fox.FrameTransforms.get_schema(), self._transforms),
+            FoxgloveChannel(path("camera_info"), fox.CameraCalibration.get_schema(), self._camera_info),
+            FoxgloveChannel(path("image"), fox.CompressedImage.get_schema(), self._image),
+            FoxgloveChannel(path("height"), fox.RawImage.get_schema(), self._height),
+            FoxgloveChannel(path("points"), fox.PointCloud.get_schema(), self._points),
+            FoxgloveChannel(path("wrench"), _json_schema("ninedtact.Wrench", _WRENCH), self._wrench, "json"),
+            FoxgloveChannel(path("contact"), _json_schema("ninedtact.Contact", _CONTACT), self._contact, "json"),
+            FoxgloveChannel(path("warnings"), fox.Log.get_schema(), self._warnings, only_changes=True),
+        )
+
+    def _transforms(self, reading: Reading, wall_ns: int) -> bytes:
+        camera, gel_mm = self._ros.camera, self._ros.folder.gel.thickness_mm
+        return fox.FrameTransforms(
+            transforms=[
+                fox.FrameTransform(
+                    timestamp=_timestamp(wall_ns),
+                    parent_frame_id=self._ros.frame("skin"),
+                    child_frame_id=self._ros.frame(part),
+                    translation=fox.Vector3(z=-depth_mm * _M_PER_MM),
+                    rotation=fox.Quaternion(z=float(np.sin(roll_rad / 2)), w=float(np.cos(roll_rad / 2))),
+                )
+                for part, depth_mm, roll_rad in (
+                    ("camera_optical", camera.distance_mm, -camera.roll_rad),
+                    ("gel", gel_mm, 0.0),
+                )
+            ]
+        ).encode()
+
+    def _camera_info(self, reading: Reading, wall_ns: int) -> bytes:
+        camera, (rows, cols) = self._ros.camera, self._ros.camera.raw_shape
+        (u, v), f = camera.centre_px, camera.focal_length_px
+        return fox.CameraCalibration(
+            timestamp=_timestamp(wall_ns),
+            frame_id=self._ros.frame("camera_optical"),
+            width=cols,
+            height=rows,
+            distortion_model="plumb_bob",
+            D=list(camera.distortion),
+            K=[f, 0, u, 0, f, v, 0, 0, 1],
+            R=np.eye(3).ravel().tolist(),
+            P=[f, 0, u, 0, 0, f, v, 0, 0, 0, 1, 0],
+        ).encode()
+
+    def _image(self, reading: Reading, wall_ns: int) -> bytes:
+        jpeg = cv2.imencode(".jpg", reading.image)[1].tobytes()
+        frame = self._ros.frame("camera_optical")
+        return fox.CompressedImage(timestamp=_timestamp(wall_ns), frame_id=frame, data=jpeg, format="jpeg").encode()
+
+    def _height(self, reading: Reading, wall_ns: int) -> bytes:
+        z_mm = np.where(reading.height.in_view, reading.height.z_mm, np.float32(np.nan)).astype("<f4")
+        return fox.RawImage(
+            timestamp=_timestamp(wall_ns),
+            frame_id=self._ros.frame("skin"),
+            width=z_mm.shape[1],
+            height=z_mm.shape[0],
+            encoding="32FC1",
+            step=z_mm.strides[0],
+            data=z_mm.tobytes(),
+        ).encode()
+
+    def _points(self, reading: Reading, wall_ns: int) -> bytes:
+        values, number = self._ros.point_values(reading), fox.PackedElementFieldNumericType.Float32
+        return fox.PointCloud(
+            timestamp=_timestamp(wall_ns),
+            frame_id=self._ros.frame("skin"),
+            pose=fox.Pose(position=fox.Vector3(), orientation=fox.Quaternion(w=1.0)),
+            point_stride=values.strides[0],
+            fields=[
+                fox.PackedElementField(name=name, offset=4 * at, type=number) for at, name in enumerate(POINT_FIELDS)
+            ],
+            data=values.tobytes(),
+        ).encode()
+
+    def _wrench(self, reading: Reading, wall_ns: int) -> bytes | None:
+        if reading.force is None:
+            return None
+        estimate = reading.force.about(np.zeros(3))
+        six, std = estimate.wrench.six, estimate.std
+        vectors = (six[:3], six[3:], std[:3], std[3:])
+        named = {name: _vector(values) for name, values in zip(_WRENCH_VECTORS, vectors, strict=True)}
+        return json.dumps({"timestamp": _sec_nsec(wall_ns), **named, "touching": bool(estimate.touching)}).encode()
+
+    def _contact(self, reading: Reading, wall_ns: int) -> bytes:
+        fields = {
+            "timestamp": _sec_nsec(wall_ns),
+            "max_indentation_mm": float(reading.max_indentation_mm),
+            "contact_area_mm2": float(reading.contact_area_mm2),
+            "warnings": [warning.value for warning in reading.warnings],
+        }
+        return json.dumps(fields).encode()
+
+    def _warnings(self, reading: Reading, wall_ns: int) -> bytes:
+        level = fox.LogLevel.Warning if reading.warnings else fox.LogLevel.Info
+        message = "; ".join(reading.warnings) or "no warnings"
+        return fox.Log(timestamp=_timestamp(wall_ns), level=level, message=message, name=self.name).encode()
+
+
+class _EncodedReading:
+    """One reading on its way to the clients; each of its messages is encoded once, when a client first wants it."""
+
+    def __init__(self, reading: Reading, channels: Sequence[FoxgloveChannel]) -> None:
+        self._reading, self._channels = reading, channels
+        self._encoded: dict[int, bytes | None] = {}
+        self.wall_ns, self.warnings = reading.stamp_ns + wall_minus_monotonic_ns(), reading.warnings
+
+    def message(self, channel: int) -> bytes | None:
+        """Return the message for a channel, by its number."""
+        if channel not in self._encoded:
+            self._encoded[channel] = self._channels[channel].encode(self._reading, self.wall_ns)
+        return self._encoded[channel]
+
+
+class FoxgloveServer:
+    """Serves a sensor to Foxglove in a thread of its own while it is open (`with`).
+
+    host, allowed_origins: as for `SocketGuard.for_host`; `FOXGLOVE_ORIGIN` is allowed besides. Port 0 takes any free port.
+    """
+
+    def __init__(self, messages: FoxgloveMessages, host: str, port: int, allowed_origins: tuple[str, ...] = ()) -> None:
+        self.guard = SocketGuard.for_host(host, (FOXGLOVE_ORIGIN, *allowed_origins))
+        self.port = port
+        """The port; that in use, once the server is open."""
+        self._name, self._channels = messages.name, messages.channels
+        self._broadcast = ReadingBroadcast(partial(_EncodedReading, channels=self._channels), _QUEUED_READINGS)
+
+    @property
+    def address(self) -> str:
+        """Address to open in Foxglove, with the token."""
+        return self.guard.page_address(self.port).replace("http://", "ws://", 1)
+
+    def publish(self, reading: Reading) -> None:
+        """Hand a reading to all clients; returns at once."""
+        self._broadcast.publish(reading)
+
+    def __enter__(self) -> "FoxgloveServer":
+        """Listen; raises `StreamPortRefused`."""
+        self._broadcast.start(self._listen())
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._broadcast.stop()
+
+    async def _listen(self) -> None:
+        with port_errors(self.guard.host, self.port, "--port"):
+            guarded = self.guard.serve(
+                self._feed,
+                self.guard.host,
+                self.port,
+                is_expected=_is_request,
+                subprotocols=SUBPROTOCOLS,
+                compression=None,  # compressing a megabyte takes longer than sending it
+            )
+            server = await self._broadcast.servers.enter_async_context(guarded)
+        self.port = next(iter(server.sockets)).getsockname()[1]
+
+    async def _feed(self, connection: ServerConnection) -> None:
+        """Announce the channels to a client, obey its subscriptions and send it what it subscribed to."""
+        info = {"name": f"ninedtact {self._name}", "capabilities": [], "supportedEncodings": [], "metadata": {}}
+        await connection.send(json.dumps({"op": "serverInfo", **info}))
+        await connection.send(json.dumps({"op": "advertise", "channels": self._advertised()}))
+        subscriptions: dict[int, int] = {}
+        with self._broadcast.queue() as queue:
+            sending = self._send_readings(connection, subscriptions, queue)
+            await feed_until_closed(connection, sending, self._obey(connection, subscriptions))
+
+    def _advertised(self) -> list[dict[str, Any]]:
+        """Return the channels as the protocol states them; binary schemas are base64."""
+        return [
+            {
+                "id": number,
+                "topic": channel.topic,
+                "encoding": channel.encoding,
+                "schemaName": channel.schema.name,
+                "schemaEncoding": channel.schema.encoding,
+                "schema": _schema_text(channel.schema),
+            }
+            for number, channel in enumerate(self._channels)
+        ]
+
+    async def _obey(self, connection: ServerConnection, subscriptions: dict[int, int]) -> None:
+        """Follow the subscriptions of a client, and warn it of one to a channel that does not exist."""
+        async for request in connection:
+            match msgspec.json.decode(request, type=_Subscribe | _Unsubscribe):
+                case _Subscribe(wanted):
+                    subscriptions |= {
+                        one.id: one.channel for one in wanted if one.channel in range(len(self._channels))
+                    }
+                    if unknown := [one.channel for one in wanted if one.id not in subscriptions]:
+                        sentence = f"expected channels 0 to {len(self._channels) - 1}, got {unknown}; see 'advertise'"
+                        status = {"op": "status", "level": _STATUS_WARNING, "message": sentence}
+                        await connection.send(json.dumps(status))
+                case _Unsubscribe(ended):
+                    for one in ended:
+                        subscriptions.pop(one, None)
+
+    async def _send_readings(
+        self, connection: ServerConnection, subscriptions: Mapping[int, int], queue: ReadingQueue[_EncodedReading]
+    ) -> None:
+        shown: dict[int, tuple[EstimateWarning, ...]] = {}
+        async for reading, _ in queue.readings():
+            for subscription, channel in sorted(subscriptions.items(), key=lambda pair: pair[1]):
+                if self._channels[channel].only_changes and shown.get(subscription) == reading.warnings:
+                    continue
+                shown[subscription] = reading.warnings
+                if (message := reading.message(channel)) is not None:
+                    head = struct.pack("<BIQ", _MESSAGE_DATA, subscription, reading.wall_ns)
+                    await connection.send(head + message)
+
+
+def _is_request(message: str | bytes) -> bool:
+    """Return whether a message of a client is one to which the server has something to do."""
+    try:
+        msgspec.json.decode(message, type=_Subscribe | _Unsubscribe)
+    except (msgspec.DecodeError, UnicodeEncodeError):
+        return False
+    return isinstance(message, str)
+
+
+_WRENCH_VECTORS = ("force_n", "torque_nm", "force_std_n", "torque_std_nm")
+_STAMP_SCHEMA = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
+_VECTOR_SCHEMA = {"type": "object", "properties": {axis: {"type": "number"} for axis in "xyz"}}
+_WRENCH = {
+    "timestamp": _STAMP_SCHEMA,
+    **dict.fromkeys(_WRENCH_VECTORS, _VECTOR_SCHEMA),
+    "touching": {"type": "boolean"},
+}
+_CONTACT = {
+    "timestamp": _STAMP_SCHEMA,
+    "max_indentation_mm": {"type": "number"},
+    "contact_area_mm2": {"type": "number"},
+    "warnings": {"type": "array", "items": {"type": "string"}},
+}
+
+
+def _json_schema(name: str, properties: dict[str, Any]) -> foxglove.Schema:
+    schema = {"title": name, "type": "object", "properties": properties}
+    return foxglove.Schema(name=name, encoding="jsonschema", data=json.dumps(schema).encode())
+
+
+def _schema_text(schema: foxglove.Schema) -> str:
+    """Return a schema as the protocol wants it: as text, binary ones in base64."""
+    return schema.data.decode() if schema.encoding == "jsonschema" else base64.b64encode(schema.data).decode()
+
+
+def _vector(values: Float64[Array, "3"]) -> dict[str, float]:
+    """Return the known ones of three values by axis; an error that is not stated is left out."""
+    return {axis: float(value) for axis, value in zip("xyz", values, strict=True) if np.isfinite(value)}
+
+
+def _sec_nsec(wall_ns: int) -> dict[str, int]:
+    sec, nsec = divmod(wall_ns, _NS_PER_S)
+    return {"sec": sec, "nsec": nsec}
+
+
+def _timestamp(wall_ns: int) -> fox.Timestamp:
+    return fox.Timestamp(**_sec_nsec(wall_ns))
+
+
+def foxglove_layout(sensor: str) -> dict[str, Any]:
+    """Return the layout that Foxglove imports for a sensor, by its name in topics.
+
+    It shows camera, height, points, wrench, errors and warnings at once.
+    """
+    panels: dict[str, dict[str, Any]] = {
+        "Image!camera": {
+            _TITLE: "Camera",
+            "imageMode": {"imageTopic": f"/{sensor}/image", "calibrationTopic": f"/{sensor}/camera_info"},
+        },
+        "Image!height": {
+            _TITLE: "Height (mm)",
+            "imageMode": {"imageTopic": f"/{sensor}/height", "colorMode": "colormap", "colorMap": "turbo"}
+            | _HEIGHTS_MM,
+        },
+        "3D!points": {
+            _TITLE: "Surface",
+            "followTf": f"{sensor}_skin",
+            "cameraState": {"distance": 0.05, "phi": 55, "thetaOffset": 30, "fovy": 45, "near": 0.001, "far": 10},
+            "topics": {
+                f"/{sensor}/points": {"visible": True, "colorMode": "colormap", "colorMap": "turbo", "colorField": "z"}
+            },
+        },
+        "Plot!wrench": _plot(sensor, "Wrench", force_n="F{} (N)", torque_nm="T{} (N·m)"),
+        "Plot!errors": _plot(
+            sensor, "Errors: one standard deviation", force_std_n="± F{} (N)", torque_std_nm="± T{} (N·m)"
+        ),
+        "RosOut!warnings": {_TITLE: "Warnings", "topicToRender": f"/{sensor}/warnings", "minLogLevel": 1},
+    }
+    images = _split("column", "Image!camera", "Image!height", 50)
+    plots = _split("column", "Plot!wrench", _split("column", "Plot!errors", "RosOut!warnings", 65), 45)
+    layout = _split("row", images, _split("row", "3D!points", plots, 50), 30)
+    unused = {"globalVariables": {}, "userNodes": {}, "playbackConfig": {"speed": 1}}
+    return {"configById": panels, "layout": layout, **unused}
+
+
+_TITLE = "foxglovePanelTitle"
+_HEIGHTS_MM = {"minValue": -2.0, "maxValue": 0.5}
+
+
+def _plot(sensor: str, title: str, **labels: str) -> dict[str, Any]:
+    """Return a plot of vectors of the wrench, each named with its label for one axis."""
+    series = [
+        {"value": f"/{sensor}/wrench.{name}.{axis}", "label": label.format(axis), "enabled": True}
+        for name, label in labels.items()
+        for axis in "xyz"
+    ]
+    return {_TITLE: title, "paths": series, "showLegend": True, "xAxisVal": "timestamp"}
+
+
+def _split(direction: str, first: Any, second: Any, percent: int) -> dict[str, Any]:
+    return {"direction": direction, "first": first, "second": second, "splitPercentage": percent}

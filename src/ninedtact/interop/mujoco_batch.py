@@ -1,0 +1,204 @@
+"""Tactile sensors in many MuJoCo scenes at once: their contacts are solved in batches, with NumPy or with torch on any device.
+
+Every scene presses a gel of its own. The contacts that the scenes need are collected, those with equal friction are solved in one
+batch, and one image is rendered for each. A scene gets the same contact as alone, but for rounding.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from array_api_compat import to_device
+
+from ninedtact.errors import InputError, NinedtactError, SimulationError
+from ninedtact.interop.geom_undersides import SolidsInPlace
+from ninedtact.interop.mujoco import GelStep, TactileReading, TactileSensor
+from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.contact_result import Contact, ContactLeavesGrid
+from ninedtact.mechanics.indenter import Heights, Indenter, PosedHeights
+from ninedtact.mechanics.pose import Pose
+from ninedtact.simulation.batch_renderer import BatchRenderer
+from ninedtact.simulation.twin import Twin
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.sensor_folder import SensorFolder
+
+_FIELDS = ("pressure_mpa", "shear_mpa", "height_mm", "tangential_mm")
+
+
+@dataclass(frozen=True, eq=False)
+class _SolidsOfScenes(Indenter):
+    """The bodies of each scene as one indenter: the k-th contact of a batch meets those of the k-th scene."""
+
+    each: Sequence[SolidsInPlace]
+    model: ContactModel
+    name = "bodies of several scenes"
+
+    def underside_mm(self, x_mm: Heights, y_mm: Heights) -> PosedHeights:
+        """Return the undersides of all scenes, computed on the processor, on the device of the skin."""
+        x, y = (np.asarray(to_device(axis, "cpu"), float) for axis in (x_mm, y_mm))
+        return self.model.skin.asarray(np.stack([one.underside_mm(x, y) for one in self.each]))
+
+    def height_over_skin_mm(self, pose: Pose, x_mm: Heights, y_mm: Heights) -> PosedHeights:
+        """Return the heights of the undersides over the undeformed skin; the solids are turned already."""
+        depths = self.model.skin.asarray(np.asarray(pose.depth_mm, float)[:, None, None])
+        return self.underside_mm(x_mm, y_mm) - depths
+
+
+@dataclass
+class TactileSensorBatch:
+    """One sensor in each of many scenes of MuJoCo. Every scene has a body of this name that carries the gel.
+
+    >>> batch = TactileSensorBatch([(model, mujoco.MjData(model)) for _ in range(16)], "sensor", "my_sensor")
+    >>> readings = batch.step()
+    """
+
+    scenes: Sequence[tuple[Any, Any]]
+    """An `mujoco.MjModel` and an `mujoco.MjData` for each scene; scenes may share a model."""
+    body: str
+    """Name of the body that carries the gel."""
+    sensor_folder: "SensorFolder | Twin | Path | str"
+    """A calibrated sensor, or a twin; the same for all scenes."""
+    like: Any = field(default_factory=lambda: np.zeros((), np.float32))
+    """An array whose library, precision and device the solver uses, such as `torch.zeros((), device="cuda")`."""
+    pitch_mm: float = 0.3
+    """Pitch of the grid on which the contacts are solved."""
+    sensors: list[TactileSensor] = field(init=False)
+    """The sensor of each scene."""
+
+    def __post_init__(self) -> None:
+        if not self.scenes:
+            raise InputError("expected at least one scene, a pair of MjModel and MjData, got none; give one")
+        first = TactileSensor(*self.scenes[0], self.body, self.sensor_folder, self.pitch_mm)
+        rest = (TactileSensor(*scene, self.body, first.twin, self.pitch_mm) for scene in self.scenes[1:])
+        self.sensors = [first, *rest]
+        self.reset(range(len(self.sensors)))
+
+    @property
+    def twin(self) -> Twin:
+        """The twin that is pressed in every scene."""
+        return self.sensors[0].twin
+
+    def reset(self, scenes: Sequence[int]) -> None:
+        """Begin these scenes with undeformed skin, as after `mj_resetData`."""
+        for number in scenes:
+            self.sensors[number].open()
+
+    def step(self) -> list[TactileReading]:
+        """Press the twin as every scene is now, and return the reading of each, after `mj_step` of all.
+
+        Raises what `TactileSensor.step` raises, with the number of the scene; then no scene has stepped on.
+        """
+        before = [sensor._press_before for sensor in self.sensors]
+        try:
+            contacts = self._solve_all()
+        except BaseException:
+            for sensor, press in zip(self.sensors, before, strict=True):
+                sensor._press_before = press
+            raise
+        images = self._images(contacts)
+        return [
+            sensor.show(*shown) for sensor, shown in zip(self.sensors, zip(contacts, images, strict=True), strict=True)
+        ]
+
+    def _solve_all(self) -> list[Contact | None]:
+        """Return the contact of every scene, None where nothing touches."""
+        contacts: list[Contact | None] = [None] * len(self.sensors)
+        running = {number: sensor.press_steps() for number, sensor in enumerate(self.sensors)}
+        responses: dict[int, Contact | None] = dict.fromkeys(running)
+        while responses:
+            requests: dict[int, GelStep] = {}
+            for number, response in responses.items():
+                try:
+                    requests[number] = running[number].send(response)  # type: ignore[arg-type]  # None starts it
+                except StopIteration as ended:
+                    contacts[number] = ended.value
+                except SimulationError as refusal:
+                    raise _name_scene(refusal, number) from refusal
+            responses = self._solve(requests) if requests else {}
+        return contacts
+
+    def _solve(self, requests: dict[int, GelStep]) -> dict[int, Contact | None]:
+        """Return the contact of each request, solved in one batch for each friction."""
+        groups: dict[float, list[int]] = defaultdict(list)
+        for number, request in requests.items():
+            groups[request.friction].append(number)
+        solved: dict[int, Contact | None] = {}
+        for friction, numbers in groups.items():
+            batch = [requests[number] for number in numbers]
+            try:
+                contacts = self._solve_group(self._model(friction), batch)
+            except NinedtactError:
+                contacts = [self._solve_alone(requests[number], number) for number in numbers]  # says whose it was
+            solved |= dict(zip(numbers, contacts, strict=True))
+        return solved
+
+    def _solve_group(self, model: ContactModel, batch: Sequence[GelStep]) -> list[Contact]:
+        """Return the contacts of requests with equal friction, copied to the processor."""
+        for request in batch:
+            self.twin.require_in_view(request.pose)
+        last = Contact.stack([request.last for request in batch])
+        on_device: dict[str, Any] = {name: model.skin.asarray(np.asarray(getattr(last, name))) for name in _FIELDS}
+        last = replace(last, skin=model.skin, friction=model.friction, **on_device)
+        indenter = _SolidsOfScenes([request.solids for request in batch], model)
+        poses, loads_n = (
+            Pose.stack([request.pose for request in batch]),
+            np.array([request.load_n for request in batch]),
+        )
+        contacts = model.step_to_load(last, indenter, poses, loads_n)
+        home: dict[str, Any] = {
+            name: np.asarray(to_device(getattr(contacts, name), "cpu"), np.float32) for name in _FIELDS
+        }
+        each = replace(contacts, skin=self.twin.model.skin, **home).unstack()
+        for request, contact in zip(batch, each, strict=True):
+            self.twin.require_on_gel(request.solids, contact)
+        return each
+
+    def _solve_alone(self, request: GelStep, number: int) -> Contact:
+        """Return one contact; raises its refusal with the number of the scene."""
+        try:
+            return self._solve_group(self._model(request.friction), [request])[0]
+        except ContactLeavesGrid as beyond:
+            raise _name_scene(self.twin.object_too_large(request.solids, "more than that"), number) from beyond
+        except NinedtactError as refusal:
+            raise _name_scene(refusal, number) from refusal
+
+    def _model(self, friction: float) -> ContactModel:
+        """Return the contact model with a friction on the device, kept because it prepares its skin once."""
+        if friction not in self._models:
+            own = self.twin.model
+            self._models[friction] = replace(own, skin=replace(own.skin, like=self.like), friction=friction)
+        return self._models[friction]
+
+    @cached_property
+    def _models(self) -> dict[float, ContactModel]:
+        return {}
+
+    def _images(self, contacts: Sequence[Contact | None]) -> list[Any]:
+        """Return the camera image of every scene; on the processor with OpenCV, which renders one image in less time."""
+        renderer, numbers = self.twin.renderer, [sensor._frames + 1 for sensor in self.sensors]
+        if isinstance(self.like, np.ndarray):
+            return [renderer(*one) for one in zip(contacts, numbers, strict=True)]
+        touched = [number for number, contact in enumerate(contacts) if contact is not None and contact.touches]
+        clean: list[Any] = [renderer.reference] * len(contacts)
+        if touched:
+            batch = Contact.stack([contact for number in touched if (contact := contacts[number]) is not None])
+            heights = self._model(self.twin.friction).skin.asarray(np.asarray(batch.height_mm))
+            images = self._batch_renderer.images(replace(batch, height_mm=heights))
+            for number, image in zip(touched, np.asarray(to_device(images, "cpu"), np.float32), strict=True):
+                clean[number] = image
+        return [renderer.noise.add_to(image, number) for image, number in zip(clean, numbers, strict=True)]
+
+    @cached_property
+    def _batch_renderer(self) -> BatchRenderer:
+        return BatchRenderer(self.twin.renderer, self.like)
+
+
+def _name_scene(refusal: NinedtactError, number: int) -> NinedtactError:
+    """Return a refusal whose sentence begins with the scene that it is about."""
+    refusal.args = (f"scene {number}: {refusal}",)
+    return refusal

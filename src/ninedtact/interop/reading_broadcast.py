@@ -1,0 +1,168 @@
+"""Readings of one sensor to the clients of a server that runs in a thread of its own.
+
+    sensor thread ──Reading──▶ ReadingBroadcast.publish ──▶ server thread: a short queue for each client
+
+`publish` never waits: a client that is too slow misses readings, the oldest first. `reading_stream` (JSON) and `foxglove` are
+such servers.
+"""
+
+import asyncio
+import errno
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
+from contextlib import AsyncExitStack, contextmanager, suppress
+from threading import Thread
+from time import monotonic_ns
+from typing import Any, Generic, TypeVar
+
+from websockets.asyncio.server import ServerConnection
+from websockets.exceptions import ConnectionClosed
+
+from ninedtact.errors import DeviceError
+from ninedtact.reading import Reading
+from ninedtact.sensor import Sensor
+from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
+
+_POLL_S = 0.1
+
+Shared = TypeVar("Shared")
+
+
+class StreamPortRefused(DeviceError):
+    """Raised for a port that is in use, or an address that this computer does not have."""
+
+
+class ReadingQueue(Generic[Shared]):
+    """The readings that wait for one client; where more than `most` wait, the oldest are missed."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._waiting: deque[Shared] = deque()
+        self._missed, self._arrived = 0, asyncio.Event()
+
+    def add(self, reading: Shared) -> None:
+        """Queue a reading; where too many wait, the oldest is missed."""
+        if len(self._waiting) == self._most:
+            self._waiting.popleft()
+            self._missed += 1
+        self._waiting.append(reading)
+        self._arrived.set()
+
+    async def readings(self) -> AsyncIterator[tuple[Shared, int]]:
+        """Yield each reading with the number of readings that this client missed before it, without end."""
+        while True:
+            await self._arrived.wait()
+            while self._waiting:
+                missed, self._missed = self._missed, 0
+                yield self._waiting.popleft(), missed
+            self._arrived.clear()
+
+
+class ReadingBroadcast(Generic[Shared]):
+    """The thread of a server and the queues of its clients; it runs from `start` to `stop`.
+
+    share: makes of a reading what all clients are handed, such as an object that encodes it once; called in the server thread,
+    and only while there are clients. queued: readings that wait for one client at most.
+    """
+
+    def __init__(self, share: Callable[[Reading], Shared], queued: int) -> None:
+        self._queued = queued
+        self.queues = set[ReadingQueue[Shared]]()
+        self.servers = AsyncExitStack()
+        """What is closed when the server ends."""
+        self._share = share
+        self._loop = asyncio.new_event_loop()
+        self._thread = Thread(target=self._loop.run_forever, name="serve readings", daemon=True)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the server thread runs."""
+        return self._loop.is_running()
+
+    def start(self, listen: Coroutine[Any, Any, None]) -> None:
+        """Start the thread and run a coroutine in it that opens the ports; where it fails, everything is ended again."""
+        self._thread.start()
+        try:
+            self.call(listen)
+        except BaseException:
+            self.stop()
+            raise
+
+    def stop(self) -> None:
+        """Close the server and end its thread."""
+        self.call(self.servers.aclose())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    def call(self, work: Coroutine[Any, Any, None]) -> None:
+        """Run a coroutine in the server thread and wait for it."""
+        asyncio.run_coroutine_threadsafe(work, self._loop).result()
+
+    def publish(self, reading: Reading) -> None:
+        """Hand a reading to all clients; returns at once."""
+        self._loop.call_soon_threadsafe(self._distribute, reading)
+
+    @contextmanager
+    def queue(self) -> Iterator[ReadingQueue[Shared]]:
+        """Yield the queue of a new client."""
+        queue = ReadingQueue[Shared](self._queued)
+        self.queues.add(queue)
+        try:
+            yield queue
+        finally:
+            self.queues.discard(queue)
+
+    def _distribute(self, reading: Reading) -> None:
+        if self.queues:
+            shared = self._share(reading)
+            for queue in self.queues:
+                queue.add(shared)
+
+
+async def feed_until_closed(connection: ServerConnection, *feeds: Awaitable[None]) -> None:
+    """Run what sends to, and what receives from, a WebSocket client until one of them ends or the client leaves."""
+    tasks = [asyncio.ensure_future(feed) for feed in feeds]
+    leaving = asyncio.ensure_future(connection.wait_closed())  # noticed also while there are no readings
+    await asyncio.wait({*tasks, leaving}, return_when=asyncio.FIRST_COMPLETED)
+    for task in (*tasks, leaving):
+        task.cancel()
+    for task in tasks:
+        with suppress(ConnectionClosed, asyncio.CancelledError):
+            await task
+
+
+def serve_sensor(publish: Callable[[Reading], None], sensor: Sensor, should_stop: Callable[[], bool]) -> int:
+    """Read a sensor and publish every reading until `should_stop` is true or its source ends; return how many.
+
+    Raises what the sensor raises.
+    """
+    served = 0
+
+    def count_and_publish(reading: Reading) -> None:
+        nonlocal served
+        publish(reading)
+        served += 1
+
+    with SensorPoller(sensor, count_and_publish) as poller:
+        while not should_stop():
+            poller.wait_for_change(_POLL_S)
+            now = poller.snapshot(monotonic_ns())
+            if now.phase is SensorPhase.FAILED and now.trouble is not None:
+                raise now.trouble
+            if now.phase is SensorPhase.ENDED:
+                break
+    return served
+
+
+@contextmanager
+def port_errors(host: str, port: int, option: str) -> Iterator[None]:
+    """Raise `StreamPortRefused` where a port cannot be listened on."""
+    try:
+        yield
+    except (OSError, OverflowError) as trouble:
+        got = "one in use" if getattr(trouble, "errno", 0) == errno.EADDRINUSE else f"'{trouble}'"
+        raise StreamPortRefused(
+            f"expected port {port} on {host} to be free for readings, got {got}; choose another with {option}, or a host of "
+            "this machine with --host"
+        ) from trouble

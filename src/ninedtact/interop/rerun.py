@@ -1,0 +1,224 @@
+"""Recordings and running sensors in Rerun: images, decimated surfaces, wrenches with error bands, on timelines in sensor time.
+
+Entities, each below the name of the sensor:
+
+    image        camera image, JPEG          wrench_estimated/force_z (and five more)  value, value − σ, value + σ
+    surface      points in mm, coloured      wrench_measured/force_z (and five more)   value of the force/torque sensor
+    indentation  greatest indentation, mm    warnings                                  warnings of the estimates, as text
+
+Forces are in N, torques in N·m about the skin centre. Timelines: `sensor_time`, the wall time of arrival of an image or sample,
+and `image`, the number of the image in its source. Times of logging are not written.
+"""
+
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from queue import Full, Queue
+from secrets import token_hex
+from threading import Thread
+from types import TracebackType
+
+import cv2
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from jaxtyping import Float64, Int64
+from numpy import ndarray as Array
+
+from ninedtact.errors import DeviceError
+from ninedtact.quantities import HeightMap
+from ninedtact.reading import Reading
+from ninedtact.recording.export import ExportRefused
+from ninedtact.recording.metadata import wall_minus_monotonic_ns
+from ninedtact.recording.reader import Recording
+from ninedtact.recording.ros_messages import Topic, ros_name
+from ninedtact.shape.coloured_height_map import ColourScale
+from ninedtact.shape.surface import point_cloud
+
+SUFFIX = ".rrd"
+COMPONENTS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
+_JPEG_QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 95]
+_AXIS_COLOURS = ((214, 39, 40), (44, 160, 44), (31, 119, 180))
+"""Of x, y and z."""
+
+
+class RerunUnreachable(DeviceError):
+    """Raised where no Rerun viewer answers."""
+
+
+class RerunLog:
+    """What is written about one sensor to a Rerun stream. points_every: the points of every so many rows and columns."""
+
+    def __init__(self, sensor: str, stream: rr.RecordingStream, points_every: int = 4) -> None:
+        self._root, self._stream, self._points_every = f"/{ros_name(sensor)}", stream, points_every
+        self._colours = ColourScale()
+        stream.set_log_time_enabled(False)
+        stream.set_log_tick_enabled(False)
+
+    def log_reading(self, reading: Reading, wall_ns: int) -> None:
+        """Log image, surface and indentation."""
+        self._set_time(wall_ns, reading.frame.index)
+        jpeg = cv2.imencode(".jpg", reading.image, _JPEG_QUALITY)[1].tobytes()
+        self._stream.log(f"{self._root}/image", rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
+        self._stream.log(f"{self._root}/surface", self._surface(reading.height))
+        self._stream.log(f"{self._root}/indentation", rr.Scalars(reading.max_indentation_mm))
+
+    def log_wrenches(
+        self,
+        name: str,
+        wall_ns: Int64[Array, " n"],
+        six: Float64[Array, "n 6"],
+        std: Float64[Array, "n 6"] | None = None,
+    ) -> None:
+        """Log wrenches about the skin centre, N and N·m, with the band of one standard deviation where there is one."""
+        times = rr.TimeColumn("sensor_time", timestamp=wall_ns.astype("datetime64[ns]"))
+        for number, component in enumerate(COMPONENTS):
+            entity, values = f"{self._root}/{name}/{component}", six[:, number]
+            lines = [values] if std is None else [values, values - std[:, number], values + std[:, number]]
+            columns = np.stack(lines, 1).ravel()
+            scalars = rr.Scalars.columns(scalars=columns).partition([len(lines)] * len(values))
+            self._stream.send_columns(entity, indexes=[times], columns=scalars)
+            names = [component, f"{component} − σ", f"{component} + σ"][: len(lines)]
+            colours, widths = [_AXIS_COLOURS[number % 3]] * len(lines), [2.0, 0.7, 0.7][: len(lines)]
+            style = rr.SeriesLines(names=names, colors=colours, widths=widths)
+            self._stream.log(entity, style, static=True)
+
+    def log_warnings(self, warnings: list[str], wall_ns: int, index: int) -> None:
+        """Log the warnings of an estimate."""
+        self._set_time(wall_ns, index)
+        self._stream.log(f"{self._root}/warnings", rr.TextLog("; ".join(warnings), level=rr.TextLogLevel.WARN))
+
+    def log_blueprint(self) -> None:
+        """Log which views are shown at first: image, surface, forces, torques, warnings."""
+        root = self._root
+        wrenches = [
+            rrb.TimeSeriesView(
+                name=title, contents=[f"{root}/wrench_{kind}/{part}_{axis}" for kind in kinds for axis in "xyz"]
+            )
+            for title, part, kinds in (
+                ("Force (N)", "force", ("estimated", "measured")),
+                ("Torque (N·m)", "torque", ("estimated", "measured")),
+            )
+        ]
+        views = rrb.Horizontal(
+            rrb.Vertical(
+                rrb.Spatial2DView(name="Camera", origin=f"{root}/image"),
+                rrb.TextLogView(name="Warnings", origin=f"{root}/warnings"),
+                row_shares=[3, 1],
+            ),
+            rrb.Spatial3DView(name="Surface (mm)", origin=f"{root}/surface"),
+            rrb.Vertical(*wrenches, rrb.TimeSeriesView(name="Indentation (mm)", origin=f"{root}/indentation")),
+        )
+        self._stream.send_blueprint(rrb.Blueprint(views, rrb.TimePanel(timeline="sensor_time")))
+
+    def _set_time(self, wall_ns: int, index: int) -> None:
+        self._stream.set_time("sensor_time", timestamp=np.datetime64(wall_ns, "ns"))
+        self._stream.set_time("image", sequence=index)
+
+    def _surface(self, height: HeightMap) -> rr.Points3D:
+        """Return the decimated surface in mm, in the colours of the live page."""
+        points_mm = point_cloud(height, self._points_every).points_mm
+        colours = self._colours.colour(points_mm[:, 2]).astype(np.uint8)
+        return rr.Points3D(points_mm, colors=colours, radii=0.5 * self._points_every * height.mm_per_px)
+
+
+def export_rerun(
+    recording: Recording, out: Path, points_every: int = 4, on_image: Callable[[], None] = lambda: None
+) -> dict[str, int]:
+    """Write a recording as one new Rerun file (.rrd); return how much of each kind it has.
+
+    Heights are computed from the images by the sensor of the recording. Raises `ExportRefused`, and `RecordingUnreadable` for a
+    damaged recording or one without its sensor; no file is left then.
+    """
+    if out.suffix != SUFFIX or out.exists():
+        raise ExportRefused(f"expected --out to be a new file ending in {SUFFIX}, got {out}; choose another name")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    partial = out.with_name(f".{out.name}.{token_hex(4)}.partial")
+    stream = rr.RecordingStream("ninedtact", recording_id=recording.metadata.id)
+    stream.save(partial)
+    try:
+        written = _log_recording(RerunLog(recording.sensor, stream, points_every), recording, on_image)
+        stream.disconnect()
+        partial.replace(out)
+    finally:
+        stream.disconnect()
+        partial.unlink(missing_ok=True)
+    return written
+
+
+def _log_recording(log: RerunLog, recording: Recording, on_image: Callable[[], None]) -> dict[str, int]:
+    """Log all readings, wrenches and warnings."""
+    log.log_blueprint()
+    wall_ns, readings = recording.metadata.wall_ns, 0
+    stamps_ns: dict[int, int] = {}
+    for readings, reading in enumerate(recording.readings(), start=1):  # noqa: B007 - counted
+        stamps_ns[reading.frame.index] = reading.stamp_ns
+        log.log_reading(reading, wall_ns(reading.stamp_ns))
+        on_image()
+    written = {"readings": readings}
+    for name, topic in (("wrench_estimated", Topic.ESTIMATED), ("wrench_measured", Topic.MEASURED)):
+        wrenches = list(recording.wrenches(topic))
+        if wrenches:
+            times = np.array([wall_ns(wrench.stamp_ns) for wrench in wrenches])
+            covariances = list(recording.covariances()) if topic is Topic.ESTIMATED else []
+            std = np.sqrt([np.diag(one) for one in covariances]) if len(covariances) == len(wrenches) else None
+            log.log_wrenches(name, times, np.stack([wrench.six for wrench in wrenches]), std)
+        written[name] = len(wrenches)
+    warnings = [(index, words) for index, words in recording.warnings() if index in stamps_ns]
+    for index, words in warnings:
+        log.log_warnings(words, wall_ns(stamps_ns[index]), index)
+    return written | {"warnings": len(warnings)}
+
+
+_VIEWER_ADDRESS = ("127.0.0.1", 9876)
+"""Where the Rerun viewer listens."""
+_WAITING_READINGS = 4
+
+
+class RerunViewer:
+    """Shows readings in the Rerun viewer on this computer while it is open (`with`), from a thread of its own.
+
+    Readings that the viewer is too slow for are not shown; the sensor is never delayed.
+    """
+
+    def __init__(self, sensor: str) -> None:
+        self._sensor = sensor
+        self._waiting: Queue[Reading | None] = Queue(_WAITING_READINGS)
+        self._thread = Thread(target=self._run, name="rerun", daemon=True)
+
+    def show(self, reading: Reading) -> None:
+        """Show a reading; returns at once."""
+        with suppress(Full):
+            self._waiting.put_nowait(reading)
+
+    def __enter__(self) -> "RerunViewer":
+        """Connect; raises `RerunUnreachable` where no viewer runs."""
+        host, port = _VIEWER_ADDRESS
+        try:
+            socket.create_connection(_VIEWER_ADDRESS, timeout=2).close()
+        except OSError as refused:
+            raise RerunUnreachable(
+                f"expected the Rerun viewer on port {port} of this computer, got '{refused}'; start it with: rerun"
+            ) from refused
+        self._stream = rr.RecordingStream("ninedtact")
+        self._stream.connect_grpc(f"rerun+http://{host}:{port}/proxy")
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._waiting.put(None)
+        self._thread.join()
+        self._stream.disconnect()
+
+    def _run(self) -> None:
+        log = RerunLog(self._sensor, self._stream)
+        log.log_blueprint()
+        while (reading := self._waiting.get()) is not None:
+            wall_ns = reading.stamp_ns + wall_minus_monotonic_ns()
+            log.log_reading(reading, wall_ns)
+            if reading.force is not None:
+                estimate = reading.force.about(np.zeros(3))
+                log.log_wrenches("wrench_estimated", np.array([wall_ns]), estimate.wrench.six[None], estimate.std[None])
+            if reading.warnings:
+                log.log_warnings([warning.value for warning in reading.warnings], wall_ns, reading.frame.index)

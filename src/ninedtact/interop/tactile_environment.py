@@ -1,0 +1,139 @@
+"""What the Gymnasium environments with touch share: a MuJoCo scene with a sensor, its observations, and the end of an episode."""
+
+from abc import abstractmethod
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import cv2
+import numpy as np
+
+from ninedtact.errors import SimulationError
+from ninedtact.interop.mujoco import TactileReading, TactileSensor, require_mujoco
+from ninedtact.simulation.twin import Twin, default_twin
+
+require_mujoco("gymnasium")
+
+import gymnasium as gymnasium  # noqa: E402 - after the check that it is there; tasks import it from here
+import mujoco  # noqa: E402
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.sensor_folder import SensorFolder
+
+Observation = dict[str, Any]
+
+IMAGE_SHAPE = (60, 80)
+STEP_S = 0.02
+TOUCH_N = 0.3
+"""Load from which a sensor counts as touching at the start of an episode."""
+_SUBSTEPS = 10
+_MAX_STEPS = 200
+_LOST_STEPS = 25
+_REFUSED_REWARD = -10.0
+
+
+class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignore[misc]
+    """An environment whose scene has a body `sensor`.
+
+    Observation: `image`, the grey image of the camera at 60 × 80 pixels, and `wrench`, N and N·m in the sensor frame. An episode
+    ends where the task says so, after 0.5 s without contact, and with a reward of −10 where the gel is pressed through. It is cut
+    after 4 s.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": round(1 / STEP_S)}
+    scene: ClassVar[str]
+    """The MuJoCo scene (MJCF)."""
+    actions: ClassVar[int]
+    """Number of the actions, each from −1 to 1."""
+
+    def __init__(
+        self, sensor_folder: "SensorFolder | Twin | Path | str | None" = None, render_mode: str | None = None
+    ) -> None:
+        self.model = mujoco.MjModel.from_xml_string(self.scene)
+        self.data = mujoco.MjData(self.model)
+        self.sensor = TactileSensor(self.model, self.data, "sensor", sensor_folder or default_twin())
+        self.render_mode, self._steps, self._lost = render_mode, 0, 0
+        self._reading: TactileReading | None = None
+        spaces = {
+            "image": gymnasium.spaces.Box(0, 255, IMAGE_SHAPE, np.uint8),
+            "wrench": gymnasium.spaces.Box(-np.inf, np.inf, (6,), np.float32),
+        }
+        self.observation_space = gymnasium.spaces.Dict(spaces | self.more_spaces())
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (self.actions,), np.float32)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Arrange the scene anew, and go on until the sensor touches."""
+        super().reset(seed=seed)
+        mujoco.mj_resetData(self.model, self.data)
+        self.arrange_scene()
+        self.sensor.open()
+        self._steps = self._lost = 0
+        reading = self._advance(np.zeros(self.actions))
+        while -reading.scene_wrench.force_n[2] < TOUCH_N:
+            reading = self._advance(self.approach())
+        self.begin_task()
+        return self._observation(reading), self.state(reading)
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Act for 20 ms."""
+        self._steps += 1
+        try:
+            reading = self._advance(np.clip(action, -1.0, 1.0))
+        except SimulationError as refused:  # pressed through the gel or off its edge: the end of the episode
+            assert self._reading is not None
+            return self._observation(self._reading), _REFUSED_REWARD, True, False, {"refused": str(refused)}
+        state = self.state(reading)
+        self._lost = self._lost + 1 if state["load_n"] < TOUCH_N / 10 else 0
+        reward, reached = self.judge(state)
+        ended = reached or self._lost >= _LOST_STEPS
+        return self._observation(reading), reward, ended, self._steps >= _MAX_STEPS, state
+
+    def render(self) -> Any:
+        """Return the raw image of the camera, RGB."""
+        assert self._reading is not None
+        return cv2.cvtColor(self._reading.frame.image, cv2.COLOR_BGR2RGB)
+
+    @abstractmethod
+    def arrange_scene(self) -> None:
+        """Place what is placed at random, with `self.np_random`."""
+
+    @abstractmethod
+    def approach(self) -> Any:
+        """Return the action that brings the sensor into contact at the start."""
+
+    @abstractmethod
+    def act(self, action: Any) -> None:
+        """Change the controls of the scene by the clipped actions of one step."""
+
+    @abstractmethod
+    def state(self, reading: TactileReading) -> dict[str, Any]:
+        """Return what an agent does not see, with `load_n`, the load of the scene."""
+
+    @abstractmethod
+    def judge(self, state: dict[str, Any]) -> tuple[float, bool]:
+        """Return the reward of a step, and whether the task is done."""
+
+    def begin_task(self) -> None:
+        """Remember what rewards refer to, now that the sensor touches."""
+
+    def more_spaces(self) -> dict[str, Any]:
+        """Return the spaces of the task's own observations."""
+        return {}
+
+    def more_observations(self) -> Observation:
+        """Return the task's own observations."""
+        return {}
+
+    def _advance(self, action: Any) -> TactileReading:
+        """Act for one step and return what the sensor shows and feels then."""
+        self.act(action)
+        mujoco.mj_step(self.model, self.data, _SUBSTEPS)
+        self._reading = self.sensor.step()
+        return self._reading
+
+    def _observation(self, reading: TactileReading) -> Observation:
+        """Return the small grey image, the wrench, and what the task adds."""
+        grey = cv2.cvtColor(reading.frame.image, cv2.COLOR_BGR2GRAY)
+        image = cv2.resize(grey, IMAGE_SHAPE[::-1], interpolation=cv2.INTER_AREA)
+        return {"image": image, "wrench": reading.wrench.six.astype(np.float32), **self.more_observations()}
