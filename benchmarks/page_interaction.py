@@ -28,7 +28,7 @@ from websockets.sync.client import ClientConnection, connect
 from ninedtact import CalibrationImages, SensorFolder, calibrate, read_image
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
-from ninedtact.cli.live import page_sources_of_twin
+from ninedtact.cli.sensor_page import page_sources_of_twin
 from ninedtact.force.estimator_loading import load_estimator
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.displayed_reading import PageController

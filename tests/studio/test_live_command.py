@@ -15,7 +15,8 @@ from small_sensor import sensor_folder, skin
 
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
 from ninedtact.capture.frame_source import SourceUnknown
-from ninedtact.cli.live import InvalidLiveOption, Live, PageLibraryMissing, RerunMissing
+from ninedtact.cli.live import Live
+from ninedtact.cli.sensor_page import InvalidLiveOption, PageLibraryMissing, RerunMissing
 from ninedtact.studio.socket_guard import InvalidAllowedOrigin
 
 CHECK = "import ninedtact.cli.live, sys; print(*[m for m in ('cv2', 'numpy', 'viser') if m in sys.modules])"
@@ -101,9 +102,9 @@ def test_bad_options_are_refused_before_any_camera_is_touched(
         Live((str(images),), (str(folder),), display_hz=0).run()
     with pytest.raises(InvalidAllowedOrigin, match="got 'robot';"):
         Live((str(images),), (str(folder),), allow_origin=("robot",)).run()
-    monkeypatch.setattr("ninedtact.cli.live.find_spec", lambda name: None if name == "rerun" else True)
+    monkeypatch.setattr("ninedtact.cli.sensor_page.find_spec", lambda name: None if name == "rerun" else True)
     with pytest.raises(RerunMissing, match=r"run pip install 'ninedtact\[rerun\]'"):
         Live((str(images),), (str(folder),), rerun=True).run()
-    monkeypatch.setattr("ninedtact.cli.live.find_spec", lambda name: None)
+    monkeypatch.setattr("ninedtact.cli.sensor_page.find_spec", lambda name: None)
     with pytest.raises(PageLibraryMissing, match=r"got no such package; run pip install 'ninedtact\[studio\]'"):
         Live((str(images),), (str(folder),)).run()

@@ -19,7 +19,7 @@ from small_sensor import wait_until
 from websockets.sync.client import connect
 
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.cli.live import page_sources_of_twin
+from ninedtact.cli.sensor_page import page_sources_of_twin
 from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel

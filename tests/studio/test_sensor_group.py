@@ -23,7 +23,8 @@ from test_recordings_on_page import Journey, ScaledForce
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.cli import main
-from ninedtact.cli.live import InvalidLiveOption, Live
+from ninedtact.cli.live import Live
+from ninedtact.cli.sensor_page import InvalidLiveOption
 from ninedtact.quantities import Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingRefused

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.live import Live, PageSensor, PageSettings, require_page_library, serve_sensor_page
+from ninedtact.cli.live import Live
+from ninedtact.cli.sensor_page import PageSensor, PageSettings, require_page_library, serve_sensor_page
 from ninedtact.force.estimator_loading import NONE, PHYSICS
 from ninedtact.open_sensor import SIMULATED, is_simulated, live_source_for
 

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ninedtact.cli.live import (
+from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, require_sensor_or_design
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices
+from ninedtact.cli.sensor_page import (
     PageSensor,
     PageSettings,
     page_sources_of_twin,
@@ -18,8 +20,6 @@ from ninedtact.cli.live import (
     require_page_library,
     serve_sensor_page,
 )
-from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, require_sensor_or_design
-from ninedtact.cli.result_and_interrupt import load_sensor_with_notices
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS

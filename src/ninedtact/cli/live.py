@@ -1,53 +1,41 @@
 """ninedtact live: show a sensor live in the browser. ninedtact play: a recording there, with its time on a slider."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
-from threading import Event
-from time import monotonic_ns
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from ninedtact.cli.record import is_named, named_sensors
 from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice
-from ninedtact.errors import InputError, MissingLibraryError
+from ninedtact.cli.sensor_page import (
+    InvalidLiveOption,
+    PageSensor,
+    PageSettings,
+    page_sources_of_twin,
+    require_display_rate,
+    require_page_library,
+    require_rerun,
+    serve_sensor_page,
+)
 from ninedtact.force.estimator_loading import NONE
 from ninedtact.open_sensor import RECORDING_SUFFIX, SIMULATED, is_recording, live_source_for, recorded_reference
-from ninedtact.recording.errors import RecordingLibrariesMissing, RecordingUnreadable, require_recording_libraries
+from ninedtact.recording.errors import RecordingUnreadable, require_recording_libraries
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.quantities import Frame
-    from ninedtact.reading import Reading
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
     from ninedtact.simulation.press_simulation import PressSimulation
-    from ninedtact.simulation.simulated_sources import DemoSources
-    from ninedtact.studio.displayed_reading import PageController
-    from ninedtact.studio.socket_guard import SocketGuard
-    from ninedtact.studio.viewer import PanelFactory
-    from ninedtact.studio.wrench_poller import WrenchHistory, WrenchPoller
+    from ninedtact.studio.wrench_poller import WrenchPoller
 
-_MAX_DISPLAY_HZ = 120.0
 MAX_SENSORS = 4
 """Number of sensors that one page has room for."""
-
-
-class PageLibraryMissing(MissingLibraryError):
-    """The library that serves the page is not installed."""
-
-
-class RerunMissing(MissingLibraryError):
-    """The library of Rerun is not installed."""
-
-
-class InvalidLiveOption(InputError):
-    """An option has a value that the page cannot have."""
 
 
 @dataclass(frozen=True)
@@ -252,179 +240,3 @@ class Play:
                 f"{self.recording}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True
             )
             controller.run(page, self.display_hz)
-
-
-@dataclass(frozen=True)
-class PageSettings:
-    """Address, rate, output folder and force estimator of a page."""
-
-    out: Path
-    """Folder for the readings that are saved from the page."""
-    display_hz: float
-    host: str
-    port: int | None
-    """Port of the page; None takes the default one or the next that is free."""
-    force: str = NONE
-    """Specification of the force estimator."""
-    allow_origin: tuple[str, ...] = ()
-    """Websites that may use the page besides the page itself."""
-    guard: "SocketGuard | None" = None
-    """The rules by which requests are accepted; None takes those of the host and the allowed websites."""
-    rerun: bool = False
-    """Whether readings are also sent to the Rerun viewer on this computer."""
-
-
-@dataclass(frozen=True)
-class PageSensor:
-    """A sensor of a page, on its source and not yet opened."""
-
-    folder: "SensorFolder"
-    sensor: "Sensor"
-    wrenches: "list[WrenchPoller]"
-    pressed: "PressSimulation | None" = None
-    """The simulation of a twin, which is then pressed by hand on the page."""
-    name: str = ""
-    """Name among several sensors."""
-
-
-def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends: bool = True) -> None:
-    """Serve the page of one or several sensors until Ctrl-C, or with `ends` until the last round of their twins has ended."""
-    from ninedtact.studio.displayed_reading import PageController
-    from ninedtact.studio.page_and_server import SensorPage, find_default_port, page_server
-    from ninedtact.studio.press_control import PressControl
-    from ninedtact.studio.scene_3d import gel_block_under_skin
-    from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
-    from ninedtact.studio.socket_guard import SocketGuard
-
-    with ExitStack() as opened:
-        guard = settings.guard or SocketGuard.for_host(settings.host, settings.allow_origin)
-        port = find_default_port(settings.host) if settings.port is None else settings.port
-        server = opened.enter_context(page_server(settings.host, port, guard))
-        listeners: list[Callable[[Reading, int], None]] = []
-        loops, changed = list[SensorPoller](), Event()
-        controllers: list[PageController] = []
-        presses = [None if part.pressed is None else PressControl(part.pressed) for part in parts]
-        for number, part in reversed(tuple(enumerate(parts))):
-            estimates = _estimate_history(part.sensor, settings.force, part.folder)
-            keep = partial(_keep_reading, number=number, estimates=estimates, listeners=listeners)
-            loops.insert(0, SensorPoller(part.sensor, keep, changed))
-            press, histories = presses[number], [*(poller.history for poller in part.wrenches), *estimates]
-            press_at, others = None if press is None else press.press_at, () if number else tuple(controllers)
-            one = PageController(loops[0], settings.out, histories, press_at=press_at, name=part.name, others=others)
-            controllers.insert(0, one)
-        for loop, part in zip(loops, parts, strict=True):
-            opened.enter_context(loop)
-            for poller in part.wrenches:
-                opened.enter_context(poller)
-        first, controller = parts[0], controllers[0]
-        block = gel_block_under_skin(first.folder.shape, first.folder.record.design.gel)
-        panels = recordings_panels(opened, server, parts, controller, listeners)
-        title = " · ".join(part.name or part.folder.id for part in parts)
-        pressed = [press for press in presses if press is not None]
-        page = SensorPage(server, controller, block, title, pressed if len(pressed) == len(parts) else None, panels)
-        sources = ", ".join(f"{part.name}: " * bool(part.name) + part.sensor.source.name for part in parts)
-        print(f"{sources}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True)
-
-        def is_over() -> bool:
-            return ends and all(loop.snapshot(monotonic_ns()).phase is SensorPhase.ENDED for loop in loops)
-
-        if settings.rerun:
-            listeners.append(_show_in_rerun(opened, parts))
-        controller.run(page, settings.display_hz, is_over)
-
-
-def _keep_reading(
-    reading: "Reading",
-    number: int,
-    estimates: "list[WrenchHistory]",
-    listeners: "list[Callable[[Reading, int], None]]",
-) -> None:
-    """Keep the estimate of a reading of this sensor, and tell the listeners."""
-    for history in estimates:
-        if reading.force is not None:
-            history.add_estimate(reading.force)
-    for listener in tuple(listeners):
-        listener(reading, number)
-
-
-def _show_in_rerun(opened: ExitStack, parts: Sequence[PageSensor]) -> "Callable[[Reading, int], None]":
-    """Return a listener that shows the readings of all sensors in the Rerun viewer until the page is closed."""
-    from ninedtact.interop.rerun import RerunViewer
-
-    viewers = [opened.enter_context(RerunViewer(part.name or part.folder.id)) for part in parts]
-    return lambda reading, number: viewers[number].show(reading)
-
-
-def recordings_panels(
-    opened: ExitStack,
-    server: Any,
-    parts: Sequence[PageSensor],
-    controller: "PageController",
-    listeners: "list[Callable[[Reading, int], None]]",
-) -> "list[PanelFactory]":
-    """Return the panel that records, whose recorder is added to the listeners; none, and a notice, without its libraries."""
-    try:
-        require_recording_libraries()
-    except RecordingLibrariesMissing as missing:
-        print_notice(f"the page cannot record; {missing}")
-        return []
-    from ninedtact.studio.page_recorder import PageRecorder, RecordedSensor
-    from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
-
-    recorded = [
-        RecordedSensor(part.folder, part.sensor.source.name, one.wrenches, part.name)
-        for part, one in zip(parts, controller.sensors, strict=True)
-    ]
-    recorder = PageRecorder(recorded, controller.out, controller.quota)
-    opened.callback(recorder.stop)
-    listeners.append(recorder.keep)
-    return [partial(RecordingsPanel, desk=RecordingDesk(server, parts[0].folder, recorder))]
-
-
-def page_sources_of_twin(
-    shape: "CalibratedShape", shown: "DemoSources", references: "Sequence[Frame]" = ()
-) -> "tuple[Sensor, list[WrenchPoller]]":
-    """Return a sensor on the simulated camera, and a poller of the true wrench."""
-    from ninedtact.capture.frame_pacing import LatestFrameSource
-    from ninedtact.sensor import Sensor
-    from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
-    from ninedtact.studio.wrench_poller import WrenchPoller
-
-    depth = shape.depth_reader(*(references or shown.reference_frames))
-    return Sensor(LatestFrameSource(shown.camera), shape, depth_reader=depth), [
-        WrenchPoller(shown.force_torque, "true", TRUE_WRENCH_MEANING)
-    ]
-
-
-def _estimate_history(sensor: "Sensor", force: str, folder: "SensorFolder") -> "list[WrenchHistory]":
-    """Give the sensor its estimator, and return the history of its estimates, still empty; no history for --force none."""
-    if force == NONE:
-        return []
-    from ninedtact.force.estimator_loading import load_estimator
-    from ninedtact.studio.wrench_poller import WrenchHistory
-
-    sensor.estimator = estimator = load_estimator(force, folder)
-    meaning = f"what {estimator.name} reads from the image alone, ± one standard deviation"
-    return [WrenchHistory("estimated", meaning, estimator.notices, states_errors=True)]
-
-
-def require_display_rate(display_hz: float) -> None:
-    """Refuse a display rate of zero, or one above the rate of screens."""
-    if not 0 < display_hz <= _MAX_DISPLAY_HZ:
-        raise InvalidLiveOption(
-            f"expected --display-hz above 0 and at most {_MAX_DISPLAY_HZ:g}, got {display_hz:g}; drop it"
-        )
-
-
-def require_rerun() -> None:
-    """Refuse what needs Rerun without it; raises `RerunMissing`."""
-    if find_spec("rerun") is None:
-        raise RerunMissing("expected rerun-sdk, got no such package; run pip install 'ninedtact[rerun]' (740 MB)")
-
-
-def require_page_library() -> None:
-    """Refuse to start without viser; raises `PageLibraryMissing`."""
-    if find_spec("viser") is None:
-        raise PageLibraryMissing(
-            "expected viser, which serves the live page, got no such package; run pip install 'ninedtact[studio]'"
-        )

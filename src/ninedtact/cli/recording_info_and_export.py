@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from ninedtact.cli.live import require_rerun
 from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.sensor_page import require_rerun
 
 if TYPE_CHECKING:
     from ninedtact.recording.summary import RecordingSummary

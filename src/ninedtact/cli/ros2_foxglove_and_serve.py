@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.live import InvalidLiveOption, Live
+from ninedtact.cli.live import Live
 from ninedtact.cli.record import is_named, named_sensors, require_duration, run_together, untared_wrench_source
 from ninedtact.cli.result_and_interrupt import (
     load_sensor_with_notices,
@@ -19,6 +19,7 @@ from ninedtact.cli.result_and_interrupt import (
     print_notice,
     stop_on_signal,
 )
+from ninedtact.cli.sensor_page import InvalidLiveOption
 from ninedtact.errors import MissingLibraryError
 from ninedtact.force.estimator_loading import NONE, PHYSICS
 from ninedtact.open_sensor import is_simulated, require_same_source_kind

@@ -12,6 +12,7 @@ from viser import GuiApi, GuiUplotHandle, uplot
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.studio.displayed_reading import SensorStatus
+from ninedtact.studio.page_recorder import RecorderState
 from ninedtact.studio.reading_view import HeightProfile
 from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, format_signed_tenths
 from ninedtact.studio.sensor_poller import HISTORY_S
@@ -265,3 +266,13 @@ def component_curves(
 def _curve_scales(half: float) -> dict[str, uplot.Scale]:
     """Return the axes of the curves: the last seconds, and values about zero."""
     return {"x": uplot.Scale(time=False, range=(-HISTORY_S, 0.0)), "y": uplot.Scale(range=(-half, half))}
+
+
+def recorder_html(state: RecorderState) -> str:
+    """Return length, size, drops and labels of the recording, and why it ended."""
+    if state.path is None:
+        return ""
+    said = f"{state.seconds:.1f} s, {state.written_bytes / 1e6:.1f} MB, {state.dropped} dropped, {state.labels} labels"
+    begun = "recording" if state.is_running else "recorded"
+    trouble = f'<div style="color:{TONES["lost"]}">{escape(state.trouble)}</div>' if state.trouble else ""
+    return f'<div role="log" style="margin:0.2em 0.9em;font-size:0.85em">{begun} {escape(state.path.name)}: {said}{trouble}</div>'

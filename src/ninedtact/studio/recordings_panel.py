@@ -18,7 +18,6 @@ from viser._messages import GuiSliderMark
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.errors import NinedtactError
 from ninedtact.open_sensor import RECORDING_SUFFIX, load_named_sensor
 from ninedtact.reading import Reading
 from ninedtact.recording.export import export_recordings
@@ -26,7 +25,7 @@ from ninedtact.recording.reader import Recording, sensor_addresses
 from ninedtact.recording.ros_messages import LabelledSpan, Topic
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.studio.displayed_reading import WITHOUT_READING, NothingToSave, PageMoment
-from ninedtact.studio.page_cards import TONES, shape_summary_html, status_html, wrenches_html
+from ninedtact.studio.page_cards import recorder_html, shape_summary_html, status_html, wrenches_html
 from ninedtact.studio.page_recorder import PageRecorder, RecorderState
 from ninedtact.studio.recording_player import SPEEDS, RecordingPlayer
 from ninedtact.studio.saved_files import moment_page, save_surface_sequence, save_video
@@ -160,7 +159,7 @@ class RecordingsPanel:
             self._live_begin.on_click(lambda event: self._toggle_label(recorder))
 
     def _toggle_record(self, recorder: PageRecorder) -> None:
-        with self._refusals("Not recorded"):
+        with self._viewer.notify_refusal("Not recorded"):
             if recorder.state().is_running:
                 state = recorder.stop()
                 if not state.trouble and state.path is not None:
@@ -169,7 +168,7 @@ class RecordingsPanel:
                 recorder.start()
 
     def _toggle_label(self, recorder: PageRecorder) -> None:
-        with self._refusals("No label"):
+        with self._viewer.notify_refusal("No label"):
             if recorder.state().label is None:
                 recorder.begin_label(self._live_label.value)
             else:
@@ -180,7 +179,7 @@ class RecordingsPanel:
         self._record.icon = Icon.PLAYER_STOP if state.is_running else Icon.PLAYER_RECORD
         self._live_begin.label = "Begin label" if state.label is None else f"End label '{state.label}'"
         self._live_begin.disabled = not state.is_running
-        self._recorded.content = _recorder_html(state)
+        self._recorded.content = recorder_html(state)
 
     def _list_recordings(self, state: RecorderState) -> None:
         """Offer the recordings of the folder, newest first, without the one that is being written."""
@@ -197,7 +196,7 @@ class RecordingsPanel:
     def _open(self, path: Path) -> None:
         """Show a recording in place of the sensor, to this viewer."""
         viewer = self._viewer
-        with self._refusals("Not opened"), ExitStack() as opened:
+        with self._viewer.notify_refusal("Not opened"), ExitStack() as opened:
             paths, sensors = list(map(Path, sensor_addresses(path))), viewer.controller.sensors
             others: list[RecordingPlayer] = []
             for number, one in enumerate(paths[1:], start=1):
@@ -271,7 +270,7 @@ class RecordingsPanel:
 
     def _edit(self, change: Callable[[RecordingPlayer], None]) -> None:
         if self._player is not None:
-            with self._refusals("Label not changed"):
+            with self._viewer.notify_refusal("Label not changed"):
                 change(self._player)
             self._show_labels()
 
@@ -290,7 +289,7 @@ class RecordingsPanel:
 
     def _export(self, export: "Export") -> None:
         """Write into a new file or folder, one export at a time."""
-        with self._refusals("Not exported"):
+        with self._viewer.notify_refusal("Not exported"):
             with self._quota.one_export():
                 self._quota.count_save(0, self._out, "an export")
                 self._out.mkdir(parents=True, exist_ok=True)
@@ -369,14 +368,6 @@ class RecordingsPanel:
             raise NothingToSave("expected an open recording to export, got none; open one first")
         return self._player
 
-    @contextmanager
-    def _refusals(self, title: str) -> Iterator[None]:
-        """Show this viewer what is refused in the block."""
-        try:
-            yield
-        except (NinedtactError, OSError) as trouble:
-            self._viewer.notify(title, str(trouble), "red")
-
 
 Export = Callable[[str], Path]
 """Writes something under a name that contains this time, and returns its path."""
@@ -403,13 +394,3 @@ def _span_name(player: RecordingPlayer, span: LabelledSpan) -> str:
     """Return a label with its times."""
     begin_s, end_s = player.span_s(span)
     return f"{span.label}: {begin_s:.2f} to {end_s:.2f} s"
-
-
-def _recorder_html(state: RecorderState) -> str:
-    """Return length, size, drops and labels of the recording, and why it ended."""
-    if state.path is None:
-        return ""
-    said = f"{state.seconds:.1f} s, {state.written_bytes / 1e6:.1f} MB, {state.dropped} dropped, {state.labels} labels"
-    begun = "recording" if state.is_running else "recorded"
-    trouble = f'<div style="color:{TONES["lost"]}">{escape(state.trouble)}</div>' if state.trouble else ""
-    return f'<div role="log" style="{_SMALL}">{begun} {escape(state.path.name)}: {said}{trouble}</div>'

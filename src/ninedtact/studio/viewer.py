@@ -4,7 +4,8 @@ A page is made of panels. A `Panel` is built once for each viewer and then gets 
 of a viewer get the same moment. To add one, write a class with `build` and `update` in a file of its own and give it to the page.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from threading import RLock
 from time import monotonic_ns, time
@@ -12,6 +13,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 
 from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
 
+from ninedtact.errors import NinedtactError
 from ninedtact.studio.displayed_reading import PageController, PageMoment
 from ninedtact.studio.reading_view import ImageKind, SkinColouring, TractionSource
 from ninedtact.studio.scene_3d import GelBlock, SideBySide
@@ -171,6 +173,14 @@ class Viewer:
     def notify(self, title: str, body: str, colour: Literal["red", "green"]) -> None:
         """Show a notification to this viewer."""
         self.client.add_notification(title, body, color=colour, auto_close_seconds=NOTICE_S)
+
+    @contextmanager
+    def notify_refusal(self, title: str) -> Iterator[None]:
+        """Show this viewer what is refused in the block."""
+        try:
+            yield
+        except (NinedtactError, OSError) as trouble:
+            self.notify(title, str(trouble), "red")
 
     def _place_panels(self) -> None:
         """Build all panels, each in its column; on a phone all named ones are tabs, so that images are one tap away."""
