@@ -17,6 +17,8 @@ EXTRAS = {
     "datasets": (("joblib", "pyarrow"), "data sets: simulate dataset, dataset, evaluate --data; export --to lerobot"),
     "ros2": (("cyclonedds", "rosbags", "mcap"), "ROS 2 topics without ROS: ninedtact ros2"),
     "stream": (("websockets",), "readings for programs in any language: ninedtact serve"),
+    "foxglove": (("foxglove", "websockets", "rosbags"), "a sensor in Foxglove: ninedtact foxglove"),
+    "rerun": (("rerun", "rosbags", "mcap"), "recordings and sensors in Rerun: export --to rerun, live --rerun"),
     "mujoco": (("mujoco", "gymnasium"), "touch in MuJoCo scenes: ninedtact.interop.mujoco"),
     "train": (
         ("torch", "lightning", "onnx", "onnxruntime", "onnxscript", "tensorboard"),
