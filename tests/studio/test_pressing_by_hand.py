@@ -278,7 +278,9 @@ def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor
                 for pose in poses
             )
 
-        wait_until(both_rest, PATIENCE_S, 0.01)
+        wait_until(
+            lambda: both_rest() and all(shows_the_true_wrench(one) for one in viewer.moment.sensors), PATIENCE_S, 0.01
+        )
         assert viewer.moment is not None
         forces_n = [
             [-one.sample.wrench.force_n[2] for one in each.wrenches if one.sample] for each in viewer.moment.sensors
@@ -286,7 +288,7 @@ def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor
         true, estimated = grip_forces(viewer.moment.sensors)
         means_n = np.mean(forces_n, axis=0)
         assert (true.force_n, estimated.force_n) == pytest.approx(tuple(means_n)) and means_n[0] > 1.0
-        assert abs(means_n[1] - means_n[0]) < 3 * estimated.std_n
+        assert abs(means_n[1] - means_n[0]) < 4 * estimated.std_n
         viewer.choose(sensor=1)
         twin.studio.refresh(twin.page)
         hand.send(msgspec.msgpack.encode(message | {"position": (0.0, 0.0, HANDLE_LIFT_MM - 0.4)}))  # type: ignore[attr-defined]

@@ -120,7 +120,7 @@ def test_grip_force_is_the_mean_of_each_two_opposing_normal_forces() -> None:
     four = [moment_with(name, -force, 0.3) for name, force in zip("abcd", (2.0, 4.0, 1.0, 7.0), strict=True)]
     grips = list(grip_forces(four))
     assert [(grip.fingers, grip.force_n) for grip in grips] == [(("a", "b"), 3.0), (("c", "d"), 4.0)]
-    assert grips[0].std_n == pytest.approx(0.3 / np.sqrt(2))
+    assert grips[0].std_n == pytest.approx(0.3)
     assert [grip.fingers for grip in grip_forces(four[:3])] == [("a", "b")]
     (alone,) = grip_forces([four[0], moment_with("b", -4.0, 0.3, tone="lost")])
     assert alone.force_n is None and alone.missing == "b"

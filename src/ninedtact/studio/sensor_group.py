@@ -54,7 +54,7 @@ class GripForce:
     force_n: float | None
     """Positive where both are pressed; None where a sensor is lost or its force unknown."""
     std_n: float
-    """One standard deviation, the errors of both sensors being independent; NaN where none is stated."""
+    """One standard deviation: the mean of both, because errors of the method are common to them; NaN where none is stated."""
     missing: str = ""
     """Which sensor has no force."""
 
@@ -75,7 +75,7 @@ def _grip_force(one: PageMoment, other: PageMoment, first: WrenchSnapshot, secon
         missing = ", ".join(name for name, is_known in zip(fingers, known, strict=True) if not is_known)
         return GripForce(fingers, first.name, None, np.nan, missing)
     force_n = -float(samples[0].wrench.force_n[2] + samples[1].wrench.force_n[2]) / 2
-    return GripForce(fingers, first.name, force_n, float(np.hypot(samples[0].std[2], samples[1].std[2])) / 2)
+    return GripForce(fingers, first.name, force_n, float(samples[0].std[2] + samples[1].std[2]) / 2)
 
 
 def _has_force(moment: PageMoment, sample: WrenchSample | None) -> bool:
