@@ -1,5 +1,6 @@
 """Walks over all controls of a page in a browser: where they are, and what happens when each is used once."""
 
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -133,8 +134,17 @@ def find_layout_faults(tab: Any) -> list[str]:
     for number, one in enumerate(shown):
         faults += [f"{one['key']} is over {other['key']}" for other in shown[number + 1 :] if _overlap(one, other)]
     broken = "[...document.querySelectorAll('img')].filter(i => !i.complete || i.naturalWidth === 0).length"
-    faults += ["an image is not there"] if tab.evaluate(broken) else []
-    return faults
+    return [*faults, *(["an image is not there"] if _stays(tab, broken) else [])]
+
+
+def _stays(tab: Any, question: str, for_s: float = 3.0) -> bool:
+    """Whether a question is answered with yes all the time: an image that has just changed is being decoded."""
+    give_up_at = time.monotonic() + for_s
+    while tab.evaluate(question):
+        if time.monotonic() > give_up_at:
+            return True
+        time.sleep(0.05)
+    return False
 
 
 def _overlap(one: dict[str, Any], other: dict[str, Any]) -> bool:

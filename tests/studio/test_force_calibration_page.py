@@ -57,7 +57,7 @@ def session(
         "sim",
         loads_g=(100.0, 200.0, 400.0),
         on_load=lambda grams: camera.offer(simulated_load(grams)),
-        hold_s=0.2,
+        hold_s=2.0,  # time enough for a test to take a load away
     )
     with one:
         yield one
