@@ -134,10 +134,10 @@ def find_layout_faults(tab: Any) -> list[str]:
     for number, one in enumerate(shown):
         faults += [f"{one['key']} is over {other['key']}" for other in shown[number + 1 :] if _overlap(one, other)]
     broken = "[...document.querySelectorAll('img')].filter(i => !i.complete || i.naturalWidth === 0).length"
-    return [*faults, *(["an image is not there"] if _stays(tab, broken) else [])]
+    return [*faults, *(["an image is not there"] if _stays_true(tab, broken) else [])]
 
 
-def _stays(tab: Any, question: str, for_s: float = 3.0) -> bool:
+def _stays_true(tab: Any, question: str, for_s: float = 3.0) -> bool:
     """Whether a question is answered with yes all the time: an image that has just changed is being decoded."""
     give_up_at = time.monotonic() + for_s
     while tab.evaluate(question):

@@ -58,7 +58,7 @@ class TactileSensorBatch:
     """
 
     scenes: Sequence[tuple[Any, Any]]
-    """An `mujoco.MjModel` and an `mujoco.MjData` for each scene; scenes may share a model."""
+    """A `mujoco.MjModel` and a `mujoco.MjData` for each scene; scenes may share a model."""
     body: str
     """Name of the body that carries the gel."""
     sensor_folder: "SensorFolder | Twin | Path | str"

@@ -220,12 +220,11 @@ class UncertaintyModel:
         self, result: InversionResult, six: Float64[Array, "6"], modulus_mpa: float
     ) -> Float64[Array, "6 6"]:
         """Return the covariance of the wrench, N and N·m, without the error of the shear modulus, which scales all of it."""
-        cells = result.problem.kernels.forward.cells
-        pressure = result.tractions[0].astype(float)
-        unresolved = self._unresolved(pressure, result.problem.kernels.forward)
-        scales = np.array([self.model, _THICKNESS_EXPONENT * self.thickness, unresolved])
-        covariance = _wrench_covariance(result) * modulus_mpa**2 + np.diag((scales**2).sum() * six**2)
-        arm_m = self.torque_arm * _radius_of_gyration_mm(pressure, *cells.coordinates_mm) / 1e3
+        forward, pressure = result.problem.kernels.forward, result.tractions[0].astype(float)
+        unresolved = self._unresolved(pressure, forward)
+        relative_variance = self.model**2 + (_THICKNESS_EXPONENT * self.thickness) ** 2 + unresolved**2
+        covariance = _wrench_covariance(result) * modulus_mpa**2 + np.diag(relative_variance * six**2)
+        arm_m = self.torque_arm * _radius_of_gyration_mm(pressure, *forward.cells.coordinates_mm) / 1e3
         torque_nm = unresolved * abs(six[2]) * arm_m
         return covariance + np.diag([0.0, 0.0, 0.0, torque_nm**2, torque_nm**2, torque_nm**2])
 
