@@ -25,7 +25,7 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 	touch $@
 
 .venv/ready-interop: .venv/ready
-	$(INSTALL) -e '.[mujoco,ros2,stream,foxglove]'
+	$(INSTALL) -e '.[mujoco,ros2,stream,foxglove,rerun]'
 	touch $@
 
 .venv/ready-docs: .venv/ready
@@ -75,8 +75,8 @@ licences: .venv/ready
 test-cluster: .venv/ready-cluster
 	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster tests/test_clusters.py
 
-# Doors to other programs, tried against those programs (MuJoCo, DDS, Foxglove, C++, JavaScript; Rerun where its extra is
-# installed). What needs none of them runs in `make test`.
+# Doors to other programs, tried against those programs (MuJoCo, DDS, Foxglove, Rerun, C++, JavaScript; LeRobot in an environment
+# of its own). What needs none of them runs in `make test`.
 test-interop: .venv/ready-interop .venv-lerobot/ready
 	NINEDTACT_LEROBOT_PYTHON=$(CURDIR)/.venv-lerobot/bin/python \
 	  .venv/bin/python -m pytest -m 'interop or not interop' tests/interop
@@ -166,12 +166,12 @@ CALIBRATE_A = .venv/bin/ninedtact calibrate --out out/demo/sensor_a \
 	--ball-reference $(REAL)/sensor_a/ball_reference.png --ball $(REAL)/sensor_a/ball.png
 
 # Measured figures beside those of their peers; docs/figures.md holds the latest. One alone: make benchmarks/board_accuracy
-BENCHMARKS := start_up ros2_loopback mujoco_speed page_clients page_interaction force_on_real_fits force_methods fe_presses board_accuracy ball_accuracy frame_speed board_robustness memory finite_strain contact_speed gpu_contacts dataset_percentiles dataset_speed dataset_reading force_speed recording_speed reconstruction_study traction_skill traction_mismatch traction_speed mutated_files
+BENCHMARKS := start_up ros2_loopback mujoco_speed peg_insertion page_clients page_updates page_interaction force_on_real_fits force_methods fe_presses board_accuracy ball_accuracy frame_speed board_robustness memory finite_strain finite_strain_calibration contact_speed gpu_contacts dataset_percentiles dataset_speed dataset_reading force_speed recording_speed reconstruction_study traction_skill traction_mismatch traction_speed mutated_files
 .PHONY: $(addprefix benchmarks/,$(BENCHMARKS))
 
 benchmarks: $(addprefix benchmarks/,$(BENCHMARKS))
 
-benchmarks/ros2_loopback: .venv/ready-interop
+benchmarks/ros2_loopback benchmarks/mujoco_speed benchmarks/peg_insertion: .venv/ready-interop
 
 $(addprefix benchmarks/,$(BENCHMARKS)): .venv/ready
 	.venv/bin/python $@.py

@@ -24,7 +24,7 @@ from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.array_namespace import forward_transform, inverse_transform
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.contact_result import Contact, periodic_image_error_mm
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.layer_compliance import half_space_compliance
 from ninedtact.mechanics.normal_contact import ContactConstraint, PressureSolution, solve_pressure
 from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid

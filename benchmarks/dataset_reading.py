@@ -9,10 +9,9 @@ import numpy as np
 import tyro
 from figures import Figure, answer, at_least
 
-from ninedtact.dataset.parquet_files import write_pair_file, write_reference_file
+from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_file
 from ninedtact.dataset.reader import TactileDataset, load_dataset
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
-from ninedtact.dataset.stored_images import encode_png
 
 WANTED_PER_S = 2000
 BATCH = 64

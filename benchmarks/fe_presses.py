@@ -12,20 +12,23 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from force_on_real_fits import calibrate_twin
+from force_on_real_fits import calibrate_twin, stated_design
 from scipy.interpolate import griddata
 
+from ninedtact.calibration.procedure import CalibrationImages, calibrate
+from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 from ninedtact.design import Gel
 from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter import Indenter
-from ninedtact.mechanics.indenter_primitives import Ball, LyingCylinder
+from ninedtact.mechanics.finite_strain import correct_for_finite_strain
+from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, WrenchEstimate
 from ninedtact.reading import Reading
+from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.real_fits import twins_of_real_fits
-from ninedtact.simulation.sensor_population import apply_finite_strain
+from ninedtact.simulation.sensor_population import SampledSensor
 from ninedtact.simulation.twin import Twin
 
 SENSOR = "L"
@@ -34,6 +37,10 @@ FE_THICKNESS_MM = 1.973
 OBJECTS: dict[str, Indenter] = {"ball4": Ball(4.0), "ball8": Ball(8.0), "cyl5": LyingCylinder(2.5, 10.0)}
 LENGTH_UNKNOWN = "cyl5"
 """The length of this cylinder is not stated: only what is read from its surface is compared."""
+DEEPEST = "ball4_mid_4"
+"""The deepest press of the calibration's ball: 1.4 mm."""
+BALL_IMAGE = 77
+"""Number of its image, which seeds the noise."""
 REFERENCES, STEP_MM = 10, 0.25
 
 
@@ -51,15 +58,26 @@ class FePress:
 
 
 def fe_presses(
-    presses: Path = Path(__file__).parents[2] / "shared/fe/presses.npz", out: Path = Path("out/force_on_real_fits")
+    presses: Path = Path(__file__).parents[2] / "shared/fe/presses.npz",
+    out: Path = Path("out/force_on_real_fits"),
+    ball_of_elements: bool = False,
 ) -> None:
-    """Print loads and lateral forces over those of the finite elements, and heights where the object presses."""
+    """Print loads and lateral forces over those of the finite elements, and heights where the object presses.
+
+    ball_of_elements: calibrate with the deepest press of the finite elements' ball in place of the twin's.
+    """
     member = twins_of_real_fits()[SENSOR]
     member = replace(member, gel=Gel(FE_THICKNESS_MM, MODULUS_MPA))
-    folder = out / f"sensor_{SENSOR}_fe"
+    twin = member.twin()
+    folder = out / f"sensor_{SENSOR}_fe{'_ball' if ball_of_elements else ''}"
     if not (folder / SENSOR_FILE).is_file():
-        calibrate_twin(member, folder)
-    sensor, twin = load_sensor(folder), member.twin()
+        if ball_of_elements:
+            calibrate_on_elements(member, next(one for one in read_presses(presses) if one.name == DEEPEST), folder)
+        else:
+            calibrate_twin(member, folder)
+    sensor = load_sensor(folder)
+    share = sensor.record.twin.fit.parameters["finite_strain"]
+    print(f"calibrated: {sensor.gel.thickness_mm:.3f} mm of gel, finite strain {share.value:.2f} ± {share.std:.2f}")
     estimator = build_estimator("physics", sensor.shape, replace(sensor.gel, shear_modulus_mpa=MODULUS_MPA))
     references = [Frame(twin.renderer(None, -1 - number)) for number in range(REFERENCES)]
     depth_reader = sensor.shape.depth_reader(*references)
@@ -74,13 +92,22 @@ def fe_presses(
     )
     for number, press in enumerate(read_presses(presses)):
         linear = press_twin(twin, press)
-        finite = apply_finite_strain(linear, FE_THICKNESS_MM)
+        finite = correct_for_finite_strain(linear, FE_THICKNESS_MM)
         drawn = draw_surface(linear, press)
         frame = Frame(twin.renderer(drawn, number))
         rectified = sensor.shape.rectify(frame)
         estimator.forget()
         read = estimator.estimate(Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference))
         print(row(press, linear, finite, read, drawn))
+
+
+def calibrate_on_elements(member: SampledSensor, press: FePress, folder: Path) -> None:
+    """Calibrate with the twin's board and with the image of a ball on the finite elements."""
+    twin = member.twin()
+    images = simulate_calibration_images(twin, member.design, presses=member.presses)
+    ball = twin.renderer(draw_surface(press_twin(twin, press), press), BALL_IMAGE)
+    calibration = calibrate(CalibrationImages(**{**vars(images), "ball": ball}), stated_design(member, "nothing"))
+    save_sensor(folder, calibration)
 
 
 def read_presses(path: Path) -> list[FePress]:

@@ -22,17 +22,21 @@ from numpy import ndarray as Array
 from scipy.optimize import minimize_scalar
 
 from ninedtact.design import Gel
-from ninedtact.mechanics.contact_model import (
-    BULGE_GROWTH,
+from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.finite_strain import (
+    GROWTH,
     LOAD_STIFFENING,
     PRESSURE_STIFFENING,
-    ContactModel,
+    REDISTRIBUTION,
+    TRANSPORT,
+    finite_strain_ball_height_mm,
     finite_strain_height_mm,
     finite_strain_load_factor,
     finite_strain_traction_mpa,
+    height_change_terms_mm,
 )
-from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.surface_displacement import Skin, gel_skin
@@ -42,7 +46,9 @@ DEPTHS_MM = tuple(np.round(np.arange(0.1, 1.95, 0.1), 3).tolist())
 SHOWN_MM = (0.1, 0.5, 1.0, 1.5, 1.9)
 SHALLOW_MM = (0.01, 0.02, 0.05)
 BALLS_MM = (4.0, 3.0, 5.0)
-"""The constants are fitted to the first."""
+"""The constants of loads and tractions are fitted to the first."""
+TABLED_RADII = (1.2, 1.6, 2.0, 2.5, 3.2)
+"""Radii of the balls of the table, in thicknesses of the gel."""
 SKINS = {"sticks": True, "slides": False}
 WITHIN_MM = np.arange(0, 8, 0.02)
 IMAGES = Path(__file__).parent.parent / "docs" / "images"
@@ -100,8 +106,20 @@ class Pair:
         return np.interp(WITHIN_MM, r + across, up)
 
     @property
-    def piled_up_mm(self) -> Float[Array, " radii"]:
-        return finite_strain_height_mm(self.in_space_mm, GEL.thickness_mm)
+    def corrected_mm(self) -> Float[Array, " radii"]:
+        """The linear height corrected as for an object of any shape."""
+        return self.along_row(finite_strain_height_mm(self.linear, GEL.thickness_mm))
+
+    @property
+    def tabled_mm(self) -> Float[Array, " radii"]:
+        """The linear height corrected by the table for balls."""
+        radius_mm = self.elements.ball.radius_mm
+        return self.in_space_mm + finite_strain_ball_height_mm(WITHIN_MM, radius_mm, self.depth_mm, GEL.thickness_mm)
+
+    def along_row(self, field: Array) -> Float[Array, " radii"]:
+        """A field of the linear model from the middle out."""
+        middle = self.linear.skin.grid.rows // 2
+        return np.interp(WITHIN_MM, self.half_row[0], field[middle, middle:])
 
     def difference_um(self, heights_mm: Float[Array, " radii"]) -> tuple[float, float]:
         """Largest and RMS."""
@@ -120,8 +138,13 @@ Presses = dict[tuple[float, str], list[Pair]]
 """By ball and skin."""
 
 
-def finite_strain(json: bool = False, element_mm: float = 0.15, images: Path = IMAGES) -> None:
-    """Compare, judge the corrections, draw."""
+def finite_strain(
+    json: bool = False, element_mm: float = 0.15, images: Path = IMAGES, table: Path | None = None
+) -> None:
+    """Compare, judge the corrections, draw. table: file in which the table of balls is written anew; nothing else is done."""
+    if table is not None:
+        write_ball_table(table)
+        return
     skin = linear_skin(points=385, pitch_mm=0.1)
     parts = Parts(Layer(element_mm=element_mm))
     presses = {
@@ -135,14 +158,28 @@ def finite_strain(json: bool = False, element_mm: float = 0.15, images: Path = I
             line for pair in presses[BALLS_MM[0], name] if pair.depth_mm in SHOWN_MM for line in lines(name, pair)
         ]
     figures += [line for ball in BALLS_MM for line in corrected(ball, presses[ball, "sticks"])]
-    figures += [*best_constants(presses[BALLS_MM[0], "sticks"]), *sliding(presses)]
+    figures += [*best_constants(presses[BALLS_MM[0], "sticks"]), *best_height_constants(presses), *sliding(presses)]
     draw_profiles(presses, images / "finite_strain_profiles.png")
     draw_loads(presses, images / "finite_strain_load.png")
     answer("Finite strain: a ball in a neo-Hookean layer (measured) and in the linear one (peer)", figures, json)
 
 
-def linear_skin(points: int, pitch_mm: float) -> Skin:
-    return gel_skin(PeriodicGrid(points, points, pitch_mm), GEL, np.zeros((), np.float64))
+def linear_skin(points: int, pitch_mm: float, gel: Gel = GEL) -> Skin:
+    return gel_skin(PeriodicGrid(points, points, pitch_mm), gel, np.zeros((), np.float64))
+
+
+def write_ball_table(path: Path) -> None:
+    """Write what finite strain adds to the height under balls, with the thickness as the unit of length; two minutes."""
+    distance, depth = np.linspace(0, 8, 161), np.arange(1, 18) * 0.05
+    parts = Parts(Layer(thickness_mm=1.0, radius_mm=12.0, element_mm=0.07, fine_to_mm=2.6))
+    skin = linear_skin(points=321, pitch_mm=0.05, gel=Gel(1.0, 1.0, 0.5))
+    height = np.zeros((len(TABLED_RADII), 1 + depth.size, distance.size))
+    for row, radius in zip(height, TABLED_RADII, strict=True):
+        for one, pair in zip(row[1:], pairs(parts, skin, RigidBall(radius, True), depth.tolist()), strict=True):
+            (r, across, up), (x, _, linear) = pair.elements.profile_mm, pair.half_row
+            one[:] = np.interp(distance, r + across, up) - np.interp(distance, x, linear)
+    single = {"ball_radius": TABLED_RADII, "depth": [0.0, *depth], "distance": distance, "height": height}
+    np.savez_compressed(path, **{name: np.asarray(values, np.float32) for name, values in single.items()})
 
 
 def pairs(parts: Parts, skin: Skin, ball: RigidBall, depths_mm: Iterable[float]) -> list[Pair]:
@@ -231,24 +268,29 @@ def worst_and_rms(pair: Pair, heights_mm: Float[Array, " radii"]) -> str:
 
 
 def corrected(ball_mm: float, together: list[Pair]) -> list[Figure]:
-    """What is left after the corrections of `ninedtact.mechanics.contact_model`; the linear model's own error as peer."""
+    """What is left after the corrections of `ninedtact.mechanics.finite_strain`; the linear model's own error as peer."""
     name, plain = f"{ball_mm:g} mm ball, sticks, all depths: ", [1 / pair.load_ratio for pair in together]
     by_factor = [finite_strain_load_factor(np.float64(pair.strain)) / pair.load_ratio for pair in together]
     by_field = [pair.stiffened_load / pair.elements.load for pair in together]
     return [
         at_most(name + "load_factor, largest error, %", worst_percent(by_factor), 3.0, peer=worst_percent(plain)),
         at_most(name + "stiffened_mpa, largest error of the load, %", worst_percent(by_field), 4.0),
-        at_most(
-            name + "piled_up_mm, largest RMS of the heights, µm",
-            max(pair.difference_um(pair.piled_up_mm)[1] for pair in together),
-            20.0,
-            peer=max(pair.difference_um(pair.in_space_mm)[1] for pair in together),
+        *(
+            figure
+            for kind, heights in (("any shape", "corrected_mm"), ("table of balls", "tabled_mm"))
+            for figure in height_errors(f"{name}heights, {kind}", together, heights)
         ),
-        Figure(
-            name + "piled_up_mm, mean RMS of the heights, µm",
-            float(np.mean([pair.difference_um(pair.piled_up_mm)[1] for pair in together])),
-            peer=float(np.mean([pair.difference_um(pair.in_space_mm)[1] for pair in together])),
-        ),
+    ]
+
+
+def height_errors(name: str, together: list[Pair], heights: str) -> list[Figure]:
+    """RMS of corrected heights, largest and mean over all depths; the linear model's own error as peer."""
+    left, plain = (
+        [pair.difference_um(getattr(pair, kind))[1] for pair in together] for kind in (heights, "in_space_mm")
+    )
+    return [
+        at_most(f"{name}, largest RMS, µm", max(left), 15.0, peer=max(plain)),
+        Figure(f"{name}, mean RMS, µm", float(np.mean(left)), peer=float(np.mean(plain))),
     ]
 
 
@@ -272,16 +314,29 @@ def best_constants(together: list[Pair]) -> list[Figure]:
         stiffened = [pair.stiffened_load / pair.elements.load for pair in together]
         return rms([(1 - part) * low + part * high - 1 for low, high in zip(linear, stiffened, strict=True)])
 
-    def of_bulge(constant: float) -> float:
-        part = constant / BULGE_GROWTH
-        return rms([rms((1 - part) * pair.in_space_mm + part * pair.piled_up_mm - pair.true_mm) for pair in together])
-
     return [
         Figure(f"constant of {name} that fits the 4 mm ball best (in use: {used:g})", best(measure))
         for name, used, measure in (
             ("finite_strain_load_factor", LOAD_STIFFENING, of_load),
             ("finite_strain_traction_mpa", PRESSURE_STIFFENING, of_pressure),
-            ("finite_strain_height_mm", BULGE_GROWTH, of_bulge),
+        )
+    ]
+
+
+def best_height_constants(presses: Presses) -> list[Figure]:
+    """The three constants of the heights that fit all balls best, beside those in use, which were fitted to other balls."""
+    terms, missing = [], []
+    for ball in BALLS_MM:
+        for pair in presses[ball, "sticks"]:
+            beside = (pair.linear_radius_mm < WITHIN_MM) & (WITHIN_MM > 0)
+            fields = height_change_terms_mm(pair.linear, GEL.thickness_mm)
+            terms.append(np.column_stack([pair.along_row(field)[beside] for field in fields]))
+            missing.append((pair.true_mm - pair.in_space_mm)[beside])
+    found = np.linalg.lstsq(np.concatenate(terms), np.concatenate(missing), rcond=None)[0]
+    return [
+        Figure(f"{name} of finite_strain_height_mm that fits all balls best (in use: {used:g})", float(value))
+        for name, used, value in zip(
+            ("growth", "redistribution", "transport"), (GROWTH, REDISTRIBUTION, TRANSPORT), found, strict=True
         )
     ]
 

@@ -18,10 +18,9 @@ from figures import Figure, answer, at_least
 from tallied import Tally
 
 from ninedtact.capture.training_pair_rule import SamplingRuleSettings
-from ninedtact.dataset.generation.session import GenerationSession, make_setup
+from ninedtact.dataset.generation.generate import GenerationSession, make_setup
 from ninedtact.dataset.generation.settings import GenerationSettings, KindShares
-from ninedtact.simulation.batched.device import Device, find_device
-from ninedtact.simulation.batched.executor import BatchExecutor, run_sessions
+from ninedtact.simulation.batched.executor import BatchExecutor, Device, find_device, run_sessions
 from ninedtact.simulation.batched.session_requests import (
     ContactSummary,
     RenderRequest,

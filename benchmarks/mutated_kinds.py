@@ -29,12 +29,10 @@ from ninedtact.calibration.original_9dtact.import_export import export_original_
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.dataset import load_dataset
-from ninedtact.dataset.parquet_files import write_pair_file, write_reference_file
+from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_file
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
-from ninedtact.dataset.stored_images import encode_png
-from ninedtact.design_file import design_to_toml
-from ninedtact.force.evaluation.predictions import WrenchPredictions
-from ninedtact.force.evaluation.predictions_csv import write_predictions
+from ninedtact.design import design_to_toml
+from ninedtact.force.evaluation.predictions import WrenchPredictions, write_predictions
 from ninedtact.force.known_load_scale import ForceScale, write_force_scale
 from ninedtact.force.onnx_model import (
     CHECKSUM_METADATA_KEY,
@@ -156,7 +154,7 @@ def _designs(sensor: Path, folder: Path, count: dict[str, int], seed: int) -> li
     hardware.write_text(hardware_design_to_toml(default_hardware_design()))
 
     def press(out: Path) -> int:
-        from ninedtact.design_file import read_design_file
+        from ninedtact.design import read_design_file
         from ninedtact.simulation.twin import twin_from_design
 
         found = read_design_file(design)

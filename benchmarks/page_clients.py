@@ -30,18 +30,23 @@ from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 
 CLIENTS = Path(__file__).parents[1] / "tests" / "studio" / "reading_clients.py"
+sys.path.append(str(CLIENTS.parent))
 CAMERA_HZ, DISPLAY_HZ = 30.0, 15.0
 
 
 class PacedCamera(CameraInMemory):
     """A camera in memory that delivers at a rate, on time."""
 
+    def __init__(self, untouched: np.ndarray, pressed: np.ndarray, hz: float = CAMERA_HZ) -> None:
+        super().__init__(untouched, pressed)
+        self.hz = hz
+
     def open(self) -> None:
         super().open()
         self.opened_at_s = time.monotonic()
 
     def read(self) -> Frame:
-        time.sleep(max(self.opened_at_s + self.next_index / CAMERA_HZ - time.monotonic(), 0))
+        time.sleep(max(self.opened_at_s + self.next_index / self.hz - time.monotonic(), 0))
         return super().read()
 
 

@@ -7,8 +7,6 @@ force by physics, and a second client only watches.
 
 import multiprocessing
 import statistics
-import struct
-import sys
 import threading
 import time
 from multiprocessing.connection import Connection
@@ -19,9 +17,9 @@ import msgspec
 import numpy as np
 import tyro
 import viser
-import zstandard
 from figures import Figure, answer, at_most
-from page_clients import CLIENTS, crowd
+from page_clients import crowd
+from reading_clients import CAMERA, unpack_text
 from real_images import PRESSES, sensor_folder
 from websockets.sync.client import ClientConnection, connect
 
@@ -44,17 +42,8 @@ DEPTHS_MM = (0.6, 0.75)
 """Depths between which the handle is moved; one step of the twin takes the object from one to the other."""
 
 
-def texts(message: bytes) -> bytes:
-    """Return the texts and numbers of a message of viser, without its arrays and images."""
-    _, packed = struct.unpack("<QQ", message[:16])
-    return zstandard.ZstdDecompressor().decompressobj().decompress(message[16 : 16 + packed])
-
-
 def move_handle(port: int, moves: int, pipe: Connection) -> None:
     """Move the handle again and again, and send the time of each move in ms, then the updates per second of the images."""
-    sys.path.append(str(CLIENTS.parent))
-    from reading_clients import CAMERA
-
     address = f"ws://127.0.0.1:{port}"
     with connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, max_queue=None) as client:  # type: ignore[list-item]
         client.send(msgspec.msgpack.encode(CAMERA))
@@ -74,7 +63,7 @@ def move_handle(port: int, moves: int, pipe: Connection) -> None:
 
 def wait_for(client: ClientConnection, text: bytes) -> None:
     """Read until a text arrives."""
-    while text not in texts(client.recv()):  # type: ignore[arg-type]
+    while text not in unpack_text(client.recv()):
         pass
 
 
@@ -83,7 +72,7 @@ def read_for(client: ClientConnection, seconds: float) -> int:
     until_s, count = time.perf_counter() + seconds, 0
     while (left_s := until_s - time.perf_counter()) > 0:
         try:
-            count += b"_data" in texts(client.recv(timeout=left_s))  # type: ignore[arg-type]
+            count += b"_data" in unpack_text(client.recv(timeout=left_s))
         except TimeoutError:
             break
     return count

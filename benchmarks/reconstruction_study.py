@@ -18,13 +18,13 @@ from figures import Figure, answer, at_most
 from ninedtact import CalibrationImages, Frame, Rectified, calibrate
 from ninedtact.calibration.ball.ball_fit import fit_ball
 from ninedtact.calibration.procedure import Calibration
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.depth import DepthReader, Smoothing
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, GUIDED_PRESSES, simulate_calibration_images
 from ninedtact.simulation.ground_truth import true_height_map_like
-from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.sensor_population import MechanicsShares, SampledSensor, sample_sensor
+from ninedtact.simulation.trajectory import ScriptedPress
 
 READINGS = ("physics", "physics, fast", "ratio", "table")
 OTHER_BALL = Ball(5.0)

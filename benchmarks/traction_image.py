@@ -16,13 +16,13 @@ from traction_skill import bench
 
 from ninedtact.force.traction.inversion import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter_primitives import LyingCylinder
+from ninedtact.mechanics.indenter import LyingCylinder
 from ninedtact.quantities import Traction, WrenchEstimate
 from ninedtact.simulation.ground_truth import true_pressure_map_mpa, true_shear_map_mpa
 from ninedtact.simulation.objects.catalogue import generate_object
-from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.rectified_renderer import rectified_renderer
 from ninedtact.simulation.sensor_population import sample_sensor
+from ninedtact.simulation.trajectory import ScriptedPress
 
 SIZE = (240, 180)
 PRESSES = (

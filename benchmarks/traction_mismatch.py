@@ -18,19 +18,18 @@ from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.forward_model import COMPLIANT_BASE
 from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter import Indenter
-from ninedtact.mechanics.indenter_primitives import Ball, LyingCylinder
+from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
 from ninedtact.quantities import Frame, HeightMap, Rectified
 from ninedtact.reading import Reading
 from ninedtact.simulation.ground_truth import true_height_map
 from ninedtact.simulation.objects.catalogue import generate_object
-from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.sensor_population import (
     MechanicsKind,
     correct_for_mechanics_kind,
     gel_compliance,
     sample_substrate,
 )
+from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import Twin, default_twin
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
@@ -107,7 +106,7 @@ def twin_of(kind: MechanicsKind) -> Twin:
         default_twin(),
         compliance_of=gel_compliance(GEL, base),
         thickness_mm=yields,
-        correct_contact=lambda contact: correct_for_mechanics_kind(contact, kind, GEL),
+        correct_contact=lambda contact, indenter=None: correct_for_mechanics_kind(contact, kind, GEL, indenter),
     )
 
 

@@ -23,7 +23,7 @@ from ninedtact.dataset.generation.settings import GenerationSettings
 from ninedtact.errors import NinedtactError
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force
 from ninedtact.force.traction.inversion import SolverSettings
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import EstimateWarning, Frame, HeightSource, Rectified, WrenchEstimate
 from ninedtact.reading import Reading

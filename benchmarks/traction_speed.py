@@ -17,7 +17,7 @@ from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.inversion import SolverSettings
 from ninedtact.force.traction.observation import BrightnessObservationModel
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, Rectified
 from ninedtact.reading import Reading

@@ -22,10 +22,12 @@ from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 MOST_BYTES = 150_000
-DESK, PHONE = (1360, 860), (390, 844)
+DESK, WIDE_DESK, PHONE = (1360, 860), (1480, 900), (390, 844)
 PATIENCE_MS = 300_000
 SETTLE_MS = 4000
 """Time for a browser without a graphics card to draw what has arrived."""
+CURVES_MS = 20_000
+"""Time over which curves show what has happened."""
 SOFTWARE_GRAPHICS = (
     "--no-sandbox",
     "--use-gl=angle",
@@ -44,9 +46,10 @@ class Visitor:
         self.tab.set_default_timeout(PATIENCE_MS)
         self.tab.goto(address)
 
-    def until_shown(self, text: str) -> None:
-        """Wait until the page shows a text."""
-        self.tab.wait_for_function("text => document.body.innerText.includes(text)", arg=text, timeout=PATIENCE_MS)
+    def until_shown(self, *texts: str) -> None:
+        """Wait until the page shows texts, all at the same time."""
+        shown = "texts => texts.every(text => document.body.innerText.includes(text))"
+        self.tab.wait_for_function(shown, arg=list(texts), timeout=PATIENCE_MS)
 
     def press(self, name: str) -> None:
         """Press a button."""
@@ -71,12 +74,12 @@ class Visitor:
         self._field(label).click()
         self.tab.get_by_role("option", name=option).first.click()
 
-    def take(self, name: str, status: str = "") -> None:
-        """Write a picture of the page into docs/images; exits where it is too large."""
+    def take(self, name: str, *texts: str) -> None:
+        """Write a picture of the page, scrolled to its top, into docs/images while it shows texts; exits where it is too large."""
         self.tab.add_style_tag(content=HIDE_NOTICES)
+        self.tab.evaluate("document.querySelectorAll('*').forEach(each => { each.scrollTop = 0; })")
         self.tab.wait_for_timeout(SETTLE_MS)
-        if status:
-            self.until_shown(status)
+        self.until_shown(*texts)
         path = IMAGES / f"{name}.png"
         shown = Image.open(BytesIO(self.tab.screenshot())).convert("RGB")
         _with_few_colours(shown).save(path, optimize=True)
@@ -160,6 +163,22 @@ def take_live_pages(browser: Browser, folder: Path) -> None:
         desk.tab.close()
 
 
+def take_gripper_page(browser: Browser, folder: Path) -> None:
+    """Close two twins on a ball, which is dragged."""
+    sensors = ("--sensor", "left=my_sensor", "right=my_sensor", "--source", "left=sim", "right=sim")
+    with page_of(folder, "live", *sensors, "--force", "physics") as address:
+        desk = Visitor(browser, address, WIDE_DESK)
+        desk.until_shown("grip force left and right, estimated")
+        desk.choose("kind", "primitives")
+        desk.type("depth (mm)", "0.8")
+        desk.until_shown("0.80 mm deep")
+        desk.type("drag x (mm)", "1.5")
+        desk.until_shown("slips")
+        desk.tab.wait_for_timeout(CURVES_MS)
+        desk.take("gripper_page", "left: live, ", "right: live, ")
+        desk.tab.close()
+
+
 def take_calibration_pages(browser: Browser, folder: Path) -> None:
     """Calibrate a simulated sensor on the page, with a board that is held badly at first."""
     with page_of(folder, "calibrate", "--page", "--source", "sim", "--out", "new_sensor") as address:
@@ -209,7 +228,7 @@ def main() -> None:
     """Take all pictures, or those that are named."""
     parser = ArgumentParser(description=__doc__)
     parser.add_argument("--sensor", type=Path, help="sensor folder whose twin is pressed")
-    parser.add_argument("--only", choices=("live", "calibrate", "adapt"), help="take these pictures alone")
+    parser.add_argument("--only", choices=("live", "gripper", "calibrate", "adapt"), help="take these pictures alone")
     options = parser.parse_args()
     names = ("chromium", "chromium-browser", "google-chrome")
     found = next(filter(None, map(shutil.which, names)), None)
@@ -221,6 +240,8 @@ def main() -> None:
         shutil.copytree(sensor, Path(scratch) / "my_sensor")
         if options.only in (None, "live"):
             take_live_pages(browser, Path(scratch))
+        if options.only in (None, "gripper"):
+            take_gripper_page(browser, Path(scratch))
         if options.only in (None, "calibrate"):
             take_calibration_pages(browser, Path(scratch))
         if options.only in (None, "adapt"):

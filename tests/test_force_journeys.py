@@ -15,11 +15,11 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.cli.calibration_page import simulated_loaded_camera
-from ninedtact.cli.force.estimate import COLUMNS, format_estimates
+from ninedtact.cli.estimate import COLUMNS, format_estimates
 from ninedtact.force.known_load_scale import STANDARD_GRAVITY, read_force_scale_tables
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.calibration_images import simulate_calibration_images
-from ninedtact.simulation.press_drag_twist import ScriptedPress
+from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin
 from ninedtact.studio.force_calibration_page import simulated_load
 from ninedtact.studio.force_calibration_session import USUAL_LOADS_G, ForceCalibrationSession, LoadPhase

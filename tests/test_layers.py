@@ -14,7 +14,7 @@ PACKAGE = Path(ninedtact.__file__).parent
 LAYERS = [
     {"_version", "errors", "atomic_write", "checked_reading"},
     {"parallel_jobs"},
-    {"quantities", "design", "design_file"},
+    {"quantities", "design"},
     {"mechanics", "capture", "shape"},
     {"reading"},
     {"force", "simulation"},
@@ -29,7 +29,7 @@ LAYERS = [
 EXCEPTIONS = {("calibration", "simulation.illumination")}
 """The ball fit is the twin's forward model."""
 
-SHARED_WITHIN_A_LAYER = {("design", "errors"), ("atomic_write", "errors"), ("design_file", "design")}
+SHARED_WITHIN_A_LAYER = {("design", "errors"), ("atomic_write", "errors")}
 
 HEAVY = {
     "torch": {"force.networks", "force.training", "force.original_network", "mechanics", "simulation"},
@@ -43,7 +43,7 @@ HEAVY = {
         "hardware.sensor_assembly",
         "hardware.assembly_images",
         "hardware.drawings",
-        "hardware.guide",
+        "hardware.fabrication_guide",
         "hardware.export",
     },
     "ezdxf": {"hardware.export"},

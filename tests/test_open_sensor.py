@@ -22,13 +22,13 @@ from ninedtact.calibration.drift.diagnosis_and_reference_check import (
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.force.contact_detection import detect_contact
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.quantities import HeightSource, Rectified
 from ninedtact.recording.errors import ReferenceMomentRefused, SensorNotGiven
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact.simulation.press_drag_twist import ScriptedPress
+from ninedtact.simulation.trajectory import ScriptedPress
 
 README = Path(__file__).parents[1] / "README.md"
 FRAME_NS = 40_000_000

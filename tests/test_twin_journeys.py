@@ -11,14 +11,13 @@ import trimesh
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.cli import main
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.shape.export import read_height_png
 from ninedtact.simulation.ground_truth import true_height_map_like
-from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.press_simulation import ObjectTrajectory
-from ninedtact.simulation.trajectory import press_trajectory
+from ninedtact.simulation.trajectory import ScriptedPress, press_trajectory
 from ninedtact.simulation.twin import default_twin
 
 DRAGGED = "--object ball:4 --depth-mm 1.2 --drag-mm 0.5 -0.2 --twist-deg 10 --tilt-deg 1 0 --at-mm 1 1"

@@ -1,5 +1,24 @@
-"""Version of the installed distribution."""
+"""Version of the installed distribution, and of the libraries that its extras bring."""
 
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, requires, version
 
 __version__ = version("ninedtact")
+
+
+def library_of_other_version(extra: str) -> str:
+    """Return which installed library of an extra has a version that `ninedtact` does not declare, empty where all are right.
+
+    "expected cyclonedds>=11,<12, got 0.10.5", for the sentence of an error.
+    """
+    from packaging.requirements import Requirement
+
+    for requirement in map(Requirement, requires("ninedtact") or ()):
+        if requirement.marker is None or not requirement.marker.evaluate({"extra": extra}):
+            continue
+        try:
+            installed = version(requirement.name)
+        except PackageNotFoundError:
+            continue
+        if not requirement.specifier.contains(installed, prereleases=True):
+            return f"expected {requirement.name}{requirement.specifier}, got {installed}"
+    return ""

@@ -1,11 +1,19 @@
-"""The design of a sensor: what is known of it before any image. The defaults are the published 9DTact."""
+"""The design of a sensor: what is known of it before any image, and its TOML file, with one table per part of the design and
+only what differs from the published sensor. The defaults are the published 9DTact.
+"""
 
-from dataclasses import dataclass
+import tomllib
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from math import isfinite
 from operator import attrgetter
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_type_hints
 
-from ninedtact.errors import InputError
+import msgspec
+import tomli_w
+
+from ninedtact.checked_reading import convert_within_bounds, read_text_file
+from ninedtact.errors import FileFormatError, InputError
 
 ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX = 1.49, 1.41
 """Handbook values of window and gel; no maker states those of these sheets and silicones."""
@@ -30,6 +38,8 @@ class Gel:
     """That of Shore A 5 by Gent's relation (docs/references.md); a calibration with known loads measures it far better."""
     poisson_ratio: float = 0.5
     """Silicone keeps its volume: 0.5 is exact, not a limit."""
+    finite_strain: float = 0.0
+    """Share of what neo-Hookean rubber does otherwise than a linear layer when it is pressed deep, 0 to 1; `calibrate` fits it."""
 
     def __post_init__(self) -> None:
         require_positive("gel.thickness_mm", self.thickness_mm)
@@ -37,6 +47,10 @@ class Gel:
         if not -1 < self.poisson_ratio <= 0.5:
             raise DesignImpossible(
                 f"expected gel.poisson_ratio above −1 and at most 0.5, got {self.poisson_ratio}; correct the design"
+            )
+        if not 0 <= self.finite_strain <= 1:
+            raise DesignImpossible(
+                f"expected gel.finite_strain from 0 to 1, got {self.finite_strain}; correct the design"
             )
 
 
@@ -235,3 +249,69 @@ class SensorDesign:
             value = attrgetter(name)(self)
             for number in value if isinstance(value, tuple) else (value,):
                 require_possible_dimension(name, number)
+
+
+HARDWARE_TABLE = "hardware"
+"""Table of the parts' own dimensions, which only the package `hardware` reads."""
+Design = TypeVar("Design")
+
+
+class DesignFileUnreadable(FileFormatError):
+    """A design file that is missing, is not TOML, or has a key or value that no design has."""
+
+
+def read_design_file(path: Path | str) -> SensorDesign:
+    """Read a sensor design; what the file does not state is as in the published sensor.
+
+    Raises `DesignFileUnreadable`, and `DesignImpossible` for dimensions that no sensor can have.
+    """
+    return sensor_design_from_tables(read_design_tables(path), path)
+
+
+def sensor_design_from_tables(tables: dict[str, Any], path: Path | str) -> SensorDesign:
+    """Return the sensor design of a file's tables without those of the hardware; raises as `read_design_file` does."""
+    return convert_design_tables(
+        {name: part for name, part in tables.items() if name != HARDWARE_TABLE}, SensorDesign, path
+    )
+
+
+def read_design_tables(path: Path | str) -> dict[str, Any]:
+    """Read the file's tables, of a sensor folder's `sensor.toml` those of its design; raises `DesignFileUnreadable`."""
+    try:
+        tables = tomllib.loads(read_text_file(path, accepts_pipe=True))
+    except (OSError, ValueError, RecursionError) as trouble:
+        raise DesignFileUnreadable(
+            f"expected a design in TOML, got {path} ({trouble}); give a file such as 'ninedtact hardware export' writes"
+        ) from trouble
+    is_sensor = "format" in tables and isinstance(tables.get("design"), dict)
+    return dict(tables["design"]) if is_sensor else tables
+
+
+def convert_design_tables(tables: dict[str, Any], kind: type[Design], path: Path | str) -> Design:
+    """Convert tables strictly to a design of this class; raises as `read_design_file` does."""
+    _require_known_keys(tables, kind, path, ())
+    try:
+        return convert_within_bounds(tables, kind)
+    except msgspec.ValidationError as trouble:
+        raise DesignFileUnreadable(
+            f"expected every value of {path} to have its own type, got: {trouble}; correct the file"
+        ) from trouble
+
+
+def _require_known_keys(tables: dict[str, Any], kind: type[Any], path: Path | str, within: tuple[str, ...]) -> None:
+    """Refuse keys that the design does not have; raises `DesignFileUnreadable`."""
+    hints, known = get_type_hints(kind), {field.name for field in fields(kind)}
+    for name, value in tables.items():
+        if name not in known:
+            where = f" in [{'.'.join(within)}]" if within else ""
+            more = f", {HARDWARE_TABLE}" if kind is SensorDesign else ""
+            raise DesignFileUnreadable(
+                f"expected one of {', '.join(sorted(known))}{more}{where}, got {name!r} in {path}; correct or remove it"
+            )
+        if isinstance(value, dict) and is_dataclass(hints[name]):
+            _require_known_keys(value, hints[name], path, (*within, name))
+
+
+def design_to_toml(design: SensorDesign) -> str:
+    """Return every dimension of a design as TOML, which `read_design_file` reads back."""
+    return tomli_w.dumps(asdict(design))

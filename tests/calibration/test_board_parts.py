@@ -8,8 +8,8 @@ from known_sensor import LENS
 
 from ninedtact.calibration.board import lens_fit
 from ninedtact.calibration.board.board_fit import _integer_spot_centre, anchored_mm_per_px_std
-from ninedtact.calibration.board.detection import BoardCandidate, predict_missing_pins
-from ninedtact.calibration.board.lattice import (
+from ninedtact.calibration.board.detection import (
+    BoardCandidate,
     DarkSpots,
     PinLattice,
     _lattice_seeds,
@@ -17,6 +17,7 @@ from ninedtact.calibration.board.lattice import (
     detect_dark_spots,
     find_pin_lattices,
     pin_positions_mm,
+    predict_missing_pins,
 )
 from ninedtact.calibration.board.lens_fit import (
     LensCorrectionFit,

@@ -18,8 +18,8 @@ from ninedtact.calibration.drift.drift_measurement import (
     DriftMeasurement,
     load_calibrated_reference,
     measure_drift,
+    measure_skin_motion,
 )
-from ninedtact.calibration.drift.skin_motion import measure_skin_motion
 from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
 from ninedtact.calibration.procedure import CalibrationImages, calibrate, calibrated_area_mm
 from ninedtact.calibration.save import save_sensor

@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from ninedtact.calibration.board.board_fit import BoardFit
-from ninedtact.calibration.board.lattice import pin_positions_mm
+from ninedtact.calibration.board.detection import pin_positions_mm
 from ninedtact.calibration.board.lens_fit import fit_lens_with_terms
 from ninedtact.calibration.drift import diagnosis_and_reference_check as diagnosis
 from ninedtact.calibration.drift.brightness_change import BrightnessChange
-from ninedtact.calibration.drift.drift_measurement import DriftMeasurement
-from ninedtact.calibration.drift.skin_motion import _jackknife_error, _pearson_correlation, _undo_motion
+from ninedtact.calibration.drift.drift_measurement import (
+    DriftMeasurement,
+    _jackknife_error,
+    _pearson_correlation,
+    _undo_motion,
+)
 from ninedtact.calibration.twin.ball_press_fit import _autocorrelation_sums, effective_observation_count
 from ninedtact.calibration.twin.ball_press_model import REACH_MM, ObservedBallPress
 from ninedtact.calibration.twin.board_press_model import ObservedBoardPress

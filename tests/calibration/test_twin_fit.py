@@ -10,11 +10,11 @@ from ninedtact.calibration.ball.contact_circle import BallPressUnusable, find_co
 from ninedtact.calibration.board.board_fit import fit_board
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, build_rectification
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin
-from ninedtact.calibration.twin.sensor_twin import build_twin
+from ninedtact.calibration.twin.sensor_twin import build_twin, fitted_gel
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter import Indenter
-from ninedtact.mechanics.indenter_primitives import Ball, LyingCylinder
+from ninedtact.mechanics.finite_strain import finite_strain_ball_height_mm
+from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
@@ -66,9 +66,39 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
     assert fit.parameters["point_spread_mm"] == pytest.approx(np.hypot(0.5, fit.forward.observed.blur_mm), abs=0.04)
     assert fit.parameters["brightening_per_mm"] == pytest.approx(0.33, rel=0.1)
     assert fit.image_rmse_grey_levels < 0.3 and fit.radial_rmse_grey_levels < 0.1
+    assert fit.parameters["finite_strain"] < 0.2, "the gel of the twin is a linear layer"
     true = {"depth_mm": 1.8, "drag_x_mm": 0.4, "drag_y_mm": -0.2, "thickness_mm": 2.3, "inverse_distance_per_mm": 0.05}
     off = {name: abs(fit.parameters[name] - value) / fit.confidence.deviation[name] for name, value in true.items()}
     assert max(off.values()) < 4, off
+
+
+def test_gel_at_finite_strain_is_not_taken_for_thinner_gel(twin: Twin, calibrated_a: Calibration) -> None:
+    linear = pressed(twin, Ball(4.0), Pose(0.0, 0.0, 1.5))
+    x, y, _ = linear.surface_points_mm
+    added_mm = finite_strain_ball_height_mm(np.hypot(x, y), 4.0, 1.5, GEL.thickness_mm)
+    contact = replace(linear, height_mm=(linear.height_mm + added_mm).astype(np.float32))
+    before, after = (calibrated_a.rectify(Frame(twin.renderer(one, n))) for n, one in enumerate((None, contact)))
+    fit = fit_twin(before, after, find_contact_circle(rectified_brightness_change(before, after)), DESIGN)
+    assert fit.parameters["finite_strain"] > 0.7
+    assert fit.parameters["depth_mm"] == pytest.approx(1.5, abs=0.04)
+    assert fit.parameters["thickness_mm"] == pytest.approx(2.3, rel=0.05)
+    assert fitted_gel(fit).finite_strain == fit.parameters["finite_strain"]
+    deepest = np.array(-1.5)
+    assert fit.light.brightness_change(deepest) == pytest.approx(LIGHT.brightness_change(deepest), rel=0.03)
+
+
+def test_the_twin_of_gel_at_finite_strain_bears_more_load_at_the_same_depth(calibrated_a: Calibration) -> None:
+    untouched, loads_n = calibrated_a.images.ball_reference, []
+    for share in (0.0, 0.8):
+        gel = replace(GEL, finite_strain=share)
+        one = build_twin("rubber", gel, LIGHT, calibrated_a.rectify, untouched, NOISE)
+        loads_n.append(-pressed_and_corrected(one, Pose(depth_mm=1.2)).wrench().force_n[2])
+    assert 1.05 < loads_n[1] / loads_n[0] < 1.3
+
+
+def pressed_and_corrected(twin: Twin, at: Pose) -> Contact:
+    ball = Ball(4.0)
+    return twin.correct_contact(pressed(twin, ball, at), ball)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from built_sets import listed
 from little_sources import grey, touched, untouched
 
 from ninedtact.dataset.checks import CheckSettings, check_dataset, max_darkening_levels
-from ninedtact.dataset.parquet_files import write_pair_file, write_reference_file
+from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_file
 from ninedtact.dataset.quality_report import (
     FAULT_MEANINGS,
     FaultsFound,
@@ -22,7 +22,6 @@ from ninedtact.dataset.quality_report import (
     write_quality_report,
 )
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
-from ninedtact.dataset.stored_images import encode_png
 
 SKIN = untouched()
 PRESSED = np.array([0.2, -0.1, -3.0, 0.01, 0.01, 0.001], np.float32)

@@ -15,16 +15,20 @@ import pytest
 import tyro
 
 from ninedtact.checked_reading import values_checksum
-from ninedtact.cli.simulate.dataset import SimulateDatasetCommand
+from ninedtact.cli.simulate import SimulateDatasetCommand
 from ninedtact.dataset.folder import DatasetFolderTaken
-from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset
+from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset, make_setup
 from ninedtact.dataset.generation.press_trajectory import PressSettings, PressTarget, SimulatedPressTrajectory
-from ninedtact.dataset.generation.session import make_setup
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings, KindShares
 from ninedtact.dataset.schema import arrow_schema
-from ninedtact.dataset.statistics import REAL_PERCENTILES, move_to_force_sensor, percentile_errors, wrench_percentiles
+from ninedtact.dataset.statistics_and_card import (
+    REAL_PERCENTILES,
+    move_to_force_sensor,
+    percentile_errors,
+    wrench_percentiles,
+)
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.parallel_jobs import WorkersImpossible
 from ninedtact.simulation.batched.session_requests import run_on_processor
 from ninedtact.simulation.objects.catalogue import UnknownObject

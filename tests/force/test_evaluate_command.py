@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 from ninedtact.cli import main
 from ninedtact.force.evaluation import PredictionsUnusable, WrenchPredictions
 from ninedtact.force.evaluation.evaluation import PUBLISHED_SCORES, PUBLISHED_SCORES_AT_SKIN
-from ninedtact.force.evaluation.predictions_csv import read_predictions, write_predictions
+from ninedtact.force.evaluation.predictions import read_predictions, write_predictions
 
 AT_SKIN = ("--predictions-about-mm", "0", "0", "-35", "--about-mm", "0", "0", "0")
 PLACES = {"mae": (4, 5), "std": (4, 5), "rmse": (4, 5), "r2": (3, 3), "slope": (3, 3), "skill": (3, 3)}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from ninedtact.force.networks.standard_backbones import build_densenet
+from ninedtact.force.networks import build_densenet
 from ninedtact.force.original_network import (
     WRENCH_MAX,
     WRENCH_MIN,

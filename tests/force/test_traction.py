@@ -18,7 +18,8 @@ from ninedtact.force.traction.observation import (
 )
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.finite_strain import correct_for_finite_strain
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.layer_compliance import layered_compliance
 from ninedtact.mechanics.periodic_grid import padded_grid
 from ninedtact.mechanics.pose import Pose
@@ -69,6 +70,18 @@ def test_the_wrench_of_a_dragged_ball_is_found(x: float, y: float, drag: float) 
     assert found.touching and not found.warnings
     np.testing.assert_allclose(found.wrench.force_n, true.force_n, atol=0.06 * load)
     np.testing.assert_allclose(found.wrench.torque_nm, true.torque_nm, atol=0.5e-3 * load)
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_gel_at_finite_strain_bears_more(share: float) -> None:
+    linear = dragged(drag_mm=0.0)
+    contact = correct_for_finite_strain(linear, GEL.thickness_mm, Ball(4.0), share)
+    load = -contact.wrench().force_n[2]
+    stiffens = by_height(replace(GEL, finite_strain=share)).estimate(reading(noisy(contact=contact)))
+    stays_linear = by_height().estimate(reading(noisy(contact=contact)))
+    assert -stiffens.wrench.force_n[2] == pytest.approx(load, rel=0.08)
+    assert -stays_linear.wrench.force_n[2] < -stiffens.wrench.force_n[2]
+    assert stiffens.std[2] / load > stays_linear.std[2] / load
 
 
 def test_untouched_skin_has_no_wrench_at_all() -> None:

@@ -14,13 +14,15 @@ from ninedtact.cli.demo import Demo
 from ninedtact.cli.option_parser import DesignGivenTwice
 from ninedtact.design import (
     DIMENSION_RANGES,
+    DesignFileUnreadable,
     DesignImpossible,
     Gel,
     SensingArea,
     SensorDesign,
+    design_to_toml,
+    read_design_file,
     shore_a_to_shear_modulus_mpa,
 )
-from ninedtact.design_file import DesignFileUnreadable, design_to_toml, read_design_file
 from ninedtact.hardware.buildability import find_broken_rules
 from ninedtact.hardware.design import (
     DesignVariant,

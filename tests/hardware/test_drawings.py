@@ -9,8 +9,7 @@ from matplotlib.text import Annotation
 from ninedtact.design import Gel, SensingArea, SensorDesign
 from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import default_hardware_design
-from ninedtact.hardware.drawings.dimensioned_view import INK
-from ninedtact.hardware.drawings.drawing_sheet import DrawingNote, DrawingSheet, build_drawing_notes
+from ninedtact.hardware.drawings.drawing_sheet import INK, DrawingNote, DrawingSheet, build_drawing_notes
 from ninedtact.hardware.drawings.part_geometry import Polyline, project_section
 from ninedtact.hardware.parts.part_catalogue import BuiltPart, build_first_mould, build_second_mould
 

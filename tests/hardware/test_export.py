@@ -23,11 +23,10 @@ from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.hardware.assembly_images import explosion_scale
 from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import default_hardware_design
-from ninedtact.hardware.export.laser_cutting import part_to_dxf
+from ninedtact.hardware.export.part_files import STL_HEADER_BYTES, STL_RECORD, part_to_dxf, part_to_step, part_to_stl
 from ninedtact.hardware.export.parts_folder import ExportFolderRefused, require_replaceable_parts_folder
-from ninedtact.hardware.export.solid_files import STL_HEADER_BYTES, STL_RECORD, part_to_step, part_to_stl
 from ninedtact.hardware.parts.part_catalogue import PART_CATALOGUE
-from ninedtact.hardware.parts.printed_and_cut_parts import build_sensor_shell
+from ninedtact.hardware.parts.solids import build_sensor_shell
 from ninedtact.hardware.sensor_assembly import AssemblyBody
 
 NET_AREA_MM2 = {"base_board": 2802.15, "first_mould": 2153.12, "second_mould": 2069.28, "acrylic_window": 196.0}
@@ -129,8 +128,8 @@ WRITTEN = """
 from hashlib import sha256
 from ninedtact.hardware.design import default_hardware_design
 from ninedtact.hardware.drawings.drawing_sheet import DrawingSheet, build_drawing_notes
-from ninedtact.hardware.export.laser_cutting import part_to_dxf
-from ninedtact.hardware.export.solid_files import part_to_step
+from ninedtact.hardware.export.part_files import part_to_dxf
+from ninedtact.hardware.export.part_files import part_to_step
 from ninedtact.hardware.parts.part_catalogue import build_first_mould
 from ninedtact.hardware.parts.part_catalogue import BuiltPart
 

@@ -11,7 +11,7 @@ from ninedtact.cli import main
 from ninedtact.cli.hardware import ExploreCommand, format_bill_of_materials
 from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import default_hardware_design, read_hardware_design
-from ninedtact.hardware.guide.fabrication_guide import format_guide
+from ninedtact.hardware.fabrication_guide import format_guide
 
 DOCS = Path(__file__).parents[2] / "docs"
 

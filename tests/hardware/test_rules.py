@@ -9,8 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ninedtact.design import CameraGeometry, DesignImpossible, Gel, PinBoard, SensingArea, SensorDesign
-from ninedtact.hardware.buildability import DESIGN_RULES, find_broken_rules, require_buildable_design
-from ninedtact.hardware.buildability.mechanical_rules import DesignRulesBroken
+from ninedtact.hardware.buildability import DESIGN_RULES, DesignRulesBroken, find_broken_rules, require_buildable_design
 from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import (
     PART_TABLES,
@@ -20,17 +19,19 @@ from ninedtact.hardware.design import (
     original_hardware_design,
     required_camera_distance_mm,
 )
-from ninedtact.hardware.dimensions.bought_parts import CameraDimensions, FastenerDimensions, LedBoardDimensions
-from ninedtact.hardware.dimensions.made_parts import (
+from ninedtact.hardware.design_sweep import DesignChoice
+from ninedtact.hardware.dimensions import (
     BaseDimensions,
     CalibrationBoardDimensions,
+    CameraDimensions,
+    FastenerDimensions,
     GelLayerDimensions,
     IsolationRingDimensions,
+    LedBoardDimensions,
     MouldDimensions,
     ShellDimensions,
     WindowDimensions,
 )
-from ninedtact.hardware.explore.design_sweep import DesignChoice
 from ninedtact.hardware.led_board.board_outline import LedBoardImpossible
 from ninedtact.hardware.led_board.design_rule_check import find_violations
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event, Thread, Timer
 from typing import Any
 
 import cv2
@@ -166,7 +166,7 @@ def test_a_program_with_cyclones_own_types_and_decoder_gets_the_bytes_of_rosbags
     assert len(received) // 2 - len(expected) in range(4)  # DDS pads to four bytes
 
 
-def test_cyclones_tools_list_the_topics_with_their_types(tmp_path: Path) -> None:
+def test_cyclones_tools_list_the_topics_with_their_types_and_print_messages(tmp_path: Path) -> None:
     with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path):
         tool = [str(Path(sys.executable).with_name("cyclonedds"))]
         options = ["--id", str(DOMAIN), "--color", "none", "--runtime", "4"]
@@ -177,6 +177,12 @@ def test_cyclones_tools_list_the_topics_with_their_types(tmp_path: Path) -> None
             assert f"rt/small/{topic}" in listed.stdout, listed.stdout + listed.stderr
             package, _, name = message_type.split("/")
             assert re.search(rf"{package}::msg::dds_::{name}_", listed.stdout)
+        subscribe = [*tool, "subscribe", "rt/small/status", *options]
+        with subprocess.Popen(subscribe, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT) as printing:
+            assert printing.stdout is not None
+            Timer(60, printing.kill).start()
+            assert any('"sensor": "small"' in line for line in printing.stdout)
+            printing.kill()
 
 
 def test_images_points_and_transforms_arrive_whole(tmp_path: Path) -> None:

@@ -146,6 +146,9 @@ def test_a_client_decodes_every_topic_by_the_advertised_schema(served: FoxgloveS
         (name, 4 * at) for at, name in enumerate(("x", "y", "z", "normal_x", "normal_y", "normal_z", "intensity"))
     ]
     points = np.frombuffer(cloud.data, "<f4").reshape(-1, cloud.point_stride // 4)
+    surface = foxglove_layout("small")["configById"]["3D!points"]
+    assert cloud.frame_id == surface["followTf"]
+    assert surface["topics"]["/small/points"]["colorField"] in [field.name for field in cloud.fields]
     assert len(points) == 15 * 20 and np.abs(points[:, :2]).max() < 0.02
     np.testing.assert_allclose(np.linalg.norm(points[:, 3:6], axis=1), 1, atol=1e-5)
     wrench = found["/small/wrench"]
@@ -256,10 +259,10 @@ def test_other_websites_are_refused_and_a_network_needs_the_token(messages: Foxg
         announced(connection)
 
 
-def test_the_layout_shows_what_is_served(messages: FoxgloveMessages) -> None:
+def test_the_layout_has_settings_that_the_sdk_names(messages: FoxgloveMessages) -> None:
     from foxglove import layouts
 
-    layout, topics = foxglove_layout(messages.name), {one.topic: one for one in messages.channels}
+    layout = foxglove_layout(messages.name)
     shown = layout["configById"]
 
     def leaves(tree: Any) -> list[str]:
@@ -274,13 +277,37 @@ def test_the_layout_shows_what_is_served(messages: FoxgloveMessages) -> None:
     }
     for kind, config in shown.items():
         assert set(config) - {"foxglovePanelTitle"} <= set(known[kind.partition("!")[0]]._to_dict()), kind
-    named = {config["imageMode"][key] for config in shown.values() for key in ("imageTopic",) if "imageMode" in config}
-    named |= {*shown["3D!points"]["topics"], shown["RosOut!warnings"]["topicToRender"]}
-    assert named <= set(topics)
-    schema = json.loads(topics["/small/wrench"].schema.data)["properties"]
-    for path in [series["value"] for kind in ("wrench", "errors") for series in shown[f"Plot!{kind}"]["paths"]]:
-        topic, field, axis = path.split(".")
-        assert topic == "/small/wrench" and axis in schema[field]["properties"]
+
+
+PANEL_SCHEMAS = {
+    "Image": {"foxglove.CompressedImage", "foxglove.RawImage", "foxglove.CameraCalibration"},
+    "3D": {"foxglove.PointCloud"},
+    "Plot": {"ninedtact.Wrench"},
+    "RosOut": {"foxglove.Log"},
+}
+"""The schemas of the topics that each kind of panel shows, by Foxglove's documentation of the panel."""
+
+
+def paths_in(config: Any) -> set[str]:
+    """All topics of a panel's settings, with the fields that it takes from them."""
+    if isinstance(config, str):
+        return {config} if config.startswith("/") else set()
+    parts = [*config, *config.values()] if isinstance(config, dict) else config if isinstance(config, list) else []
+    return {path for part in parts for path in paths_in(part)}
+
+
+def require_shown(layout: dict[str, Any], channels: dict[str, dict[str, Any]]) -> None:
+    """Every topic and field of a layout is announced, with a schema that its panel shows."""
+    paths = {kind: paths_in(config) for kind, config in layout["configById"].items()}
+    assert [len(found) for found in paths.values()] == [2, 1, 1, 6, 6, 1]
+    for kind, found in paths.items():
+        for path in found:
+            topic, *fields = path.split(".")
+            channel = channels[topic]
+            assert channel["schemaName"] in PANEL_SCHEMAS[kind.partition("!")[0]], path
+            schema = json.loads(channel["schema"]) if fields else {}
+            for field in fields:
+                schema = schema["properties"][field]
 
 
 def test_the_command_serves_and_writes_the_layout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -295,8 +322,9 @@ def test_the_command_serves_and_writes_the_layout(tmp_path: Path, capsys: pytest
         assert running.stdout is not None
         address = running.stdout.readline().partition("ws://")[2].partition(";")[0].rstrip("/")
         with client(int(address.rpartition(":")[2])) as connection:
-            number = {one["topic"]: one["id"] for one in announced(connection)[1]}["/small/contact"]
-            subscribe(connection, {1: number})
+            channels = {one["topic"]: one for one in announced(connection)[1]}
+            require_shown(json.loads(layout.read_text()), channels)
+            subscribe(connection, {1: channels["/small/contact"]["id"]})
             assert json.loads(parts(connection.recv(PATIENCE_S))[3])["max_indentation_mm"] == 0
         running.send_signal(signal.SIGINT)
         assert running.wait(PATIENCE_S) == 0

@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -117,3 +119,22 @@ def test_lerobot_itself_reads_the_data_set(tmp_path: Path) -> None:
     assert (episode, index) == (1, 1)
     rows = pq.read_table(out / "data/chunk-000/file-001.parquet").to_pylist()
     np.testing.assert_allclose(wrenches, [row["observation.wrench"] for row in rows[:2]], atol=1e-6)
+
+
+@pytest.mark.interop
+def test_the_way_of_the_pages_without_a_sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
+    monkeypatch.chdir(tmp_path)
+    commands: list[str] = []
+    for page in ("lerobot", "foxglove_rerun"):
+        lines = (ROOT / f"docs/{page}.md").read_text(encoding="utf-8").splitlines()
+        commands += [line.strip() for line in lines if re.match("    ninedtact (calibrate|record|export) ", line)]
+    commands = [line for line in dict.fromkeys(commands) if "--source 0" not in line and "--seconds 10" not in line]
+    kinds = ("calibrate", "record", "export")
+    commands.sort(key=lambda line: kinds.index(line.split()[1]))
+    assert [line.split()[1] for line in commands] == ["calibrate", "record", "export", "export"]
+    for line in commands:
+        assert main(shlex.split(line, comments=True)[1:]) == 0, line
+    images = pq.read_table("press_set/data/chunk-000/file-000.parquet")
+    assert {"observation.wrench", "observation.wrench_estimated"} <= set(images.column_names)
+    assert images.num_rows > 10 and Path("press.rrd").stat().st_size > 100_000

@@ -11,7 +11,7 @@ import pytest
 
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
-from ninedtact import default_twin  # noqa: E402
+from ninedtact import CalibrationImages, calibrate, default_twin, save_sensor  # noqa: E402
 from ninedtact.errors import InputError  # noqa: E402
 from ninedtact.interop.mujoco import (  # noqa: E402
     BodyThroughBase,
@@ -20,6 +20,7 @@ from ninedtact.interop.mujoco import (  # noqa: E402
     TactileSensor,
 )
 from ninedtact.interop.mujoco_batch import TactileSensorBatch  # noqa: E402
+from ninedtact.simulation.calibration_images import simulate_calibration_images  # noqa: E402
 
 TWIN = default_twin()
 
@@ -238,27 +239,59 @@ def roll_the_ball(observation: dict[str, Any]) -> list[float]:
     return [*(observation["goal_mm"] - ball_mm), 0.0]
 
 
-@pytest.mark.interop
-@pytest.mark.filterwarnings("ignore:.*Box observation space:UserWarning")
-@pytest.mark.parametrize(
-    ("task", "controller"), [("EdgeFollowing", follow_the_rail), ("BallRolling", roll_the_ball)], ids=["edge", "ball"]
-)
-def test_gymnasium_accepts_an_environment_and_a_simple_controller_does_the_task(task: str, controller: Any) -> None:
-    gymnasium = pytest.importorskip("gymnasium", reason="the extra 'mujoco' is not installed")
-    from gymnasium.utils.env_checker import check_env
+def insert_the_peg(observation: dict[str, Any]) -> list[float]:
+    side, along, away = observation["wrench"][:3]
+    beside = away + 3.0  # the thumb presses with 3 N
+    return [2 * side, beside, 0.7 + 2 * along - abs(side) - abs(beside)]
 
-    import ninedtact.interop.ball_rolling
-    import ninedtact.interop.edge_following  # noqa: F401 - importing registers them
 
-    env = gymnasium.make(f"ninedtact/{task}-v0", sensor_folder=TWIN, render_mode="rgb_array")
-    check_env(env.unwrapped)
-    observation, begin = env.reset(seed=1)
+def push_blindly(observation: dict[str, Any]) -> list[float]:
+    return [0.0, 0.0, 1.0]
+
+
+def episode(env: Any, controller: Any, seed: int = 1) -> tuple[dict[str, Any], float, dict[str, Any]]:
+    """What is known at the beginning of an episode that ends by itself, its reward, and what is known at the end."""
+    observation, begin = env.reset(seed=seed)
     total, ended = 0.0, False
     while not ended:
         action = np.clip(controller(observation), -1, 1).astype(np.float32)
         observation, reward, ended, truncated, state = env.step(action)
         assert not truncated
         total += reward
+    return begin, total, state
+
+
+@pytest.fixture
+def make_env() -> Any:
+    gymnasium = pytest.importorskip("gymnasium", reason="the extra 'mujoco' is not installed")
+    import ninedtact.interop.ball_rolling
+    import ninedtact.interop.edge_following
+    import ninedtact.interop.peg_insertion  # noqa: F401 - importing registers them
+
+    return gymnasium.make
+
+
+@pytest.mark.interop
+@pytest.mark.filterwarnings("ignore:.*Box observation space:UserWarning")
+@pytest.mark.parametrize(
+    ("task", "controller"),
+    [("EdgeFollowing", follow_the_rail), ("BallRolling", roll_the_ball), ("PegInsertion", insert_the_peg)],
+    ids=["edge", "ball", "peg"],
+)
+def test_gymnasium_accepts_an_environment_and_a_simple_controller_does_the_task(
+    task: str, controller: Any, make_env: Any
+) -> None:
+    from gymnasium.utils.env_checker import check_env
+
+    env = make_env(f"ninedtact/{task}-v0", sensor_folder=TWIN, render_mode="rgb_array")
+    check_env(env.unwrapped)
+    begin, total, state = episode(env, controller)
+    if task == "PegInsertion":
+        assert state["tip_mm"][2] < -4 and np.hypot(*begin["tip_mm"][:2]) > 1.0
+        assert total > 10
+        _, total, state = episode(env, push_blindly)
+        assert state["pin_n"] > 1.2 and state["tip_mm"][2] > -2 and total < -5
+        return
     assert state["load_n"] == pytest.approx(1.0, abs=0.1)
     if task == "BallRolling":
         assert state["distance_mm"] < 0.5 < 3 < begin["distance_mm"]
@@ -266,6 +299,29 @@ def test_gymnasium_accepts_an_environment_and_a_simple_controller_does_the_task(
     else:
         assert abs(state["offset_mm"]) < 1.0
         assert total > 5
+
+
+@pytest.mark.interop
+def test_the_peg_is_inserted_by_the_wrench_that_is_estimated_from_the_image(tmp_path: Path, make_env: Any) -> None:
+    images = CalibrationImages(**vars(simulate_calibration_images(TWIN, frames=4)))
+    folder = save_sensor(tmp_path / "twin", calibrate(images))
+    env = make_env("ninedtact/PegInsertion-v0", sensor_folder=folder, force="physics")
+    of_the_gel: list[float] = []
+
+    def insert(observation: dict[str, Any]) -> list[float]:
+        wrench, gel = observation["wrench"], env.unwrapped.sensor.last.wrench
+        of_the_gel.append(np.abs(wrench[:3] - gel.force_n).max())
+        return insert_the_peg(observation)
+
+    for seed in (2, 3):
+        assert episode(env, insert, seed)[2]["tip_mm"][2] < -4
+    assert 0 < np.mean(of_the_gel) < 0.1  # N: estimates, and good ones
+    observation, _ = env.reset(seed=4)
+    heights = env.unwrapped.sensor.last.heights.z_mm
+    assert observation["heights"].min() == pytest.approx(heights.min(), abs=0.1)
+    for options in ({"sensor_folder": TWIN, "force": "physics"}, {"sensor_folder": folder, "force": "none"}):
+        with pytest.raises(InputError, match="expected force='gel', or the name of an estimator and the folder of a"):
+            make_env("ninedtact/PegInsertion-v0", **options)
 
 
 SNIPPETS = re.findall(

@@ -23,6 +23,7 @@ from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
 from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
+from ninedtact.shape.coloured_height_map import colourise_heights
 
 pytestmark = pytest.mark.interop
 rr = pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
@@ -87,6 +88,9 @@ def test_the_reader_of_rerun_finds_images_surfaces_and_wrenches_with_their_bands
     ):
         assert np.min(points_mm, 0)[2] == pytest.approx(reading.height.z_mm[::2, ::2].min(), abs=1e-6)
         assert len(points_mm) == len(colours) == 15 * 20
+    for name, shown in (("image", readings[-1].image), ("heights", colourise_heights(readings[-1].height))):
+        jpeg = cv2.imdecode(np.array(found[f"/small/{name}"]["EncodedImage:blob"][-1][0], np.uint8), cv2.IMREAD_COLOR)
+        assert np.quantile(abs(jpeg.astype(int) - shown), 0.9) < 12
     assert [row[0] for row in found["/small/indentation"]["Scalars:scalars"]] == pytest.approx(
         [one.max_indentation_mm for one in readings]
     )
@@ -98,6 +102,8 @@ def test_the_reader_of_rerun_finds_images_surfaces_and_wrenches_with_their_bands
             assert (value - low, high - value) == pytest.approx((STD[number], STD[number]))
     assert len(found["/small/wrench_measured/torque_z"]["Scalars:scalars"][0]) == 1
     assert [row[0] for row in found["/small/warnings"]["TextLog:text"]] == ["out of range"]
+    colours = [found[f"/small/wrench_{kind}/force_z"]["SeriesLines:colors"][0][0] for kind in ("estimated", "measured")]
+    assert colours[0] != colours[1]
     assert "log_time" not in surface and "log_tick" not in surface
 
 
@@ -144,7 +150,7 @@ main("live --source {images} --sensor {folder} --loop --port 0 --rerun".split())
     with subprocess.Popen(start, env=os.environ | {"RERUN_ANALYTICS": "0"}) as program:
         wait_until(lambda: answers(port))
         with subprocess.Popen([sys.executable, "-c", live], stdout=subprocess.PIPE, text=True) as running:
-            wait_until(lambda: out.exists() and out.stat().st_size > 50_000)
+            wait_until(lambda: out.exists() and out.stat().st_size > 200_000)
             running.send_signal(signal.SIGINT)
             assert "stopped after" in running.communicate(timeout=60)[0]
         program.send_signal(signal.SIGINT)

@@ -11,6 +11,7 @@ import pytest
 from small_sensor import RECORDED, SHAPE, SkinCamera, skin
 
 from ninedtact import cli
+from ninedtact._version import library_of_other_version
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import LensModelTable
 from ninedtact.interop.ros2_messages import (
@@ -176,3 +177,26 @@ def test_a_missing_library_is_named_with_its_extra(
     said = capsys.readouterr().err
     assert f"got no {missing}" in said
     assert extra in said
+
+
+@pytest.mark.parametrize(
+    ("command", "extra", "library"),
+    [
+        ("ros2", "ros2", "cyclonedds<12,>=11"),
+        ("foxglove", "foxglove", "foxglove-sdk<0.31,>=0.30"),
+        ("serve", "stream", "websockets<17,>=15"),
+    ],
+)
+def test_a_library_of_another_version_is_refused(
+    command: str, extra: str, library: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from ninedtact.cli import ros2_foxglove_and_serve
+
+    declared = ["numpy>=1", f"{library}; extra == '{extra}'", "mcap>=1.6; extra == 'recording'"]
+    monkeypatch.setattr(ros2_foxglove_and_serve, "find_spec", lambda name: True)
+    monkeypatch.setattr("ninedtact._version.requires", lambda name: declared)
+    monkeypatch.setattr("ninedtact._version.version", lambda name: "0.1")
+    assert cli.main([command, "--source", "0"]) == 1
+    assert f"expected {library}, got 0.1; run pip install 'ninedtact[{extra}]'" in capsys.readouterr().err
+    monkeypatch.setattr("ninedtact._version.version", lambda name: library.rpartition("=")[2])
+    assert library_of_other_version(extra) == ""

@@ -9,8 +9,7 @@ from ninedtact.design import Gel
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter import Heights, Indenter
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball, Heights, Indenter
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.surface_displacement import gel_skin

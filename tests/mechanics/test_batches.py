@@ -12,7 +12,7 @@ from gels import BALL, DOUBLE, GEL, model
 from ninedtact.mechanics import shrinking_batch
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter_primitives import Cone, LyingCylinder
+from ninedtact.mechanics.indenter import Cone, LyingCylinder
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.surface_displacement import gel_skin

@@ -9,10 +9,14 @@ from ninedtact.mechanics.indenter import (
     _TILT_DRIFT_MM,
     _TILT_REACH_MM,
     NO_OBJECT_MM,
+    Ball,
+    Cone,
+    Ellipsoid,
+    FlatPunch,
     Indenter,
+    LyingCylinder,
     _search_height_fractions,
 )
-from ninedtact.mechanics.indenter_primitives import Ball, Cone, Ellipsoid, FlatPunch, LyingCylinder
 from ninedtact.mechanics.pose import Pose
 
 CONE = Cone(slope_rad=np.pi / 4, tip_radius_mm=1.0, radius_mm=3.0)

@@ -34,6 +34,12 @@ def test_a_batch_of_poses_is_its_poses(single):
     assert batch.batch_shape == (len(single),)
     np.testing.assert_allclose(batch.rotation, [pose.rotation for pose in single], atol=1e-15)
     np.testing.assert_allclose(batch.origin_mm, [pose.origin_mm for pose in single])
+    for pose, frame in zip(
+        [batch, *single], [Pose.from_frame(one.origin_mm, one.rotation) for one in (batch, *single)], strict=True
+    ):
+        np.testing.assert_allclose(
+            list(vars(frame).values()), [getattr(pose, name) for name in vars(frame)], atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])

@@ -11,16 +11,19 @@ from hand import BEGAN_NS, BIAS, NOISE, REST_TOUCHES, TOUCH_S, TOUCHES, UNTOUCHE
 from twin_folder import twin_folder
 
 from ninedtact.calibration.sensor_folder import load_sensor
-from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
+from ninedtact.capture.force_torque.sample_checks import (
+    CheckedWrenchSource,
+    ClockDriftMonitor,
+    SampleCheckSettings,
+    SampleFault,
+)
 from ninedtact.capture.training_pair_rule import SamplingRuleSettings
-from ninedtact.cli.collect import handle_keys
-from ninedtact.cli.collect_screen import CollectScreen, histogram_lines, progress_line
+from ninedtact.cli.collect import CollectScreen, handle_keys, histogram_lines, progress_line
 from ninedtact.cli.option_parser import CollectOptions
 from ninedtact.quantities import Frame
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings, CollectSettingsInvalid
 from ninedtact.recording.collecting.paired_sources import setup_with_twin
-from ninedtact.recording.collecting.sample_faults import ClockDriftMonitor, SampleFault
 from ninedtact.recording.merge_streams import MergedArrival, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording

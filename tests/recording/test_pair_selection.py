@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ninedtact.capture.force_torque.sample_checks import ClockDriftMonitor, SampleFault, SampleFaultTracker
 from ninedtact.capture.training_pair_rule import SamplingRule, SamplingRuleSettings
 from ninedtact.capture.wrench_source import WrenchFaulty, WrenchFrozen, WrenchJumped, WrenchSaturated
 from ninedtact.quantities import Frame, Wrench
@@ -17,7 +18,6 @@ from ninedtact.recording.collecting.pair_selection import (
     PairSelector,
     ZeroDriftMonitor,
 )
-from ninedtact.recording.collecting.sample_faults import ClockDriftMonitor, SampleFault, SampleFaultTracker
 from ninedtact.recording.ros_messages import PairLabel
 
 S, MS = 1_000_000_000, 1_000_000

@@ -32,7 +32,7 @@ from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSource, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.cli import main
-from ninedtact.cli.collect_screen import CollectScreen, open_key_reader, progress_line
+from ninedtact.cli.collect import CollectScreen, open_key_reader, progress_line
 from ninedtact.cli.result_and_interrupt import stop_on_signal
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.open_sensor import live_source_for, load_named_sensor

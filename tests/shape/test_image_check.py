@@ -7,10 +7,10 @@ from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceI
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.mechanics.indenter_primitives import Ball, FlatPunch
+from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.quantities import EstimateWarning, Frame
 from ninedtact.shape.image_check import ImageImplausible, find_image_warnings, require_plausible_image
-from ninedtact.simulation.press_drag_twist import ScriptedPress
+from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin
 
 UNLIKE = EstimateWarning.IMAGE_UNLIKE_REFERENCE

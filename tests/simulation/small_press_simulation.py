@@ -2,7 +2,7 @@
 
 from math import radians
 
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.press_simulation import ObjectTrajectory, PressSimulation
 from ninedtact.simulation.trajectory import press_trajectory

@@ -8,9 +8,9 @@ import torch
 
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_model import ContactModel
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.batch_renderer import BatchRenderer
+from ninedtact.simulation.renderer import BatchRenderer
 from ninedtact.simulation.twin import Twin, default_twin
 
 POSES = [Pose(-3.0, 2.0, 1.2), Pose(6.0, -4.0, 0.6), Pose(0.0, 0.0, 1.5)]

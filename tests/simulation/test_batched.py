@@ -16,18 +16,16 @@ import torch
 
 from ninedtact.cli import main
 from ninedtact.dataset.folder import DatasetFolderTaken
-from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset
+from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset, make_setup
 from ninedtact.dataset.generation.press_trajectory import PressSettings
-from ninedtact.dataset.generation.session import make_setup
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings, KindShares
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics import surface_displacement
 from ninedtact.mechanics.height_grid_indenter import HeightGridStore
-from ninedtact.mechanics.indenter_primitives import Ball, FlatPunch
+from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
-from ninedtact.simulation.batched import device as devices
-from ninedtact.simulation.batched.device import Device, DeviceMissing, find_device
-from ninedtact.simulation.batched.executor import BatchExecutor
+from ninedtact.simulation.batched import executor
+from ninedtact.simulation.batched.executor import BatchExecutor, Device, DeviceMissing, find_device
 from ninedtact.simulation.batched.session_requests import ContactSummary, RenderRequest, StepRequest
 from ninedtact.simulation.objects.catalogue import generate_object
 from ninedtact.simulation.sensor_population import MechanicsShares
@@ -256,7 +254,7 @@ def test_a_gpu_that_is_not_there_is_one_sentence(
     there: int,
     said: str,
 ) -> None:
-    monkeypatch.setattr(devices, "_gpu_count", lambda: there)
+    monkeypatch.setattr(executor, "_gpu_count", lambda: there)
     assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), "--device", name]) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert line.startswith(f"ninedtact: expected {name}, a GPU that torch sees, {said}; give --device cpu")
@@ -264,11 +262,11 @@ def test_a_gpu_that_is_not_there_is_one_sentence(
 
 
 def test_a_gpu_that_is_there_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(devices, "_gpu_count", lambda: 2)
-    monkeypatch.setattr(devices, "_gpu_driver_exists", lambda: True)
+    monkeypatch.setattr(executor, "_gpu_count", lambda: 2)
+    monkeypatch.setattr(executor, "_gpu_driver_exists", lambda: True)
     assert [find_device(name).kind for name in ("auto", "cuda:1", "cpu")] == ["cuda", "cuda", "cpu"]
     assert not find_device("cpu").is_batched
-    monkeypatch.setattr(devices, "_gpu_count", lambda: 0)
+    monkeypatch.setattr(executor, "_gpu_count", lambda: 0)
     assert find_device("auto") == Device("cpu")
 
 
@@ -285,8 +283,8 @@ def test_a_gpu_without_any_room_is_one_sentence(monkeypatch: pytest.MonkeyPatch)
 def test_without_torch_the_extra_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
-    monkeypatch.setattr(devices, "find_spec", lambda module: None)
-    monkeypatch.setattr(devices, "_gpu_driver_exists", lambda: True)
+    monkeypatch.setattr(executor, "find_spec", lambda module: None)
+    monkeypatch.setattr(executor, "_gpu_driver_exists", lambda: True)
     assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), "--device", name]) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "got no such package; run pip install 'ninedtact[train]'" in line
@@ -295,7 +293,7 @@ def test_without_torch_the_extra_is_named(
 
 def test_the_processor_needs_no_torch(tmp_path: Path) -> None:
     options = "--pairs 2 --sensors 1 --size 32 24 --object-names ball:3 --pitch-mm 0.5 --workers 1 --json"
-    device = "--device cpu" if devices._gpu_driver_exists() else ""
+    device = "--device cpu" if executor._gpu_driver_exists() else ""
     arguments = ["simulate", "dataset", "--out", str(tmp_path / "pairs"), *options.split(), *device.split()]
     check = (
         f"import sys; from ninedtact.cli import main; main({arguments}); print('torch' in sys.modules, file=sys.stderr)"

@@ -13,8 +13,16 @@ import trimesh
 
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.height_grid_indenter import indenter_from_heights
-from ninedtact.mechanics.indenter import NO_OBJECT_MM, Indenter, TiltTooSteep
-from ninedtact.mechanics.indenter_primitives import Ball, Cone, Ellipsoid, FlatPunch, LyingCylinder
+from ninedtact.mechanics.indenter import (
+    NO_OBJECT_MM,
+    Ball,
+    Cone,
+    Ellipsoid,
+    FlatPunch,
+    Indenter,
+    LyingCylinder,
+    TiltTooSteep,
+)
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.objects.catalogue import (
     FAMILIES,
@@ -26,7 +34,7 @@ from ninedtact.simulation.objects.catalogue import (
     generated_object_names,
     indenter_from_name,
 )
-from ninedtact.simulation.objects.grid_and_dimension_sampler import DimensionSampler
+from ninedtact.simulation.objects.height_fields import DimensionSampler
 from ninedtact.simulation.objects.mesh_objects import KEPT_MM, MeshPlacement, MeshUnusable, load_mesh_object
 
 CLOSED_FORMS = [Ball(3.0), Ellipsoid(), LyingCylinder(), Cone(), FlatPunch()]

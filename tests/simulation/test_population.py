@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ninedtact.design import Gel, SensingArea, SensorDesign
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.finite_strain import correct_for_finite_strain
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.illumination import BrightnessModel
 from ninedtact.simulation.real_fits import REAL_FITS
@@ -27,7 +28,6 @@ from ninedtact.simulation.sensor_population import (
     InvalidPopulation,
     MechanicsShares,
     SampledSensor,
-    apply_finite_strain,
     fit_deviation,
     sample_sensor,
     sample_sensors,
@@ -132,7 +132,7 @@ def test_finite_strain_weighs_more_and_piles_up_higher() -> None:
     assert felt.height_mm.max() > 1.05 * solved.height_mm.max()
     assert felt.height_mm.min() == solved.height_mm.min()
     light = twin.step(twin.model.initial_contact(), Ball(), Pose(depth_mm=0.05))
-    assert apply_finite_strain(light, 2.5).wrench().six == pytest.approx(light.wrench().six, rel=2e-3, abs=1e-6)
+    assert correct_for_finite_strain(light, 2.5).wrench().six == pytest.approx(light.wrench().six, rel=2e-3, abs=1e-6)
 
 
 def test_members_of_another_design_are_those_of_the_published_one_carried_to_it(members: list[SampledSensor]) -> None:

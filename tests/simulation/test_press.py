@@ -8,7 +8,7 @@ import pytest
 from small_press_simulation import TWIN
 
 from ninedtact.design import PinBoard
-from ninedtact.mechanics.indenter_primitives import Ball, FlatPunch
+from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.calibration_images import pin_board_indenter, simulate_calibration_images
 from ninedtact.simulation.ground_truth import (
@@ -17,7 +17,7 @@ from ninedtact.simulation.ground_truth import (
     true_pressure_map_mpa,
     true_shear_map_mpa,
 )
-from ninedtact.simulation.press_drag_twist import InvalidPress, ScriptedPress
+from ninedtact.simulation.trajectory import InvalidPress, ScriptedPress
 from ninedtact.simulation.twin import ObjectTooLarge, PoseOutOfView
 
 

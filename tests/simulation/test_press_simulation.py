@@ -7,7 +7,7 @@ import pytest
 from small_press_simulation import PRESSED, TWIN, small_press_simulation
 
 from ninedtact.capture.frame_source import SourceEnded
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.press_simulation import (
     KEPT_CONTACTS,

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ninedtact.mechanics.indenter_primitives import Ball
-from ninedtact.simulation.press_drag_twist import ScriptedPress
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.real_fits import REAL_FITS, RealFit, twins_of_real_fits
+from ninedtact.simulation.trajectory import ScriptedPress
 
 
 def test_there_are_six_by_name_and_they_are_the_same_every_time() -> None:

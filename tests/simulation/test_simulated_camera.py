@@ -8,13 +8,13 @@ from small_press_simulation import PRESSED, TWIN, small_press_simulation
 
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.ground_truth import true_height_map
 from ninedtact.simulation.illumination import BrightnessModel
 from ninedtact.simulation.pixel_map import WideAngleLens
-from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.simulated_sources import NO_FORCE_TORQUE_ERRORS, SimulatedCamera, SimulatedForceTorque
+from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin
 
 QUIET = CameraNoise(0.0)

@@ -4,9 +4,10 @@ import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
 
 for room in ("capture", "shape", "simulation"):
     sys.path.append(str(Path(__file__).parents[1] / room))
@@ -24,6 +25,12 @@ WITHOUT_GRAPHICS_CARD = [
     "--disable-sync",
 ]
 
+DRAW_RARELY = (
+    "const draw = requestAnimationFrame.bind(window); "
+    "window.requestAnimationFrame = (frame) => draw(() => setTimeout(() => draw(frame), 200));"
+)
+"""Lets pages draw about four frames a second: without a graphics card, a frame of the 3D view takes the processor from all else."""
+
 
 @pytest.fixture
 def browser() -> Iterator[Browser]:
@@ -33,5 +40,13 @@ def browser() -> Iterator[Browser]:
         pytest.skip(f"expected a browser ({', '.join(names)}), got none; install Debian's package chromium")
     with sync_playwright() as player:
         browser = player.chromium.launch(executable_path=found, args=WITHOUT_GRAPHICS_CARD)
+        open_page = browser.new_page
+
+        def open_calm_page(**options: Any) -> Page:
+            page = open_page(**options)
+            page.add_init_script(DRAW_RARELY)
+            return page
+
+        browser.new_page = open_calm_page  # type: ignore[method-assign]
         yield browser
         browser.close()

@@ -2,10 +2,8 @@
 
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any
 
-from playwright.sync_api import TimeoutError as NotInTime
 from reading_clients import open_panel
 
 CONTROLS = """() => {
@@ -64,19 +62,22 @@ def use_every_control(tab: Any, refresh: Callable[[], None], used: set[str], las
             return
         control = min(fresh, key=lambda each: last.index(each["name"]) + 1 if each["name"] in last else 0)
         used.add(control["key"])
-        is_last = control["name"] in last
-        if is_last:
-            _settle(tab, refresh)
+        if control["name"] not in last:
+            _use(tab, control, refresh, used)
+            continue
+        _settle(tab, refresh, times=3)
+        before = {each["key"] for each in controls_of(tab)}
         _use(tab, control, refresh, used)
-        if is_last:
-            _settle(tab, refresh)
+        _settle(tab, refresh, until=lambda: {each["key"] for each in controls_of(tab)} != before)  # noqa: B023
 
 
-def _settle(tab: Any, refresh: Callable[[], None]) -> None:
-    """Give the page a while to follow."""
-    for _ in range(15):
+def _settle(tab: Any, refresh: Callable[[], None], times: int = 30, until: Callable[[], bool] = lambda: False) -> None:
+    """Give the page a while to follow, or until it has."""
+    for _ in range(times):
         refresh()
         tab.wait_for_timeout(100)
+        if until():
+            return
 
 
 def _use(tab: Any, control: dict[str, Any], refresh: Callable[[], None], used: set[str]) -> None:
@@ -88,32 +89,37 @@ def _use(tab: Any, control: dict[str, Any], refresh: Callable[[], None], used: s
         element.focus()
         tab.keyboard.press("ArrowRight")
     elif control["role"] == "menu":
-        _choose_every_option(tab, element, refresh, used)
+        _choose_every_option(tab, control["key"], refresh, used)
     else:
         element.fill("1.5" if control["role"] == "number" else "a name")
         element.press("Enter")
         element.blur()
 
 
-def _choose_every_option(tab: Any, element: Any, refresh: Callable[[], None], used: set[str]) -> None:
+CHOOSE = """async ([key, used]) => {
+  const menu = [...document.querySelectorAll('input')].find(each => each.dataset.walk === key);
+  const shown = () => [...document.querySelectorAll('[role=option]')].filter(each => each.checkVisibility());
+  for (let waited = 0; !shown().length && waited < 30000; waited += 50) {
+    if (waited % 3000 === 0) menu.click();
+    await new Promise(done => setTimeout(done, 50));
+  }
+  const names = shown().map(each => each.innerText);
+  const fresh = Math.max(names.findIndex(name => !used.includes('option|' + name)), 0);
+  if (names.length) shown()[fresh].click();
+  return [names, fresh];
+}"""
+"""Opens a menu, which takes no click for a moment after it was closed, and chooses the first option that has not been used."""
+
+
+def _choose_every_option(tab: Any, key: str, refresh: Callable[[], None], used: set[str]) -> None:
     """Choose all options of a menu that no menu had before, one after the other, and at least one."""
-    names = _open_menu(tab, element).all_inner_texts()
-    fresh = [number for number, name in enumerate(names) if f"option|{name}" not in used] or [0]
-    for number in fresh:
-        used.add(f"option|{names[number]}")
-        _open_menu(tab, element).nth(number).dispatch_event("click")
+    while True:
+        names, chosen = tab.evaluate(CHOOSE, [key, sorted(used)])
+        assert names, f"expected a menu that opens, got none: {key}"
+        used.add(f"option|{names[chosen]}")
         refresh()
-
-
-def _open_menu(tab: Any, element: Any) -> Any:
-    """The options of a menu, which is open then; a click on one that has just been closed may come to nothing."""
-    options = tab.locator("[role=option]:visible")
-    for attempt in range(10):
-        with suppress(NotInTime):
-            options.first.wait_for(timeout=100 if attempt == 0 else 3000)
-            return options
-        element.click(force=True)
-    raise AssertionError("expected a menu that opens, got none")
+        if all(f"option|{name}" in used for name in names):
+            return
 
 
 def _quoted(text: str) -> str:
@@ -155,9 +161,14 @@ def _overlap(one: dict[str, Any], other: dict[str, Any]) -> bool:
     return min(c, g) - max(a, e) > 2 and min(d, h) - max(b, f) > 2
 
 
+def panels_of(tab: Any) -> list[str]:
+    """The names of all panels that are tabs."""
+    return [label.inner_text().strip() for label in tab.get_by_role("tab").all()]
+
+
 def open_every_panel(tab: Any, refresh: Callable[[], None], then: Callable[[str], None]) -> None:
     """Open each panel by its tab, and do something there."""
-    for name in [label.inner_text().strip() for label in tab.get_by_role("tab").all()]:
+    for name in panels_of(tab):
         open_panel(tab, name)
         for _ in range(3):
             refresh()

@@ -1,10 +1,12 @@
 """Clients of a page, some of which never read. Run with address, protocol, number of clients, number that never read."""
 
 import asyncio
+import struct
 import sys
 from typing import Any
 
 import msgspec
+import zstandard
 from websockets.asyncio.client import connect
 
 CAMERA = {
@@ -40,6 +42,26 @@ def page_errors(tab: Any) -> list[str]:
 
     tab.on("console", keep)
     return errors
+
+
+def unpack_text(message: str | bytes) -> bytes:
+    """Return the texts and numbers of a message of viser: two lengths of eight bytes, what is compressed, then arrays."""
+    assert isinstance(message, bytes)
+    length, packed = struct.unpack("<QQ", message[:16])
+    return zstandard.ZstdDecompressor().decompress(message[16 : 16 + packed], max_output_size=length)
+
+
+def received_surfaces(message: str | bytes) -> list[int]:
+    """Return the numbers of points of the surfaces in a message of viser; points have three coordinates of two bytes."""
+    content = msgspec.msgpack.decode(unpack_text(message))
+    points = [
+        one["updates"]["points"]
+        for one in content["messages"]
+        if one["type"] == "SceneNodeUpdateMessage"
+        and one["name"].endswith("/skin/points")
+        and "points" in one["updates"]
+    ]
+    return [content["binaryBufferLengths"][each["__binary_index"]] // 6 for each in points]
 
 
 async def watch(address: str, protocol: str, never_reads: bool) -> None:

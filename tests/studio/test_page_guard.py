@@ -20,9 +20,8 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 import viser
-import zstandard
 from playwright.sync_api import Browser
-from reading_clients import CAMERA, page_errors
+from reading_clients import CAMERA, page_errors, unpack_text
 from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
@@ -329,15 +328,8 @@ def test_clients_are_woken_in_the_thread_of_the_server_only(monkeypatch: pytest.
         received = b""
         text.value = "second"
         while b"second" not in received:
-            received += received_text(client.recv(timeout=30))
+            received += unpack_text(client.recv(timeout=30))
     assert woken_in and threading.get_ident() not in woken_in
-
-
-def received_text(message: str | bytes) -> bytes:
-    """What viser sends: two lengths of eight bytes, then compressed text."""
-    assert isinstance(message, bytes)
-    lengths = int.from_bytes(message[:8], "little"), int.from_bytes(message[8:16], "little")
-    return zstandard.ZstdDecompressor().decompress(message[16 : 16 + lengths[1]], max_output_size=lengths[0])
 
 
 def test_twenty_clients_do_not_slow_the_sensor(tmp_path: Path) -> None:

@@ -271,7 +271,10 @@ def unplayable_files(path: Path, folder: Path) -> dict[Path, str]:
     version = folder / "version.mcap"
     version.write_bytes(content.replace(b"format\x01\x00\x00\x003", b"format\x01\x00\x00\x009"))
     damaged = folder / "damaged.mcap"
-    damaged.write_bytes(content[:2000] + bytes(60) + content[2060:])
+    inside = [match.start() for match in re.finditer(b"zstd", content)][
+        1
+    ] + 60  # of the first chunk after the sensor's folder
+    damaged.write_bytes(content[:inside] + bytes(60) + content[inside + 60 :])
     empty = folder / "empty.mcap"
     empty.write_bytes(b"")
     return {

@@ -12,9 +12,8 @@ from typing import Literal
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ninedtact.calibration.ball.ball_fit import BallFit, fit_ball
+from ninedtact.calibration.ball.ball_fit import BallFit, PhysicsDepthFit, fit_ball
 from ninedtact.calibration.ball.contact_circle import reference_drift_warnings
-from ninedtact.calibration.ball.physics_method import PhysicsDepthFit
 from ninedtact.calibration.board.board_fit import (
     BoardFit,
     anchored_mm_per_px_std,

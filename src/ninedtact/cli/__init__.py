@@ -33,11 +33,11 @@ COMMANDS = {
     "dataset": "dataset:DatasetCommand",
     "import-calibration": "original_calibration:ImportCalibrationCommand",
     "export-calibration": "original_calibration:ExportCalibrationCommand",
-    "train": "force.train:Train",
-    "model": "force.model:Model",
-    "estimate": "force.estimate:Estimate",
-    "adapt": "force.fit_force_scale:Adapt",
-    "evaluate": "force.evaluate:Evaluate",
+    "train": "train_and_model:Train",
+    "model": "train_and_model:Model",
+    "estimate": "estimate:Estimate",
+    "adapt": "fit_force_scale:Adapt",
+    "evaluate": "evaluate:Evaluate",
     "hardware": "hardware:HardwareCommand",
     "camera-delay": "camera_delay:CameraDelayCommand",
     "doctor": "doctor:Doctor",
@@ -80,7 +80,8 @@ def load_command(name: str) -> tuple[Any, str | None]:
     """Return the class of a command, or the union of a group's, and the description of a group."""
     module_name, _, class_name = COMMANDS[name].partition(":")
     module = import_module(f"ninedtact.cli.{module_name}")
-    return getattr(module, class_name), getattr(module, "DESCRIPTION", None)
+    command = getattr(module, class_name)
+    return command, None if isinstance(command, type) else module.DESCRIPTION
 
 
 def command_union(names: Iterable[str]) -> Any:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ninedtact.dataset.build import BuildResult
     from ninedtact.dataset.checks import CheckSettings
     from ninedtact.dataset.sources.source import SourceConventions
-    from ninedtact.dataset.statistics import DatasetStatistics
+    from ninedtact.dataset.statistics_and_card import DatasetStatistics
 
 _MOST_NAMES = 8
 """Names of a kind that are printed one by one."""
@@ -172,7 +172,7 @@ class ShowDatasetCommand:
     def run(self) -> int:
         """Count the pairs, draw some, and print the counts."""
         from ninedtact.dataset.folder import find_pair_files
-        from ninedtact.dataset.statistics import compute_dataset_statistics
+        from ninedtact.dataset.statistics_and_card import compute_dataset_statistics
 
         statistics = compute_dataset_statistics(find_pair_files(self.folder))
         preview = self._draw_preview() if self.pairs > 0 else None

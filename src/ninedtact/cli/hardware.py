@@ -15,10 +15,10 @@ from ninedtact.errors import InputError, MissingLibraryError
 
 if TYPE_CHECKING:
     from ninedtact.hardware.bill_of_materials import BillItem
-    from ninedtact.hardware.buildability.mechanical_rules import BrokenRule
+    from ninedtact.hardware.buildability import BrokenRule
     from ninedtact.hardware.complete_design import CompleteDesign
     from ninedtact.hardware.design import HardwareDesign
-    from ninedtact.hardware.explore.design_sweep import DesignSweep, ExploredDesign
+    from ninedtact.hardware.design_sweep import DesignSweep, ExploredDesign
 
 
 class Build123dMissing(MissingLibraryError):
@@ -163,7 +163,7 @@ class ExploreCommand:
         _require_build123d()
         from tqdm import tqdm
 
-        from ninedtact.hardware.explore.design_sweep import explore_designs, format_comparison_table
+        from ninedtact.hardware.design_sweep import explore_designs, format_comparison_table
         from ninedtact.parallel_jobs import connect_workers
 
         basis = self.design_options.read_hardware()
@@ -178,7 +178,7 @@ class ExploreCommand:
     @property
     def design_sweep(self) -> "DesignSweep":
         """The sweep over the given values, or the usual one; raises `SensingAreaUnreadable`."""
-        from ninedtact.hardware.explore.design_sweep import USUAL_SWEEP, DesignSweep
+        from ninedtact.hardware.design_sweep import USUAL_SWEEP, DesignSweep
 
         given = DesignSweep(self.gel_mm, self.shore_a, tuple(map(_parse_area, self.area_mm)), self.lens_deg)
         return USUAL_SWEEP if given == DesignSweep() else given
@@ -192,7 +192,7 @@ class ExploreCommand:
         """Write table, plot and design files if a folder was given."""
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact.hardware.design import hardware_design_to_toml
-        from ninedtact.hardware.explore.design_sweep import design_comparison_to_csv, plot_design_comparison
+        from ninedtact.hardware.design_sweep import design_comparison_to_csv, plot_design_comparison
 
         if self.out is None:
             return []
@@ -281,7 +281,7 @@ class GuideCommand:
         from tqdm import tqdm
 
         sensor = self.design_options.build_sensor()
-        from ninedtact.hardware.guide.fabrication_guide import write_fabrication_guide
+        from ninedtact.hardware.fabrication_guide import write_fabrication_guide
 
         progress = tqdm(
             write_fabrication_guide(sensor, self.out), desc="drawing", unit="file", disable=None, leave=False

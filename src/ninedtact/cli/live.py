@@ -62,7 +62,7 @@ class Live:
     """Keep automatic exposure and white balance on, for a camera that cannot switch them off; heights then drift."""
     loop: bool = False
     """Repeat a recording. Without this option, its last image stays."""
-    display_hz: float = 15.0
+    display_hz: float = 30.0
     """Largest number of readings shown per second; the sensor is read at its own rate."""
     host: str = "127.0.0.1"
     """Address of the page: of this computer alone, or one at which others on the network reach it (0.0.0.0: all of them). Then only

@@ -33,7 +33,7 @@ def read_design_or_default(path: Path | None) -> SensorDesign:
     """The design in the file, or that of the published sensor; raises what `read_design_file` raises."""
     if path is None:
         return SensorDesign()
-    from ninedtact.design_file import read_design_file
+    from ninedtact.design import read_design_file
 
     return read_design_file(path)
 
@@ -59,7 +59,7 @@ class CalibrationOptions:
 
     def settings(self) -> "CalibrationSettings":
         """The same as the calibration room names it."""
-        from ninedtact.calibration.board.lattice import CAMERA_ROTATIONS
+        from ninedtact.calibration.board.detection import CAMERA_ROTATIONS
         from ninedtact.calibration.procedure import CalibrationSettings
 
         ways = {str(way): way for way in CAMERA_ROTATIONS}

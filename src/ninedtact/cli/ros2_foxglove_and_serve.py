@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from ninedtact._version import library_of_other_version
 from ninedtact.cli.live import Live
 from ninedtact.cli.record import is_named, named_sensors, require_duration, run_together, untared_wrench_source
 from ninedtact.cli.result_and_interrupt import (
@@ -35,7 +36,7 @@ _TWIN_FOLDER = Path("out/demo")
 
 
 class InteropLibrariesMissing(MissingLibraryError):
-    """The libraries that speak to other programs are not installed."""
+    """The libraries that speak to other programs are not installed, or in a version that was not tried."""
 
 
 @dataclass(frozen=True)
@@ -275,13 +276,15 @@ def _live_settings(command: Foxglove | Serve) -> Live:
 
 
 def _require_libraries(extra: str, *names: str) -> None:
-    """Raise `InteropLibrariesMissing` where the libraries of an extra are not installed."""
+    """Raise `InteropLibrariesMissing` where the libraries of an extra are not installed, or in another version than declared."""
     absent = [name for name in names if find_spec(name) is None]
     if absent:
         raise InteropLibrariesMissing(
             f"expected {' and '.join(names)}, which this command needs, got no {' and no '.join(absent)}; run "
             f"pip install 'ninedtact[{extra}]'"
         )
+    if other := library_of_other_version(extra):
+        raise InteropLibrariesMissing(f"{other}; run pip install 'ninedtact[{extra}]'")
 
 
 @contextmanager

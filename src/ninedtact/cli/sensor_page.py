@@ -10,6 +10,7 @@ from threading import Event
 from time import monotonic_ns
 from typing import TYPE_CHECKING, Any
 
+from ninedtact._version import library_of_other_version
 from ninedtact.cli.result_and_interrupt import print_notice
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
@@ -206,9 +207,11 @@ def require_display_rate(display_hz: float) -> None:
 
 
 def require_rerun() -> None:
-    """Refuse what needs Rerun without it; raises `RerunMissing`."""
+    """Refuse what needs Rerun without it, or with another version; raises `RerunMissing`."""
     if find_spec("rerun") is None:
         raise RerunMissing("expected rerun-sdk, got no such package; run pip install 'ninedtact[rerun]' (740 MB)")
+    if other := library_of_other_version("rerun"):
+        raise RerunMissing(f"{other}; run pip install 'ninedtact[rerun]'")
 
 
 def require_page_library() -> None:

@@ -19,13 +19,13 @@ import msgspec
 from ninedtact.atomic_write import write_file_atomically, write_files_atomically
 from ninedtact.calibration.sensor_folder import SENSOR_FILE
 from ninedtact.checked_reading import read_regular_file
-from ninedtact.dataset.card import format_build_card, require_licence
 from ninedtact.dataset.checks import CheckSettings, FileCheck, check_pair_file, combine_file_checks
 from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, make_folder
 from ninedtact.dataset.parquet_files import (
     DatasetDamaged,
     copy_pair_file,
     iterate_rows,
+    stored_image_bytes,
     write_pair_file,
     write_reference_file,
 )
@@ -38,8 +38,12 @@ from ninedtact.dataset.quality_report import (
 )
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, to_utf8
 from ninedtact.dataset.sources.source import Source, SourcePart, SourceUnknown
-from ninedtact.dataset.statistics import DatasetStatistics, compute_dataset_statistics
-from ninedtact.dataset.stored_images import stored_image_bytes
+from ninedtact.dataset.statistics_and_card import (
+    DatasetStatistics,
+    compute_dataset_statistics,
+    format_build_card,
+    require_licence,
+)
 from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
 
 

@@ -10,9 +10,15 @@ from jaxtyping import Float32
 from numpy import ndarray as Array
 
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
-from ninedtact.dataset.parquet_files import DatasetDamaged, iterate_rows, wrench_vector
+from ninedtact.dataset.parquet_files import (
+    DatasetDamaged,
+    StoredImageUnreadable,
+    decode_stored_image,
+    iterate_rows,
+    read_reference_values,
+    wrench_vector,
+)
 from ninedtact.dataset.schema import NO_OBJECT
-from ninedtact.dataset.stored_images import StoredImageUnreadable, decode_stored_image, read_reference_values
 from ninedtact.design import Gel, SensingArea
 from ninedtact.errors import CalibrationError
 from ninedtact.quantities import Frame, Rectified

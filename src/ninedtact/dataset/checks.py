@@ -17,10 +17,15 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
-from ninedtact.dataset.parquet_files import iterate_rows, wrench_vector
+from ninedtact.dataset.parquet_files import (
+    ReferenceImageStore,
+    StoredImageUnreadable,
+    decode_stored_image,
+    iterate_rows,
+    wrench_vector,
+)
 from ninedtact.dataset.quality_report import PairFault, PairFinding, QualityReport, make_quality_report
 from ninedtact.dataset.schema import WRENCH_AXES
-from ninedtact.dataset.stored_images import ReferenceImageStore, StoredImageUnreadable, decode_stored_image
 from ninedtact.errors import InputError
 from ninedtact.parallel_jobs import run_jobs
 

@@ -29,8 +29,13 @@ from numpy import ndarray as Array
 from ninedtact.atomic_write import FileNotWritten, write_file_atomically
 from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files, make_folder
-from ninedtact.dataset.parquet_files import DatasetDamaged, iterate_rows, open_parquet_file
-from ninedtact.dataset.stored_images import StoredImageUnreadable, decode_stored_image
+from ninedtact.dataset.parquet_files import (
+    DatasetDamaged,
+    StoredImageUnreadable,
+    decode_stored_image,
+    iterate_rows,
+    open_parquet_file,
+)
 from ninedtact.errors import InputError
 
 _IMAGES, _REFERENCES, _STORED_SHAPES = "images.npy", "references.npy", "stored_shapes.npy"

@@ -15,8 +15,14 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
-from ninedtact.dataset.parquet_files import iterate_rows, iterate_rows_at, wrench_vector
-from ninedtact.dataset.stored_images import ReferenceImageStore, StoredImageUnreadable, decode_stored_image
+from ninedtact.dataset.parquet_files import (
+    ReferenceImageStore,
+    StoredImageUnreadable,
+    decode_stored_image,
+    iterate_rows,
+    iterate_rows_at,
+    wrench_vector,
+)
 from ninedtact.errors import InputError
 from ninedtact.force.brightness_channels import render_deformation, split_darker_brighter
 from ninedtact.quantities import Deformation

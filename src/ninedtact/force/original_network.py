@@ -22,7 +22,7 @@ from ninedtact.force.contact_detection import ContactTest, detect_contact
 from ninedtact.force.estimator_interface import ForceEstimator, zero_wrench
 from ninedtact.force.evaluation.evaluation import PUBLISHED_SCORES_AT_SKIN
 from ninedtact.force.network_input import InputChannels, NetworkInputBuilder, full_resolution_input
-from ninedtact.force.networks.standard_backbones import DenseNet, build_densenet
+from ninedtact.force.networks import DenseNet, build_densenet
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, independent_errors
 from ninedtact.reading import Reading
 

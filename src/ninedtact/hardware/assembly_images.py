@@ -1,22 +1,159 @@
-"""Images of the parts and of the assembled sensor: whole, exploded and cut open."""
+"""Images of the parts and of the assembled sensor: whole, exploded and cut open.
+
+They are drawn by a software renderer of solids in parallel projection: a depth buffer per body, shaded by the slope of the depth.
+Image axes are x right and y down; depth grows away from the viewer.
+"""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
+import numpy as np
 from build123d import Box, Part, Pos
+from jaxtyping import Float, UInt8
+from numpy import ndarray as Array
 
-from ninedtact.hardware.export.solid_files import triangulate_solid
+from ninedtact.hardware.export.part_files import Triangles, triangulate_solid
+from ninedtact.hardware.materials import Colour
 from ninedtact.hardware.parts.part_catalogue import BuiltPart
 from ninedtact.hardware.sensor_assembly import AssemblyBody
-from ninedtact.hardware.solid_renderer import (
-    FROM_ABOVE,
-    FROM_BELOW,
-    BgrImage,
-    ColouredMesh,
-    ViewDirection,
-    render_solids,
-)
+from ninedtact.simulation.objects.mesh_raster import lower_to_triangles, split_into_batches
+
+SUPERSAMPLING = 2
+"""Images are rendered this many times finer and averaged."""
+MARGIN = 0.05
+"""Share of the image's size that is left empty."""
+_LIGHT_DIRECTION = np.array([-0.45, -0.6, -0.66])
+"""Direction towards the light: from above left, in front."""
+AMBIENT_LIGHT = 0.38
+"""Brightness of faces that the light does not reach."""
+BLACK_LIFT = 26.0
+"""Grey levels added to all colours, so that black parts show their shape."""
+
+COINCIDENT_DEPTH_MM = 1e-3
+"""Faces closer to each other than this coincide; the body that was drawn first is shown."""
+
+BgrImage = UInt8[Array, "rows cols 3"]
+DepthImage = Float[Array, "rows cols"]
+
+
+@dataclass(frozen=True)
+class ViewDirection:
+    """The direction from which bodies are seen: azimuth about z, then elevation above the horizon."""
+
+    azimuth_deg: float = -52.0
+    elevation_deg: float = 32.0
+
+    @property
+    def axes(self) -> Float[Array, "3 3"]:
+        """Rows: right, down and away in the assembly frame."""
+        turn, raised = np.radians(self.azimuth_deg), np.radians(self.elevation_deg)
+        away = -np.array([np.cos(raised) * np.cos(turn), np.cos(raised) * np.sin(turn), np.sin(raised)])
+        right = np.array([-np.sin(turn), np.cos(turn), 0.0])
+        return np.stack([right, np.cross(away, right), away])
+
+
+FROM_ABOVE = ViewDirection()
+FROM_BELOW = ViewDirection(elevation_deg=-32.0)
+
+
+@dataclass(frozen=True)
+class ColouredMesh:
+    """Triangles of one body with their colour."""
+
+    triangles: Triangles
+    colour: Colour
+
+
+def render_solids(
+    bodies: Sequence[ColouredMesh], eye: ViewDirection = FROM_ABOVE, size_px: tuple[int, int] = (900, 700)
+) -> BgrImage:
+    """Render bodies as large as they fit on white; returns BGR.
+
+    size_px: columns and rows of the image.
+    """
+    cols, rows = (side * SUPERSAMPLING for side in size_px)
+    seen = [body.triangles @ eye.axes.T for body in bodies]
+    scale, shift = _fit_to_image(seen, cols, rows)
+    nearest, image = np.full((rows, cols), np.inf), np.full((rows, cols, 3), 255.0)
+    for body, places in zip(bodies, seen, strict=True):
+        _draw_mesh(image, nearest, _ProjectedMesh(places, scale, shift), body.colour)
+    image = _darken_edges(image, nearest * scale)
+    return cv2.resize(image, size_px, interpolation=cv2.INTER_AREA).astype(np.uint8)
+
+
+def _fit_to_image(seen: Sequence[Triangles], cols: int, rows: int) -> tuple[float, Float[Array, "2"]]:
+    """Return the scale in pixels per mm and the pixel of the origin."""
+    places = np.concatenate([part.reshape(-1, 3)[:, :2] for part in seen])
+    low, high = places.min(axis=0), places.max(axis=0)
+    room = np.array([cols, rows]) * (1 - 2 * MARGIN)
+    scale = float((room / np.maximum(high - low, 1e-9)).min())
+    return scale, np.array([cols, rows]) / 2 - scale * (low + high) / 2
+
+
+@dataclass(frozen=True)
+class _ProjectedMesh:
+    """The projected triangles of one body with their scale and shift to pixels."""
+
+    places: Triangles
+    scale: float
+    shift: Float[Array, "2"]
+
+    def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
+        """Return the rows and columns that it covers, with one more on every side."""
+        places = self.places[..., :2].reshape(-1, 2) * self.scale + self.shift
+        (left, top), (right, bottom) = np.floor(places.min(axis=0)) - 1, np.ceil(places.max(axis=0)) + 2
+        return (
+            slice(max(int(top), 0), min(int(bottom), shape[0])),
+            slice(max(int(left), 0), min(int(right), shape[1])),
+        )
+
+    def depth(self, window: tuple[slice, slice]) -> DepthImage:
+        """Return the depth of the nearest face per pixel of the window, infinite outside of the body."""
+        rows, cols = window
+        placed = self.places.copy()
+        placed[..., :2] = placed[..., :2] * self.scale + self.shift - (cols.start, rows.start)
+        table = np.full((rows.stop - rows.start, cols.stop - cols.start), np.inf)
+        for portion in split_into_batches(placed):
+            lower_to_triangles(table, portion)
+        return table
+
+
+def _draw_mesh(image: Float[Array, "rows cols 3"], nearest: DepthImage, body: _ProjectedMesh, colour: Colour) -> None:
+    """Draw a body into the image where nothing is nearer."""
+    window = body.window((nearest.shape[0], nearest.shape[1]))
+    depth = body.depth(window)
+    front = depth < nearest[window] - COINCIDENT_DEPTH_MM
+    image[window][front] = _shade_colour([_depth_slope(depth, axis)[front] * body.scale for axis in (0, 1)], colour)
+    nearest[window] = np.minimum(nearest[window], depth)
+
+
+def _shade_colour(slopes: Sequence[Float[Array, " pixels"]], colour: Colour) -> Float[Array, "pixels 3"]:
+    """Return the body's colour under the light, from its slopes down and to the right."""
+    (down, right), lamp = slopes, _LIGHT_DIRECTION / np.linalg.norm(_LIGHT_DIRECTION)
+    towards = (right * lamp[0] + down * lamp[1] - lamp[2]) / np.sqrt(right**2 + down**2 + 1)
+    light = AMBIENT_LIGHT + (1 - AMBIENT_LIGHT) * np.clip(towards, 0, 1)
+    return np.outer(light, np.clip(np.array(colour[::-1], float) + BLACK_LIFT, 0, 255))
+
+
+def _depth_slope(depth: DepthImage, axis: int) -> DepthImage:
+    """Return the slope towards the neighbour that differs less; at an edge this is the slope of the pixel's own face."""
+    with np.errstate(invalid="ignore"):
+        step = np.diff(depth, axis=axis)
+    beside = [(1, 1) if side == axis else (0, 0) for side in (0, 1)]
+    step = np.pad(np.where(np.isfinite(step), step, np.inf), beside, constant_values=np.inf)
+    before, after = (step[:-1], step[1:]) if axis == 0 else (step[:, :-1], step[:, 1:])
+    nearer = np.where(np.abs(before) <= np.abs(after), before, after)
+    return np.where(np.isfinite(nearer), nearer, 0.0)
+
+
+def _darken_edges(image: Float[Array, "rows cols 3"], depth_px: DepthImage) -> Float[Array, "rows cols 3"]:
+    """Draw dark lines where depth bends or jumps."""
+    depth = np.where(np.isfinite(depth_px), depth_px, depth_px[np.isfinite(depth_px)].max() + 50.0)
+    bend = np.abs(cv2.Laplacian(depth.astype(np.float32), cv2.CV_32F))
+    strength = cv2.GaussianBlur(np.clip((bend - 0.35) / 1.2, 0, 1), (0, 0), 0.8)
+    return np.asarray(image * (1 - 0.62 * strength[..., None]))
+
 
 PARTS_SHOWN_FROM_BELOW = ("sensor_shell",)
 """Parts whose lower side shows more; they are drawn from both sides."""

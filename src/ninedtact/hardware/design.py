@@ -15,32 +15,32 @@ from typing import Any, Literal, get_args
 
 import tomli_w
 
-from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX, SensorDesign
-from ninedtact.design_file import (
+from ninedtact.design import (
+    ACRYLIC_REFRACTIVE_INDEX,
     HARDWARE_TABLE,
+    SILICONE_REFRACTIVE_INDEX,
     DesignFileUnreadable,
+    SensorDesign,
     convert_design_tables,
     design_to_toml,
     read_design_tables,
     sensor_design_from_tables,
 )
 from ninedtact.hardware.assembly_dimensions import PlanView, StackHeights
-from ninedtact.hardware.dimensions.bought_parts import (
+from ninedtact.hardware.dimensions import (
+    ORIGINAL_BASE,
     ORIGINAL_BOARD,
     ORIGINAL_FASTENERS,
-    CameraDimensions,
-    FastenerDimensions,
-    LedBoardDimensions,
-)
-from ninedtact.hardware.dimensions.made_parts import (
-    ORIGINAL_BASE,
     ORIGINAL_MOULDS,
     ORIGINAL_RING,
     ORIGINAL_SHELL,
     BaseDimensions,
     CalibrationBoardDimensions,
+    CameraDimensions,
+    FastenerDimensions,
     GelLayerDimensions,
     IsolationRingDimensions,
+    LedBoardDimensions,
     MouldDimensions,
     ShellDimensions,
     WindowDimensions,

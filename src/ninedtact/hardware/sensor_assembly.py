@@ -9,8 +9,8 @@ from build123d import BoundBox, Part
 
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.materials import MATERIAL_OF_PART, Material
-from ninedtact.hardware.parts.bought_parts import build_heat_set_insert, build_screw
 from ninedtact.hardware.parts.part_catalogue import BuiltPart
+from ninedtact.hardware.parts.solids import build_heat_set_insert, build_screw
 
 ASSEMBLY_PARTS = (
     "sensor_base",

@@ -49,7 +49,6 @@ class BallRolling(TactileEnvironment):
     scene = SCENE
     actions = 3
     _goal_mm = np.zeros(2)
-    _distance_before_mm = 0.0
 
     def arrange_scene(self) -> None:
         """Place ball and goal."""
@@ -61,10 +60,6 @@ class BallRolling(TactileEnvironment):
         """Return the action that presses the plate on the ball."""
         return np.zeros(self.actions)
 
-    def begin_task(self) -> None:
-        """Remember how far the goal is."""
-        self._distance_before_mm = self._distance_mm
-
     def act(self, action: Any) -> None:
         """Move the plate and set its force."""
         self.data.ctrl[:2] += action[:2] * SPEED_MM_PER_S * STEP_S / 1e3
@@ -72,15 +67,13 @@ class BallRolling(TactileEnvironment):
 
     def judge(self, state: dict[str, Any]) -> tuple[float, bool]:
         """Return the reward of a step, and whether the ball has arrived."""
-        nearer_mm, self._distance_before_mm = self._distance_before_mm - state["distance_mm"], state["distance_mm"]
-        arrived = state["distance_mm"] < REACHED_MM
-        return float(nearer_mm - 0.05 + 10.0 * arrived), bool(arrived)
+        return self.progress_reward(state["distance_mm"] < REACHED_MM)
 
     def state(self, reading: TactileReading) -> dict[str, Any]:
         """Return where the ball is on the skin, how far its goal is, and the load of the scene."""
         return {
             "ball_mm": self._ball_mm,
-            "distance_mm": self._distance_mm,
+            "distance_mm": self.distance_mm,
             "load_n": -float(reading.scene_wrench.force_n[2]),
         }
 
@@ -98,7 +91,7 @@ class BallRolling(TactileEnvironment):
         return 1e3 * self.data.body("ball").xpos[:2].copy()
 
     @property
-    def _distance_mm(self) -> float:
+    def distance_mm(self) -> float:
         """The distance of the ball from its goal."""
         return float(np.hypot(*(self._goal_mm - self._ball_mm)))
 

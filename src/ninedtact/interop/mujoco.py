@@ -12,7 +12,6 @@ from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.util import find_spec
-from math import asin, atan2
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +19,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
+from ninedtact._version import library_of_other_version
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
 from ninedtact.errors import MissingLibraryError, SimulationError
 from ninedtact.interop.geom_undersides import SolidsInPlace, Vector
@@ -60,12 +60,14 @@ class BodyThroughBase(SimulationError):
 
 
 def require_mujoco(*packages: str) -> None:
-    """Raise `MujocoMissing` unless MuJoCo and these packages are installed."""
+    """Raise `MujocoMissing` unless MuJoCo and these packages are installed, in versions that are declared."""
     absent = [name for name in ("mujoco", *packages) if find_spec(name) is None]
     if absent:
         raise MujocoMissing(
             f"expected {' and '.join(absent)}, got no such package; run pip install 'ninedtact[mujoco]'"
         )
+    if other := library_of_other_version("mujoco"):
+        raise MujocoMissing(f"{other}; run pip install 'ninedtact[mujoco]'")
 
 
 @dataclass(frozen=True)
@@ -312,11 +314,8 @@ def _pose_now(before: Contact, last: _Press | None, leader: BodyContact, centre_
         return Pose(float(centre_mm[0]), float(centre_mm[1]), _FIRST_DEPTH_MM)
     turned = leader.rotation @ last.leader.rotation.T
     origin = before.pose.origin_mm - last.lag_mm
-    x, y, _ = (turned @ (origin - last.leader.origin_mm) + leader.origin_mm).tolist()
-    # The angles of `Pose`: the twist about z first, then the tilts about x and y.
-    tilt_x = -asin(float(np.clip(turned[1, 2], -1, 1)))
-    angles = atan2(turned[1, 0], turned[1, 1]), tilt_x, atan2(turned[0, 2], turned[2, 2])
-    return Pose(x, y, float(before.pose.depth_mm), *angles)
+    pose = Pose.from_frame(turned @ (origin - last.leader.origin_mm) + leader.origin_mm, turned)
+    return replace(pose, depth_mm=float(before.pose.depth_mm))
 
 
 def _sideways(vector: Vector) -> Vector:

@@ -21,7 +21,7 @@ from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.contact_result import Contact, ContactLeavesGrid
 from ninedtact.mechanics.indenter import Heights, Indenter, PosedHeights
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.batch_renderer import BatchRenderer
+from ninedtact.simulation.renderer import BatchRenderer
 from ninedtact.simulation.twin import Twin
 
 if TYPE_CHECKING:

@@ -3,8 +3,9 @@
 Entities, each below the name of the sensor:
 
     image        camera image, JPEG          wrench_estimated/force_z (and five more)  value, value − σ, value + σ
-    surface      points in mm, coloured      wrench_measured/force_z (and five more)   value of the force/torque sensor
-    indentation  greatest indentation, mm    warnings                                  warnings of the estimates, as text
+    heights      in colours, JPEG            wrench_measured/force_z (and five more)   value of the force/torque sensor
+    surface      points in mm, coloured      warnings                                  warnings of the estimates, as text
+    indentation  greatest indentation, mm
 
 Forces are in N, torques in N·m about the skin centre. Timelines: `sensor_time`, the wall time of arrival of an image or sample,
 and `image`, the number of the image in its source. Times of logging are not written.
@@ -33,14 +34,19 @@ from ninedtact.recording.export import ExportRefused
 from ninedtact.recording.metadata import wall_minus_monotonic_ns
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.ros_messages import Topic, ros_name
-from ninedtact.shape.coloured_height_map import ColourScale
+from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.surface import point_cloud
 
 SUFFIX = ".rrd"
 COMPONENTS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
 _JPEG_QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 95]
-_AXIS_COLOURS = ((214, 39, 40), (44, 160, 44), (31, 119, 180))
+_AXIS_COLOURS = {
+    "estimated": ((214, 39, 40), (44, 160, 44), (31, 119, 180)),
+    "measured": ((240, 160, 160), (160, 215, 160), (160, 200, 235)),
+}
 """Of x, y and z."""
+_EYE_MM, _LOOK_AT_MM = (0.0, -23.0, 21.0), (0.0, -1.0, -1.0)
+"""From where the surface is shown at first: whole, from above and in front."""
 
 
 class RerunUnreachable(DeviceError):
@@ -57,10 +63,11 @@ class RerunLog:
         stream.set_log_tick_enabled(False)
 
     def log_reading(self, reading: Reading, wall_ns: int) -> None:
-        """Log image, surface and indentation."""
+        """Log image, heights, surface and indentation."""
         self._set_time(wall_ns, reading.frame.index)
-        jpeg = cv2.imencode(".jpg", reading.image, _JPEG_QUALITY)[1].tobytes()
-        self._stream.log(f"{self._root}/image", rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
+        for entity, image in (("image", reading.image), ("heights", colourise_heights(reading.height, self._colours))):
+            jpeg = cv2.imencode(".jpg", image, _JPEG_QUALITY)[1].tobytes()
+            self._stream.log(f"{self._root}/{entity}", rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
         self._stream.log(f"{self._root}/surface", self._surface(reading.height))
         self._stream.log(f"{self._root}/indentation", rr.Scalars(reading.max_indentation_mm))
 
@@ -80,7 +87,8 @@ class RerunLog:
             scalars = rr.Scalars.columns(scalars=columns).partition([len(lines)] * len(values))
             self._stream.send_columns(entity, indexes=[times], columns=scalars)
             names = [component, f"{component} − σ", f"{component} + σ"][: len(lines)]
-            colours, widths = [_AXIS_COLOURS[number % 3]] * len(lines), [2.0, 0.7, 0.7][: len(lines)]
+            colour = _AXIS_COLOURS[name.removeprefix("wrench_")][number % 3]
+            colours, widths = [colour] * len(lines), [2.0, 0.7, 0.7][: len(lines)]
             style = rr.SeriesLines(names=names, colors=colours, widths=widths)
             self._stream.log(entity, style, static=True)
 
@@ -90,27 +98,35 @@ class RerunLog:
         self._stream.log(f"{self._root}/warnings", rr.TextLog("; ".join(warnings), level=rr.TextLogLevel.WARN))
 
     def log_blueprint(self) -> None:
-        """Log which views are shown at first: image, surface, forces, torques, warnings."""
-        root = self._root
+        """Log which views are shown at first: image, heights, warnings, surface, forces, torques, indentation."""
+        root, axes = self._root, "x red, y green, z blue; thin: ± σ; pale: measured"
         wrenches = [
             rrb.TimeSeriesView(
-                name=title, contents=[f"{root}/wrench_{kind}/{part}_{axis}" for kind in kinds for axis in "xyz"]
+                name=f"{title}: {axes}",
+                contents=[
+                    f"{root}/wrench_{kind}/{part}_{axis}" for kind in ("measured", "estimated") for axis in "xyz"
+                ],
+                plot_legend=rrb.PlotLegend(visible=False),
             )
-            for title, part, kinds in (
-                ("Force (N)", "force", ("estimated", "measured")),
-                ("Torque (N·m)", "torque", ("estimated", "measured")),
-            )
+            for title, part in (("Force (N)", "force"), ("Torque (N·m)", "torque"))
         ]
+        indentation = rrb.TimeSeriesView(
+            name="Indentation (mm)", origin=f"{root}/indentation", plot_legend=rrb.PlotLegend(visible=False)
+        )
+        eye = rrb.EyeControls3D(position=_EYE_MM, look_target=_LOOK_AT_MM, eye_up=(0.0, 0.0, 1.0))
         views = rrb.Horizontal(
             rrb.Vertical(
                 rrb.Spatial2DView(name="Camera", origin=f"{root}/image"),
+                rrb.Spatial2DView(name="Heights: blue pressed, red bulging", origin=f"{root}/heights"),
                 rrb.TextLogView(name="Warnings", origin=f"{root}/warnings"),
-                row_shares=[3, 1],
+                row_shares=[3, 3, 2],
             ),
-            rrb.Spatial3DView(name="Surface (mm)", origin=f"{root}/surface"),
-            rrb.Vertical(*wrenches, rrb.TimeSeriesView(name="Indentation (mm)", origin=f"{root}/indentation")),
+            rrb.Spatial3DView(name="Surface (mm)", origin=f"{root}/surface", eye_controls=eye, line_grid=False),
+            rrb.Vertical(*wrenches, indentation),
+            column_shares=[3, 4, 4],
         )
-        self._stream.send_blueprint(rrb.Blueprint(views, rrb.TimePanel(timeline="sensor_time")))
+        time_panel = rrb.TimePanel(timeline="sensor_time", state="collapsed")
+        self._stream.send_blueprint(rrb.Blueprint(views, time_panel, collapse_panels=True))
 
     def _set_time(self, wall_ns: int, index: int) -> None:
         self._stream.set_time("sensor_time", timestamp=np.datetime64(wall_ns, "ns"))

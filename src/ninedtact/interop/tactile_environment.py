@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import cv2
 import numpy as np
 
-from ninedtact.errors import SimulationError
+from ninedtact import open_sensor
+from ninedtact.errors import InputError, SimulationError
 from ninedtact.interop.mujoco import TactileReading, TactileSensor, require_mujoco
+from ninedtact.reading import Reading
+from ninedtact.sensor import Sensor
 from ninedtact.simulation.twin import Twin, default_twin
 
 require_mujoco("gymnasium")
@@ -23,20 +26,25 @@ Observation = dict[str, Any]
 
 IMAGE_SHAPE = (60, 80)
 STEP_S = 0.02
+OF_THE_GEL = "gel"
+"""The `force` whose observations are heights and wrench of the twin's own gel."""
 TOUCH_N = 0.3
 """Load from which a sensor counts as touching at the start of an episode."""
 _SUBSTEPS = 10
 _MAX_STEPS = 200
 _LOST_STEPS = 25
-_REFUSED_REWARD = -10.0
+REFUSED_REWARD = -10.0
+"""Reward of a step that ends an episode because it pressed too hard."""
+_ARRIVAL_REWARD, _STEP_COST = 10.0, 0.05
 
 
 class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignore[misc]
     """An environment whose scene has a body `sensor`.
 
-    Observation: `image`, the grey image of the camera at 60 × 80 pixels, and `wrench`, N and N·m in the sensor frame. An episode
-    ends where the task says so, after 0.5 s without contact, and with a reward of −10 where the gel is pressed through. It is cut
-    after 4 s.
+    Observation, in the sensor frame: `image`, the grey image of the camera, and `heights`, those of the skin in mm, both 60 × 80;
+    `wrench`, N and N·m. Heights and wrench are those of the gel or, where `force` names an estimator as in `ninedtact.open`
+    ("physics"), what the sensor of `sensor_folder` computes from the rendered image. An episode ends where the
+    task says so, after 0.5 s without contact, and with a reward of −10 where the gel is pressed through. It is cut after 4 s.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": round(1 / STEP_S)}
@@ -46,15 +54,29 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
     """Number of the actions, each from −1 to 1."""
 
     def __init__(
-        self, sensor_folder: "SensorFolder | Twin | Path | str | None" = None, render_mode: str | None = None
+        self,
+        sensor_folder: "SensorFolder | Twin | Path | str | None" = None,
+        render_mode: str | None = None,
+        force: str = OF_THE_GEL,
     ) -> None:
         self.model = mujoco.MjModel.from_xml_string(self.scene)
         self.data = mujoco.MjData(self.model)
         self.sensor = TactileSensor(self.model, self.data, "sensor", sensor_folder or default_twin())
         self.render_mode, self._steps, self._lost = render_mode, 0, 0
         self._reading: TactileReading | None = None
+        self._calibrated: Sensor | None = None
+        if force != OF_THE_GEL:
+            if sensor_folder is None or isinstance(sensor_folder, Twin) or force == "none":
+                raise InputError(
+                    f"expected force={OF_THE_GEL!r}, or the name of an estimator and the folder of a calibrated sensor, got "
+                    f"force={force!r} and sensor_folder={getattr(sensor_folder, 'name', sensor_folder)!s}; correct one of them"
+                )
+            self._calibrated = open_sensor.open(sensor_folder, self.sensor, force)
+        self._estimates: Reading | None = None
+        self._distance_before_mm = 0.0
         spaces = {
             "image": gymnasium.spaces.Box(0, 255, IMAGE_SHAPE, np.uint8),
+            "heights": gymnasium.spaces.Box(-np.inf, np.inf, IMAGE_SHAPE, np.float32),
             "wrench": gymnasium.spaces.Box(-np.inf, np.inf, (6,), np.float32),
         }
         self.observation_space = gymnasium.spaces.Dict(spaces | self.more_spaces())
@@ -67,11 +89,12 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         super().reset(seed=seed)
         mujoco.mj_resetData(self.model, self.data)
         self.arrange_scene()
-        self.sensor.open()
+        (self._calibrated or self.sensor).open()
         self._steps = self._lost = 0
         reading = self._advance(np.zeros(self.actions))
         while -reading.scene_wrench.force_n[2] < TOUCH_N:
             reading = self._advance(self.approach())
+        self._distance_before_mm = self.distance_mm
         self.begin_task()
         return self._observation(reading), self.state(reading)
 
@@ -82,7 +105,7 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
             reading = self._advance(np.clip(action, -1.0, 1.0))
         except SimulationError as refused:  # pressed through the gel or off its edge: the end of the episode
             assert self._reading is not None
-            return self._observation(self._reading), _REFUSED_REWARD, True, False, {"refused": str(refused)}
+            return self._observation(self._reading), REFUSED_REWARD, True, False, {"refused": str(refused)}
         state = self.state(reading)
         self._lost = self._lost + 1 if state["load_n"] < TOUCH_N / 10 else 0
         reward, reached = self.judge(state)
@@ -117,6 +140,16 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
     def begin_task(self) -> None:
         """Remember what rewards refer to, now that the sensor touches."""
 
+    @property
+    def distance_mm(self) -> float:
+        """The distance that `progress_reward` rewards to shorten."""
+        return 0.0
+
+    def progress_reward(self, arrived: bool) -> tuple[float, bool]:
+        """Return the mm by which the distance has shrunk since the last step, less 0.05, with 10 more on arrival; and `arrived`."""
+        before_mm, self._distance_before_mm = self._distance_before_mm, self.distance_mm
+        return float(before_mm - self._distance_before_mm - _STEP_COST + _ARRIVAL_REWARD * arrived), bool(arrived)
+
     def more_spaces(self) -> dict[str, Any]:
         """Return the spaces of the task's own observations."""
         return {}
@@ -129,11 +162,24 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         """Act for one step and return what the sensor shows and feels then."""
         self.act(action)
         mujoco.mj_step(self.model, self.data, _SUBSTEPS)
-        self._reading = self.sensor.step()
-        return self._reading
+        if self._calibrated is not None:
+            self._estimates = self._calibrated.read()
+        reading = self.sensor.step() if self._estimates is None else self.sensor.last
+        assert reading is not None
+        self._reading = reading
+        return reading
 
     def _observation(self, reading: TactileReading) -> Observation:
-        """Return the small grey image, the wrench, and what the task adds."""
-        grey = cv2.cvtColor(reading.frame.image, cv2.COLOR_BGR2GRAY)
-        image = cv2.resize(grey, IMAGE_SHAPE[::-1], interpolation=cv2.INTER_AREA)
-        return {"image": image, "wrench": reading.wrench.six.astype(np.float32), **self.more_observations()}
+        """Return the small grey image and heights, the wrench, and what the task adds."""
+        found = self._estimates
+        if found is None or found.wrench is None:
+            wrench, heights = reading.wrench, reading.heights
+        else:
+            wrench, heights = found.wrench.about(np.zeros(3)), found.height
+        grey, size = cv2.cvtColor(reading.frame.image, cv2.COLOR_BGR2GRAY), IMAGE_SHAPE[::-1]
+        return {
+            "image": cv2.resize(grey, size, interpolation=cv2.INTER_AREA),
+            "heights": cv2.resize(np.nan_to_num(heights.z_mm), size, interpolation=cv2.INTER_AREA),
+            "wrench": wrench.six.astype(np.float32),
+            **self.more_observations(),
+        }

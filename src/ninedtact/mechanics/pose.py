@@ -79,6 +79,16 @@ class Pose:
         return [Pose(*one) for one in np.stack(numbers, axis=-1).astype(float).tolist()]
 
     @staticmethod
+    def from_frame(origin_mm: Float[Array, "*batch 3"], rotation: Float[Array, "*batch 3 3"]) -> "Pose":
+        """Return the pose of an object whose frame has this origin and, as columns, these axes in the sensor's frame."""
+        x_mm, y_mm, z_mm = (origin_mm[..., axis] for axis in range(3))
+        tilt_x = -np.arcsin(np.clip(rotation[..., 1, 2], -1, 1))
+        twist = np.arctan2(rotation[..., 1, 0], rotation[..., 1, 1])
+        tilt_y = np.arctan2(rotation[..., 0, 2], rotation[..., 2, 2])
+        numbers = x_mm, y_mm, -z_mm, twist, tilt_x, tilt_y
+        return Pose(*numbers) if origin_mm.ndim > 1 else Pose(*map(float, numbers))
+
+    @staticmethod
     def stack(poses: Sequence["Pose"]) -> "Pose":
         """Return single poses as one batch."""
         return Pose(*np.array([[getattr(pose, field.name) for field in fields(Pose)] for pose in poses], float).T)

@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from ninedtact.capture.frame_source import CameraExposure, CameraSettingRefused, FrameSource, SourceNotOpen
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_images import (
     CALIBRATION_SOLVER_SETTINGS,
@@ -25,7 +25,7 @@ from ninedtact.simulation.calibration_images import (
     pin_board_indenter,
     twin_for_board,
 )
-from ninedtact.simulation.press_drag_twist import ScriptedPress
+from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import Twin
 
 

@@ -10,9 +10,9 @@ from ninedtact.capture.strict_image_reading import average_images
 from ninedtact.design import Gel, PinBoard, SensorDesign
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
-from ninedtact.mechanics.indenter_primitives import Ball
-from ninedtact.simulation.press_drag_twist import ScriptedPress
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.renderer import BgrImage
+from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import Twin
 
 BOARD_GRID_PITCH_MM = 0.05

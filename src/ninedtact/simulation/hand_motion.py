@@ -17,7 +17,7 @@ from ninedtact.simulation.trajectory import HOVER_MM
 from ninedtact.simulation.twin import Twin
 
 STEP_DEPTH_MM, STEP_DRAG_MM, STEP_TURN_RAD, STEP_LOAD_N = 0.3, 0.3, np.radians(4.0), 3.0
-"""The longest changes of one step; those of `press_drag_twist`, and less in depth because the object may be dragged meanwhile."""
+"""The longest changes of one step; those of a scripted press, and less in depth because the object may be dragged meanwhile."""
 _LIGHTEST_N = 0.05
 """Load below which the object is lifted off."""
 

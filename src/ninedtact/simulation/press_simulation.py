@@ -190,7 +190,7 @@ class PressSimulation:
                 number = min(self.contacts, key=lambda step: abs(step - number))
             if number not in self.contacts:
                 raise self._step_expired(number, self.contacts)
-            return self.twin.correct_contact(self.contacts[number])
+            return self.twin.correct_contact(self.contacts[number], self.indenters[number])
 
     def press_at(self, stamp_ns: int) -> TwinPress | None:
         """Return the object and the contact that the camera saw at a time; None where that step is no longer stored."""
@@ -200,7 +200,7 @@ class PressSimulation:
                 return None
             number = min(self.contacts, key=lambda step: abs(step - number))
             contact, indenter = self.contacts[number], self.indenters[number]
-        return TwinPress(indenter, self.twin.correct_contact(contact))
+        return TwinPress(indenter, self.twin.correct_contact(contact, indenter))
 
     def wrench_six_at(self, at_s: float) -> Float64[Array, "6"]:
         """Return the true wrench (N, N·m) about the centre of the skin at a time, interpolated linearly between steps.
@@ -229,7 +229,7 @@ class PressSimulation:
 
     def _store(self, step: int, indenter: Indenter, contact: Contact) -> None:
         """Store a step and drop the oldest one."""
-        self.contacts[step], self.wrenches[step] = contact, self.twin.correct_contact(contact).wrench().six
+        self.contacts[step], self.wrenches[step] = contact, self.twin.correct_contact(contact, indenter).wrench().six
         self.indenters[step] = indenter
         memories = ((self.contacts, KEPT_CONTACTS), (self.indenters, KEPT_CONTACTS), (self.wrenches, KEPT_WRENCHES))
         for memory, kept in memories:

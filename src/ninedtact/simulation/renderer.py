@@ -1,17 +1,31 @@
-"""Renders the raw image of one contact with OpenCV: lines of sight, brightness, scattering, lens and camera noise."""
+"""Renders raw images of contacts: lines of sight, brightness, scattering, lens and camera noise. `Renderer` renders one contact
+with OpenCV, `BatchRenderer` many contacts of one sensor at once.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, UInt8
+from array_api_compat import device
+from jaxtyping import Bool, Float, Float32, UInt8
 from numpy import ndarray as Array
 
+from ninedtact.mechanics.array_namespace import array_namespace_of, forward_transform, inverse_transform
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid
+from ninedtact.mechanics.shrinking_batch import expand_over_grid
 from ninedtact.simulation.illumination import BrightnessModel
-from ninedtact.simulation.pixel_map import REFINEMENT, PixelMap, SightlineGrid, blur_and_refine_fields, grid_coordinates
+from ninedtact.simulation.pixel_map import (
+    FIXED_POINT_STEPS,
+    REFINEMENT,
+    PixelMap,
+    SightlineGrid,
+    blur_and_refine_fields,
+    grid_coordinates,
+    pad_spectrum,
+)
 
 NOISE_MARGIN_PX = 61
 """Rows and columns by which the stored noise exceeds an image; every frame gets its own section."""
@@ -104,3 +118,140 @@ class Renderer:
         x, y = (self.pixel_map.plane_mm[..., axis] for axis in range(2))
         cols, rows = grid_coordinates(self.plane, (0.0, 0.0), x, y, REFINEMENT)
         return np.ascontiguousarray(cols), np.ascontiguousarray(rows)
+
+
+_Fields = Float[Any, "batch rows cols"]
+_Sampled = Float[Any, "batch a b"]
+_Image = Float[Any, "batch raw_rows raw_cols"]
+
+
+@dataclass(frozen=True)
+class BatchRenderer:
+    """Renders many contacts of one sensor at once, in NumPy or torch, so that a GPU renders data sets.
+
+    It computes the same optics as `Renderer`, which serves as its reference in the tests: height of the skin on the lines of
+    sight, brightness model, point spread, global dimming, lens. Only the interpolation differs: OpenCV interpolates one field in
+    NumPy and is several times faster there (docs/mechanics.md). The code that stores the images adds the noise and
+    rounds to 8 bits.
+    """
+
+    renderer: Renderer
+    like: Any
+    """An array whose library, precision and device all fields have."""
+
+    def brightness_factors(self, contacts: Contact) -> _Image:
+        """Return the brightness of every raw pixel relative to the reference image, one image for each contact of the batch."""
+        light, fine = self.renderer.light, self._fine_shape
+        change = light.brightness_change(self._height_on_sightlines_mm(contacts))
+        xp = array_namespace_of(change)
+        dark = xp.clip(-change, min=0.0) * self._sensing_weights
+        lost = light.global_dimming * xp.sum(dark, axis=(-2, -1), keepdims=True)
+        wave = forward_transform(change, self.renderer.plane.shape) * self._point_spread
+        diffuse = inverse_transform(pad_spectrum(wave, self.renderer.plane), fine, fine)
+        return self._lens_lookup.sample((1 + diffuse) * (1 - lost))
+
+    def images(self, contacts: Contact) -> Float[Any, "batch raw_rows raw_cols 3"]:
+        """Return BGR images without noise, 0 to 255, one for each contact of the batch."""
+        return self.brightness_factors(contacts)[..., None] * self._reference
+
+    def _height_on_sightlines_mm(self, contacts: Contact) -> _Fields:
+        """Return the height of the skin on the line of sight of every point of the plane."""
+        height, per_mm = contacts.height_mm, self.renderer.light.inverse_distance_per_mm
+        x, y = (axis + 0 * height[:, :1, :1] for axis in self._plane_mm)
+        seen = self._height_at(contacts, x, y)
+        for _ in range(FIXED_POINT_STEPS if per_mm else 0):
+            seen = self._height_at(contacts, x * (1 + per_mm * seen), y * (1 + per_mm * seen))
+        return seen
+
+    def _height_at(self, contacts: Contact, x_mm: _Sampled, y_mm: _Sampled) -> _Sampled:
+        """Return the height of the skin at positions on the sensor."""
+        grid = contacts.skin.grid
+        cols, rows = (
+            (position - expand_over_grid(middle, position)) / grid.pitch_mm + (points - 1) / 2
+            for position, middle, points in zip((x_mm, y_mm), contacts.centre_mm, (grid.cols, grid.rows), strict=True)
+        )
+        return _bilinear_lookup(cols, rows, grid.shape).sample_each(contacts.height_mm)
+
+    @property
+    def _fine_shape(self) -> tuple[int, int]:
+        """The (rows, cols) of the refined plane."""
+        return self.renderer.plane.rows * REFINEMENT, self.renderer.plane.cols * REFINEMENT
+
+    @cached_property
+    def _lens_lookup(self) -> "_BilinearLookup":
+        """The position on the refined plane that each raw pixel sees, which is the same in all images."""
+        cols, rows = (self._asarray(axis) for axis in self.renderer.lens)
+        return _bilinear_lookup(cols, rows, self._fine_shape)
+
+    @cached_property
+    def _point_spread(self) -> Any:
+        """The transform of the point spread, times the factor that refinement requires."""
+        kx, ky = self.renderer.plane.wave_vectors
+        sigma_mm = self.renderer.light.point_spread_mm
+        return self._asarray(np.exp(-(sigma_mm**2) / 2 * (kx**2 + ky**2)) * REFINEMENT**2)
+
+    @cached_property
+    def _sensing_weights(self) -> Any:
+        """Weights of the plane's points in the mean over which darkness is averaged."""
+        return self._asarray(self.renderer.sensing / self.renderer.sensing.sum())
+
+    @cached_property
+    def _plane_mm(self) -> tuple[Any, Any]:
+        """The x and the y of the plane's points."""
+        x, y = self.renderer.plane_mm
+        return self._asarray(x), self._asarray(y)
+
+    @cached_property
+    def _reference(self) -> Any:
+        """The reference image (no contact), BGR."""
+        return self._asarray(self.renderer.reference)
+
+    def _asarray(self, values: Any) -> Any:
+        """Return values as an array in the library, precision and device of this renderer."""
+        xp = array_namespace_of(self.like)
+        return xp.asarray(np.ascontiguousarray(values, np.float32), dtype=self.like.dtype, device=device(self.like))
+
+
+@dataclass(frozen=True)
+class _BilinearLookup:
+    """Positions between the points of periodic fields, prepared for bilinear interpolation."""
+
+    corners: tuple[Any, Any, Any, Any]
+    """Indices of the points around each position in a flat field: upper left and right, lower left and right."""
+    along: Any
+    """How far each position is from left to right, 0 to 1."""
+    down: Any
+    """How far each position is from the upper to the lower points, 0 to 1."""
+
+    def sample(self, fields: _Fields) -> _Sampled:
+        """Return the values of many fields at the same positions."""
+        xp, many = array_namespace_of(fields), fields.shape[0]
+        flat, shape = xp.reshape(fields, (many, -1)), (many, *self.along.shape)
+        return self._interpolate(
+            *(xp.reshape(xp.take(flat, xp.reshape(corner, (-1,)), axis=1), shape) for corner in self.corners)
+        )
+
+    def sample_each(self, fields: _Fields) -> _Sampled:
+        """Return the values of each field at positions of its own."""
+        xp, (many, height, width) = array_namespace_of(fields), fields.shape
+        flat, start = xp.reshape(fields, (-1,)), xp.arange(many, device=device(fields)) * (height * width)
+        indices = (corner + start[:, None, None] for corner in self.corners)
+        return self._interpolate(*(xp.reshape(xp.take(flat, xp.reshape(k, (-1,)), axis=0), k.shape) for k in indices))
+
+    def _interpolate(self, upper: _Sampled, upper_right: _Sampled, lower: _Sampled, lower_right: _Sampled) -> _Sampled:
+        """Return the bilinear mean of the four points around each position."""
+        above = upper + self.along * (upper_right - upper)
+        below = lower + self.along * (lower_right - lower)
+        return above + self.down * (below - above)
+
+
+def _bilinear_lookup(
+    cols: Float[Any, "*batch a b"], rows: Float[Any, "*batch a b"], shape: tuple[int, int]
+) -> _BilinearLookup:
+    """Return the look-up of these columns and rows in periodic fields of this shape (rows, cols)."""
+    xp, (height, width) = array_namespace_of(cols), shape
+    first_col, first_row = xp.floor(cols), xp.floor(rows)
+    left, right = (xp.astype(first_col + step, xp.int64) % width for step in (0, 1))
+    upper, lower = (xp.astype(first_row + step, xp.int64) % height * width for step in (0, 1))
+    corners = (upper + left, upper + right, lower + left, lower + right)
+    return _BilinearLookup(corners, cols - first_col, rows - first_row)

@@ -23,8 +23,9 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.mechanics.contact_model import finite_strain_height_mm, finite_strain_traction_mpa
 from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.finite_strain import correct_for_finite_strain
+from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
 from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPresses
 from ninedtact.simulation.illumination import BrightnessModel, synthetic_reference_image
@@ -167,21 +168,14 @@ def gel_compliance(gel: Gel, base: Gel | None) -> ComplianceFunction:
     return partial(bonded_layer_compliance, gel=gel) if base is None else layered_compliance((gel, base))
 
 
-def correct_for_mechanics_kind(contact: Contact, kind: MechanicsKind, gel: Gel) -> Contact:
-    """Return the contact that is rendered and measured, from the one that the linear model solved."""
-    return apply_finite_strain(contact, gel.thickness_mm) if kind == "finite_strain" else contact
+def correct_for_mechanics_kind(
+    contact: Contact, kind: MechanicsKind, gel: Gel, indenter: Indenter | None = None
+) -> Contact:
+    """Return the contact that is rendered and measured, from the one that the linear model solved.
 
-
-def apply_finite_strain(contact: Contact, thickness_mm: float) -> Contact:
-    """Return the contact with the tractions and the heights of a finite-strain gel (`mechanics.contact_model`)."""
-    height = contact.height_mm
-    on_both_axes = height[..., None, :, :] + 0 * contact.shear_mpa
-    return replace(
-        contact,
-        pressure_mpa=finite_strain_traction_mpa(contact.pressure_mpa, height, thickness_mm),
-        shear_mpa=finite_strain_traction_mpa(contact.shear_mpa, on_both_axes, thickness_mm),
-        height_mm=finite_strain_height_mm(height, thickness_mm),
-    )
+    indenter: the object, where it is known; under a ball the heights of finite strain are those of finite elements.
+    """
+    return correct_for_finite_strain(contact, gel.thickness_mm, indenter) if kind == "finite_strain" else contact
 
 
 class InvalidPopulation(InputError):
@@ -295,9 +289,9 @@ class SampledSensor:
             correct_contact=self.correct_contact,
         )
 
-    def correct_contact(self, contact: Contact) -> Contact:
+    def correct_contact(self, contact: Contact, indenter: Indenter | None = None) -> Contact:
         """Return the contact that is rendered and measured, from the one that the twin's linear solver found."""
-        return correct_for_mechanics_kind(contact, self.kind, self.gel)
+        return correct_for_mechanics_kind(contact, self.kind, self.gel, indenter)
 
     def to_json_dict(self) -> dict[str, Any]:
         """Return all parameters as plain numbers; `sampled_sensor_from_json` reads them."""

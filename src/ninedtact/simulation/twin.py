@@ -9,9 +9,9 @@ stays the same part of the thickness. The camera's distance and the refraction i
 image. The exposure is assumed to be set so that the reference image keeps its brightness.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -45,7 +45,15 @@ class ObjectTooLarge(SimulationError):
     """Raised for an object that would touch more than the gel."""
 
 
-def _uncorrected(contact: Contact) -> Contact:
+@runtime_checkable
+class ContactCorrection(Protocol):
+    """A function from a contact of the linear solver to the one that is rendered and measured."""
+
+    def __call__(self, contact: Contact, indenter: Indenter | None = None) -> Contact:
+        """Return the corrected contact; the object is given where it is known."""
+
+
+def _uncorrected(contact: Contact, indenter: Indenter | None = None) -> Contact:
     """Return the contact of the linear layer unchanged."""
     return contact
 
@@ -66,8 +74,8 @@ class Twin:
     """Thickness of all compliant layers."""
     gel_mm: tuple[float, float] = (29.5, 22.5)
     """Width and height of the gel that the published mould makes; the camera sees the middle."""
-    correct_contact: Callable[[Contact], Contact] = _uncorrected
-    """A function from a contact of the linear solver to the one that is rendered and measured; gels that are not linear need it."""
+    correct_contact: ContactCorrection = _uncorrected
+    """Gels that are not linear need it."""
 
     @cached_property
     def model(self) -> ContactModel:
@@ -79,6 +87,7 @@ class Twin:
     def step(self, last: Contact, indenter: Indenter, pose: Pose, load_n: float | None = None) -> Contact:
         """Return the contact after the object has moved to a pose, or to a load near that pose.
 
+        The load is that of the linear layer, before `correct_contact`.
         Raises `PoseOutOfView`, `ObjectTooLarge`, and what `ContactModel` raises.
         """
         self.require_in_view(pose)

@@ -205,18 +205,18 @@ class PageController:
         due_at, slowdown = time.monotonic(), 1.0
         try:
             while not until():
-                self.refresh(display)
+                snapshots = self.refresh(display)
                 if self._loop.sensor.source.is_live:  # a folder of images is read faster than anybody needs
-                    now_ns = time.monotonic_ns()
-                    slowdown = max(adapt_slowdown(slowdown, one._loop.snapshot(now_ns)) for one in self.sensors)
+                    slowdown = max(adapt_slowdown(slowdown, snapshot) for snapshot in snapshots)
                 due_at = max(due_at + slowdown / display_hz, time.monotonic())
                 time.sleep(max(due_at - time.monotonic(), 0))
                 self._loop.wait_for_change(self.recheck_s)
         finally:
             self.show_final_state(display)
 
-    def refresh(self, display: PageDisplay) -> None:
-        """Update the display once; raises the error with which the sensor thread failed, of several when all have failed."""
+    def refresh(self, display: PageDisplay) -> list[SensorSnapshot]:
+        """Update the display once and return the states of the sensors; raises the error with which the sensor thread failed, of
+        several when all have failed."""
         now_ns = time.monotonic_ns()
         snapshots = [one._loop.snapshot(now_ns) for one in self.sensors]
         moments = []
@@ -228,6 +228,7 @@ class PageController:
         troubles = [sensor.trouble for sensor in snapshots if sensor.phase is SensorPhase.FAILED]
         if len(troubles) == len(self.sensors) and troubles[0] is not None:
             raise troubles[0]
+        return snapshots
 
     def show_final_state(self, display: PageDisplay) -> None:
         """Mark the page as ended, because a browser keeps the last page that it received."""

@@ -49,6 +49,7 @@ class StatusPanel:
             )
         self._status = gui.add_html(status_html(WAITING_STATUS))
         self._figures = gui.add_html("")
+        self._pace = gui.add_html("")
         self._freeze = gui.add_button(
             "Freeze", color="gray", icon=Icon.PLAYER_PAUSE, hint="keep what is shown, for this browser only (F)"
         )
@@ -59,7 +60,9 @@ class StatusPanel:
         gui.add_command("Save this reading", hotkey="S").on_trigger(lambda event: self._save())
 
     def update(self, moment: PageMoment) -> None:
-        """Show state and values."""
+        """Show state and values, and whether the browser keeps up."""
+        sentence = self._viewer.pace.sentence
+        self._pace.content = f'<div style="margin:0 0.9em;font-size:0.85em">{sentence}</div>' if sentence else ""
         if moment.beside:
             self._status.content, self._figures.content = group_status_html(moment.beside), ""
             return

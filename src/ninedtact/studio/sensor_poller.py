@@ -64,18 +64,16 @@ class _IndentationHistory:
     """The maximum indentation of every reading of the last `HISTORY_S` seconds."""
 
     def __init__(self) -> None:
-        self._depths: deque[tuple[int, float]] = deque()
+        self._kept = np.zeros((2, 0))
 
     def add(self, at_ns: int, indentation_mm: float) -> None:
         """Append the maximum indentation of one reading."""
-        self._depths.append((at_ns, indentation_mm))
-        while at_ns - self._depths[0][0] > HISTORY_S * NS_PER_S:
-            self._depths.popleft()
+        recent = self._kept[:, at_ns - self._kept[0] <= HISTORY_S * NS_PER_S]
+        self._kept = np.column_stack([recent, (at_ns, indentation_mm)])
 
     def until(self, now_ns: int) -> Float64[Array, "2 n"]:
         """Return seconds before now (negative) and indentations in mm."""
-        depths = np.array(self._depths, np.float64).reshape(-1, 2)
-        return np.stack([(depths[:, 0] - now_ns) / NS_PER_S, depths[:, 1]])
+        return np.stack([(self._kept[0] - now_ns) / NS_PER_S, self._kept[1]])
 
 
 class ReferenceRecordingTooShort(CameraError):

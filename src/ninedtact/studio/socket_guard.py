@@ -15,7 +15,7 @@ import logging
 import re
 import socket
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -62,6 +62,10 @@ class SocketLimits:
     """Most clients at a time."""
     send_timeout_s: float = 10.0
     """Time after which a client that does not read what it is sent is disconnected."""
+    acknowledged_bytes: int = 16 * 1024
+    """Size from which a message is acknowledged by the client, with the answer to a ping."""
+    unacknowledged: int = 3
+    """Most acknowledged messages on their way to a client. What lies in buffers of the network would be shown late."""
 
 
 @dataclass(frozen=True)
@@ -180,6 +184,7 @@ class _GuardedConnection(ServerConnection):
         super().__init__(*args, **options)
         self._limits, self._is_expected, self._memory = limits, is_expected, memory
         self._second, self._events_in_second, self._has_dropped = 0.0, 0, False
+        self._unanswered: deque[Awaitable[float]] = deque()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin, unless too many connections are open already."""
@@ -209,11 +214,16 @@ class _GuardedConnection(ServerConnection):
                 )
         return message
 
-    async def send(self, *args: Any, **options: Any) -> None:
-        """Send a message; end with a client that does not read it."""
+    async def send(self, message: Any, text: bool | None = None) -> None:
+        """Send a message after the client has received the earlier ones; end with a client that does not read."""
+        is_acknowledged = isinstance(message, bytes) and len(message) >= self._limits.acknowledged_bytes
         try:
             async with asyncio.timeout(self._limits.send_timeout_s):
-                await super().send(*args, **options)
+                while is_acknowledged and len(self._unanswered) >= self._limits.unacknowledged:
+                    await self._unanswered.popleft()
+                await super().send(message, text)
+                if is_acknowledged:
+                    self._unanswered.append(await self.ping())
         except TimeoutError:
             self._end(f"it did not read for {self._limits.send_timeout_s:g} s")
             await self.wait_closed()

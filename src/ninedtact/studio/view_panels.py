@@ -76,7 +76,7 @@ class ViewPanel:
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = viewer
-        self._drawn: dict[int, tuple[int, ViewOptions]] = {}
+        self._drawn: dict[int, tuple[int, int, ViewOptions]] = {}
         self._stood = 1
 
     def build(self, gui: GuiApi) -> None:
@@ -140,12 +140,13 @@ class ViewPanel:
         first = moment.wrenches[0].sample if moment.wrenches and not is_past else None
         scene.show_wrench(None if first is None else first.wrench)
         is_first = number == (options.sensor or 0)
-        if self._drawn.get(number) == (id(view), options):
+        coarser = self._viewer.coarser
+        if self._drawn.get(number) == (id(view), coarser, options):
             return
-        self._drawn[number] = id(view), options
+        self._drawn[number] = id(view), coarser, options
         scene.exaggerate(options.exaggeration)
         as_points = options.colouring is not SkinColouring.PLAIN
-        scene.show_surface(view.surface(options.colouring, options.coarser, options.source), as_points, is_past)
+        scene.show_surface(view.surface(options.colouring, coarser, options.source), as_points, is_past)
         line = view.profile(*options.profile_mm).points_mm if options.with_profile and is_first else None
         scene.show_lines(view.outline_mm() if options.with_outline and not is_past else None, line)
         tractions = view.tractions(options.source)

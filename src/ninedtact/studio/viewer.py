@@ -4,11 +4,12 @@ A page is made of panels. A `Panel` is built once for each viewer and then gets 
 of a viewer get the same moment. To add one, write a class with `build` and `update` in a file of its own and give it to the page.
 """
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from threading import RLock
-from time import monotonic_ns, time
+from time import monotonic, monotonic_ns, time
 from typing import Any, Literal, Protocol, runtime_checkable
 
 from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
@@ -23,6 +24,14 @@ NOTICE_S = 8.0
 NARROW_PX = 600
 """Width of a browser below which the surface is sent coarser from the start: a phone."""
 MAX_EXAGGERATION = 10.0
+MAX_COARSER = 4
+"""Largest factor by which points of the surface are farther apart than in the finest one."""
+MAX_LEFT_OUT = 0.5
+"""Share of moments that a client does not get above which its surface becomes coarser; it becomes finer below a fifth of that."""
+PACE_OVER_S, PACE_MOMENTS = 2.0, 10
+"""Time, and least number of moments, over which it is measured whether a client keeps up."""
+RETRY_S = 5.0
+"""Time for which a client keeps up before a finer surface is tried; every step to a coarser one doubles it."""
 LEFT_PX, RIGHT_PX = 330, 350
 
 
@@ -96,6 +105,41 @@ class MomentSource(Protocol):
         """Close its file; nothing is asked for afterwards."""
 
 
+class ClientPace:
+    """How dense a surface one client gets, from whether it has got each moment before the next one is due."""
+
+    def __init__(self) -> None:
+        self.coarser = 1
+        """Factor by which points of the surface are farther apart for this client."""
+        self.left_out = 0.0
+        """Share of the moments of the last seconds that the client did not get."""
+        self._began_s, self._behind = -math.inf, list[bool]()
+        self._late_s, self._retry_s = -math.inf, RETRY_S
+
+    @property
+    def sentence(self) -> str:
+        """What a viewer is told about it; empty where the client keeps up."""
+        if self.coarser == 1 and self.left_out < MAX_LEFT_OUT:
+            return ""
+        points = "" if self.coarser == 1 else f"it gets 1 of {self.coarser**2} points of the surface, and "
+        return f"this browser or its network does not keep up: {points}{self.left_out:.0%} of the moments are left out"
+
+    def count_moment(self, is_behind: bool, now_s: float) -> None:
+        """Count a moment, and change the density from time to time."""
+        if not self._behind:
+            self._began_s = now_s
+        self._behind.append(is_behind)
+        if now_s - self._began_s < PACE_OVER_S or len(self._behind) < PACE_MOMENTS:
+            return
+        self.left_out, self._behind = sum(self._behind) / len(self._behind), []
+        if self.left_out > MAX_LEFT_OUT and self.coarser < MAX_COARSER:
+            self.coarser, self._retry_s = 2 * self.coarser, 2 * self._retry_s
+        if self.left_out > MAX_LEFT_OUT / 5:
+            self._late_s = now_s
+        elif self.coarser > 1 and now_s - self._late_s > self._retry_s:
+            self.coarser, self._late_s = self.coarser // 2, now_s
+
+
 class Viewer:
     """The page of one browser."""
 
@@ -110,6 +154,7 @@ class Viewer:
         self.options = ViewOptions(coarser=2 if self.is_narrow or self.is_shared else 1, sensor=sensor)
         self.moment: PageMoment | None = None
         """The moment that this viewer is shown, of the sensor that the views show; None before the first."""
+        self.pace = ClientPace()
         self._played: MomentSource | None = None
         self._frozen = False
         self._lock = RLock()
@@ -157,9 +202,18 @@ class Viewer:
         with self._lock:
             self.options = replace(self.options, **changes)
 
+    @property
+    def coarser(self) -> int:
+        """The factor by which points of the surface are farther apart, as the viewer has chosen and as the client keeps up."""
+        return min(self.options.coarser * self.pace.coarser, MAX_COARSER)
+
     def show(self, newest: PageMoment) -> None:
-        """Show the newest moment, or the frozen one with its age."""
+        """Show the newest moment, or the frozen one with its age; a client that has not got the last one goes on with that one."""
         with self._lock:
+            is_behind = bool(self.client._websock_connection.get_message_buffer().message_from_id)
+            self.pace.count_moment(is_behind, monotonic())
+            if is_behind and not newest.status.is_past:
+                return
             newest = newest if self._played is None else self._played.moment(newest)
             sensors = newest.sensors
             if self._frozen and self.moment is not None and len(self.moment.sensors) == len(sensors):
@@ -169,6 +223,8 @@ class Viewer:
             with self.client.atomic():
                 for panel in self._panels:
                     panel.update(moment)
+            # viser would wait 17 ms for more, and send nothing where the next moment has begun by then.
+            self.client.flush()
 
     def notify(self, title: str, body: str, colour: Literal["red", "green"]) -> None:
         """Show a notification to this viewer."""

@@ -21,7 +21,7 @@ from ninedtact.force.known_load_scale import (
     weight_of_grams_n,
     write_force_scale,
 )
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
@@ -137,7 +137,8 @@ def _simulate_presses(member: SampledSensor, shape: CalibratedShape) -> Iterator
     depth_reader = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-_REFERENCE_FRAMES, 0)))
     for number, (x, y, load_n) in enumerate(_SIMULATED_PRESSES):
         pose = Pose(x, y, _START_DEPTH_MM)
-        contact = twin.correct_contact(twin.step(twin.model.initial_contact(), Ball(_BALL_RADIUS_MM), pose, load_n))
+        ball = Ball(_BALL_RADIUS_MM)
+        contact = twin.correct_contact(twin.step(twin.model.initial_contact(), ball, pose, load_n), ball)
         frame = Frame(twin.renderer(contact, number))
         rectified = shape.rectify(frame)
         reading = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)

@@ -44,7 +44,7 @@ def test_net_ft_tells_newtons_at_its_own_rate_and_counts_what_the_network_lost(b
         assert len(wrenches) > 150  # of 500 on a quiet machine
         assert np.mean([wrench.six for wrench in wrenches], axis=0) == pytest.approx(LOAD, abs=0.01)
         late_ms = np.array([time.monotonic_ns() - wrench.stamp_ns for wrench in wrenches[-1:]]) / 1e6
-        assert late_ms.max() < 100
+        assert late_ms.max() < 1000  # a stamp of another clock would be off by far more
         dropped, sent = source.dropped, bench.server.sent
         bench.server.drop_every = 10
         read_for(source, 0.5)

@@ -4,8 +4,15 @@ import pytest
 import torch
 
 from ninedtact.force.network_input import InputChannels, NetworkInputSettings
-from ninedtact.force.networks import NETWORK_NAMES, LabelScale, NetworkUnknown, WrenchNetwork, build_network
-from ninedtact.force.networks.wrench_network import Moments, MomentsNetwork
+from ninedtact.force.networks import (
+    NETWORK_NAMES,
+    LabelScale,
+    Moments,
+    MomentsNetwork,
+    NetworkUnknown,
+    WrenchNetwork,
+    build_network,
+)
 
 UNIT = (0.5, 0.5, 2.0, 0.01, 0.01, 0.003)
 CELL_PX = 4

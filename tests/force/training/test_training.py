@@ -20,7 +20,6 @@ from ninedtact.force.training import train as fitting
 from ninedtact.force.training.augmentation import NO_AUGMENTATION
 from ninedtact.force.training.error_scale_and_model_card import TrainedNetwork
 from ninedtact.force.training.examples import ExamplesUnusable, TrainingExamples, move_torque_reference
-from ninedtact.force.training.lightning_adaptations import CheckpointDamaged, TrainingStopped, load_checkpoint
 from ninedtact.force.training.onnx_export import rewrite_card
 from ninedtact.force.training.settings import (
     PAPER_TRAINING,
@@ -30,7 +29,14 @@ from ninedtact.force.training.settings import (
     TrainingSettings,
 )
 from ninedtact.force.training.train import TrainingFolderTaken, TrainingResult, fit_network, train_network
-from ninedtact.force.training.training_module import ForceTrainingModule, compute_batch_loss, fit_label_scaling
+from ninedtact.force.training.training_module import (
+    CheckpointDamaged,
+    ForceTrainingModule,
+    TrainingStopped,
+    compute_batch_loss,
+    fit_label_scaling,
+    load_checkpoint,
+)
 
 CPU = ComputeSettings(accelerator="cpu")
 

@@ -12,14 +12,15 @@ from shapely import LineString, Point, union_all
 
 from ninedtact.hardware.led_board.board_outline import BoardOutline, LedBoardImpossible
 from ninedtact.hardware.led_board.board_parameters import LedBoard
-from ninedtact.hardware.led_board.complete_layout import BoardLayout, lay_out_board
-from ninedtact.hardware.led_board.components import BoardSide
-from ninedtact.hardware.led_board.copper_geometry import (
+from ninedtact.hardware.led_board.complete_layout import (
+    BoardLayout,
     bare_board_polygon,
     component_outline,
     hole_polygon,
+    lay_out_board,
     pad_polygon,
 )
+from ninedtact.hardware.led_board.components import BoardSide
 from ninedtact.hardware.led_board.design_rule_check import list_copper_pieces
 from ninedtact.hardware.led_board.fabrication_files import build_board_files, write_led_board
 from ninedtact.hardware.led_board.silkscreen import place_designators

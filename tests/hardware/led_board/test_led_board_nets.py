@@ -4,7 +4,7 @@ import pytest
 
 from ninedtact.hardware.led_board.board_parameters import LedBoard
 from ninedtact.hardware.led_board.complete_layout import BoardLayout
-from ninedtact.hardware.led_board.netlist_and_pads import build_netlist
+from ninedtact.hardware.led_board.components import build_netlist
 
 LEDS = range(1, 9)
 PUBLISHED = {

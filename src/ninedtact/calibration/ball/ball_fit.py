@@ -1,23 +1,28 @@
-"""The depth curve from one press of a ball of known radius. In: the raw reference image and the raw image of the pressed ball. Out:
-`BallFit`, from `fit_ball`, by one of three methods.
+"""The depth curve from one press of a ball of known radius. In: the raw reference image and the raw image of the pressed ball.
+Out: `BallFit`, from `fit_ball`, by one of three methods.
 
-`physics`, the default, fits contact mechanics and light to the whole image (ball/physics_method.py). `ratio` and `table` use the
-contact disc only. Inside it the skin lies on the ball, so the depth at which every line of sight meets the skin is known; it is
-paired with the pixel's darkening. `table` is the paper's mapping list of grey differences, with two corrections; `ratio` pairs
-depth with the brightness factor, which is uniform over the image.
+`physics`, the default, fits contact mechanics and light together to the whole image and needs no rule about where the ball's
+disc ends (`PhysicsDepthFit`). Its curve is the sensor's brightness model (`simulation.illumination`) for darkening and
+brightening, so that it covers bulges too.
 
-The camera is near, so a line of sight meets deep skin farther inwards than shallow skin. Without this correction, as in the paper,
-the error of `ratio` doubles on a real press (benchmarks/ball_accuracy.py). The rule that the disc's edge is at depth zero is the
-paper's; real gel piles up at the rim, so that the rule gives depths some 0.1–0.2 mm too large (docs/accuracy.md).
+`ratio` and `table` use the contact disc only. Inside it the skin lies on the ball, so the depth at which every line of sight
+meets the skin is known; it is paired with the pixel's darkening. `table` is the paper's mapping list of grey differences, with
+two corrections; `ratio` pairs depth with the brightness factor, which is uniform over the image.
+
+The camera is near, so a line of sight meets deep skin farther inwards than shallow skin. Without this correction, as in the
+paper, the error of `ratio` doubles on a real press (benchmarks/ball_accuracy.py). The rule that the disc's edge is at depth
+zero is the paper's; real gel piles up at the rim, so that the rule gives depths some 0.1–0.2 mm too large (docs/accuracy.md).
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 from numpy import ndarray as Array
+from scipy.ndimage import gaussian_filter1d
 
 from ninedtact.calibration.ball.ball_press import BallPress, refine_ball_centre
 from ninedtact.calibration.ball.contact_circle import (
@@ -29,7 +34,6 @@ from ninedtact.calibration.ball.contact_circle import (
     require_usable_depth,
     spherical_cap_height_mm,
 )
-from ninedtact.calibration.ball.physics_method import PhysicsDepthFit
 from ninedtact.calibration.brightness import (
     BgrImage,
     estimate_pixel_noise,
@@ -38,13 +42,15 @@ from ninedtact.calibration.brightness import (
     require_usable_exposure,
     to_grey_float,
 )
-from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, fit_twin
-from ninedtact.calibration.twin.ball_press_model import ParameterVector
+from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin
+from ninedtact.calibration.twin.ball_press_model import PATCH, ParameterVector
 from ninedtact.design import SensorDesign
-from ninedtact.quantities import Frame, Rectified
+from ninedtact.quantities import Frame, HeightSource, Rectified
 from ninedtact.shape.depth import (
     FINE_SMOOTHING,
+    TABLE_STEPS,
     BrightnessSignal,
+    CurveContinuation,
     Deblurring,
     DepthCurve,
     DepthMethod,
@@ -53,6 +59,157 @@ from ninedtact.shape.depth import (
     Smoothing,
 )
 from ninedtact.shape.rectification import Rectification
+from ninedtact.simulation.illumination import BrightnessModel
+from ninedtact.simulation.pixel_map import SightlineGrid
+
+KNOTS = 25
+LEAST_OF_KNOT = 30
+"""Smallest number of pixels at a depth for which the brightness model is corrected there."""
+SHALLOWEST_OF_DISC_MM = 0.05
+"""Indentation below which a pixel is left out of the disc: the ball's edge is near, and light is scattered from it."""
+KNOTS_BEYOND = 8
+"""Number of knots of the curve beyond the depth of the press."""
+DEEPEST_FRACTION = 0.9
+"""Part of the gel's thickness to which the curve continues beyond the depth of the press."""
+LEAST_BEYOND_MM = 0.05
+"""Length of the shortest continuation."""
+ERROR_BEYOND = 0.2
+"""Error of the curve beyond the depth of the press, in mm per mm."""
+BULGE_MM = 1.0
+"""Largest height that the curve of bulges covers."""
+FLOORS = (0.01, 0.03, 0.1)
+"""The noise floors of the deblurring that are tried, from sharp to smooth; the one that reconstructs the ball best is taken."""
+
+
+@dataclass(frozen=True)
+class PhysicsDepthFit:
+    """A fitted ball press, and the depth curve that follows from its brightness model."""
+
+    fit: TwinFit
+
+    @cached_property
+    def seen_mm(self) -> Float32[Array, "rows cols"]:
+        """Height of the fitted skin on every pixel's line of sight."""
+        x, y = self.fit.forward.observed.place_mm
+        height = np.asarray(self.fit.contact.height_mm, np.float32)
+        middle = self.fit.parameters["x_mm"], self.fit.parameters["y_mm"]
+        return SightlineGrid(x, y, self.fit.light.inverse_distance_per_mm).height_mm(PATCH, middle, height, fine=True)
+
+    @property
+    def centre_px(self) -> Float[Array, "2"]:
+        """The fitted centre of the contact, (x, y) in the rectified image."""
+        (rows, cols), mm_per_px = self.seen_mm.shape, self.fit.forward.observed.before.mm_per_px
+        place = np.array([self.fit.parameters["x_mm"], self.fit.parameters["y_mm"]])
+        return np.asarray(place / mm_per_px + np.array([(cols - 1) / 2, (rows - 1) / 2]))
+
+    @property
+    def depth_mm(self) -> Float[Array, "rows cols"]:
+        """Indentation on every pixel's line of sight."""
+        return np.maximum(-self.seen_mm.astype(float), 0)
+
+    @cached_property
+    def disc(self) -> Bool[Array, "rows cols"]:
+        """The indented pixels that are at least a point spread away from the edge, where brightness does not determine a single
+        depth.
+        """
+        pressed = (self.seen_mm < -SHALLOWEST_OF_DISC_MM).astype(np.uint8)
+        reach = int(np.ceil(self.fit.light.point_spread_mm / self.fit.forward.observed.before.mm_per_px))
+        ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+        return np.asarray(cv2.erode(pressed, ellipse) > 0)
+
+    @cached_property
+    def deblurring(self) -> Deblurring:
+        """The removal of the point spread, with the noise floor that reconstructs this ball best."""
+        sigma_mm = np.sqrt(max(self.fit.light.point_spread_mm**2 - self.fit.forward.observed.blur_mm**2, 0))
+        choices, law = [Deblurring(float(sigma_mm), floor) for floor in FLOORS], self.law(self.fit.light)
+        return min(choices, key=lambda choice: self.error_of(law, self.disc, choice))
+
+    def curve(self, where: Bool[Array, "rows cols"]) -> DepthCurve:
+        """Return the brightness model as a depth curve, corrected by the measured darkening in this region of the ball, because the
+        form of the model is an idealisation.
+        """
+        law = self.law(self.fit.light)
+        depth_mm, darkening = np.array(law.indentation_mm), np.array(law.darkening)
+        seen_mm, off = (
+            self.depth_mm[where],
+            self.darkening[where] - np.interp(self.depth_mm[where], depth_mm, darkening),
+        )
+        knot = np.rint(seen_mm / depth_mm[1]).astype(int)
+        count = np.bincount(knot, minlength=KNOTS)[:KNOTS]
+        known = np.flatnonzero(count > LEAST_OF_KNOT)
+        mean = np.bincount(knot, off, minlength=KNOTS)[:KNOTS] / np.maximum(count, 1)
+        bend = np.interp(np.arange(KNOTS), np.append(0, known), np.append(0.0, mean[known]))
+        rising = np.maximum.accumulate(darkening + gaussian_filter1d(bend, 1.0)) + 1e-6 * np.arange(KNOTS)
+        darkest = float(rising[-1] - rising[0])
+        return replace(law, darkening=tuple((rising - rising[0]).tolist()), beyond=self._continue_law(darkest))
+
+    def _continue_law(self, darkest: float) -> CurveContinuation:
+        """Return the curve beyond the depth of the press, where the brightness model continues from this darkening; nothing for a
+        press that left little of the gel."""
+        light, gel_mm = self.fit.light, self.fit.parameters["thickness_mm"]
+        end_mm = self._deepest_mm
+        depth_mm = np.linspace(end_mm, DEEPEST_FRACTION * min(gel_mm, light.thickness_mm), KNOTS_BEYOND + 1)
+        if depth_mm[-1] < end_mm + LEAST_BEYOND_MM:
+            return CurveContinuation()
+        darkening = np.abs(light.brightness_change(-depth_mm))
+        return CurveContinuation(
+            tuple((darkest + (darkening - darkening[0])[1:]).tolist()),
+            tuple(depth_mm[1:].tolist()),
+            (0.0,) * KNOTS_BEYOND,
+        )
+
+    @property
+    def _deepest_mm(self) -> float:
+        """Depth at which the calibrated curve ends."""
+        return float(min(self.fit.parameters["depth_mm"], 0.95 * self.fit.light.thickness_mm))
+
+    @cached_property
+    def darkening(self) -> Float32[Array, "rows cols"]:
+        """Darkening of the ball image after the corrections of a reconstruction: lost and scattered light are restored."""
+        reader = self.reader(self.law(self.fit.light), self.deblurring)
+        index = reader.index(self.fit.forward.observed.after.grey)
+        return FINE_SMOOTHING(1 - index.astype(np.float32) / np.float32(TABLE_STEPS["ratio"]))
+
+    def law(self, light: BrightnessModel) -> DepthCurve:
+        """Return the brightness model as a depth curve."""
+        depth_mm = np.linspace(0, self._deepest_mm, KNOTS)
+        darkening = np.abs(light.brightness_change(-depth_mm))
+        bright = light.brightening_per_mm * BULGE_MM
+        bulges = ((0.0, bright), (0.0, BULGE_MM)) if bright > 0 else ((0.0,), (0.0,))
+        return DepthCurve("ratio", tuple(darkening.tolist()), tuple(depth_mm.tolist()), (0.0,) * KNOTS, *bulges)
+
+    def honest(self, curve: DepthCurve, cross_validation_mae_mm: float) -> DepthCurve:
+        """Return the curve with its errors: cross-validation on the ball, and the uncertainty of the depth of the press."""
+        reading = np.hypot(self.error_mm(curve, self.disc), cross_validation_mae_mm)
+        known = self.fit.confidence.deviation["depth_mm"] / self.fit.parameters["depth_mm"]
+        errors = np.hypot(reading, known * np.array(curve.indentation_mm))
+        grown = errors[-1] + ERROR_BEYOND * (np.array(curve.beyond.indentation_mm) - curve.max_indentation_mm)
+        return replace(
+            curve, error_mm=tuple(errors.tolist()), beyond=replace(curve.beyond, error_mm=tuple(grown.tolist()))
+        )
+
+    def error_mm(self, curve: DepthCurve, where: Bool[Array, "rows cols"]) -> float:
+        """Return the mean absolute error of the reconstructed height in a region, against the fitted skin."""
+        return self.error_of(curve, where, self.deblurring)
+
+    def error_of(self, curve: DepthCurve, where: Bool[Array, "rows cols"], deblurring: Deblurring) -> float:
+        """Return the mean absolute error of the reconstructed height in a region with this deblurring."""
+        read_mm = self.reader(curve, deblurring)(self.fit.forward.observed.after).z_mm
+        return float(np.abs(read_mm - self.seen_mm)[where].mean())
+
+    def reader(self, curve: DepthCurve, deblurring: Deblurring) -> DepthReader:
+        """Return the depth reader of the calibrated sensor."""
+        everywhere = np.full(self.seen_mm.shape, HeightSource.MEASURED, np.uint8)
+        before, loss = self.fit.forward.observed.before, LightLoss(self.fit.light.global_dimming)
+        return DepthReader(curve, before, everywhere, FINE_SMOOTHING, loss=loss, deblurring=deblurring)
+
+    def cross_validation_mae_mm(self) -> float:
+        """Return the error of one half of the disc with the curve of the other half, mean over four cuts."""
+        x, y = self.fit.forward.observed.place_mm
+        left, upper = x < self.fit.parameters["x_mm"], y < self.fit.parameters["y_mm"]
+        halves = [np.asarray(half) for half in (left, ~left, upper, ~upper)]
+        return float(np.mean([self.error_mm(self.curve(self.disc & half), self.disc & ~half) for half in halves]))
+
 
 SIGNAL: dict[DepthMethod, BrightnessSignal] = {"table": "difference", "ratio": "ratio"}
 

@@ -21,9 +21,10 @@ from ninedtact.calibration.board.detection import (
     BoardCandidate,
     find_board_candidate,
     is_plausible_board,
+    lattice_size,
     make_board_not_found_error,
+    pin_positions_mm,
 )
-from ninedtact.calibration.board.lattice import lattice_size, pin_positions_mm
 from ninedtact.calibration.board.lens_fit import (
     MIN_CORRECTED_ERROR,
     LensCorrectionFit,

@@ -1,7 +1,17 @@
 """Measurement of drift: a reference image of today compared with the reference images of the calibration. In:
-`CalibratedReference`, loaded from a sensor folder, and a raw image. Out: `DriftMeasurement`, which `diagnosis` interprets.
+`CalibratedReference`, loaded from a sensor folder, and a raw image. Out: `DriftMeasurement`, which
+`diagnosis_and_reference_check` interprets.
 
     images → motion of the skin → motion undone → light (gain, field, colour) → marks or a contact → findings
+
+The motion of the skin is that of its fine structure: specks, bubbles, old imprints. The method is least squares after Lucas &
+Kanade (1981) over the whole image, with the rotation as a third unknown; errors follow from leaving out one tile at a time
+(docs/references.md). A motion vector is (shift x, shift y, turn) in pixels, where the turn is the displacement of the middle of
+the right border; turns are positive clockwise on the screen.
+
+The structure is faint (a thousandth of the brightness), yet it determines the motion to a tenth of a pixel, because the whole
+image contributes. A change of scale is not fitted: contours of the camera's own shading correction widen and narrow with the
+light and would appear as one.
 """
 
 from dataclasses import dataclass
@@ -9,10 +19,11 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.calibration.brightness import (
+    MIN_REFERENCE_GREY,
     BgrImage,
     estimate_pixel_noise,
     relative_brightness_change,
@@ -20,12 +31,213 @@ from ninedtact.calibration.brightness import (
     to_grey_float,
 )
 from ninedtact.calibration.drift.brightness_change import BrightnessChange, separate_brightness_change
-from ninedtact.calibration.drift.skin_motion import HIGH_SIMILARITY, SkinMotion, measure_skin_motion
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import require_image_size
 from ninedtact.quantities import Frame, HeightSource, Rectified
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import Rectification
+
+Field = Float32[Array, "down across"]
+Motion = Float[Array, "3"]
+
+MARGIN_PX = 12
+"""Width of the margin that is cut off, because it shows housing and glare instead of skin."""
+TILES = (6, 8)
+_HIGH_SIMILARITY = 0.5
+"""Similarity above which the motion found from a start at rest is accepted without a second first guess."""
+ROUNDS = 10
+SETTLED_PX = 0.003
+ROBUST = 2.0
+"""Number of standard deviations at which a difference has half weight."""
+OUTLIER = 6.0
+
+
+@dataclass(frozen=True)
+class _Registration:
+    """A motion, its standard errors, and the similarity of the images once it is undone."""
+
+    motion: Motion
+    error: Motion
+    correlation: float
+
+
+def _register_images(earlier: Field, later: Field) -> _Registration:
+    """Return the motion from the earlier image to the later one."""
+    found = _fit_motion(earlier, later, np.zeros(3))
+    if found.correlation > _HIGH_SIMILARITY:
+        return found
+    return max(
+        found, _fit_motion(earlier, later, _phase_correlation_shift(earlier, later)), key=lambda fit: fit.correlation
+    )
+
+
+def _fit_motion(earlier: Field, later: Field, motion: Motion) -> _Registration:
+    """Return the least-squares motion from a first guess, iterated until it converges."""
+    for _ in range(ROUNDS):
+        normal, right = _normal_equations(earlier, _undo_motion(later, motion))
+        step = np.linalg.pinv(normal.sum(axis=0)) @ right.sum(axis=0)
+        motion = motion + step
+        if np.abs(step).max() < SETTLED_PX:
+            break
+    return _Registration(
+        motion, _jackknife_error(normal, right), _structure_similarity(earlier, _undo_motion(later, motion))
+    )
+
+
+def _normal_equations(earlier: Field, later: Field) -> tuple[Float[Array, "tiles 3 3"], Float[Array, "tiles 3"]]:
+    """Return the normal equations of every tile: gradient times motion equals the difference of the images."""
+    down, right = np.gradient((earlier + later) / 2)
+    y, x = (np.indices(earlier.shape) - (np.array(earlier.shape)[:, None, None] - 1) / 2) / (earlier.shape[1] / 2)
+    columns = np.stack([right, down, x * down - y * right], axis=-1)
+    lacking = earlier - later
+    spread = np.median(np.abs(lacking)) / 0.6745
+    weight = 1 / (1 + (lacking / (ROBUST * spread + 1e-9)) ** 2)
+    weighted = _split_into_tiles(weight[..., None] * columns)
+    normal = [np.einsum("rci,rcj->ij", *pair) for pair in zip(weighted, _split_into_tiles(columns), strict=True)]
+    side = [np.einsum("rci,rc->i", *pair) for pair in zip(weighted, _split_into_tiles(lacking), strict=True)]
+    return np.array(normal), np.array(side)
+
+
+def _jackknife_error(normal: Float[Array, "tiles 3 3"], right: Float[Array, "tiles 3"]) -> Motion:
+    """Return the standard error by the jackknife over tiles, which includes errors that neighbouring pixels share."""
+    without = (np.linalg.pinv(normal.sum(axis=0) - normal) @ (right.sum(axis=0) - right)[..., None])[..., 0]
+    return np.asarray(np.sqrt((len(normal) - 1) * without.var(axis=0)))
+
+
+def _phase_correlation_shift(earlier: Field, later: Field) -> Motion:
+    """Return a first guess of a large shift, by phase correlation."""
+    parts = [_crop_margin(field) for field in (earlier, later)]
+    first, second = (np.clip(part / (np.median(np.abs(part)) + 1e-9), -OUTLIER, OUTLIER) for part in parts)
+    (x, y), _ = cv2.phaseCorrelate(first, second, cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F))
+    return np.array([x, y, 0.0])
+
+
+def _structure_similarity(earlier: Field, later: Field) -> float:
+    """Return the median correlation of tiles; a press or a new mark affects only the tiles that contain it."""
+    pairs = zip(_split_into_tiles(earlier), _split_into_tiles(later), strict=True)
+    return float(np.median([_pearson_correlation(first, second) for first, second in pairs]))
+
+
+def _pearson_correlation(first: Field, second: Field) -> float:
+    """Return Pearson's correlation, zero where one image is constant."""
+    first, second = first - first.mean(), second - second.mean()
+    scale = np.sqrt((first**2).sum() * (second**2).sum())
+    return float((first * second).sum() / scale) if scale > 0 else 0.0
+
+
+def _undo_motion(image: Array, motion: Motion, border: int = cv2.BORDER_REPLICATE) -> Array:
+    """Return an image of any type with a motion undone; border: OpenCV's border mode."""
+    rows, cols = image.shape[:2]
+    middle, angle = np.array([(cols - 1) / 2, (rows - 1) / 2]), motion[2] / (cols / 2)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    matrix = np.column_stack([turn, middle + motion[:2] - turn @ middle])
+    way = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(image, matrix, (cols, rows), flags=way, borderMode=border))
+
+
+def _crop_margin(image: Array) -> Array:
+    """Return the image without its margin."""
+    return image[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX]
+
+
+def _split_into_tiles(image: Array) -> list[Array]:
+    """Return the inside of the image in equal tiles, with more along the longer side."""
+    down, across = TILES if image.shape[0] <= image.shape[1] else TILES[::-1]
+    return [tile for band in np.array_split(_crop_margin(image), down) for tile in np.array_split(band, across, axis=1)]
+
+
+LONG_SIDE_PX = 320
+"""Size at which images are compared; the structure is still well sampled."""
+FINE_PX, COARSE_PX = 1.5, 6.0
+"""Band of the structure: finer detail is camera noise and compression, coarser detail is light."""
+BAND_NOISE = 0.171
+"""Standard deviation that this band leaves of white noise: √(1/4πa² + 1/4πb² - 1/π(a² + b²)) for Gaussians a and b."""
+RECOGNISED = 0.3
+"""Similarity above which two images show the same skin: at least 0.4 for one skin (also compressed, noisy, or at half the light),
+at most 0.25 for different ones.
+"""
+FAINTEST_STRUCTURE = 7e-4
+"""Contrast below which a skin is too uniform to be recognised: real ones have at least 1.0e-3, a rendered one 5e-4."""
+
+
+@dataclass(frozen=True)
+class SkinMotion:
+    """Motion of the skin from one image to another, in pixels (x, y) of the raw image."""
+
+    shift_px: tuple[float, float]
+    """Shift of the middle of the image."""
+    turn_deg: float
+    """Rotation, clockwise on the screen."""
+    shift_error_px: float
+    """Standard error of the shift, of the worse axis."""
+    turn_error_deg: float
+    correlation: float
+    """Correlation of the fine structure, once the motion is undone."""
+    contrast: float
+    """Standard deviation of the structure in the earlier image, as a fraction of the brightness, corrected for noise."""
+
+    @property
+    def observable(self) -> bool:
+        """Whether the skin has enough structure to be recognised."""
+        return self.contrast >= FAINTEST_STRUCTURE
+
+    @property
+    def is_same_skin(self) -> bool:
+        """Whether the two images show the same skin; only then is the motion meaningful."""
+        return self.observable and self.correlation >= RECOGNISED
+
+    def undone(self, image: BgrImage) -> BgrImage:
+        """Return the later image with the motion undone, borders repeated."""
+        return _undo_motion(image, self.vector(image.shape))
+
+    def valid_mask(self, shape: tuple[int, ...]) -> Field:
+        """Return a mask above zero where the image with the motion undone shows what the camera saw."""
+        return _undo_motion(np.ones(shape[:2], np.float32), self.vector(shape), cv2.BORDER_CONSTANT)
+
+    def vector(self, shape: tuple[int, ...]) -> Motion:
+        """Return the motion vector in pixels; zero where the skin was not recognised."""
+        turn_px = np.deg2rad(self.turn_deg) * shape[1] / 2
+        return np.array([*self.shift_px, turn_px]) * self.is_same_skin
+
+
+def measure_skin_motion(before: BgrImage, after: BgrImage) -> SkinMotion:
+    """Return the motion between two reference images of the same size."""
+    earlier, later = _log_brightness(before), _log_brightness(after)
+    found = _register_images(_fine_structure(earlier), _fine_structure(later))
+    scale, half_width = max(before.shape) / LONG_SIDE_PX, earlier.shape[1] / 2
+    x, y, turn = found.motion.tolist()
+    return SkinMotion(
+        (x * scale, y * scale),
+        float(np.rad2deg(turn / half_width)),
+        float(found.error[:2].max() * scale),
+        float(np.rad2deg(found.error[2] / half_width)),
+        found.correlation,
+        _structure_contrast(earlier, later),
+    )
+
+
+def _log_brightness(image: BgrImage) -> Field:
+    """Return the logarithm of the brightness, at the size of comparison."""
+    grey = np.log(np.maximum(to_grey_float(image), MIN_REFERENCE_GREY))
+    factor = LONG_SIDE_PX / max(grey.shape)
+    return (
+        grey if factor == 1 else np.asarray(cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA))
+    )
+
+
+def _fine_structure(image: Field) -> Field:
+    """Return the detail between the two sizes of the band."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), FINE_PX) - cv2.GaussianBlur(image, (0, 0), COARSE_PX))
+
+
+def _structure_contrast(earlier: Field, later: Field) -> float:
+    """Return the contrast of the earlier image's structure, the median over its tiles, corrected for noise."""
+    second = np.abs(np.diff(later - earlier, n=2, axis=1))
+    # 0.6745 and √6 as in `brightness.estimate_pixel_noise`; √2 because the difference contains the noise of two images.
+    noise = BAND_NOISE * float(np.median(second)) / 0.6745 / np.sqrt(6) / np.sqrt(2)
+    strength = float(np.median([tile.std() for tile in _split_into_tiles(_fine_structure(earlier))]))
+    return float(np.sqrt(max(strength**2 - noise**2, 0.0)))
+
 
 _FLIPS = {"turned by 180°": -1, "mirrored left to right": 1, "mirrored top to bottom": 0}
 """Ways in which a camera's driver may flip images, with OpenCV's flip code."""
@@ -133,7 +345,7 @@ def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasureme
 
 def _detect_flip(known: BgrImage, today: BgrImage, motion: SkinMotion) -> str | None:
     """Return how today's image is flipped, or None."""
-    if motion.correlation > HIGH_SIMILARITY and np.hypot(*motion.shift_px) < _MIN_FLIP_SHIFT_PX:
+    if motion.correlation > _HIGH_SIMILARITY and np.hypot(*motion.shift_px) < _MIN_FLIP_SHIFT_PX:
         return None
     ways = {way: measure_skin_motion(known, np.asarray(cv2.flip(today, code))) for way, code in _FLIPS.items()}
     best = max(ways, key=lambda way: ways[way].correlation)

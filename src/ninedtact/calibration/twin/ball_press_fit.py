@@ -97,7 +97,15 @@ def _autocorrelation_sums(field: Float[Array, "rows cols"]) -> Float[Array, "lag
 THICKNESS_SPREAD = 0.22
 """Relative standard deviation of the thickness with which moulded gels act, about the designed one: from fits to six real sensors
 (`simulation.real_fits`)."""
-START = {"thickness_mm": 2.0, "point_spread_mm": 0.45, "saturation": 0.4, "inverse_distance_per_mm": 0.04}
+FINITE_STRAIN, FINITE_STRAIN_SPREAD = 0.5, 0.5
+"""Share of finite strain before the image is seen, and its standard deviation: from a linear layer to a neo-Hookean gel."""
+START = {
+    "thickness_mm": 2.0,
+    "point_spread_mm": 0.45,
+    "saturation": 0.4,
+    "inverse_distance_per_mm": 0.04,
+    "finite_strain": FINITE_STRAIN,
+}
 RULE_BIAS_MM = 0.1
 """Usual excess of the depth that the rule of the disc's edge gives."""
 WIDEST_GUESS = 0.95
@@ -280,6 +288,8 @@ def _fit_roughly(forward: BallPressModel, start: ParameterVector) -> ParameterVe
         return _image_jacobian(forward, vector, miss(vector))
 
     bounds, scales = parameter_bounds(), parameter_scales()
+    share = PARAMETER_NAMES.index("finite_strain")  # which no image determines before the rest is known
+    bounds[0][share], bounds[1][share] = start[share] - 1e-3, start[share] + 1e-3
     found = least_squares(miss, start, slope, bounds, x_scale=scales, ftol=ROUGH, xtol=1e-3, max_nfev=MOST_ROUGH_STEPS)
     return np.asarray(found.x)
 
@@ -328,7 +338,8 @@ def _make_prior_terms(
     """Return the design's thickness and other priors, each as one observation among this many independent ones."""
     rest, design_mm = forward.fit_linear_terms(vector)[1], forward.design.gel.thickness_mm
     mould = ParameterPrior("thickness_mm", design_mm, THICKNESS_SPREAD * design_mm)
-    return _PriorTerms((mould, *beliefs), float(np.sqrt(np.sum(rest**2) / points)))
+    strain = ParameterPrior("finite_strain", FINITE_STRAIN, FINITE_STRAIN_SPREAD)
+    return _PriorTerms((mould, strain, *beliefs), float(np.sqrt(np.sum(rest**2) / points)))
 
 
 def _image_jacobian(

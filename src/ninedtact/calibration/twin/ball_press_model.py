@@ -4,8 +4,10 @@ The module defines the fitted parameters with their bounds and difference steps,
 reference image at points around the contact), and the model that predicts it. `ball_press_fit` fits the parameters.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -16,7 +18,8 @@ from ninedtact.design import SensorDesign
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter_primitives import Ball
+from ninedtact.mechanics.finite_strain import finite_strain_ball_height_mm
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
@@ -57,6 +60,7 @@ FIT_PARAMETERS = (
     _FitParameter("point_spread_mm", 0.05, 1.5, 0.02, 0.3),
     _FitParameter("saturation", 0.0, 5.0, 0.05, 0.5),
     _FitParameter("inverse_distance_per_mm", 0.0, 0.08, 0.004, 0.05),
+    _FitParameter("finite_strain", 0.0, 1.0, 0.1, 0.5),
 )
 """The parameters on which the image depends nonlinearly. Given them, three more are a linear problem: the level 1 + c, and (1 + c)
 times the slopes of darkening and brightening.
@@ -85,22 +89,24 @@ def step_parameter(vector: ParameterVector, index: int) -> tuple[ParameterVector
     return moved, step
 
 
-REACH_MM = 8.0
-"""Radius around the contact within which the image is fitted."""
 SMOOTHING_PX = 1.5
-EVERY_PX = 2
-"""Every how many rows and columns a pixel is fitted; smoothing has correlated neighbouring pixels."""
 DIMMEST = 1.0
 
 
 @dataclass(frozen=True)
-class ObservedBallPress:
-    """Two rectified images around the contact, before and after the press."""
+class ObservedPress(ABC):
+    """Two rectified images, before and after a press, of which pixels around the contact are fitted."""
 
     before: Rectified
     after: Rectified
-    middle_mm: tuple[float, float]
-    """Approximate centre of the contact."""
+
+    every_px: ClassVar[int]
+    """Every how many rows and columns a pixel is fitted; smoothing has correlated neighbouring pixels."""
+
+    @property
+    @abstractmethod
+    def chosen(self) -> Bool[Array, "rows cols"]:
+        """The pixels that are fitted."""
 
     @cached_property
     def ratio(self) -> Float32[Array, "rows cols"]:
@@ -109,38 +115,19 @@ class ObservedBallPress:
 
     @cached_property
     def place_mm(self) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
-        """x and y of every pixel."""
+        """x and y of every pixel, by the lens with which the images were rectified."""
         return skin_grid_mm(self.before.grey.shape, self.before.mm_per_px)
 
-    @cached_property
-    def chosen(self) -> Bool[Array, "rows cols"]:
-        """The pixels that are fitted."""
-        x, y = self.place_mm
-        near = np.hypot(x - self.middle_mm[0], y - self.middle_mm[1]) < REACH_MM
-        every = np.zeros_like(near)
-        every[::EVERY_PX, ::EVERY_PX] = True
-        return np.asarray(near & every)
-
-    @cached_property
-    def points_mm(self) -> tuple[Float32[Array, "1 n"], Float32[Array, "1 n"]]:
-        """x and y of the chosen pixels."""
-        x, y = (axis[self.chosen][None] for axis in self.place_mm)
-        return x, y
+    def thin_out(self, pixels: Bool[Array, "rows cols"]) -> Bool[Array, "rows cols"]:
+        """Return those of the pixels that lie in every `every_px`-th row and column."""
+        every = np.zeros_like(pixels)
+        every[:: self.every_px, :: self.every_px] = True
+        return np.asarray(pixels & every)
 
     @cached_property
     def relative_brightness(self) -> Float[Array, " n"]:
         """Relative brightness of the chosen pixels."""
         return self.ratio[self.chosen].astype(float)
-
-    @property
-    def count(self) -> int:
-        """Number of the chosen pixels."""
-        return self.relative_brightness.size
-
-    @property
-    def blur_mm(self) -> float:
-        """Standard deviation of the smoothing, which is part of the fitted point spread."""
-        return SMOOTHING_PX * self.before.mm_per_px
 
     @property
     def mean_grey(self) -> float:
@@ -151,7 +138,42 @@ class ObservedBallPress:
         """Return values of the chosen pixels as a coarse image, not-a-number elsewhere."""
         whole = np.full(self.chosen.shape, np.nan)
         whole[self.chosen] = values
-        return whole[::EVERY_PX, ::EVERY_PX]
+        return whole[:: self.every_px, :: self.every_px]
+
+
+REACH_MM = 8.0
+"""Radius around the contact within which the image is fitted."""
+
+
+@dataclass(frozen=True)
+class ObservedBallPress(ObservedPress):
+    """A press of the ball, fitted around the contact."""
+
+    middle_mm: tuple[float, float]
+    """Approximate centre of the contact."""
+    every_px: ClassVar[int] = 2
+
+    @cached_property
+    def chosen(self) -> Bool[Array, "rows cols"]:
+        """The pixels that are fitted."""
+        x, y = self.place_mm
+        return self.thin_out(np.hypot(x - self.middle_mm[0], y - self.middle_mm[1]) < REACH_MM)
+
+    @cached_property
+    def points_mm(self) -> tuple[Float32[Array, "1 n"], Float32[Array, "1 n"]]:
+        """x and y of the chosen pixels."""
+        x, y = (axis[self.chosen][None] for axis in self.place_mm)
+        return x, y
+
+    @property
+    def count(self) -> int:
+        """Number of the chosen pixels."""
+        return self.relative_brightness.size
+
+    @property
+    def blur_mm(self) -> float:
+        """Standard deviation of the smoothing, which is part of the fitted point spread."""
+        return SMOOTHING_PX * self.before.mm_per_px
 
 
 PATCH = PeriodicGrid(128, 128, 0.2)
@@ -172,6 +194,8 @@ class _BallPress:
     depth_mm: float
     drag_mm: tuple[float, float]
     thickness_mm: float
+    finite_strain: float = 0.0
+    """Share of the difference between gel at finite strain and the linear layer."""
 
     def poses(self) -> list[Pose]:
         """Return the poses of the ball in its own frame: down in steps, then along in steps. Presses to different depths share
@@ -198,8 +222,15 @@ class BallPressModel:
         return {}
 
     def contact(self, press: _BallPress) -> Contact:
-        """Return the solved contact of the skin under this press."""
-        return self._contact_after(press.thickness_mm, tuple(press.poses()))
+        """Return the solved contact of the skin under this press, with the heights at finite strain."""
+        linear = self._contact_after(press.thickness_mm, tuple(press.poses()))
+        distance_mm = np.hypot(*self.patch.positions_mm)  # the fields move with the ball
+        change_mm = finite_strain_ball_height_mm(
+            distance_mm, self.design.ball.radius_mm, press.depth_mm, press.thickness_mm
+        )
+        return replace(
+            linear, height_mm=linear.height_mm + np.float32(press.finite_strain) * change_mm.astype(np.float32)
+        )
 
     def _contact_after(self, thickness_mm: float, way: tuple[Pose, ...]) -> Contact:
         """Return the contact after the ball took this way from the undeformed skin on."""
@@ -250,7 +281,8 @@ class BallPressModel:
 
 def ball_press_of(named: dict[str, float]) -> _BallPress:
     """Return the press that the mechanical parameters describe."""
-    return _BallPress(named["depth_mm"], (named["drag_x_mm"], named["drag_y_mm"]), named["thickness_mm"])
+    drag_mm = named["drag_x_mm"], named["drag_y_mm"]
+    return _BallPress(named["depth_mm"], drag_mm, named["thickness_mm"], named["finite_strain"])
 
 
 @lru_cache(maxsize=64)

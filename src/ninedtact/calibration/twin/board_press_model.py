@@ -7,6 +7,7 @@ predicts it; `calibration.lens_refinement` fits the two.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -14,9 +15,8 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.board.pin_imprint_centres import IMPRINT_RADIUS, locate_imprints_mm
-from ninedtact.calibration.brightness import smooth_gaussian
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
-from ninedtact.calibration.twin.ball_press_model import DIMMEST, FRICTION, SMOOTHING_PX
+from ninedtact.calibration.twin.ball_press_model import FRICTION, ObservedPress
 from ninedtact.design import PinBoard
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_model import ContactModel
@@ -25,9 +25,7 @@ from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.surface_displacement import Skin
-from ninedtact.quantities import Rectified
 from ninedtact.shape.lens import Points
-from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.simulation.calibration_images import GRID_POINTS_PER_PIN_PITCH, pin_board_indenter
 from ninedtact.simulation.pixel_map import (
     REFINEMENT,
@@ -39,8 +37,6 @@ from ninedtact.simulation.pixel_map import (
 
 AROUND = 0.6
 """Radius around a pin within which the image is fitted, in pitches: a little more than half-way to the next pin."""
-EVERY_PX = 3
-"""Every how many rows and columns a pixel is fitted."""
 LEAST_SPREAD = 0.1
 """Smallest density of pixels per square millimetre, relative to the centre: a lens fitted to pins may fold the image over beyond
 the outermost ones.
@@ -48,25 +44,22 @@ the outermost ones.
 
 
 @dataclass(frozen=True)
-class ObservedBoardPress:
-    """Two rectified images, before and under the board."""
+class ObservedBoardPress(ObservedPress):
+    """A press of the board, fitted among the pins."""
 
-    before: Rectified
-    after: Rectified
     board: BoardFit
+    every_px: ClassVar[int] = 3
 
     @cached_property
     def chosen(self) -> Bool[Array, "rows cols"]:
         """The pixels that are fitted: among the pins, and away from undetected pins."""
-        x, y = skin_grid_mm(self.before.grey.shape, self.before.mm_per_px)
+        x, y = self.place_mm
         design, away = self.board.board, AROUND * self.board.board.pitch_mm
         half_x, half_y = ((count - 1) / 2 * design.pitch_mm + away for count in (design.cols, design.rows))
         among = (np.abs(x) < half_x) & (np.abs(y) < half_y)
         for pin_x, pin_y in self.board.points_mm[~self.board.found].tolist():
             among &= np.hypot(x - pin_x, y - pin_y) > away
-        every = np.zeros_like(among)
-        every[::EVERY_PX, ::EVERY_PX] = True
-        among &= every
+        among = self.thin_out(among)
         among[among] = self.pixel_density(np.column_stack([x[among], y[among]])) > LEAST_SPREAD
         return np.asarray(among)
 
@@ -80,28 +73,8 @@ class ObservedBoardPress:
 
     @cached_property
     def points_mm(self) -> Points:
-        """Positions of the chosen pixels, by the lens with which the images were rectified."""
-        axes = skin_grid_mm(self.before.grey.shape, self.before.mm_per_px)
-        return np.column_stack([axis[self.chosen] for axis in axes]).astype(float)
-
-    @cached_property
-    def relative_brightness(self) -> Float[Array, " n"]:
-        """Relative brightness of the chosen pixels."""
-        ratio: Float32[Array, "rows cols"] = smooth_gaussian(
-            self.after.grey / np.maximum(self.before.grey, DIMMEST), SMOOTHING_PX
-        )
-        return ratio[self.chosen].astype(float)
-
-    @property
-    def mean_grey(self) -> float:
-        """Mean brightness of the reference image, which converts relative brightness to grey levels."""
-        return float(self.before.grey.mean())
-
-    def image(self, values: Float[Array, " n"]) -> Float[Array, "few_rows few_cols"]:
-        """Return values of the chosen pixels as a coarse image, not-a-number elsewhere."""
-        whole = np.full(self.chosen.shape, np.nan)
-        whole[self.chosen] = values
-        return whole[::EVERY_PX, ::EVERY_PX]
+        """Positions of the chosen pixels."""
+        return np.column_stack([axis[self.chosen] for axis in self.place_mm]).astype(float)
 
 
 MARGIN_MM = 5.0

@@ -21,6 +21,9 @@ from ninedtact.calibration.twin.ball_press_fit import ParameterUncertainty, Twin
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit
 from ninedtact.design import Gel
 from ninedtact.errors import CalibrationError
+from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.finite_strain import correct_for_finite_strain
+from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.shape.rectification import Rectification, skin_grid_mm
 from ninedtact.simulation.illumination import BrightnessModel
@@ -51,14 +54,19 @@ def build_twin(
     name: str, gel: Gel, light: BrightnessModel, rectify: Rectification, untouched: BgrImage, noise_grey_levels: float
 ) -> Twin:
     """Return the twin of a sensor, based on the reference image from its calibration."""
+
+    def correct_contact(contact: Contact, indenter: Indenter | None = None) -> Contact:
+        return correct_for_finite_strain(contact, gel.thickness_mm, indenter, gel.finite_strain)
+
     noise = CameraNoise(noise_grey_levels, rectify.raw_shape)
     renderer = Renderer(_invert_rectification(rectify), untouched.astype(np.float32), light, noise)
-    return Twin(
+    linear = Twin(
         name,
         lambda wave_number: bonded_layer_compliance(wave_number, gel),
         renderer,
         thickness_mm=gel.thickness_mm,
     )
+    return replace(linear, correct_contact=correct_contact) if gel.finite_strain else linear
 
 
 def _invert_rectification(rectify: Rectification) -> PixelMap:
@@ -83,8 +91,9 @@ def make_twin_table(fit: TwinFit, noise_grey_levels: float, told: BoardPressFit 
 
 
 def fitted_gel(fit: TwinFit) -> Gel:
-    """Return the design's gel with the fitted thickness."""
-    return replace(fit.forward.design.gel, thickness_mm=fit.parameters["thickness_mm"])
+    """Return the design's gel with the fitted thickness and share of finite strain."""
+    found = {name: fit.parameters[name] for name in ("thickness_mm", "finite_strain")}
+    return replace(fit.forward.design.gel, **found)
 
 
 def _twin_fit_quality(fit: TwinFit) -> TwinFitQuality:

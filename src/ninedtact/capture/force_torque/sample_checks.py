@@ -1,11 +1,17 @@
-"""Checks that reject samples of a force/torque sensor: beyond its range, frozen, or changing faster than any load does.
+"""Checks that reject samples of a force/torque sensor: beyond its range, frozen, or changing faster than any load does; and the
+faults of sensor and clocks by time, which determine the moments that must not be saved.
 
 A rejected sample raises `WrenchSampleRejected` with its reason and is never returned, so that it cannot be saved by mistake.
 The source stays open and the next read continues. `SkippingWrenchSource` is for displays, which need no reason.
+
+`SampleFaultTracker` stores the faults with their times. They include the time before a rejection in which the fault already
+existed but could not be detected yet.
 """
 
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 
@@ -176,3 +182,112 @@ class SkippingWrenchSource(WrenchSource):
     def close(self) -> None:
         """Close the source that this one wraps."""
         self._source.close()
+
+
+_REMEMBERED_INTERVALS = 64
+_DELAY_WINDOW_NS = 1_000_000_000
+"""Time over which the smallest delay of a source is taken: delays vary, but their minimum does not."""
+
+
+class SampleFault(StrEnum):
+    """The reason why a moment is not saved, as a sentence."""
+
+    FROZEN = "the force/torque sensor repeats one sample"
+    JUMPED = "the force/torque sensor jumped"
+    SATURATED = "the force/torque sensor is at its limit: press less"
+    FAULTY = "the force/torque sensor marks its samples as wrong"
+    SHIFTED = "the force/torque sensor jumped or was away, and has not been at rest since: lift the object"
+    NOT_AT_REST = (
+        "nothing seems to touch the gel, but the force/torque sensor is not at rest: lift the object and tare (t)"
+    )
+    UNPAIRED = "no force/torque samples near enough to the image in time"
+    CLOCK = "the clocks of images and forces drift apart: stop and start again"
+
+
+REJECTION_FAULTS = {
+    WrenchFrozen: SampleFault.FROZEN,
+    WrenchJumped: SampleFault.JUMPED,
+    WrenchSaturated: SampleFault.SATURATED,
+}
+"""The fault of each kind of rejection; `FAULTY` for any other."""
+
+
+@dataclass
+class SampleFaultTracker:
+    """Receives every sample and every rejection, and stores the times at which a fault existed."""
+
+    frozen_ns: int
+    """How long a sensor may have been frozen when its samples are rejected."""
+    intervals: deque[tuple[int, int, SampleFault]] = field(
+        default_factory=lambda: deque(maxlen=_REMEMBERED_INTERVALS), init=False
+    )
+    """Begin, end and fault of each interval."""
+    rejection: tuple[int, SampleFault] | None = field(default=None, init=False)
+    """Start and reason of the current rejection, until a sample is accepted."""
+    zero_uncertain_since_ns: int | None = field(default=None, init=False)
+    last_ns: int = field(default=0, init=False)
+
+    def accept(self, wrench: Wrench) -> bool:
+        """Record an accepted sample; return whether its stamp follows the others."""
+        if wrench.stamp_ns <= self.last_ns:
+            self.intervals.append((wrench.stamp_ns, self.last_ns, SampleFault.CLOCK))
+            return False
+        if self.rejection is not None:
+            since_ns, fault = self.rejection
+            self.intervals.append((since_ns, wrench.stamp_ns, fault))
+        self.last_ns, self.rejection = wrench.stamp_ns, None
+        return True
+
+    def reject(self, reason: WrenchSampleRejected) -> None:
+        """Record a rejected sample."""
+        fault = REJECTION_FAULTS.get(type(reason), SampleFault.FAULTY)
+        since_ns = self.last_ns - (self.frozen_ns if fault is SampleFault.FROZEN else 0)
+        self.rejection = self.rejection or (since_ns, fault)
+        if fault is SampleFault.JUMPED:
+            self.mark_zero_uncertain()
+
+    def mark_zero_uncertain(self) -> None:
+        """Record that the reading without contact may have changed."""
+        self.zero_uncertain_since_ns = self.zero_uncertain_since_ns or self.last_ns
+
+    def confirm_zero(self) -> None:
+        """Record that the sensor reads no load without contact, so that its zero is correct whatever happened before."""
+        self.zero_uncertain_since_ns = None
+
+    def fault_between(self, from_ns: int, to_ns: int) -> SampleFault | None:
+        """Return a fault in this interval, or None."""
+        intervals = list(self.intervals)
+        if self.rejection is not None:
+            intervals.append((self.rejection[0], to_ns, self.rejection[1]))
+        for begin_ns, end_ns, fault in intervals:
+            if begin_ns <= to_ns and end_ns >= from_ns:
+                return fault
+        is_shifted = self.zero_uncertain_since_ns is not None and to_ns > self.zero_uncertain_since_ns
+        return SampleFault.SHIFTED if is_shifted else None
+
+
+@dataclass
+class ClockDriftMonitor:
+    """Checks whether the stamps of a source keep a constant offset to the clock of this machine."""
+
+    tolerance_ms: float
+    first_delay_ns: float | None = field(default=None, init=False)
+    """Smallest delay at the beginning."""
+    drift_ns: float = field(default=0.0, init=False)
+    smallest_delay_ns: float = field(default=np.inf, init=False)
+    window_ends_ns: int = field(default=0, init=False)
+
+    def add_arrival(self, stamp_ns: int, arrived_ns: int) -> None:
+        """Record the stamp and the arrival of an image or sample."""
+        self.window_ends_ns = self.window_ends_ns or arrived_ns + _DELAY_WINDOW_NS
+        self.smallest_delay_ns = min(self.smallest_delay_ns, arrived_ns - stamp_ns)
+        if arrived_ns < self.window_ends_ns:
+            return
+        self.first_delay_ns = self.smallest_delay_ns if self.first_delay_ns is None else self.first_delay_ns
+        self.drift_ns = self.smallest_delay_ns - self.first_delay_ns
+        self.smallest_delay_ns, self.window_ends_ns = np.inf, arrived_ns + _DELAY_WINDOW_NS
+
+    @property
+    def is_within_tolerance(self) -> bool:
+        """Whether the drift since the beginning is within the tolerance."""
+        return abs(self.drift_ns) <= self.tolerance_ms * 1e6

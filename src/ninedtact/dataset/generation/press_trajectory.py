@@ -2,8 +2,8 @@
 
 A press is controlled by force, like one by hand: every step sinks in under its load, and moves sideways by the missing shear
 force over the stiffness of the contact, until the shear is reached or the object slips. The distributions of the targets were
-tuned so that the wrenches have the percentiles of real ones (`dataset/statistics.py`); the wrenches themselves come from contact
-mechanics.
+tuned so that the wrenches have the percentiles of real ones (`dataset/statistics_and_card.py`); the wrenches themselves come
+from contact mechanics.
 """
 
 from collections.abc import Iterator

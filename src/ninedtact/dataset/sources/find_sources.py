@@ -5,10 +5,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ninedtact.dataset.schema import to_utf8
-from ninedtact.dataset.sources.existing_dataset import ExistingDatasetSource
 from ninedtact.dataset.sources.htt_episodes import EPISODE_SUFFIX, HttSource
 from ninedtact.dataset.sources.original_9dtact import OriginalDatasetSource, find_original_dataset
-from ninedtact.dataset.sources.recordings import RECORDING_SUFFIX, RecordingsSource
+from ninedtact.dataset.sources.recordings_and_datasets import RECORDING_SUFFIX, ExistingDatasetSource, RecordingsSource
 from ninedtact.dataset.sources.source import Source, SourceConventions, SourceUnknown
 
 _KINDS = (

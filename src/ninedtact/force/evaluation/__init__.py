@@ -1,7 +1,7 @@
 """Evaluation of force estimates by the paper's protocol and beyond it.
 
-True and predicted wrenches (`WrenchPredictions`) go in, read from a CSV file (`predictions_csv`) or made by an estimator on a data
-set (`ninedtact.workflows`). `evaluate_predictions` computes scores by axis, load, object and sensor and the coverage of claimed
+True and predicted wrenches (`WrenchPredictions`) go in, read from a CSV file or made by an estimator on a data set
+(`ninedtact.workflows`). `evaluate_predictions` computes scores by axis, load, object and sensor and the coverage of claimed
 intervals (`WrenchEvaluation`). A terminal table or a folder with an HTML page, figures and JSON comes out (`report`).
 """
 

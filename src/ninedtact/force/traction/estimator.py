@@ -27,6 +27,7 @@ from ninedtact.force.traction.observation import (
     TractionImpossible,
     build_brightness_observation_model,
 )
+from ninedtact.mechanics.finite_strain import finite_strain_traction_mpa
 from ninedtact.quantities import EstimateWarning, HeightMap, Traction, WrenchEstimate, independent_errors
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -98,15 +99,22 @@ class TractionForce(ForceEstimator):
         """Return the result in MPa, N and N·m, with its uncertainty and warnings."""
         mpa = self.gel.shear_modulus_mpa
         rows, cols = observation.z_mm.shape
+        skin_mm = result.skin_mm[:rows, :cols].copy()
+        tractions = finite_strain_traction_mpa(
+            result.tractions * np.float32(mpa), skin_mm, self.gel.thickness_mm, self.gel.finite_strain
+        )
         traction = Traction(
-            result.tractions[0] * np.float32(mpa),
-            result.tractions[1:] * np.float32(mpa),
+            tractions[0],
+            tractions[1:],
             result.problem.kernels.forward.cells.pitch_mm,
             reading.frame.stamp_ns,
-            result.skin_mm[:rows, :cols].copy(),
+            skin_mm,
         )
         wrench = traction.wrench()
-        covariance = self.uncertainty.wrench_covariance(result, wrench.six, mpa)
+        stiffening = (
+            float(tractions[0].sum() / max(mpa * result.tractions[0].sum(), 1e-12)) if self.gel.finite_strain else 1.0
+        )
+        covariance = self.uncertainty.wrench_covariance(result, wrench.six, mpa, stiffening)
         return WrenchEstimate(wrench, covariance, True, tuple(self._warnings(observation, result)), traction)
 
     def _warnings(self, observation: Observation, result: InversionResult) -> list[EstimateWarning]:

@@ -213,17 +213,23 @@ class UncertaintyModel:
     sensors, as the two below."""
     peaks_exponent: float = 2.0
     """Exponent with which the relative error grows with the number of peaks."""
+    stiffening: float = 0.3
+    """Relative error of what finite strain adds to the force."""
     torque_arm: float = 0.5
     """Arm of the unresolved force that makes a torque of its own, in radii of gyration of the pressure."""
 
     def wrench_covariance(
-        self, result: InversionResult, six: Float64[Array, "6"], modulus_mpa: float
+        self, result: InversionResult, six: Float64[Array, "6"], modulus_mpa: float, stiffening: float = 1.0
     ) -> Float64[Array, "6 6"]:
-        """Return the covariance of the wrench, N and N·m, without the error of the shear modulus, which scales all of it."""
+        """Return the covariance of the wrench, N and N·m, without the error of the shear modulus, which scales all of it.
+
+        stiffening: ratio of the load at finite strain to that of the linear layer.
+        """
         forward, pressure = result.problem.kernels.forward, result.tractions[0].astype(float)
         unresolved = self._unresolved(pressure, forward)
         relative_variance = self.model**2 + (_THICKNESS_EXPONENT * self.thickness) ** 2 + unresolved**2
-        covariance = _wrench_covariance(result) * modulus_mpa**2 + np.diag(relative_variance * six**2)
+        relative_variance += (self.stiffening * (1 - 1 / stiffening)) ** 2
+        covariance = _wrench_covariance(result) * (modulus_mpa * stiffening) ** 2 + np.diag(relative_variance * six**2)
         arm_m = self.torque_arm * _radius_of_gyration_mm(pressure, *forward.cells.coordinates_mm) / 1e3
         torque_nm = unresolved * abs(six[2]) * arm_m
         return covariance + np.diag([0.0, 0.0, 0.0, torque_nm**2, torque_nm**2, torque_nm**2])

@@ -4,8 +4,7 @@ train.py             `train_network`: the whole training; read this first
 settings.py          the settings of a training, and the presets `default` and `paper`
 examples.py          the examples, in memory or mapped from a file, and their batches in a seeded order
 augmentation.py      random changes of an example: geometric ones of image and wrench, and perturbations of the image alone
-training_module.py   the loss and one optimisation step, as a Lightning module
-lightning_adaptations.py  checkpoints, metrics, progress bar and interrupts, adapted to Lightning
+training_module.py   the loss and one optimisation step, as a Lightning module; checkpoints, metrics, progress bar and interrupts
 error_scale_and_model_card.py   the scale of errors calibrated, the evaluation on held-out pairs, and the model card
 onnx_export.py       the network with its card as one ONNX file
 

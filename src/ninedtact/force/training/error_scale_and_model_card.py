@@ -23,8 +23,8 @@ from ninedtact.force.networks import WrenchNetwork
 from ninedtact.force.onnx_model import MODEL_FORMAT, ModelCard, TrainingSummary, WrenchPrediction
 from ninedtact.force.out_of_distribution import StatisticRange, input_statistics, statistic_ranges
 from ninedtact.force.training.examples import BatchDataset, TrainingExamples, move_torque_reference
-from ninedtact.force.training.lightning_adaptations import MetricsHistory
 from ninedtact.force.training.settings import TrainingSettings
+from ninedtact.force.training.training_module import MetricsHistory
 
 _SHARES = (0.5, 0.9)
 LAPLACE_QUANTILES = -np.log1p(-np.array(_SHARES))

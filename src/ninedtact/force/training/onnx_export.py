@@ -23,7 +23,7 @@ from ninedtact.force.onnx_model import (
     read_force_model,
     stamp_checksum,
 )
-from ninedtact.force.training.lightning_adaptations import silence_loggers
+from ninedtact.force.training.training_module import silence_loggers
 
 _PARITY_TOLERANCE = 1e-3
 """Largest difference between ONNX Runtime and torch, relative to the labels' unit plus the predicted value."""

@@ -11,7 +11,7 @@ import msgspec
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import InputError
 from ninedtact.force.network_input import InputChannels, NetworkInputSettings, full_resolution_input
-from ninedtact.force.networks.wrench_network import require_network_input_size
+from ninedtact.force.networks import require_network_input_size
 from ninedtact.force.training.augmentation import NO_AUGMENTATION, Augmentation
 
 _Point = tuple[float, float, float]

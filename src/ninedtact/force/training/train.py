@@ -27,7 +27,7 @@ from ninedtact.checked_reading import read_json_table
 from ninedtact.errors import OutputError
 from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.evaluation import WrenchEvaluation
-from ninedtact.force.evaluation.plots import plot_training_curves
+from ninedtact.force.evaluation.report import plot_training_curves
 from ninedtact.force.onnx_model import ForceModel
 from ninedtact.force.training.error_scale_and_model_card import TrainedNetwork
 from ninedtact.force.training.examples import (
@@ -38,18 +38,20 @@ from ninedtact.force.training.examples import (
     move_torque_reference,
     require_trainable,
 )
-from ninedtact.force.training.lightning_adaptations import (
+from ninedtact.force.training.onnx_export import export_model
+from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
+from ninedtact.force.training.training_module import (
+    MONITORED_METRIC,
     AtomicCheckpointIO,
+    ForceTrainingModule,
     MetricsHistory,
     TrainingProgressBar,
+    fit_label_scaling,
     interrupt_as_training_stopped,
     load_checkpoint,
     resumable_checkpoint,
     silence_lightning,
 )
-from ninedtact.force.training.onnx_export import export_model
-from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
-from ninedtact.force.training.training_module import MONITORED_METRIC, ForceTrainingModule, fit_label_scaling
 
 _SETTINGS_FILE, MODEL_FILE, _CURVES_FILE, _METRICS_FILE = "settings.json", "model.onnx", "curves.png", "metrics.csv"
 CHECKPOINT_FOLDER, _TENSORBOARD_FOLDER = "checkpoints", "tensorboard"

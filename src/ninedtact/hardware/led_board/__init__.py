@@ -3,7 +3,7 @@
 Frame: millimetres, origin on the optical axis, x along the long side, y along the short one, seen from the gel ("top").
 The USB mouth looks towards -y. Components below the board are placed in this same frame, not mirrored.
 
-board_parameters chooses (outline, LED positions, widths, design rules); footprints, components, netlist_and_pads, routing and
-complete_layout turn the choices into copper; design_rule_check checks the copper; silkscreen, gerber_and_drill, kicad, board_image
-and fabrication_files write it; led_current relates resistor, current and brightness.
+board_parameters chooses (outline, LED positions, widths, current, design rules); footprints, components, routing and
+complete_layout turn the choices into copper; design_rule_check checks the copper; silkscreen, gerber_and_drill, kicad and
+fabrication_files write it.
 """

@@ -9,20 +9,20 @@ from shapely import Point, union_all
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_outline import LedBoardImpossible, PointMm
-from ninedtact.hardware.led_board.board_parameters import LedBoard
-from ninedtact.hardware.led_board.complete_layout import SIDES, BoardLayout, lay_out_board
-from ninedtact.hardware.led_board.components import BoardSide
-from ninedtact.hardware.led_board.copper_geometry import (
+from ninedtact.hardware.led_board.board_parameters import LedBoard, operating_point_of_board
+from ninedtact.hardware.led_board.complete_layout import (
+    SIDES,
+    BoardLayout,
     bare_board_polygon,
     component_outline,
     hole_polygon,
+    lay_out_board,
     pad_polygon,
     split_polygons,
     track_polygon,
     via_polygon,
 )
-from ninedtact.hardware.led_board.led_current import operating_point_of_board
-from ninedtact.hardware.led_board.netlist_and_pads import GROUND
+from ninedtact.hardware.led_board.components import GROUND, BoardSide
 
 MIN_CONTACT_MM2 = 0.01
 """Least common area by which two pieces of copper are one conductor."""

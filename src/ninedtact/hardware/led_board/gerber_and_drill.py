@@ -11,10 +11,14 @@ from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_outline import OutlineSegment, PointMm
-from ninedtact.hardware.led_board.complete_layout import BoardLayout
-from ninedtact.hardware.led_board.components import BoardSide
-from ninedtact.hardware.led_board.copper_geometry import merge_polygon_holes, pad_polygon, ring_points, split_polygons
-from ninedtact.hardware.led_board.netlist_and_pads import BoardPad, DrilledHole
+from ninedtact.hardware.led_board.complete_layout import (
+    BoardLayout,
+    merge_polygon_holes,
+    pad_polygon,
+    ring_points,
+    split_polygons,
+)
+from ninedtact.hardware.led_board.components import BoardPad, BoardSide, DrilledHole
 from ninedtact.hardware.led_board.silkscreen import PEN_MM, place_designators
 
 BoardLayer = Literal["copper", "mask", "paste", "silk"]

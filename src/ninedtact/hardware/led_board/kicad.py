@@ -14,16 +14,14 @@ from uuid import NAMESPACE_URL, uuid5
 
 from ninedtact.hardware.led_board.board_outline import BoardOutline, PointMm, outline_segments
 from ninedtact.hardware.led_board.board_parameters import LedBoard
-from ninedtact.hardware.led_board.complete_layout import SIDES, BoardLayout
-from ninedtact.hardware.led_board.components import BoardSide, PlacedComponent
-from ninedtact.hardware.led_board.copper_geometry import merge_polygon_holes
+from ninedtact.hardware.led_board.complete_layout import SIDES, BoardLayout, merge_polygon_holes
+from ninedtact.hardware.led_board.components import GROUND, BoardPad, BoardSide, PlacedComponent
 from ninedtact.hardware.led_board.gerber_and_drill import (
     THERMAL_PASTE_MM,
     FlashedPolygon,
     flash_pad,
     solder_paste_openings,
 )
-from ninedtact.hardware.led_board.netlist_and_pads import GROUND, BoardPad
 from ninedtact.hardware.led_board.routing import Routes
 from ninedtact.hardware.led_board.silkscreen import PEN_MM, place_designators
 

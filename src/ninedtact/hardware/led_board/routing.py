@@ -11,8 +11,7 @@ from math import dist, hypot
 
 from ninedtact.hardware.led_board.board_outline import PointMm
 from ninedtact.hardware.led_board.board_parameters import LedBoard
-from ninedtact.hardware.led_board.components import BoardSide
-from ninedtact.hardware.led_board.netlist_and_pads import GROUND, LED_LINE, SETTING, SUPPLY, BoardPad, pad_position
+from ninedtact.hardware.led_board.components import GROUND, LED_LINE, SETTING, SUPPLY, BoardPad, BoardSide, pad_position
 
 
 @dataclass(frozen=True)

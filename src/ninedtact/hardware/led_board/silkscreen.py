@@ -10,15 +10,15 @@ from shapely import LineString, union_all
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_outline import PointMm
-from ninedtact.hardware.led_board.complete_layout import BoardLayout
-from ninedtact.hardware.led_board.components import BoardSide, PlacedComponent
-from ninedtact.hardware.led_board.copper_geometry import (
+from ninedtact.hardware.led_board.complete_layout import (
+    BoardLayout,
     bare_board_polygon,
     component_outline,
     hole_polygon,
     pad_polygon,
     via_polygon,
 )
+from ninedtact.hardware.led_board.components import BoardSide, PlacedComponent
 
 GRID_MM = 0.25
 """Step of the grid on which letters are drawn: 2 x 4 steps, 3 to the next letter, one mm tall."""

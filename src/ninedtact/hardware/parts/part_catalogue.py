@@ -12,15 +12,18 @@ from build123d import Part
 
 from ninedtact.hardware.assembly_dimensions import XY
 from ninedtact.hardware.design import HardwareDesign
-from ninedtact.hardware.parts.bought_parts import build_camera, build_led_board
-from ninedtact.hardware.parts.primitives import make_cylinders_at, make_plate, require_single_solid
-from ninedtact.hardware.parts.printed_and_cut_parts import (
+from ninedtact.hardware.parts.solids import (
     CUT_MARGIN_MM,
     build_acrylic_window,
     build_calibration_board,
+    build_camera,
     build_isolation_ring,
+    build_led_board,
     build_sensor_base,
     build_sensor_shell,
+    make_cylinders_at,
+    make_plate,
+    require_single_solid,
 )
 
 

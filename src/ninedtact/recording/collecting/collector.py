@@ -13,6 +13,12 @@ from itertools import count
 
 import numpy as np
 
+from ninedtact.capture.force_torque.sample_checks import (
+    REJECTION_FAULTS,
+    ClockDriftMonitor,
+    SampleFault,
+    SampleFaultTracker,
+)
 from ninedtact.capture.training_pair_rule import SamplingRule
 from ninedtact.capture.wrench_source import WrenchSampleRejected
 from ninedtact.quantities import Frame, Wrench
@@ -22,12 +28,6 @@ from ninedtact.recording.collecting.pair_selection import (
     PairCounts,
     PairSelector,
     ZeroDriftMonitor,
-)
-from ninedtact.recording.collecting.sample_faults import (
-    REJECTION_FAULTS,
-    ClockDriftMonitor,
-    SampleFault,
-    SampleFaultTracker,
 )
 from ninedtact.recording.collecting.tare_and_reference import TareInProgress, TareReference
 from ninedtact.recording.merge_streams import Arrival

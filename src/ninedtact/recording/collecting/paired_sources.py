@@ -26,11 +26,11 @@ from ninedtact.recording.merge_streams import MergedArrival, merge_live_streams,
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedSource, RecordedWrenchSource
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact.simulation.press_drag_twist import ScriptedPress
 from ninedtact.simulation.press_simulation import ObjectTrajectory, PressSimulation
 from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
 from ninedtact.simulation.trajectory import (
     HOVER_MM,
+    ScriptedPress,
     Trajectory,
     TrajectorySegment,
     concatenate_trajectories,

@@ -16,9 +16,8 @@ from pathlib import Path
 
 from ninedtact.errors import InputError
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
-from ninedtact.mechanics.indenter import Indenter
-from ninedtact.mechanics.indenter_primitives import Ball, Cone, Ellipsoid, FlatPunch, LyingCylinder
-from ninedtact.simulation.objects.grid_and_dimension_sampler import DimensionSampler, HeightfieldFunction, HeightGrid
+from ninedtact.mechanics.indenter import Ball, Cone, Ellipsoid, FlatPunch, Indenter, LyingCylinder
+from ninedtact.simulation.objects.height_fields import DimensionSampler, HeightfieldFunction, HeightGrid
 from ninedtact.simulation.objects.household_objects import HOUSEHOLD_OBJECTS
 from ninedtact.simulation.objects.lettering import LETTERING
 from ninedtact.simulation.objects.machine_parts import MACHINE_PARTS
@@ -32,8 +31,7 @@ from ninedtact.simulation.objects.mesh_objects import (
     load_mesh_object,
     load_thingi10k_object,
 )
-from ninedtact.simulation.objects.punches import PUNCHES
-from ninedtact.simulation.objects.solids import SOLIDS
+from ninedtact.simulation.objects.solids import PUNCHES, SOLIDS
 from ninedtact.simulation.objects.surface_textures import PATTERNS, ROUGH_SURFACES
 
 FAMILIES_BY_KIND: dict[str, dict[str, HeightfieldFunction]] = {

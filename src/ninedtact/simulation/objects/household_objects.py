@@ -5,13 +5,11 @@ To add an object, write its function and list it in `HOUSEHOLD_OBJECTS`.
 
 import numpy as np
 
-from ninedtact.simulation.objects.grid_and_dimension_sampler import (
+from ninedtact.simulation.objects.height_fields import (
     DimensionSampler,
     Heightfield,
     HeightfieldFunction,
     HeightGrid,
-)
-from ninedtact.simulation.objects.signed_distance import (
     box_sdf,
     flat_face,
     polygon_corners,

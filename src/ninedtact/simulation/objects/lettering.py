@@ -7,13 +7,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from ninedtact.simulation.objects.grid_and_dimension_sampler import (
+from ninedtact.simulation.objects.height_fields import (
     DimensionSampler,
     Heightfield,
     HeightfieldFunction,
     HeightGrid,
-)
-from ninedtact.simulation.objects.signed_distance import (
     box_sdf,
     flat_face,
     polyline_sdf,

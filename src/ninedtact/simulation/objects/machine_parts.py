@@ -5,14 +5,11 @@ To add a part, write its function and list it in `MACHINE_PARTS`.
 
 import numpy as np
 
-from ninedtact.simulation.objects.grid_and_dimension_sampler import (
+from ninedtact.simulation.objects.height_fields import (
     DimensionSampler,
     Heightfield,
     HeightfieldFunction,
     HeightGrid,
-)
-from ninedtact.simulation.objects.punches import star_corners
-from ninedtact.simulation.objects.signed_distance import (
     box_sdf,
     flat_face,
     polygon_corners,
@@ -24,6 +21,7 @@ from ninedtact.simulation.objects.signed_distance import (
     segment_sdf,
     wrap_to_pitch,
 )
+from ninedtact.simulation.objects.solids import star_corners
 
 HEXAGON = np.pi / 6
 

@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import FileFormatError, MissingLibraryError
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
-from ninedtact.simulation.objects.grid_and_dimension_sampler import Heightfield
+from ninedtact.simulation.objects.height_fields import Heightfield
 from ninedtact.simulation.objects.mesh_raster import rasterize_lowest_mm
 
 Vertices = Float[Array, "vertices 3"]

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from ninedtact.simulation.objects.grid_and_dimension_sampler import Heightfield
+from ninedtact.simulation.objects.height_fields import Heightfield
 
 Triangles = Float[Array, "triangles 3 3"]
 Lines = Int[Array, " lines"]

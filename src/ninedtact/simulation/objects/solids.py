@@ -1,22 +1,24 @@
-"""Simple solids and unions of them as height grids: balls, cylinders, cones, pyramids, tori and others.
+"""Simple solids and unions of them as height grids (balls, cylinders, cones, pyramids, tori and others), and punches: flat faces
+with outlines of many kinds.
 
-To add a solid, write its function and list it in `SOLIDS`.
+To add a solid, write its function and list it in `SOLIDS`; to add a punch, in `PUNCHES`.
 """
 
 import numpy as np
 
-from ninedtact.simulation.objects.grid_and_dimension_sampler import (
+from ninedtact.simulation.objects.height_fields import (
     DimensionSampler,
     Heightfield,
     HeightfieldFunction,
     HeightGrid,
-)
-from ninedtact.simulation.objects.signed_distance import (
+    Points,
     box_sdf,
     flat_face,
     polygon_corners,
     polygon_sdf,
+    polyline_sdf,
     raise_outside,
+    recess_heights,
     round_bar_heights,
     segment_sdf,
     smooth_abs,
@@ -154,4 +156,143 @@ SOLIDS: dict[str, HeightfieldFunction] = {
     "limpet": _limpet,
     "pebbles": _pebbles,
     "caltrop": _caltrop,
+}
+
+
+def _punch(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+    """Return the heights of a round punch, whose edge rounding is from sharp to half of the face."""
+    radius = sample.between(2, 7)
+    return flat_face(grid.r - radius, radius * sample.between(0.06, 0.5))
+
+
+def _tile(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+    """Return the heights of a rectangular face."""
+    length, width = sample.between(5, 16), sample.between(3, 9)
+    return flat_face(
+        box_sdf(*grid.rotated_axes(sample.between(0, np.pi)), length, width, sample.between(0.2, 1.4)),
+        sample.between(0.2, 0.8),
+    )
+
+
+def _polygon_punch(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+    """Return the heights of a regular polygon with a round hole."""
+    sides, radius = sample.integer(3, 8), sample.between(3, 8)
+    outline = polygon_sdf(grid.x, grid.y, polygon_corners(sides, radius, sample.between(0, np.pi)))
+    return flat_face(np.maximum(outline, radius * sample.between(0.1, 0.45) - grid.r), 0.25)
+
+
+def star_corners(points: int, radius_mm: float, waist: float, turn_rad: float) -> Points:
+    """Return the corners of a star, tips and waists alternating."""
+    tips, waists = (
+        polygon_corners(points, radius_mm, turn_rad),
+        polygon_corners(points, radius_mm * waist, turn_rad + np.pi / points),
+    )
+    return np.stack([tips, waists], axis=1).reshape(-1, 2)
+
+
+def _star(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+    """Return the heights of a star with four to nine points."""
+    corners = star_corners(
+        sample.integer(4, 9), sample.between(4, 9), sample.between(0.4, 0.7), sample.between(0, np.pi)
+    )
+    return flat_face(polygon_sdf(grid.x, grid.y, corners) - 0.2, 0.3)
+
+
+def _cross(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+    """Return the heights of a cross: bars through the middle."""
+    arms, width, length = sample.integer(3, 5), sample.between(0.8, 2.2), sample.between(5, 8)
+    ends = polygon_corners(arms, length, sample.between(0, np.pi))
+    return flat_face(
+        np.minimum.reduce([box_sdf(*_bar(grid, end), 2 * length, width, 0.2) for end in ends.tolist()]), 0.3
+    )
+
+
+def _bar(grid: HeightGrid, end: list[float]) -> tuple[Heightfield, Heightfield]:
+    """Return the coordinates of the grid points in the frame of a bar through this point."""
+    return grid.rotated_axes(float(np.arctan2(end[1], end[0])))
+
+
+def _ring(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+    """Return the heights of one to three flat concentric rings."""
+    rings, width, outer = sample.integer(1, 3), sample.between(0.6, 1.2), sample.between(5, 8.5)
+    radii = [outer - 2 * width * step for step in range(rings)]
+    return flat_face(np.minimum.reduce([np.abs(grid.r - radius) - width / 2 for radius in radii]), 0.25)
+
+
+def _crescent(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+    """Return the heights of a crescent: a disc from which another disc is cut."""
+    radius, bite = sample.between(4, 8), sample.between(0.55, 0.9)
+    x, y = grid.rotated_axes(sample.between(0, 2 * np.pi))
+    inner = np.hypot(x - radius * (1.25 - bite), y) - radius * bite
+    return flat_face(np.maximum(grid.r - radius, -inner), 0.3)
+
+
+def _heart(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+    """Return the heights of a heart: two lobes and a tip."""
+    size, (x, y) = sample.between(0.3, 0.5), grid.rotated_axes(sample.between(-1, 1))
+    t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    bows = 13 * np.cos(t) - 5 * np.cos(2 * t) - 2 * np.cos(3 * t) - np.cos(4 * t)
+    return flat_face(
+        polygon_sdf(x, y, size * np.stack([16 * np.sin(t) ** 3, -bows], axis=1)), sample.between(0.25, 1.5)
+    )
+
+
+def _arrow(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+    """Return the heights of an arrow: a head on a shaft."""
+    length, shaft, head = sample.between(8, 17), sample.between(1, 2.2), sample.between(4, 8)
+    tip, neck, wing = length / 2, length / 2 - head * 0.7, head / 2
+    half = [[-tip, shaft / 2], [neck, shaft / 2], [neck, wing], [tip, 0]]
+    points = np.array([*half, *([px, -py] for px, py in half[-2::-1])])
+    return flat_face(polygon_sdf(*grid.rotated_axes(sample.between(0, 2 * np.pi)), points), 0.25)
+
+
+def _blob(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+    """Return the heights of a face with a smooth closed outline, flat or domed."""
+    size, dome = sample.between(3.5, 7), sample.between(0, 1.2)
+    orders, phases = np.arange(2, 7), sample.random.uniform(0, 2 * np.pi, 5)
+    waves = [np.cos(n * grid.angle + phase) / n for n, phase in zip(orders.tolist(), phases.tolist(), strict=True)]
+    outline = grid.r - size * (1 + 0.45 * np.sum(waves, axis=0))
+    return dome * (grid.r / size) ** 2 + flat_face(outline, 0.3)
+
+
+def _profile_bar(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+    """Return the heights of the end of a rolled bar with an L, T, U, Z or H profile."""
+    kind, size, wall = sample.integer(0, 4), sample.between(3, 6.5), sample.between(0.5, 1.1)
+    paths = ("00 02 22", "00 20 10 12", "00 02 22 20", "00 10 12 22", "00 02 01 21 20 22")
+    points = (np.array([[int(pair[0]), int(pair[1])] for pair in paths[kind].split()], float) - 1) * size
+    return flat_face(polyline_sdf(*grid.rotated_axes(sample.between(0, np.pi)), points) - wall, 0.25)
+
+
+def _pin_array(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+    """Return the heights of flat pins of different widths."""
+    count, width, spread = sample.integer(5, 14), sample.between(0.7, 1.4), sample.between(4, 7)
+    radii = width * sample.random.uniform(0.6, 1.2, count)
+    places = zip(sample.scatter(count, spread).tolist(), radii.tolist(), strict=True)
+    return flat_face(np.minimum.reduce([np.hypot(grid.x - x, grid.y - y) - radius for (x, y), radius in places]), 0.25)
+
+
+def _slotted_disc(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+    """Return the heights of a disc with slots of different depths from the rim inwards."""
+    slots, radius, width = sample.integer(3, 9), sample.between(5, 8), sample.between(0.8, 1.6)
+    ends = polygon_corners(slots, radius + 2)
+    starts = ends * sample.random.uniform(0.25, 0.6, (slots, 1))
+    pairs = zip(starts.tolist(), ends.tolist(), strict=True)
+    cuts = np.minimum.reduce([segment_sdf(grid.x, grid.y, (a[0], a[1]), (b[0], b[1])) for a, b in pairs])
+    return recess_heights(cuts - width / 2, 1.2) + flat_face(grid.r - radius)
+
+
+PUNCHES: dict[str, HeightfieldFunction] = {
+    "punch": _punch,
+    "tile": _tile,
+    "polygon_punch": _polygon_punch,
+    "star": _star,
+    "cross": _cross,
+    "ring": _ring,
+    "crescent": _crescent,
+    "heart": _heart,
+    "arrow": _arrow,
+    "blob": _blob,
+    "profile_bar": _profile_bar,
+    "pin_array": _pin_array,
+    "slotted_disc": _slotted_disc,
 }

@@ -1,1 +1,0 @@
-"""Commands about force: estimate, adapt, evaluate, train and model. Options go in, a report is printed."""

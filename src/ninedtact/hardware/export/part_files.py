@@ -1,0 +1,239 @@
+"""Files of single parts: solids as STEP, as watertight binary STL and as triangles; flat parts as DXF for the laser cutter, closed
+outlines at 1:1, each line once, holes on a layer of their own. Lengths in mm.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from io import BytesIO, StringIO
+from itertools import pairwise
+from math import hypot
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from build123d import Axis, Compound, Edge, GeomType, Part, Solid, Wire, export_step
+from jaxtyping import Float, Shaped
+from numpy import ndarray as Array
+
+from ninedtact.errors import InputError
+from ninedtact.hardware.assembly_dimensions import XY
+from ninedtact.hardware.sensor_assembly import AssemblyBody
+
+STL_HEADER_BYTES = 84
+"""A title of 80 bytes, then the number of triangles."""
+STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("unused", "<u2")])
+"""One triangle of a binary STL file."""
+CORNER_DECIMALS = 5
+"""Corners are rounded to 10⁻⁵ mm: faces that meet agree on their corners only to about 10⁻¹⁵."""
+
+
+def _solid_to_stl(solid: Part, flat_mm: float, turn_rad: float) -> bytes:
+    """Return a watertight binary STL in which every edge is shared by exactly two triangles.
+
+    flat_mm, turn_rad: greatest distance of a triangle from a curved face, and greatest angle between neighbouring
+    triangles.
+    """
+    return _merge_coincident_corners(_mesh_as_stl(solid, flat_mm, turn_rad))
+
+
+def _mesh_as_stl(solid: Part, flat_mm: float, turn_rad: float) -> bytes:
+    """Return the mesh as the modelling library writes it. Its own `export_stl` is not used because it takes flat_mm for
+    a share of each edge's length."""
+    from OCP.BRepMesh import BRepMesh_IncrementalMesh  # type: ignore[import-untyped]
+    from OCP.StlAPI import StlAPI_Writer  # type: ignore[import-untyped]
+
+    BRepMesh_IncrementalMesh(solid.wrapped, flat_mm, False, turn_rad, False).Perform()
+    writer = StlAPI_Writer()
+    writer.ASCIIMode = False
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "part.stl"
+        writer.Write(solid.wrapped, str(path))
+        return path.read_bytes()
+
+
+def _merge_coincident_corners(file: bytes) -> bytes:
+    """Return the file with coincident corners made equal and without the triangles that this leaves no area."""
+    triangles = np.frombuffer(file, STL_RECORD, offset=STL_HEADER_BYTES).copy()
+    triangles["corners"] = triangles["corners"].astype(float).round(CORNER_DECIMALS) + 0.0
+    kept = triangles[~_is_degenerate(triangles["corners"])]
+    return file[: STL_HEADER_BYTES - 4] + np.array(len(kept), "<u4").tobytes() + kept.tobytes()
+
+
+def _is_degenerate(corners: Shaped[Array, "triangles 3 3"]) -> Shaped[Array, " triangles"]:
+    """Return which triangles have two equal corners."""
+    return np.any(
+        [(corners[:, one] == corners[:, other]).all(axis=1) for one, other in ((0, 1), (1, 2), (2, 0))], axis=0
+    )
+
+
+Triangles = Float[Array, "_ 3 3"]
+IMAGE_DEVIATION_MM, IMAGE_ANGLE_RAD = 0.02, 0.25
+"""Tolerances of triangles for images: finer than an image shows."""
+
+
+def triangulate_solid(solid: Part) -> Triangles:
+    """Return the surface of a solid as triangles in mm. It goes by way of STL, since corner by corner through Python
+    takes ten times as long."""
+    return np.frombuffer(
+        _solid_to_stl(solid, IMAGE_DEVIATION_MM, IMAGE_ANGLE_RAD), STL_RECORD, offset=STL_HEADER_BYTES
+    )["corners"].astype(float)
+
+
+STEP_TIMESTAMP = datetime(2023, 8, 28, tzinfo=UTC)
+"""Date of every STEP file: the same design gives the same bytes."""
+PRINT_DEVIATION_MM, PRINT_ANGLE_RAD = 0.01, 0.3
+"""Tolerances of triangles for printing: a tenth of what a printer resolves."""
+
+
+def part_to_step(name: str, solid: Part) -> bytes:
+    """Return a part as a STEP file, exact and in mm."""
+    return _shape_to_step(_label_solid(name, solid))
+
+
+def assembly_to_step(bodies: Sequence[AssemblyBody]) -> bytes:
+    """Return all bodies in position as one STEP file, each under its name."""
+    return _shape_to_step(Compound(label="sensor", children=[_label_solid(body.name, body.solid) for body in bodies]))
+
+
+def _label_solid(name: str, solid: Part) -> Solid:
+    """Return the single solid of a part under this name."""
+    (alone,) = solid.solids()
+    named = Solid(alone.wrapped)
+    named.label = name
+    return named
+
+
+def _shape_to_step(shape: Compound | Solid) -> bytes:
+    """Return a shape as a STEP file."""
+    buffer = BytesIO()
+    export_step(shape, buffer, timestamp=STEP_TIMESTAMP)
+    return buffer.getvalue()
+
+
+def part_to_stl(solid: Part) -> bytes:
+    """Return a part as a binary STL file for printing."""
+    return _solid_to_stl(solid, PRINT_DEVIATION_MM, PRINT_ANGLE_RAD)
+
+
+SAME_POINT_MM = 1e-4
+"""Distance below which two ends are the same point."""
+
+
+class OutlineNotCuttable(InputError):
+    """Raised for a part that cannot be cut from a sheet."""
+
+
+@dataclass(frozen=True)
+class _CircleOutline:
+    """The outline of a round hole."""
+
+    centre: XY
+    radius_mm: float
+
+    @property
+    def first(self) -> XY:
+        """The centre, by which outlines are sorted."""
+        return _round_point(self.centre)
+
+
+@dataclass(frozen=True)
+class _PolylineOutline:
+    """A closed outline of lines and arcs."""
+
+    corners: tuple[XY, ...]
+    bulges: tuple[float, ...]
+    """Bulge of the side that begins at each corner: tangent of a quarter of its arc, positive for left turns, zero for
+    a line."""
+
+    @property
+    def first(self) -> XY:
+        """The corner with the lowest x, then y, by which outlines are sorted."""
+        return min(map(_round_point, self.corners))
+
+    def from_first(self) -> "_PolylineOutline":
+        """Return the same outline from its first corner on towards the lower neighbour: the modelling library may begin
+        anywhere."""
+        at = [*map(_round_point, self.corners)].index(self.first)
+        corners, bulges = (*self.corners[at:], *self.corners[:at]), (*self.bulges[at:], *self.bulges[:at])
+        if _round_point(corners[-1]) < _round_point(corners[1]):
+            corners, bulges = (corners[0], *corners[:0:-1]), tuple(0.0 - bulge for bulge in reversed(bulges))
+        return _PolylineOutline(corners, bulges)
+
+
+def _part_outlines(part: Part) -> list[_CircleOutline | _PolylineOutline]:
+    """Return the outer outline first, then every hole, each once; raises `OutlineNotCuttable`."""
+    top = part.faces().filter_by(Axis.Z).sort_by(Axis.Z)[-1]
+    inside = sorted((_wire_outline(wire) for wire in top.inner_wires()), key=lambda found: found.first)
+    return [_wire_outline(top.outer_wire()), *inside]
+
+
+def _wire_outline(wire: Wire) -> _CircleOutline | _PolylineOutline:
+    """Return the outline of one closed wire."""
+    edges = [*wire.order_edges()]
+    if len(edges) == 1 and edges[0].geom_type == GeomType.CIRCLE:
+        centre = edges[0].arc_center
+        return _CircleOutline((float(centre.X), float(centre.Y)), float(edges[0].radius))
+    sides = [_edge_to_side(edge) for edge in edges]
+    for (_, end, _), (start, _, _) in pairwise([*sides, sides[0]]):
+        if hypot(end[0] - start[0], end[1] - start[1]) > SAME_POINT_MM:
+            raise OutlineNotCuttable(f"expected an outline that continues at {end}, got a gap; report this part")
+    return _PolylineOutline(tuple(start for start, _, _ in sides), tuple(bulge for _, _, bulge in sides)).from_first()
+
+
+def _round_point(place: XY) -> XY:
+    """Return a point rounded so that coincident points are equal."""
+    return round(place[0], 4) + 0.0, round(place[1], 4) + 0.0
+
+
+Side = tuple[XY, XY, float]
+"""A side of an outline: start, end, bulge."""
+
+
+def _edge_to_side(edge: Edge) -> Side:
+    """Return the side of a line or an arc; raises `OutlineNotCuttable` for other curves."""
+    if edge.geom_type not in (GeomType.LINE, GeomType.CIRCLE):
+        raise OutlineNotCuttable(
+            f"expected lines and arcs to cut along, got {edge.geom_type}; cut this part another way"
+        )
+    start, middle, end = ((float(place.X), float(place.Y)) for place in (edge @ 0, edge @ 0.5, edge @ 1))
+    along, across = (end[0] - start[0], end[1] - start[1]), (middle[0] - start[0], middle[1] - start[1])
+    left = along[0] * across[1] - along[1] * across[0]
+    return start, end, 0.0 - 2 * left / hypot(*along) ** 2
+
+
+MILLIMETRES = 4
+"""Value of $INSUNITS for millimetres."""
+OUTSIDE_LAYER, INSIDE_LAYER = "outside", "inside"
+"""Layers: holes are cut first, or the plate falls out before them."""
+
+
+def part_to_dxf(part: Part) -> bytes:
+    """Return a flat part as DXF R2010. The kerf is not compensated, because it depends on the laser of the shop."""
+    from ezdxf._options import options
+    from ezdxf.filemanagement import new
+
+    # These replace today's date and a new identifier, so that the same design gives the same file.
+    options.write_fixed_meta_data_for_testing = True
+    drawing = new("R2010", units=MILLIMETRES)
+    for number, outline in enumerate(_part_outlines(part)):
+        layer = INSIDE_LAYER if number else OUTSIDE_LAYER
+        if layer not in drawing.layers:
+            drawing.layers.add(layer, color=1 if number else 7)
+        _add_outline(drawing.modelspace(), outline, layer)
+    # ezdxf would list them in the order of a set, which differs between processes.
+    for kind in sorted(drawing.entitydb.dxf_types_in_use()):
+        drawing.classes.add_class(kind)
+    text = StringIO()
+    drawing.write(text)
+    return text.getvalue().encode()
+
+
+def _add_outline(space: Any, outline: _CircleOutline | _PolylineOutline, layer: str) -> None:
+    """Add one outline as one entity."""
+    if isinstance(outline, _CircleOutline):
+        space.add_circle(outline.centre, outline.radius_mm, dxfattribs={"layer": layer})
+        return
+    points = [(x, y, bulge) for (x, y), bulge in zip(outline.corners, outline.bulges, strict=True)]
+    space.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": layer})
