@@ -57,6 +57,13 @@ def test_in_real_time_steps_are_skipped_and_not_made_up_for() -> None:
     assert between == pytest.approx((stage.wrenches[0] + stage.wrenches[12]) / 2)
 
 
+def test_in_real_time_a_source_that_waited_for_another_sees_the_first_step_that_was_solved() -> None:
+    stage = small_press_simulation(real_time=True)
+    first = stage.contact(14)
+    assert list(stage.contacts) == [14] and stage.contact(0) is first
+    assert stage.wrench_six_at(0.0) == pytest.approx(stage.wrenches[14])
+
+
 def test_acts_follow_each_other_on_untouched_skin_round_after_round() -> None:
     stage = small_press_simulation(acts=2)
     length = PRESSED.trajectory.duration_s

@@ -138,6 +138,16 @@ def images_of(tab: Page) -> list[str | None]:
     return [image.get_attribute("src") for image in tab.locator("img[src^=blob]").all()]
 
 
+def f_z_row(text: str) -> list[str]:
+    """The cells of F_z in the table of wrenches on a page: its name, the true and the estimated force."""
+    return next(line.split("\t") for line in text.splitlines() if line.startswith("Fz"))
+
+
+def f_z_on_page(text: str) -> float:
+    """The true F_z (N) that a page shows."""
+    return float(f_z_row(text)[1].replace("\N{MINUS SIGN}", "-"))
+
+
 def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
     browser: Browser, tmp_path: Path, twin_sensor: SensorFolder
 ) -> None:
@@ -151,7 +161,15 @@ def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
         depth.fill("1.2")
         depth.press("Enter")
         wait_until(lambda: twin.rests_at(1.2), PATIENCE_S, 0.05)
-        wait_until(lambda: twin.rests_at(1.2) and "1.20 mm deep" in tab.inner_text("body"), PATIENCE_S, 0.05)
+
+        # The page may be some moments behind, and the samples of the wrench come from another thread.
+        def the_page_shows_the_true_wrench() -> bool:
+            if not twin.rests_at(1.2) or "1.20 mm deep" not in (text := tab.inner_text("body")):
+                return False
+            press = twin.moment.view.press  # type: ignore[union-attr]
+            return f_z_on_page(text) == pytest.approx(press.contact.wrench().force_n[2], abs=0.02)  # type: ignore[union-attr]
+
+        wait_until(the_page_shows_the_true_wrench, PATIENCE_S, 0.05)
         said, moment = tab.inner_text("body"), twin.moment
         view = moment.view
         assert view is not None and view.press is not None and moment.reading is not None
@@ -163,10 +181,9 @@ def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
         assert np.corrcoef(moment.reading.height.z_mm.ravel(), true.z_mm.ravel())[0, 1] > 0.97
         shown = re.search(r"maximum indentation\s*([\d.]+)", said)
         assert shown is not None and float(shown[1]) == pytest.approx(moment.reading.max_indentation_mm, abs=0.03)
-        row = next(line.split("\t") for line in said.splitlines() if line.startswith("Fz"))
         force_n = float(view.press.contact.wrench().force_n[2])
-        assert float(row[1].replace("\N{MINUS SIGN}", "-")) == pytest.approx(force_n, abs=0.02)
-        estimate, std = re.findall(r"[\d.]+", row[2])
+        assert f_z_on_page(said) == pytest.approx(force_n, abs=0.02)
+        estimate, std = re.findall(r"[\d.]+", f_z_row(said)[2])
         # Its force is off by a third, which the stated error, that of a sensor calibrated by physics, does not include.
         assert -float(estimate) == pytest.approx(force_n, abs=4 * float(std) + 0.4 * abs(force_n))
         surfaces = [
@@ -354,8 +371,12 @@ def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_v
         assert second.moment is not None and second.moment.reading is kept.reading
         assert first.options.images != second.options.images
         second.toggle_freeze()
-        twin.studio.refresh(twin.page)
-        assert second.moment.reading is first.moment.reading  # type: ignore[union-attr]
+
+        def both_show_the_same() -> bool:
+            twin.studio.refresh(twin.page)
+            return second.moment.reading is first.moment.reading  # type: ignore[union-attr]
+
+        wait_until(both_show_the_same, PATIENCE_S, 0.01)  # a client that is behind is left out for some moments
 
 
 def test_a_hand_holds_depth_load_and_place_and_a_refused_step_leaves_the_object() -> None:

@@ -180,13 +180,14 @@ class PressSimulation:
             )
 
     def contact(self, number: int) -> Contact:
-        """Return the contact at a step, in real time at the nearest step that was not skipped.
+        """Return the contact at a step.
 
-        Raises `SimulationStepNoLongerStored`.
+        In real time it is that at the nearest step that is stored, which is later than asked for after a long wait. Raises
+        `SimulationStepNoLongerStored` where every step is solved.
         """
         with self.lock:
             self._solve_to(number)
-            if self.real_time and number >= next(iter(self.contacts)):
+            if self.real_time:
                 number = min(self.contacts, key=lambda step: abs(step - number))
             if number not in self.contacts:
                 raise self._step_expired(number, self.contacts)
@@ -212,7 +213,8 @@ class PressSimulation:
             self._solve_to(int(step))
             self._solve_to(int(np.ceil(step)))
             known = list(self.wrenches)
-            if step < known[0]:
+            is_first_solved = self.real_time and len(known) < KEPT_WRENCHES  # no step before was ever solved
+            if step < known[0] and not is_first_solved:
                 raise self._step_expired(int(step), self.wrenches)
             after = bisect_left(known, step)
             one, other = known[max(after - 1, 0)], known[after]
