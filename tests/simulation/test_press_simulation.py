@@ -64,6 +64,17 @@ def test_in_real_time_a_source_that_waited_for_another_sees_the_first_step_that_
     assert stage.wrench_six_at(0.0) == pytest.approx(stage.wrenches[14])
 
 
+def test_while_a_hand_holds_an_object_in_real_time_no_step_is_solved_ahead() -> None:
+    stage = small_press_simulation(real_time=True)
+    stage.contact(0)
+    stage.hand.take(Ball(4.0))
+    assert stage.wrench_six_at(0.05) == pytest.approx(stage.wrenches[0])
+    assert list(stage.contacts) == [0]
+    stage.hand.release()
+    stage.wrench_six_at(0.05)
+    assert list(stage.contacts) == [0, 1]
+
+
 def test_acts_follow_each_other_on_untouched_skin_round_after_round() -> None:
     stage = small_press_simulation(acts=2)
     length = PRESSED.trajectory.duration_s

@@ -81,6 +81,7 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
 
         def type_in(tab: Page, label: str, number: str) -> None:
             field = tab.locator(f"label:has-text('{label}')").locator("xpath=ancestor::*[.//input][1]//input").last
+            wait(lambda: field.count() == 1)  # the page shows a control of the present step when it is refreshed next
             field.fill(number)
             field.press("Enter")
 

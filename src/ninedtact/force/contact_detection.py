@@ -151,5 +151,7 @@ def _connected_parts_with(
     region: Bool[Array, "rows cols"], marks: Bool[Array, "rows cols"]
 ) -> Bool[Array, "rows cols"]:
     """Return the connected parts of a region that hold a mark."""
-    _, label = cv2.connectedComponents(region.astype(np.uint8), connectivity=4)
-    return np.isin(label, np.unique(label[marks & region]))
+    count, label = cv2.connectedComponents(region.astype(np.uint8), connectivity=4)
+    is_marked = np.zeros(count, bool)
+    is_marked[label[marks & region]] = True
+    return is_marked[label]

@@ -206,16 +206,19 @@ class PressSimulation:
     def wrench_six_at(self, at_s: float) -> Float64[Array, "6"]:
         """Return the true wrench (N, N·m) about the centre of the skin at a time, interpolated linearly between steps.
 
-        Raises `SimulationStepNoLongerStored`.
+        While an object is held in the hand in real time, it is that of the last step: where the hand will be at the next one is
+        not known yet. Raises `SimulationStepNoLongerStored`.
         """
         step = at_s * self.hz
         with self.lock:
             self._solve_to(int(step))
-            self._solve_to(int(np.ceil(step)))
+            if not (self.real_time and self.hand.held_object is not None):
+                self._solve_to(int(np.ceil(step)))
             known = list(self.wrenches)
             is_first_solved = self.real_time and len(known) < KEPT_WRENCHES  # no step before was ever solved
             if step < known[0] and not is_first_solved:
                 raise self._step_expired(int(step), self.wrenches)
+            step = min(step, known[-1])
             after = bisect_left(known, step)
             one, other = known[max(after - 1, 0)], known[after]
         part = (step - one) / max(other - one, 1)

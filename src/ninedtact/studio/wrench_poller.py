@@ -35,6 +35,11 @@ class WrenchSample:
     """One standard deviation of F_x, F_y, F_z in N and T_x, T_y, T_z in N·m; NaN where none is stated."""
     warnings: tuple[str, ...] = ()
 
+    @cached_property
+    def values_and_stds(self) -> Float64[Array, "12"]:
+        """The six components in N and N·m, then their standard deviations."""
+        return np.concatenate([self.wrench.six, self.std])
+
 
 @dataclass(frozen=True)
 class WrenchSnapshot:
@@ -60,8 +65,9 @@ class WrenchSnapshot:
     @cached_property
     def history(self) -> Float64[Array, "13 n"]:
         """Seconds before now (negative); the six components in N and N·m; their six standard deviations."""
-        rows = [((at - self.now_ns) / NS_PER_S, *sample.wrench.six, *sample.std) for at, sample in self.samples]
-        return np.array(rows, float).reshape(-1, 13).T
+        before_s = np.array([at - self.now_ns for at, _ in self.samples]) / NS_PER_S
+        values = [sample.values_and_stds for _, sample in self.samples]
+        return np.concatenate([before_s[None], np.array(values, float).reshape(-1, 12).T])
 
 
 class WrenchHistory:

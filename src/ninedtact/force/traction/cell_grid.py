@@ -50,7 +50,7 @@ class CellGrid:
         """Rows and columns of the part that is on the image."""
         return self.rows - 2 * MARGIN_CELLS, self.cols - 2 * MARGIN_CELLS
 
-    @property
+    @cached_property
     def on_image(self) -> Float32[Array, "rows cols"]:
         """One on the cells of the image, zero on the margin."""
         return np.pad(np.ones(self.image_shape, np.float32), MARGIN_CELLS)

@@ -104,7 +104,8 @@ class Whitener:
 
         common = columns @ (self.level_std * self.per_error.ravel())
         upper = ssyrk(1.0, columns.T, trans=1)
-        gram = upper + np.triu(upper, 1).T
+        gram = upper + upper.T
+        np.fill_diagonal(gram, upper.diagonal())
         gram -= np.outer(common, common) * np.float32(self._level_gain)
         return gram
 
