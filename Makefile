@@ -62,7 +62,7 @@ test-python-%: .venv/bin/uv
 
 # The versions of all packages for development, which `pip install -r requirements-dev.lock` installs anywhere.
 lock: .venv/bin/uv
-	.venv/bin/uv pip compile -q pyproject.toml --python-version 3.11 --extra studio --extra train --extra hardware --extra dev \
+	.venv/bin/uv pip compile -q --upgrade pyproject.toml --python-version 3.11 --extra studio --extra train --extra hardware --extra dev \
 	  -c constraints.txt $(if $(LINKS),--find-links $(LINKS)) --no-emit-index-url --no-emit-find-links \
 	  --custom-compile-command "make lock" -o requirements-dev.lock
 	sed -i -E 's/^([a-z0-9._-]+==[^+ ]+)\+[a-z0-9.]+/\1/' requirements-dev.lock  # +cpu names a build that lies on some machines only

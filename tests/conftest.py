@@ -27,6 +27,18 @@ from ninedtact.capture.strict_image_reading import read_image  # noqa: E402
 from ninedtact.simulation.calibration_images import simulate_calibration_images  # noqa: E402
 from ninedtact.simulation.twin import default_twin  # noqa: E402
 
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Run a test in a real browser once more where it fails: on a busy computer a browser may take longer than its patience.
+
+    The summary counts such tests as rerun, so that one that needs it often is seen.
+    """
+    if config.pluginmanager.hasplugin("rerunfailures"):
+        for item in items:
+            if "browser" in getattr(item, "fixturenames", ()):
+                item.add_marker(pytest.mark.flaky(reruns=1))
+
+
 # FFmpeg asks once, at its first video, how loud it may be: tests that write videos would ask for it before the sources do.
 silence_video_libraries()
 REAL_DATA = "NINEDTACT_REAL_DATA"
