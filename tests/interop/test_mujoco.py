@@ -12,6 +12,7 @@ import pytest
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
 from ninedtact import CalibrationImages, calibrate, default_twin, save_sensor  # noqa: E402
+from ninedtact.design import Gel  # noqa: E402
 from ninedtact.errors import InputError  # noqa: E402
 from ninedtact.interop.mujoco import (  # noqa: E402
     BodyThroughBase,
@@ -20,9 +21,20 @@ from ninedtact.interop.mujoco import (  # noqa: E402
     TactileSensor,
 )
 from ninedtact.interop.mujoco_batch import TactileSensorBatch  # noqa: E402
+from ninedtact.mechanics.contact_result import Contact  # noqa: E402
+from ninedtact.mechanics.finite_strain import correct_for_finite_strain  # noqa: E402
+from ninedtact.mechanics.indenter import Indenter  # noqa: E402
 from ninedtact.simulation.calibration_images import simulate_calibration_images  # noqa: E402
+from ninedtact.simulation.twin import Twin  # noqa: E402
 
 TWIN = default_twin()
+
+
+def at_finite_strain(contact: Contact, indenter: Indenter | None = None) -> Contact:
+    return correct_for_finite_strain(contact, Gel().thickness_mm, indenter)
+
+
+AT_FINITE_STRAIN = replace(TWIN, correct_contact=at_finite_strain)
 
 
 @pytest.fixture(autouse=True)
@@ -97,10 +109,12 @@ def test_a_solid_has_the_underside_that_rays_of_mujoco_hit(kind: str) -> None:
     assert close.max() < 1e-6 if kind != "mesh" else np.quantile(close, 0.8) < 0.02
 
 
-@pytest.mark.parametrize("kind", ["sphere", "cylinder", "mesh"])
-def test_the_gel_resists_with_the_load_and_the_friction_of_the_scene(kind: str) -> None:
+@pytest.mark.parametrize(
+    ("kind", "twin"), [("sphere", TWIN), ("sphere", AT_FINITE_STRAIN), ("cylinder", TWIN), ("mesh", TWIN)]
+)
+def test_the_gel_resists_with_the_load_and_the_friction_of_the_scene(kind: str, twin: Twin) -> None:
     model, data = scene(GEOMS[kind])
-    sensor = TactileSensor(model, data, "sensor", TWIN)
+    sensor = TactileSensor(model, data, "sensor", twin)
     sensor.open()
     untouched = sensor.step()
     assert not untouched.wrench.force_n.any()
@@ -170,10 +184,11 @@ def test_a_body_through_the_base_is_refused() -> None:
         sensor.step()
 
 
-def test_scenes_in_a_batch_get_the_contacts_that_each_gets_alone() -> None:
+@pytest.mark.parametrize("twin", [TWIN, AT_FINITE_STRAIN], ids=["linear", "finite strain"])
+def test_scenes_in_a_batch_get_the_contacts_that_each_gets_alone(twin: Twin) -> None:
     kinds = ["sphere", "box", "mesh"]
-    alone = [TactileSensor(*scene(GEOMS[kind]), "sensor", TWIN) for kind in kinds]
-    batch = TactileSensorBatch([scene(GEOMS[kind]) for kind in kinds], "sensor", TWIN)
+    alone = [TactileSensor(*scene(GEOMS[kind]), "sensor", twin) for kind in kinds]
+    batch = TactileSensorBatch([scene(GEOMS[kind]) for kind in kinds], "sensor", twin)
     assert all(one.twin is batch.twin for one in batch.sensors)
     for sensor in alone:
         sensor.open()

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from small_press_simulation import TWIN
 
-from ninedtact.design import PinBoard
-from ninedtact.mechanics.indenter import Ball, FlatPunch
+from ninedtact.design import Gel, PinBoard
+from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.finite_strain import correct_for_finite_strain
+from ninedtact.mechanics.indenter import Ball, FlatPunch, Indenter
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.calibration_images import pin_board_indenter, simulate_calibration_images
 from ninedtact.simulation.ground_truth import (
@@ -17,8 +19,9 @@ from ninedtact.simulation.ground_truth import (
     true_pressure_map_mpa,
     true_shear_map_mpa,
 )
+from ninedtact.simulation.hand_motion import HandMotion, HandTarget
 from ninedtact.simulation.trajectory import InvalidPress, ScriptedPress
-from ninedtact.simulation.twin import ObjectTooLarge, PoseOutOfView
+from ninedtact.simulation.twin import LOAD_TOLERANCE, ObjectTooLarge, PoseOutOfView
 
 
 def test_it_ends_where_it_was_sent() -> None:
@@ -27,6 +30,24 @@ def test_it_ends_where_it_was_sent() -> None:
     assert (pose.x_mm, pose.y_mm, pose.depth_mm, np.degrees(pose.twist_rad)) == pytest.approx((1.5, -1.5, 1.0, 12))
     force, torque = contact.wrench().force_n, contact.wrench(np.array([1.5, -1.5, 0.0])).torque_nm
     assert force[2] < -2 and force[0] == pytest.approx(force[1], rel=0.05) and force[0] > 0.2 and torque[2] > 0
+
+
+@pytest.mark.parametrize("load_n", [0.3, 3.0, 12.0])
+def test_a_load_is_that_of_the_gel_as_it_acts_at_finite_strain(load_n: float) -> None:
+    def at_finite_strain(contact: Contact, indenter: Indenter | None = None) -> Contact:
+        return correct_for_finite_strain(contact, Gel().thickness_mm, indenter)
+
+    twin, ball = replace(TWIN, correct_contact=at_finite_strain), Ball(4.0)
+    pressed = ScriptedPress(load_n=load_n, drag_mm=(0.3, 0.0)).simulate(twin, ball)
+    assert -pressed.wrench().force_n[2] == pytest.approx(load_n, rel=LOAD_TOLERANCE)
+    linear = ScriptedPress(load_n=load_n).simulate(TWIN, ball)
+    assert pressed.pose.depth_mm < linear.pose.depth_mm or load_n < 1  # the gel stiffens
+    hand = HandMotion()
+    hand.aim(HandTarget(Pose(0.0, 0.0), load_n=load_n))
+    contact = twin.step(twin.model.initial_contact(), ball, Pose(depth_mm=0.05))
+    for _ in range(60):
+        contact = hand.step(twin, contact, ball)
+    assert twin.load_n(contact) == pytest.approx(load_n, rel=LOAD_TOLERANCE)
 
 
 def test_a_load_is_held_all_the_way() -> None:

@@ -244,20 +244,24 @@ class TactileSensor(FrameSource):
         stiffness = 0.0 if last is None else last.stiffness_n_per_mm
         slides = np.hypot(*wanted[:2]) > _SLIPS_FROM * leader.friction * -wanted[2]
         if last is not None and not slides:
-            lag = lag + _sideways(wanted - last.contact.wrench().force_n) / stiffness
+            lag = lag + _sideways(wanted - self._gel_force_n(last.contact)) / stiffness
         tried: list[tuple[Vector, Vector]] = []
         for _ in range(_SOLVES_PER_STEP):
             about = (float(pose.x_mm + lag[0]), float(pose.y_mm + lag[1]))
             solids = self._solids([one.body for one in touching], lag, about)
             at = replace(pose, x_mm=about[0], y_mm=about[1])
             solved = yield GelStep(contact, solids, at, float(-wanted[2]), round(leader.friction, 3))
-            tried.append((lag, solved.wrench().force_n))
+            tried.append((lag, self._gel_force_n(solved)))
             stiffness = _shear_stiffness(solved, tried, stiffness)
             missing = wanted - tried[-1][1]
             if slides or np.hypot(*missing[:2]) < _FRICTION_TOLERANCE * -wanted[2]:
                 break
             lag = lag + _sideways(missing) / stiffness
         return _Press(solved, leader, tried[-1][0], stiffness)
+
+    def _gel_force_n(self, contact: Contact) -> Vector:
+        """Return the force on the gel, of a contact that is not corrected yet."""
+        return self.twin.correct_contact(contact).wrench().force_n
 
     def _twin_with_friction(self, friction: float) -> Twin:
         """Return the twin with the friction of the scene."""

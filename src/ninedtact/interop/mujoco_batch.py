@@ -22,7 +22,7 @@ from ninedtact.mechanics.contact_result import Contact, ContactLeavesGrid
 from ninedtact.mechanics.indenter import Heights, Indenter, PosedHeights
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.renderer import BatchRenderer
-from ninedtact.simulation.twin import Twin
+from ninedtact.simulation.twin import LOAD_ROUNDS, Twin
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -145,15 +145,18 @@ class TactileSensorBatch:
         on_device: dict[str, Any] = {name: model.skin.asarray(np.asarray(getattr(last, name))) for name in _FIELDS}
         last = replace(last, skin=model.skin, friction=model.friction, **on_device)
         indenter = _SolidsOfScenes([request.solids for request in batch], model)
-        poses, loads_n = (
-            Pose.stack([request.pose for request in batch]),
-            np.array([request.load_n for request in batch]),
-        )
-        contacts = model.step_to_load(last, indenter, poses, loads_n)
-        home: dict[str, Any] = {
-            name: np.asarray(to_device(getattr(contacts, name), "cpu"), np.float32) for name in _FIELDS
-        }
-        each = replace(contacts, skin=self.twin.model.skin, **home).unstack()
+        poses, each = Pose.stack([request.pose for request in batch]), [request.last for request in batch]
+        for _ in range(LOAD_ROUNDS):
+            wanted = [
+                self.twin.linear_load_n(known, request.load_n) for known, request in zip(each, batch, strict=True)
+            ]
+            contacts = model.step_to_load(last, indenter, poses, np.array(wanted))
+            home: dict[str, Any] = {
+                name: np.asarray(to_device(getattr(contacts, name), "cpu"), np.float32) for name in _FIELDS
+            }
+            each = replace(contacts, skin=self.twin.model.skin, **home).unstack()
+            if all(self.twin.bears(contact, request.load_n) for contact, request in zip(each, batch, strict=True)):
+                break
         for request, contact in zip(batch, each, strict=True):
             self.twin.require_on_gel(request.solids, contact)
         return each

@@ -110,7 +110,7 @@ def _step_to_load(twin: Twin, last: Contact, indenter: Indenter, wanted: Pose, l
         return twin.step(
             last, indenter, _approach(last.pose, replace(wanted, depth_mm=last.pose.depth_mm + STEP_DEPTH_MM))
         )
-    now_n = -float(last.wrench().force_n[2])
+    now_n = twin.load_n(last)
     next_n = now_n + float(np.clip(load_n - now_n, -STEP_LOAD_N, STEP_LOAD_N))
     pose = _approach(last.pose, replace(wanted, depth_mm=last.pose.depth_mm))
     return twin.step(last, indenter, pose, max(next_n, _LIGHTEST_N))

@@ -58,6 +58,12 @@ def _uncorrected(contact: Contact, indenter: Indenter | None = None) -> Contact:
     return contact
 
 
+LOAD_TOLERANCE = 0.005
+"""Relative difference from the wanted load at which a contact that is corrected counts as found."""
+LOAD_ROUNDS = 4
+"""Largest number of contacts that are solved to find a load."""
+
+
 @dataclass(frozen=True)
 class Twin:
     """Everything needed to press a simulated sensor and to render its images."""
@@ -85,11 +91,41 @@ class Twin:
         return ContactModel(skin, self.friction, self.solver_settings)
 
     def step(self, last: Contact, indenter: Indenter, pose: Pose, load_n: float | None = None) -> Contact:
-        """Return the contact after the object has moved to a pose, or to a load near that pose.
+        """Return the contact after the object has moved to a pose, or to a load near that pose, before `correct_contact`.
 
-        The load is that of the linear layer, before `correct_contact`.
+        The load is that of the corrected contact, to `LOAD_TOLERANCE`.
         Raises `PoseOutOfView`, `ObjectTooLarge`, and what `ContactModel` raises.
         """
+        if load_n is None:
+            return self.step_linear_layer(last, indenter, pose)
+        contact = last
+        for _ in range(LOAD_ROUNDS):
+            contact = self.step_linear_layer(last, indenter, pose, self.linear_load_n(contact, load_n))
+            if self.bears(contact, load_n):
+                break
+        return contact
+
+    def bears(self, contact: Contact, load_n: float) -> bool:
+        """Return whether a contact of the solver has a load after `correct_contact`, to `LOAD_TOLERANCE`."""
+        return self.correct_contact is _uncorrected or abs(self.load_n(contact) - load_n) <= LOAD_TOLERANCE * load_n
+
+    def load_n(self, contact: Contact) -> float:
+        """Return the load of a contact after `correct_contact`."""
+        return -float(self.correct_contact(contact).wrench().force_n[2])
+
+    def linear_load_n(self, known: Contact, load_n: float) -> float:
+        """Return the load of the linear layer whose corrected contact has a load, as a contact of the same object tells.
+
+        The correction adds a share of the load that grows with the load. Without contact it is the load itself.
+        """
+        solved_n = -float(known.wrench().force_n[2]) if known.touches else 0.0
+        if self.correct_contact is _uncorrected or solved_n <= 0:
+            return load_n
+        growth_per_n = (self.load_n(known) / solved_n - 1) / solved_n
+        return 2 * load_n / (1 + np.sqrt(max(1 + 4 * growth_per_n * load_n, 0.0)))
+
+    def step_linear_layer(self, last: Contact, indenter: Indenter, pose: Pose, load_n: float | None = None) -> Contact:
+        """Return the contact as `step` does, where a load is that of the linear layer, before `correct_contact`."""
         self.require_in_view(pose)
         try:
             if load_n is None:

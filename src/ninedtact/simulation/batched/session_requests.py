@@ -71,7 +71,7 @@ class Request(ABC):
 
 @dataclass(frozen=True)
 class StepRequest(Request):
-    """A move of an object to a pose, or to a load near it; the response is a `ContactSummary`."""
+    """A move of an object to a pose, or to a load of the linear layer near it; the response is a `ContactSummary`."""
 
     setup: SimulatedSetup
     last: Contact | None
@@ -88,7 +88,7 @@ class StepRequest(Request):
         """Return the contact; raises what `Twin.step` raises."""
         twin = self.setup.twin
         last = twin.model.initial_contact() if self.last is None else self.last
-        contact = twin.step(last, self.indenter, self.pose, self.load_n)
+        contact = twin.step_linear_layer(last, self.indenter, self.pose, self.load_n)
         corrected = twin.correct_contact(contact)
         return _contact_summary(contact, corrected, corrected.wrench(), _summary_numbers(contact, corrected))
 
