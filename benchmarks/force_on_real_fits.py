@@ -200,14 +200,20 @@ def judge(member: SampledSensor, folder: Path, file: Path, spec: str) -> Judged:
 def show(spec: str, found: dict[str, Judged]) -> None:
     """Print skill, slope and coverage of every sensor, and the mean and the worst."""
     print(
-        f"\n{spec}: skill about the skin's centre | of Tx, Ty 35 mm below | slope of Fz | truth within 1σ, 2σ | warned | ms"
+        f"\n{spec}: skill about the skin's centre | of Tx, Ty 35 mm below | slope of the line fitted to Fz | truth within 1σ, 2σ | "
+        "warned | ms"
     )
     rows = {name: numbers(one) for name, one in found.items()}
     for name, row in rows.items():
         print(f"  {name:6s}" + line(row) + f"  {found[name].warned.mean():4.0%}  {found[name].ms:4.1f}")
     table = np.array(list(rows.values()))
     print(f"  {'mean':6s}" + line(table.mean(axis=0)))
-    print(f"  {'worst':6s}" + line(table.min(axis=0)), flush=True)
+    print(f"  {'worst':6s}" + line(table.min(axis=0)))
+    print(f"{spec}: truth within 1σ and within 2σ, {' '.join(AXES)}")
+    for name, one in found.items():
+        off = np.abs(one.predictions.error) / one.predictions.std
+        shares = ("  ".join(f"{share:.2f}" for share in (off < limit).mean(axis=0)) for limit in (1, 2))
+        print(f"  {name:6s}" + "  |  ".join(shares), flush=True)
 
 
 def numbers(one: Judged) -> np.ndarray:

@@ -56,6 +56,7 @@ ODD = {
     PairFault.WRONG_SIZE: {"reference_id": "small"},
     PairFault.NO_REFERENCE: {"reference_id": "unheard of"},
     PairFault.UNREADABLE: {"image": b"\x89PNG\r\n\x1a\n"},
+    PairFault.NO_LIGHT: {"image": encode_png(np.full_like(grey(SKIN), 255))},
     PairFault.NO_DARKENING: {"image": encode_png(grey(touched(SKIN, 0.0, 77)))},
     PairFault.NO_MEASURED_FORCE: {"wrench": wrench(0, 0.01, 0, 0, 0, 0)},
 }

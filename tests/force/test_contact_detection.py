@@ -1,14 +1,21 @@
 """The gate: noise and lamps are no touch, whatever the image's size; a shallow dent is one, with or without a reference."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from ninedtact.calibration.procedure import Calibration
+from ninedtact.calibration.save import save_sensor
+from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.force.contact_detection import (
     ContactRegionSettings,
     detect_contact,
     find_contact_region,
     pressure_reaches_unseen,
 )
+from ninedtact.force.traction.estimator import build_traction_force
 from ninedtact.quantities import Frame, HeightMap, HeightSource, Rectified
 from ninedtact.reading import Reading
 
@@ -46,9 +53,29 @@ def test_a_dent_of_a_hundredth_is_a_touch(lamp: float) -> None:
     assert all(detect_contact(reading(*FULL, seed, lamp=lamp, dent=0.01)) for seed in range(10))
 
 
-def test_without_a_reference_heights_decide() -> None:
-    from dataclasses import replace
+def test_pins_all_over_the_view_are_a_touch_and_not_noise() -> None:
+    untouched = reading(*FULL, 1)
+    y, x = np.mgrid[: FULL[0][0], : FULL[0][1]] * FULL[1]
+    pins = np.exp((np.cos(2 * np.pi * x / 2.5) + np.cos(2 * np.pi * y / 2.5) - 2) / 0.25)
+    grey = untouched.rectified.grey * (1.03 - 0.2 * pins).astype(np.float32)
+    assert detect_contact(replace(untouched, rectified=Rectified(grey.astype(np.float32), FULL[1])))
 
+
+@pytest.mark.parametrize("reference", ["board_reference", "ball_reference"])
+def test_the_board_of_a_real_sensor_touches(
+    reference: str, calibrated_a: Calibration, real_data: Path, tmp_path: Path
+) -> None:
+    sensor = save_sensor(tmp_path / "a", calibrated_a)
+    folder = real_data / "sensor_a"
+    depth_reader = sensor.shape.depth_reader(Frame(read_image(folder / f"{reference}.png")))
+    frame = Frame(read_image(folder / "board.png"))
+    rectified = sensor.shape.rectify(frame)
+    read = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
+    assert detect_contact(read)
+    assert build_traction_force(sensor.shape, sensor.gel).estimate(read).wrench.force_n[2] < -1
+
+
+def test_without_a_reference_heights_decide() -> None:
     for dent, touched in ((0.0, False), (0.1, True)):
         assert detect_contact(replace(reading(*FULL, 1, dent=dent), reference=None)) == touched
 

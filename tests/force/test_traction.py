@@ -178,6 +178,17 @@ def test_error_bars_cover() -> None:
     assert all((each.std < [0.5, 0.5, 1.0, 5e-3, 5e-3, 5e-3]).all() for each in estimates)
 
 
+@pytest.mark.parametrize("twist_deg", [0.0, 10.0, -20.0])
+def test_a_twist_that_a_round_contact_hides_is_in_the_error(twist_deg: float) -> None:
+    model = ContactModel(gel_skin(padded_grid(24, 18, PX_MM, 4.0), GEL))
+    down = [Pose(1.0, -0.6, depth) for depth in (0.4, 0.8)]
+    *_, contact = model.follow(Ball(4.0), [*down, Pose(1.0, -0.6, 0.8, np.radians(twist_deg))])
+    found, true_nm = by_height().estimate(reading(noisy(contact=contact))), contact.wrench().torque_nm[2]
+    assert abs(found.wrench.torque_nm[2] - true_nm) < 2.5 * found.std[5]
+    radius_mm = np.sqrt(0.8 * 4.0)
+    assert 0.1 < found.std[5] * 1e3 / abs(found.wrench.force_n[2]) / radius_mm < 0.3
+
+
 def test_light_tells_the_same_as_heights() -> None:
     found = TractionForce(BrightnessObservationModel(CURVE, LightLoss(), 0.5), GEL, solver=THOROUGH).estimate(
         lit(dragged())
@@ -312,9 +323,9 @@ def test_fixed_images_have_the_answers_that_they_had() -> None:
     )
     same = {"rtol": 2e-3, "atol": 0}
     np.testing.assert_allclose(one.wrench.six, [0.88970, 0.44757, -3.5329, 1.3464e-3, 5.0566e-3, 9.792e-4], **same)
-    np.testing.assert_allclose(one.std, [0.057375, 0.029454, 0.22755, 9.0633e-5, 3.2761e-4, 4.2109e-4], **same)
+    np.testing.assert_allclose(one.std, [0.057375, 0.029454, 0.22755, 9.0633e-5, 3.2761e-4, 1.2597e-3], **same)
     np.testing.assert_allclose(two.wrench.six, [0.86373, 0.42762, -3.5226, 1.3780e-3, 5.0278e-3, 9.391e-4], **same)
-    np.testing.assert_allclose(two.std, [0.058886, 0.034660, 0.22923, 9.5273e-5, 3.2929e-4, 4.8691e-4], **same)
+    np.testing.assert_allclose(two.std, [0.058886, 0.034660, 0.22923, 9.5273e-5, 3.2929e-4, 1.2296e-3], **same)
     assert by_light.last is not None and by_waves.last is not None
     assert (by_light.last.iterations, by_light.last.solution.solve_count, by_light.last.misfit) == (2, 3, 1.0)
     assert (by_waves.last.iterations, by_waves.last.solution.solve_count) == (1, 3)

@@ -1,5 +1,7 @@
 """Images that cannot be a press: dark, white, without structure, exchanged, with a failed LED."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,11 @@ from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceI
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.quantities import EstimateWarning, Frame
+from ninedtact.reading import Reading
 from ninedtact.shape.image_check import ImageImplausible, find_image_warnings, require_plausible_image
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin
@@ -49,6 +54,20 @@ def test_an_image_that_is_no_press_is_named(name: str, twin_sensor: SensorFolder
     assert warnings_of(twin_sensor, reference, spoil(reference)) == (expected,)
     with pytest.raises(ImageImplausible, match=r"^press.png: expected .*, got .*; "):
         require_plausible_image("press.png", (expected,))
+
+
+@pytest.mark.parametrize("spec", ["physics", "corrected"])
+@pytest.mark.parametrize("name", ["black", "white", "uniform"])
+def test_an_estimator_by_itself_knows_nothing_of_an_image_that_is_no_press(
+    spec: str, name: str, calibrated_a: Calibration, real_data: Path, tmp_path: Path
+) -> None:
+    sensor = save_sensor(tmp_path / "a", calibrated_a)
+    image = read_image(real_data / "sensor_a" / "ball_reference.png")
+    depth_reader, frame = sensor.shape.depth_reader(Frame(image)), Frame(WRONG[name][0](image))
+    rectified = sensor.shape.rectify(frame)
+    reading = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
+    found = build_estimator(spec, sensor.shape, sensor.gel).estimate(reading)
+    assert not found.wrench.six.any() and not np.isfinite(found.std).any() and found.warnings == (WRONG[name][1],)
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,7 @@ from ninedtact.dataset.quality_report import PairFault, PairFinding, QualityRepo
 from ninedtact.dataset.schema import WRENCH_AXES
 from ninedtact.errors import InputError
 from ninedtact.parallel_jobs import run_jobs
+from ninedtact.shape.image_check import find_light_warning
 
 _GreyImage = UInt8[Array, "rows cols"]
 _MOST_TILES, _TILE_PX = 40, 6
@@ -156,7 +157,11 @@ def _find_wrench_faults(wrench: Array, settings: CheckSettings) -> Iterator[tupl
 def _find_contradictions(
     image: _GreyImage, reference: _GreyImage, wrench: Array, settings: CheckSettings
 ) -> Iterator[tuple[PairFault, str]]:
-    """Yield a fault where image and wrench contradict each other."""
+    """Yield a fault where the image cannot be a press, and where image and wrench contradict each other."""
+    light = find_light_warning(image, reference)
+    if light is not None:
+        yield PairFault.NO_LIGHT, str(light)
+        return
     levels = max_darkening_levels(image, reference)
     if wrench[2] <= -settings.pressed_n and levels < settings.min_darkening_levels:
         yield PairFault.NO_DARKENING, f"Fz of {wrench[2]:.3g} N, and {levels:.2g} grey levels of darkening"

@@ -36,6 +36,7 @@ class PairFault(StrEnum):
     PULLING = "pulling"
     UNSYNCHRONISED = "unsynchronised"
     WRONG_SIZE = "wrong size"
+    NO_LIGHT = "no light"
     NO_DARKENING = "no darkening"
     NO_MEASURED_FORCE = "no measured force"
     DUPLICATE_IMAGE = "duplicate image"
@@ -54,6 +55,7 @@ FAULT_MEANINGS = {
     PairFault.PULLING: "F_z is above zero: the object would pull at the skin; the axes of the force sensor may be turned",
     PairFault.UNSYNCHRONISED: "image and wrench were taken too far apart in time",
     PairFault.WRONG_SIZE: "the image and its reference image differ in size",
+    PairFault.NO_LIGHT: "the image is dark or overexposed beside its reference image",
     PairFault.NO_DARKENING: "the wrench presses hard, but no place of the image is darker than in the reference image",
     PairFault.NO_MEASURED_FORCE: "the image shows a contact, but the wrench is zero",
     PairFault.DUPLICATE_IMAGE: "an earlier pair has the same image",

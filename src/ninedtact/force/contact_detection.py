@@ -58,6 +58,10 @@ _CELL_MM = 0.53
 _SMOOTHING_CELLS = 2.0
 _MIN_NOISE, _MIN_NOISE_MM = 2e-4, 2e-3
 """Smallest noise (standard deviation) that is assumed for one cell: relative brightness, and mm of height."""
+_MAX_NOISE, _MAX_NOISE_PER_PIXEL_NOISE = 5e-3, 25.0
+"""Relative brightness noise of one cell that is not doubted, and its largest ratio to that of independent pixels (6 to 12 in images
+of real sensors, whose cameras sharpen and compress). What exceeds both is structure, such as pins all over the view."""
+_NOISE_EVERY_ROWS = 48
 _SMOOTHING_RESIDUE = 0.8
 """Standard deviation that white noise of one keeps when its mean over 3 x 3 cells, weighted 1 2 1, is subtracted."""
 _STD_PER_MEDIAN = 1.4826
@@ -90,6 +94,8 @@ def measure_darkening(reading: Reading, threshold: ContactThreshold = ContactThr
         signal = image / np.maximum(reference, np.float32(1))
         min_noise, min_change = _MIN_NOISE, threshold.min_darkening
     noise = max(estimate_cell_noise(signal), min_noise)
+    if reading.reference is not None:
+        noise = min(noise, largest_cell_noise(reading.rectified.grey, reading.reference.grey, signal.size))
     darkening = _smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
     return float(darkening.max()), float(_noise_limit(noise, threshold.noise_stds, min_change, _SMOOTHING_CELLS))
 
@@ -128,6 +134,17 @@ def estimate_cell_noise(field: Float[Array, "rows cols"]) -> float:
     """
     smooth = cv2.GaussianBlur(field, (3, 3), 0.85)
     return float(np.median(np.abs(field - smooth))) * _STD_PER_MEDIAN / _SMOOTHING_RESIDUE
+
+
+def largest_cell_noise(image: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"], cells: int) -> float:
+    """Return the largest noise of one of so many cells of the view that an image can have, as relative brightness.
+
+    The noise of its pixels is estimated from second differences, to which structure over many pixels contributes little.
+    """
+    rows = np.s_[::_NOISE_EVERY_ROWS]
+    brightness = image[rows] / np.maximum(reference[rows], np.float32(1))
+    pixel_noise = float(np.median(np.abs(np.diff(brightness, n=2, axis=1)))) * _STD_PER_MEDIAN / np.sqrt(6)
+    return max(_MAX_NOISE, _MAX_NOISE_PER_PIXEL_NOISE * pixel_noise * float(np.sqrt(cells / image.size)))
 
 
 def _smoothed_darkening(signal: View, in_view: View, smoothing_cells: float) -> View:

@@ -21,7 +21,10 @@ class ForceEstimator(ABC):
 
     @abstractmethod
     def estimate(self, reading: Reading) -> WrenchEstimate:
-        """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches."""
+        """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches.
+
+        For an image that cannot be a press on this sensor it is the `unknown_wrench` with the warnings of the reading.
+        """
 
     @abstractmethod
     def forget(self) -> None:

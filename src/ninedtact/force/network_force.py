@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 from ninedtact.design import Gel
 from ninedtact.errors import ForceError
 from ninedtact.force.contact_detection import ContactTest, detect_contact
-from ninedtact.force.estimator_interface import ForceEstimator, zero_wrench
+from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench, zero_wrench
 from ninedtact.force.network_input import NetworkInputBuilder, SensorFeatures
 from ninedtact.force.onnx_model import ForceModel, ModelCard, WrenchPrediction
 from ninedtact.force.out_of_distribution import is_out_of_distribution
@@ -64,6 +64,8 @@ class NetworkForce(ForceEstimator):
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches."""
+        if reading.image_warnings:
+            return unknown_wrench(reading.stamp_ns, reading.image_warnings)
         if self.contact_test(reading):
             return self.estimate_contact(reading)
         return WrenchEstimate(

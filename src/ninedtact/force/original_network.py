@@ -19,7 +19,7 @@ from torch import Tensor
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import FileFormatError
 from ninedtact.force.contact_detection import ContactTest, detect_contact
-from ninedtact.force.estimator_interface import ForceEstimator, zero_wrench
+from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench, zero_wrench
 from ninedtact.force.evaluation.evaluation import PUBLISHED_SCORES_AT_SKIN
 from ninedtact.force.network_input import InputChannels, NetworkInputBuilder, full_resolution_input
 from ninedtact.force.networks import DenseNet, build_densenet
@@ -47,6 +47,8 @@ class OriginalNetworkForce(ForceEstimator):
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches."""
+        if reading.image_warnings:
+            return unknown_wrench(reading.stamp_ns, reading.image_warnings)
         errors, stamp_ns = independent_errors(np.array(PUBLISHED_SCORES_AT_SKIN.rmse)), reading.frame.stamp_ns
         if not self.contact_test(reading):
             return WrenchEstimate(zero_wrench(stamp_ns), errors, touching=False)

@@ -9,7 +9,7 @@ the fine structure of the skin.
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError
@@ -74,12 +74,11 @@ def find_image_warnings(image: Rectified, reference: Rectified, height: HeightMa
     seen = _shrink((height.source != HeightSource.OUT_OF_VIEW).astype(np.float32)) > 0.9
     if not seen.any():
         return ()
+    light = _find_light_warning(now[seen], then[seen])
+    if light is not None:
+        return (light,)
     ratio = (now / then)[seen]
     median = float(np.median(ratio))
-    if now[seen].mean() < _MIN_GREY or median < _DARKEST_MEDIAN:
-        return (EstimateWarning.IMAGE_DARK,)
-    if (now[seen] >= _MAX_GREY).mean() > _MAX_OVEREXPOSED:
-        return (EstimateWarning.IMAGE_OVEREXPOSED,)
     mean_height_mm = float(_shrink(height.z_mm)[seen].mean())
     differs = (
         not _MEDIAN_RANGE[0] <= median <= _MEDIAN_RANGE[1]
@@ -88,6 +87,21 @@ def find_image_warnings(image: Rectified, reference: Rectified, height: HeightMa
         or not _has_same_structure(np.log(np.maximum(now, 1)), np.log(then), seen)
     )
     return (EstimateWarning.IMAGE_UNLIKE_REFERENCE,) if differs else ()
+
+
+def find_light_warning(grey: UInt8[Array, "rows cols"], reference: UInt8[Array, "rows cols"]) -> EstimateWarning | None:
+    """Return whether an image is dark or overexposed, without a calibration; None for one that is neither."""
+    now, then = (_shrink(image.astype(np.float32)) for image in (grey, reference))
+    return _find_light_warning(now.ravel(), np.maximum(then, np.float32(1)).ravel())
+
+
+def _find_light_warning(now: Float32[Array, " cells"], then: Float32[Array, " cells"]) -> EstimateWarning | None:
+    """Return whether cells are dark or overexposed; those of the reference image are at least one."""
+    if now.mean() < _MIN_GREY or np.median(now / then) < _DARKEST_MEDIAN:
+        return EstimateWarning.IMAGE_DARK
+    if (now >= _MAX_GREY).mean() > _MAX_OVEREXPOSED:
+        return EstimateWarning.IMAGE_OVEREXPOSED
+    return None
 
 
 def _has_same_structure(now: _Cells, then: _Cells, seen: Bool[Array, "rows cols"]) -> bool:

@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel
 from ninedtact.force.contact_detection import ContactRegionSettings, find_contact_region, pressure_reaches_unseen
-from ninedtact.force.estimator_interface import ForceEstimator, zero_wrench
+from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench, zero_wrench
 from ninedtact.force.traction.cell_grid import MARGIN_CELLS, CellGrid, cell_grid_over_image
 from ninedtact.force.traction.forward_model import ForwardModel, identify_substrate
 from ninedtact.force.traction.inversion import InversionResult, SolverSettings, TractionInversion, UncertaintyModel
@@ -64,6 +64,9 @@ class TractionForce(ForceEstimator):
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the wrench about the skin's centre; raises `TractionImpossible` for a reading that cannot be used."""
+        if reading.image_warnings:
+            self.forget()
+            return unknown_wrench(reading.stamp_ns, reading.image_warnings)
         with _blas_controller().limit(limits=1, user_api="blas"):  # small matrices are slower on several threads
             return self._invert(reading)
 

@@ -214,7 +214,7 @@ class LinearisedProblem:
         rows, cols = heights.shape[1:]
         signal = down @ (heights.reshape(-1, cols) @ across).reshape(-1, rows, across.shape[1])
         signal *= self.whitener.per_error
-        return signal.reshape(len(signal), -1)
+        return signal.reshape(len(signal), self.whitener.per_error.size)
 
     @cached_property
     def _slope_on_skin(self) -> Float32[Array, "skin_rows skin_cols"]:

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.errors import ForceError
-from ninedtact.force.contact_detection import estimate_cell_noise
+from ninedtact.force.contact_detection import estimate_cell_noise, largest_cell_noise
 from ninedtact.force.traction.cell_grid import CellGrid
 from ninedtact.quantities import HeightMap, HeightSource, Rectified
 from ninedtact.reading import Reading
@@ -130,7 +130,8 @@ class BrightnessObservationModel(ObservationModel):
             )
         below, pixel, beyond = _orthorectify_onto_cells(reading.height, cells)
         change = _at_pixels(self._relative_change(reading.rectified, reading.reference, cells), pixel)
-        noise = max(estimate_cell_noise(change), _MIN_BRIGHTNESS_NOISE)
+        largest = largest_cell_noise(reading.rectified.grey, reading.reference.grey, int(np.prod(cells.image_shape)))
+        noise = min(max(estimate_cell_noise(change), _MIN_BRIGHTNESS_NOISE), largest)
         return Observation(
             change, noise, _LOCAL_FRACTION * self.curve_error, below.z_mm, below.in_view.astype(np.float32), beyond
         )
