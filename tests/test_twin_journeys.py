@@ -136,9 +136,12 @@ def test_the_demo_ends_by_itself_without_a_terminal_and_leaves_what_it_showed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("ninedtact.simulation.simulated_sources.demo_trajectories", one_short_act)
+    monkeypatch.setattr("ninedtact.cli.sensor_page.has_screen", lambda: True)
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
     assert main(["demo", "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
-    assert "open http://127.0.0.1:" in said and "stopped after" in said
+    assert opened and f"open {opened[0]} in a browser" in said and "stopped after" in said
     assert {path.name for path in tmp_path.iterdir()} == {"sensor", "presses.png", "summary.json"}
     (press,) = json.loads((tmp_path / "summary.json").read_text())["presses"]
     assert press["object"] == "ball_8mm" and press["true_mm"] == pytest.approx(1.2, abs=0.05)

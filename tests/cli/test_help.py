@@ -64,3 +64,28 @@ def test_help_has_no_hard_breaks_inside_sentences(names: tuple[str, ...], help_o
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"ninedtact {__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            ["live", "--sensor", "a", "--source", "0", "--sensor", "b"],
+            "expected --sensor once, got it 2 times; name several",
+        ),
+        (
+            ["calibrate", "--out", "a", "--out=b", "--images", "c"],
+            "expected --out once, got it 2 times; keep one of them",
+        ),
+    ],
+)
+def test_an_option_that_takes_one_value_is_refused_twice(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 1
+    assert said in capsys.readouterr().err
+
+
+def test_an_option_that_takes_several_values_may_be_repeated() -> None:
+    command = parse_arguments(["estimate", "--sensor", "s", "--reference", "a.png", "--reference", "b.png", "c.png"])
+    assert [path.name for path in command.reference] == ["a.png", "b.png"]

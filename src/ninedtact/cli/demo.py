@@ -61,6 +61,8 @@ class Demo:
     """Address of the page; with another one than this computer's own, the printed address contains a random token."""
     port: int | None = None
     """Port of the page; without it 8080, or the next free one. 0 takes any free port."""
+    browser: bool = True
+    """Open the page in the browser, where there is a terminal and a screen."""
     allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
     """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
 
@@ -77,7 +79,15 @@ class Demo:
         self.write_summary(self.compare_presses(folder))
         sources = demo_sources(self.twin, self.resolved_rounds)
         sensor, wrenches = page_sources_of_twin(folder.shape, sources)
-        settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.force, self.allow_origin)
+        settings = PageSettings(
+            self.out,
+            self.display_hz,
+            self.host,
+            self.port,
+            self.force,
+            self.allow_origin,
+            opens_browser=self.browser,
+        )
         with suppress(KeyboardInterrupt):
             serve_sensor_page([PageSensor(folder, sensor, wrenches, sources.simulation)], settings)
         print(f"stopped after {sensor.frames_read} images; results are in {self.out}")

@@ -5,6 +5,7 @@ read by tyro. Its rules are extended here, once for all commands: defaults that 
 list), an option that may be left out shows only its type, and the lines of a docstring are joined to sentences.
 """
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
@@ -121,6 +122,11 @@ class CollectOptions:
         )
 
 
+class OptionRepeated(InputError):
+    """An option that takes one value was given several times."""
+
+
+_OF_A_SENSOR = ("--source", "--sensor")
 _SILENT_DEFAULTS = ("", "None", "False")
 _NO_DEFAULT = "tyro.MISSING"
 
@@ -128,20 +134,37 @@ _NO_DEFAULT = "tyro.MISSING"
 def parse_command(commands: Any, description: str | None, arguments: Sequence[str], program: str) -> Any:
     """Parse the arguments into a command: a dataclass, or one of a union of dataclasses. `program` is its name in the usage.
 
-    Exits with code 0 after --help and 2 on wrong usage.
+    Exits with code 0 after --help and 2 on wrong usage; raises `OptionRepeated`.
     """
-    return tyro.cli(
+    repeatable: set[str] = set()
+    command = tyro.cli(
         commands,
         prog=program,
         description=description,
         args=arguments,
-        registry=_plain_help_registry(),
+        registry=_plain_help_registry(repeatable),
         config=(tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff),
     )
+    _require_each_option_once(arguments, repeatable)
+    return command
 
 
-def _plain_help_registry() -> ConstructorRegistry:
-    """Return tyro's rules with one more, which rewrites the help of every dataclass field."""
+def _require_each_option_once(arguments: Sequence[str], repeatable: set[str]) -> None:
+    """Refuse an option that is given again, of which only the last value would count; raises `OptionRepeated`."""
+    given = Counter(word.partition("=")[0].replace("_", "-") for word in arguments if word.startswith("--"))
+    for option, count in given.items():
+        if count > 1 and option not in repeatable:
+            several = (
+                "; name several sensors after one, as in --source left=0 right=2" if option in _OF_A_SENSOR else ""
+            )
+            raise OptionRepeated(f"expected {option} once, got it {count} times{several or '; keep one of them'}")
+
+
+def _plain_help_registry(repeatable: set[str]) -> ConstructorRegistry:
+    """Return tyro's rules with one more, which rewrites the help of every dataclass field.
+
+    repeatable: receives the options that may be given several times.
+    """
     registry, open_types = ConstructorRegistry(), []
 
     @registry.struct_rule
@@ -155,6 +178,8 @@ def _plain_help_registry() -> ConstructorRegistry:
             open_types.pop()
         if not isinstance(spec, StructConstructorSpec):
             return spec
+        names = (field.name.replace("_", "-") for field in spec.fields if _is_repeatable(field.type))
+        repeatable.update(f"--{name}" for name in names)
         return replace(spec, fields=tuple(_with_plain_help(field) for field in spec.fields))
 
     return registry
@@ -162,9 +187,14 @@ def _plain_help_registry() -> ConstructorRegistry:
 
 def _with_plain_help(field: StructFieldSpec) -> StructFieldSpec:
     """Return the field with a short hint of its default, a plain placeholder and whole sentences."""
-    repeatable = any(marker is tyro.conf.UseAppendAction for marker in _metadata(field.type))
+    repeatable = _is_repeatable(field.type)
     hint = tyro.conf.arg(help_behavior_hint=_default_hint(repeatable), metavar=_placeholder(field.type, repeatable))
     return replace(field, type=Annotated[field.type, hint], helptext=_joined_lines(field.helptext))  # type: ignore[arg-type]
+
+
+def _is_repeatable(field_type: Any) -> bool:
+    """Return whether an option may be given several times."""
+    return any(marker is tyro.conf.UseAppendAction for marker in _metadata(field_type))
 
 
 def _default_hint(repeatable: bool) -> Callable[[str], str]:

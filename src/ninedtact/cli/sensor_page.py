@@ -1,5 +1,8 @@
 """The page of sensors on their sources, as `live`, `demo` and the guided calibrations serve it."""
 
+import os
+import sys
+import webbrowser
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -62,6 +65,8 @@ class PageSettings:
     """The rules by which requests are accepted; None takes those of the host and the allowed websites."""
     rerun: bool = False
     """Whether readings are also sent to the Rerun viewer on this computer."""
+    opens_browser: bool = False
+    """Whether the page is opened in a browser, where a person sits at a terminal on a computer with a screen."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +118,10 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
         pressed = [press for press in presses if press is not None]
         page = SensorPage(server, controller, block, title, pressed if len(pressed) == len(parts) else None, panels)
         sources = ", ".join(f"{part.name}: " * bool(part.name) + part.sensor.source.name for part in parts)
-        print(f"{sources}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True)
+        address = guard.page_address(server.get_port())
+        print(f"{sources}: open {address} in a browser; Ctrl-C ends", flush=True)
+        if settings.opens_browser and has_screen():
+            webbrowser.open(address)
 
         def is_over() -> bool:
             return ends and all(loop.snapshot(monotonic_ns()).phase is SensorPhase.ENDED for loop in loops)
@@ -121,6 +129,12 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
         if settings.rerun:
             listeners.append(_show_in_rerun(opened, parts))
         controller.run(page, settings.display_hz, is_over)
+
+
+def has_screen() -> bool:
+    """Return whether a person sits at a terminal on a computer that can show windows."""
+    shows_windows = sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+    return sys.stdout.isatty() and shows_windows
 
 
 def _keep_reading(

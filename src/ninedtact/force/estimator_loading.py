@@ -1,4 +1,4 @@
-"""Loading of the force estimator that `--force` names: the physics of the gel, a force model, physics corrected by a network, or none.
+"""Loading of the force estimator that `--force` names: physics, physics with a network that corrects it, a force model, or none.
 
 A name or a path and a calibrated sensor folder go in; a `ForceEstimator` with the folder's force scale comes out. The libraries
 that an estimator needs are imported when it is built.
