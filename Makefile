@@ -120,9 +120,10 @@ docs: .venv/ready-docs
 	.venv/bin/mkdocs build --strict --site-dir out/site
 	.venv/bin/python scripts/check_site.py out/site
 
-# The pictures of docs/gallery.md, and the notebook with its page, run again; a minute each.
+# The pictures of docs/gallery.md but that of the live page (`make docs-images`), and the notebook with its page, run again; one to two
+# minutes each. The pictures of a real sensor are drawn where its images are available.
 gallery: .venv/ready
-	.venv/bin/python scripts/draw_gallery.py
+	.venv/bin/python scripts/draw_gallery.py $(if $(wildcard $(REAL)/sensor_a/ball.png),--real $(REAL)/sensor_a)
 
 tour: .venv/ready
 	.venv/bin/python scripts/run_tour.py

@@ -82,3 +82,16 @@ def test_the_release_workflow_is_started_by_people_and_stores_no_password() -> N
     assert workflow["jobs"]["publish"]["permissions"] == {"id-token": "write"}
     assert "make dist" in [step.get("run") for step in workflow["jobs"]["build"]["steps"]]
     assert "secrets." not in release and "password" not in yaml.dump(workflow)
+
+
+def test_nothing_is_published_unless_tests_interoperation_and_documentation_pass() -> None:
+    release, checks = (
+        yaml.safe_load((ROOT / f".github/workflows/{name}.yml").read_text()) for name in ("release", "checks")
+    )
+    assert set(release["jobs"]["publish"]["needs"]) == {"checks", "build"}
+    assert release["jobs"]["checks"] == {"uses": "./.github/workflows/checks.yml"}
+    assert set(checks[True]) == {"push", "pull_request", "workflow_call"}
+    ran = " ".join(step.get("run", "") for job in checks["jobs"].values() for step in job["steps"])
+    assert ".ci/run" in ran and "make test-interop" in ran and "make docs" in ran
+    assert "\nmake test\n" in (ROOT / ".ci/run").read_text()
+    assert not any({"if", "continue-on-error"} & set(job) for job in checks["jobs"].values())

@@ -81,9 +81,40 @@ def test_the_command_says_what_it_wrote_and_refuses_in_one_sentence(
     without = write_episode(tmp_path / "without.mcap", 3, samples=0)
     with Recording(without) as no_wrench, Recording(path) as wrenches:
         assert export_lerobot([no_wrench], tmp_path / "images")["features"] == 7
-        with pytest.raises(RecordingsDiffer, match="the same wrenches, got 2 recordings of 2 kinds"):
-            export_lerobot([no_wrench, wrenches], tmp_path / "both")
+        with pytest.raises(
+            RecordingsDiffer, match=r"the same wrenches, got .*without.mcap with 44 x 30 px at 30 Hz and no w"
+        ):
+            export_lerobot([no_wrench, no_wrench, wrenches], tmp_path / "both")
+        with pytest.raises(RecordingsDiffer, match="at least one recording, got none"):
+            export_lerobot([], tmp_path / "both")
     assert not (tmp_path / "both").exists()
+
+
+def test_the_command_joins_several_recordings_for_lerobot_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    paths = [str(write_episode(tmp_path / f"{number}.mcap", 3 + number)) for number in range(3)]
+    cut = Path(paths[1])
+    cut.write_bytes(cut.read_bytes()[:-1000])
+    assert main(["export", *paths, "--out", str(tmp_path / "set"), "--to", "lerobot"]) == 0
+    printed = capsys.readouterr().out
+    assert (
+        "       3  episodes\n" in printed
+        and printed.count("cut short") == 1
+        and f"  {cut}: The file was cut" in printed
+    )
+    table = pq.read_table(tmp_path / "set/meta/episodes/chunk-000/file-000.parquet")
+    assert table["length"].to_pylist() == [3, 4, 5]
+    assert main(["export", *paths, "--out", str(tmp_path / "both"), "--to", "lerobot", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["finished"] is False
+    for kind in ("files", "rerun"):
+        out = tmp_path / f"{kind}.rrd"
+        assert main(["export", *paths, "--out", str(out), "--to", kind]) == 1
+        (sentence,) = capsys.readouterr().err.strip().splitlines()
+        assert f"expected one recording, or several with --to lerobot, got 3 with --to {kind}; export each" in sentence
+        assert not out.exists()
+    assert main(["export", "--out", str(tmp_path / "none")]) == 1
+    assert "expected a recording, got none; name it" in capsys.readouterr().err
 
 
 ROOT = Path(__file__).parents[2]

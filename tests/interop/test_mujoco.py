@@ -16,11 +16,11 @@ from ninedtact.design import Gel  # noqa: E402
 from ninedtact.errors import InputError  # noqa: E402
 from ninedtact.interop.mujoco import (  # noqa: E402
     BodyThroughBase,
-    MujocoBodyUnusable,
     TactileReading,
     TactileSensor,
 )
 from ninedtact.interop.mujoco_batch import TactileSensorBatch  # noqa: E402
+from ninedtact.interop.mujoco_scene import MujocoBodyUnusable  # noqa: E402
 from ninedtact.mechanics.contact_result import Contact  # noqa: E402
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain  # noqa: E402
 from ninedtact.mechanics.indenter import Indenter  # noqa: E402
@@ -170,6 +170,84 @@ def test_bodies_that_cannot_be_used_are_refused_in_one_sentence() -> None:
     mujoco.mj_forward(model, data)
     with pytest.raises(MujocoBodyUnusable, match="got a plane"):
         TactileSensor(model, data, "sensor", TWIN)._scene.solid(1, np.zeros(3))
+
+
+def rod_on_gel_and_housing() -> tuple[Any, Any]:
+    """A rod that lies half on the gel and half on the housing beside it, which are geoms of one body."""
+    housing = '<geom name="housing" type="box" pos="0.03 0 -0.0025" size="0.01 0.01125 0.0025" solref="0.01 1"/>'
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><worldbody><body name="sensor">{housing}{GEL}</body><body name="rod" pos="0.0155 0 0.0029"><freejoint/>
+        <geom type="capsule" size="0.003" fromto="-0.02 0 0 0.02 0 0" mass="0.2"/></body></worldbody></mujoco>"""
+    )
+    return model, mujoco.MjData(model)
+
+
+def test_only_what_touches_the_geom_of_the_gel_presses() -> None:
+    model, data = rod_on_gel_and_housing()
+    sensors = [TactileSensor(model, data, "sensor", TWIN, geom=geom) for geom in ("gel", 1)]
+    sensors += TactileSensorBatch([(model, data)], "sensor", sensors[0].twin, geom="gel").sensors
+    for _ in range(15):
+        mujoco.mj_step(model, data, 8)
+    load_n, six = dict.fromkeys(("gel", "housing"), 0.0), np.zeros(6)
+    for number in range(data.ncon):
+        mujoco.mj_contactForce(model, data, number, six)
+        [name] = load_n.keys() & {model.geom(geom).name for geom in data.contact[number].geom.tolist()}
+        load_n[name] += six[0]
+    assert min(load_n.values()) > 0.5
+    for sensor in sensors:
+        reading = sensor.step()
+        assert reading.scene_wrench.force_n[2] == pytest.approx(-load_n["gel"], abs=0.01)
+        assert reading.wrench.force_n[2] == pytest.approx(-load_n["gel"], rel=0.02)
+
+
+def test_the_geom_of_the_gel_must_be_given_where_several_collide() -> None:
+    model, data = rod_on_gel_and_housing()
+    several = (
+        r"expected one geom of body sensor that collides, got 2 \('housing', 'gel'\); pass that of the gel as geom"
+    )
+    with pytest.raises(MujocoBodyUnusable, match=several):
+        TactileSensor(model, data, "sensor", TWIN)
+    with pytest.raises(MujocoBodyUnusable, match=several):
+        TactileSensorBatch([(model, data)], "sensor", TWIN)
+    for wrong in ("skin", 2, -1):
+        with pytest.raises(
+            MujocoBodyUnusable, match=f"that collides, one of 'housing', 'gel', got {wrong!r}; correct it"
+        ):
+            TactileSensor(model, data, "sensor", TWIN, geom=wrong)
+    model.geom("housing").contype = model.geom("housing").conaffinity = 0
+    assert TactileSensor(model, data, "sensor", TWIN)._scene.geom == 1
+
+
+def test_a_gel_that_collides_by_pairs_alone_is_pressed() -> None:
+    apart = 'contype="0" conaffinity="0"'
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><worldbody><body name="sensor">{GEL.replace("/>", f" {apart}/>")}</body>
+        <body pos="0 0 0.0041"><freejoint/><geom name="ball" type="sphere" size="0.004" mass="0.1" {apart}/></body></worldbody>
+        <contact><pair geom1="gel" geom2="ball" solref="0.01 1"/></contact></mujoco>"""
+    )
+    sensor = TactileSensor(model, mujoco.MjData(model), "sensor", TWIN)
+    for _ in range(15):
+        mujoco.mj_step(model, sensor.data, 8)
+    assert sensor.step().wrench.force_n[2] == pytest.approx(-0.98, abs=0.02)
+
+
+@pytest.mark.parametrize("more", ["", '<body name="far" pos="1 0 1"><geom type="sphere" size="0.004"/></body>'])
+def test_a_soft_body_on_the_gel_is_refused(more: str) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><worldbody><body name="sensor">{GEL}</body>{more}
+        <flexcomp name="sponge" type="grid" count="3 3 3" spacing="0.004 0.004 0.004" pos="0 0 0.006" dim="3" mass="0.1"
+        radius="0.001"><contact selfcollide="none"/><edge equality="true"/></flexcomp></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    batch = TactileSensorBatch([(model, data)], "sensor", TWIN)
+    assert not batch.step()[0].scene_wrench.six.any()
+    while not data.ncon:
+        mujoco.mj_step(model, data)
+    with pytest.raises(
+        MujocoBodyUnusable,
+        match=r"scene 0: expected rigid bodies on the gel, got the soft body \(flex\) sponge; replace it",
+    ):
+        batch.step()
 
 
 def test_a_body_through_the_base_is_refused() -> None:
@@ -337,6 +415,22 @@ def test_the_peg_is_inserted_by_the_wrench_that_is_estimated_from_the_image(tmp_
     for options in ({"sensor_folder": TWIN, "force": "physics"}, {"sensor_folder": folder, "force": "none"}):
         with pytest.raises(InputError, match="expected force='gel', or the name of an estimator and the folder of a"):
             make_env("ninedtact/PegInsertion-v0", **options)
+
+
+@pytest.mark.interop
+@pytest.mark.filterwarnings("ignore:.*Box observation space:UserWarning")
+def test_an_environment_says_which_geom_of_its_sensor_is_the_gel(make_env: Any) -> None:
+    from ninedtact.interop.ball_rolling import SCENE, BallRolling
+
+    class InHousing(BallRolling):
+        scene = SCENE.replace("</body>", '<geom type="box" pos="0 0.1 0" size="0.01 0.01 0.01"/></body>', 1)
+
+    class GelInHousing(InHousing):
+        gel_geom = 0
+
+    with pytest.raises(MujocoBodyUnusable, match=r"expected one geom of body sensor that collides, got 2 \(0, 1\)"):
+        InHousing(TWIN)
+    assert GelInHousing(TWIN).reset(seed=1)[1]["load_n"] > 0.3
 
 
 SNIPPETS = re.findall(

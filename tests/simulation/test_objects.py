@@ -217,6 +217,23 @@ def test_holes_and_crops_are_told(folder: Path) -> None:
     )
 
 
+def test_a_mesh_is_closed_where_no_edge_belongs_to_one_triangle_alone(tmp_path: Path) -> None:
+    box = trimesh.creation.box((6, 4, 3))
+    lidless = trimesh.Trimesh(box.vertices, box.faces[box.face_normals[:, 2] < 0.5], process=False)
+    beside = box.copy().apply_translation((6, 0, 0))
+
+    def closed(mesh: trimesh.Trimesh, *more: list[int]) -> bool:
+        faces = np.vstack([mesh.faces, *([face] for face in more)])
+        trimesh.Trimesh(mesh.vertices, faces, process=False).export(tmp_path / "mesh.ply")
+        return load_mesh_object(tmp_path / "mesh.ply").closed
+
+    one = box.faces[0].tolist()
+    assert closed(box) and closed(box, one) and closed(box, one, one) and closed(box, [one[0], one[0], one[1]])
+    assert closed(trimesh.util.concatenate([box, beside])), "two boxes with a face in common"
+    assert not closed(lidless) and not closed(lidless, *lidless.faces[:, ::-1].tolist()), "a sheet with both sides"
+    assert not closed(box, [one[0], one[1], one[1]], [0, 1, 7]), "a triangle with an edge of its own"
+
+
 @pytest.mark.parametrize(
     ("name", "said"),
     [

@@ -1,4 +1,4 @@
-"""ninedtact info: what is in a recording. ninedtact export: a recording as images, tables and heights in files of their own."""
+"""ninedtact info: what is in a recording. ninedtact export: recordings as images, tables and heights in files of their own."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -10,6 +10,7 @@ import tyro
 
 from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.cli.sensor_page import require_rerun
+from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
     from ninedtact.recording.summary import RecordingSummary
@@ -71,19 +72,23 @@ def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
         yield f"  {_CUT_SHORT} It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
 
 
+class NotOneRecording(InputError):
+    """Raised where no recording is given, or several for a format that holds one."""
+
+
 @dataclass(frozen=True)
 class Export:
     """Export a recording: images as PNG, wrenches, pairs, labels and times as CSV, heights as .npy, and the sensor folder."""
 
-    recording: Annotated[Path, tyro.conf.Positional]
-    """File that `ninedtact record` or `ninedtact collect` wrote."""
+    recordings: tyro.conf.Positional[tuple[Path, ...]]
+    """File that `ninedtact record` or `ninedtact collect` wrote; with `--to lerobot` one or more."""
     out: Path
     """New or empty folder; with `--to rerun`, a new file (.rrd)."""
     to: Literal["files", "lerobot", "rerun"] = "files"
-    """`lerobot` writes a LeRobotDataset v3.0 of one episode: images, and wrenches at their times. `rerun` writes a file for
-    the Rerun viewer: images, surfaces, wrenches with error bands."""
+    """`lerobot` writes a LeRobotDataset v3.0, each recording an episode: images, and wrenches at their times. `rerun`
+    writes a file for the Rerun viewer: images, surfaces, wrenches with error bands."""
     task: str = "touch"
-    """With `--to lerobot`: what is done in the recording, in words."""
+    """With `--to lerobot`: what is done in the recordings, in words."""
     points_every: int = 4
     """With `--to rerun`: write the points of every so many rows and columns of the height map."""
     json: bool = False
@@ -91,6 +96,7 @@ class Export:
 
     def run(self) -> int:
         """Export everything and print how many files and rows were written."""
+        self._require_one_recording_unless_episodes()
         from ninedtact.recording.errors import require_recording_libraries
 
         require_recording_libraries()
@@ -102,7 +108,10 @@ class Export:
 
         with ExitStack() as opened:
             # These are of one sensor, which `Recording` asks for.
-            addresses = [str(self.recording)] if self.to in ("lerobot", "rerun") else sensor_addresses(self.recording)
+            of_one_sensor = self.to in ("lerobot", "rerun")
+            addresses = (
+                [str(path) for path in self.recordings] if of_one_sensor else sensor_addresses(self.recordings[0])
+            )
             recordings = [opened.enter_context(Recording(address)) for address in addresses]
             images = sum(len(recording.positions(Topic.IMAGES)) for recording in recordings)
             with tqdm(total=images, unit="images", disable=self.json) as bar:
@@ -117,7 +126,17 @@ class Export:
                     written = export_rerun(recordings[0], self.out, self.points_every, on_image=bar.update)
                 else:
                     written = export_recordings(recordings, self.out, on_image=bar.update)
-            finished = recordings[0].is_finished
-        figures = {"out": str(self.out), "finished": finished, "written": written}
+            unfinished = dict.fromkeys(recording.path for recording in recordings if not recording.is_finished)
+        figures = {"out": str(self.out), "finished": not unfinished, "written": written}
         lines = [f"{self.out}:", *(f"  {number:8d}  {kind}" for kind, number in written.items())]
-        return print_result(self.json, figures, lines if finished else [*lines, f"  {_CUT_SHORT}"])
+        return print_result(self.json, figures, [*lines, *(f"  {path}: {_CUT_SHORT}" for path in unfinished)])
+
+    def _require_one_recording_unless_episodes(self) -> None:
+        """Raise `NotOneRecording` unless the format holds as many recordings as are given."""
+        if not self.recordings:
+            raise NotOneRecording("expected a recording, got none; name it after the options")
+        if len(self.recordings) > 1 and self.to != "lerobot":
+            raise NotOneRecording(
+                f"expected one recording, or several with --to lerobot, got {len(self.recordings)} with --to {self.to}; export "
+                "each into a folder or file of its own"
+            )

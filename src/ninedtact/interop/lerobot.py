@@ -79,17 +79,16 @@ def export_lerobot(
 
 def _common_features(recordings: Sequence[Recording]) -> tuple[dict[str, Any], int]:
     """Return the features of all recordings and their images per second; raises `RecordingsDiffer`."""
-    kinds = {
-        (_image_shape(one), tuple(key for key, topic in WRENCHES.items() if len(one.positions(topic))))
-        for one in recordings
-    }
-    rates = {max(1, round(median_rate_hz(one.stamps_ns(Topic.IMAGES)))) for one in recordings}
-    if len(kinds) != 1 or len(rates) != 1:
-        raise RecordingsDiffer(
-            f"expected recordings with images of one size, at one rate and with the same wrenches, got {len(recordings)} "
-            f"recordings of {len(kinds)} kinds at {sorted(rates)} images per second; export them separately"
-        )
-    [(shape, wrenches)], [fps] = kinds, rates
+    if not recordings:
+        raise RecordingsDiffer("expected at least one recording, got none; give one")
+    kinds = [_EpisodeKind.of_recording(recording) for recording in recordings]
+    for recording, kind in zip(recordings, kinds, strict=True):
+        if kind != kinds[0]:
+            raise RecordingsDiffer(
+                "expected recordings with images of one size, at one rate and with the same wrenches, got "
+                f"{recordings[0].path} with {kinds[0]} and {recording.path} with {kind}; export them separately"
+            )
+    shape, wrenches, fps = kinds[0].image_shape, kinds[0].wrenches, kinds[0].fps
     if 0 in shape:
         raise RecordingsDiffer("expected a recording with images, got one without; record a camera")
     names = {"image": ["height", "width", "channels"]}
@@ -97,6 +96,28 @@ def _common_features(recordings: Sequence[Recording]) -> tuple[dict[str, Any], i
     features |= {key: {"dtype": "float32", "shape": [6], "names": WRENCH_NAMES} for key in wrenches}
     features[TIME] = {"dtype": "float64", "shape": [1], "names": None}
     return features | {key: {"dtype": dtype, "shape": [1], "names": None} for key, dtype in _SCALARS.items()}, fps
+
+
+@dataclass(frozen=True)
+class _EpisodeKind:
+    """What the episodes of one data set have in common."""
+
+    image_shape: tuple[int, ...]
+    wrenches: tuple[str, ...]
+    """The features of the wrenches that the recording holds."""
+    fps: int
+
+    @classmethod
+    def of_recording(cls, recording: Recording) -> "_EpisodeKind":
+        """Return the kind of a recording."""
+        wrenches = tuple(key for key, topic in WRENCHES.items() if len(recording.positions(topic)))
+        fps = max(1, round(median_rate_hz(recording.stamps_ns(Topic.IMAGES))))
+        return cls(_image_shape(recording), wrenches, fps)
+
+    def __str__(self) -> str:
+        rows, cols, _ = self.image_shape
+        wrenches = " and ".join(key.removeprefix("observation.") for key in self.wrenches) or "no wrench"
+        return f"{cols} x {rows} px at {self.fps} Hz and {wrenches}"
 
 
 def _image_shape(recording: Recording) -> tuple[int, ...]:

@@ -23,7 +23,7 @@ from ninedtact._version import library_of_other_version
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
 from ninedtact.errors import MissingLibraryError, SimulationError
 from ninedtact.interop.geom_undersides import SolidsInPlace, Vector
-from ninedtact.interop.mujoco_scene import BodyContact, MujocoBodyUnusable, MujocoScene
+from ninedtact.interop.mujoco_scene import BodyContact, MujocoScene
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, HeightMap, Wrench
@@ -139,6 +139,8 @@ class TactileSensor(FrameSource):
     """A calibrated sensor, or a twin, as `ninedtact.default_twin()`."""
     pitch_mm: float = 0.3
     """Pitch of the grid on which the contact is solved; the twin's own, 0.2 mm, shows finer texture in more time."""
+    geom: str | int | None = None
+    """Name or number of the body's geom that is the gel, needed where several collide; what touches the others does not press."""
     is_live = False
     last: TactileReading | None = field(default=None, init=False, repr=False)
     """The newest reading, for programs that read frames."""
@@ -149,20 +151,8 @@ class TactileSensor(FrameSource):
 
     def __post_init__(self) -> None:
         require_mujoco()
-        import mujoco
-
         self.name = f"twin on MuJoCo body {self.body}"
-        self._body = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, self.body)
-        self._scene = MujocoScene(self.model, self.data, self._body)
-        names = [self.model.body(number).name for number in range(1, self.model.nbody)]
-        if self._body <= 0:
-            raise MujocoBodyUnusable(
-                f"expected a body of the scene, one of {', '.join(names)}, got {self.body!r}; correct it"
-            )
-        if not self._scene.geoms_of(self._body):
-            raise MujocoBodyUnusable(
-                f"expected body {self.body} to have a geom that collides, got none; give it a box whose upper face is the skin"
-            )
+        self._scene = MujocoScene.of_sensor(self.model, self.data, self.body, self.geom)
 
     @cached_property
     def twin(self) -> Twin:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from array_api_compat import to_device
 
-from ninedtact.errors import InputError, NinedtactError, SimulationError
+from ninedtact.errors import InputError, NinedtactError
 from ninedtact.interop.geom_undersides import SolidsInPlace
 from ninedtact.interop.mujoco import GelStep, TactileReading, TactileSensor
 from ninedtact.mechanics.contact_model import ContactModel
@@ -67,14 +67,16 @@ class TactileSensorBatch:
     """An array whose library, precision and device the solver uses, such as `torch.zeros((), device="cuda")`."""
     pitch_mm: float = 0.3
     """Pitch of the grid on which the contacts are solved."""
+    geom: str | int | None = None
+    """Name or number of the body's geom that is the gel, needed where several collide; the same for all scenes."""
     sensors: list[TactileSensor] = field(init=False)
     """The sensor of each scene."""
 
     def __post_init__(self) -> None:
         if not self.scenes:
             raise InputError("expected at least one scene, a pair of MjModel and MjData, got none; give one")
-        first = TactileSensor(*self.scenes[0], self.body, self.sensor_folder, self.pitch_mm)
-        rest = (TactileSensor(*scene, self.body, first.twin, self.pitch_mm) for scene in self.scenes[1:])
+        first = TactileSensor(*self.scenes[0], self.body, self.sensor_folder, self.pitch_mm, self.geom)
+        rest = (TactileSensor(*scene, self.body, first.twin, self.pitch_mm, self.geom) for scene in self.scenes[1:])
         self.sensors = [first, *rest]
         self.reset(range(len(self.sensors)))
 
@@ -117,7 +119,7 @@ class TactileSensorBatch:
                     requests[number] = running[number].send(response)  # type: ignore[arg-type]  # None starts it
                 except StopIteration as ended:
                     contacts[number] = ended.value
-                except SimulationError as refusal:
+                except NinedtactError as refusal:
                     raise _name_scene(refusal, number) from refusal
             responses = self._solve(requests) if requests else {}
         return contacts

@@ -57,27 +57,70 @@ class MujocoScene:
     """The `mujoco.MjData`."""
     body: int
     """Number of the body that carries the gel."""
+    geom: int
+    """Number of the geom of that body that is the gel; what touches its other geoms does not press."""
     _meshes: dict[int, Array] = field(default_factory=dict, init=False, repr=False)
     """Triangles by mesh, because they do not change."""
 
+    @classmethod
+    def of_sensor(cls, model: Any, data: Any, body: str, geom: str | int | None) -> "MujocoScene":
+        """Return the scene as seen from a body that is given by its name, and its geom that is the gel by name or number.
+
+        The geom need not be given where only one of the body's geoms collides. Raises `MujocoBodyUnusable`.
+        """
+        import mujoco
+
+        scene = cls(model, data, mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body), -1)
+        if scene.body <= 0:
+            names = ", ".join(model.body(number).name for number in range(1, model.nbody))
+            raise MujocoBodyUnusable(f"expected a body of the scene, one of {names}, got {body!r}; correct it")
+        colliding = scene.geoms_of(scene.body)
+        if not colliding:
+            raise MujocoBodyUnusable(
+                f"expected body {body} to have a geom that collides, got none; give it a box whose upper face is the skin"
+            )
+        by_name = {model.geom(number).name or number: number for number in colliding}
+        listed = ", ".join(repr(name) for name in by_name)
+        if geom is None and len(colliding) > 1:
+            raise MujocoBodyUnusable(
+                f"expected one geom of body {body} that collides, got {len(colliding)} ({listed}); pass that of the gel as geom"
+            )
+        scene.geom = colliding[0] if geom is None else by_name.get(geom, geom if geom in colliding else -1)
+        if scene.geom < 0:
+            raise MujocoBodyUnusable(
+                f"expected geom to be a geom of body {body} that collides, one of {listed}, got {geom!r}; correct it"
+            )
+        return scene
+
     def body_contacts(self) -> list[BodyContact]:
-        """Return every body on the gel with what MuJoCo's contacts say of it."""
+        """Return every body on the gel with what MuJoCo's contacts say of it.
+
+        Raises `MujocoBodyUnusable` where a soft body (flex) touches the gel.
+        """
         import mujoco
 
         frame, origin = self.rotation_of(self.body), MM_PER_M * self.data.xpos[self.body]
         six, found = np.zeros(6), dict[int, list[tuple[Array, Array, float, float]]]()
         for number in range(self.data.ncon):
             contact = self.data.contact[number]
-            bodies = self.model.geom_bodyid[contact.geom]
-            if self.body not in bodies or bodies[0] == bodies[1] or contact.efc_address < 0:
+            if self.geom not in contact.geom or contact.efc_address < 0:
                 continue
+            on_second = contact.geom[1] == self.geom
+            other = 0 if on_second else 1
+            if contact.geom[other] < 0:  # a soft body, which is no geom and deforms
+                flex = int(contact.flex[other])
+                name = mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_FLEX, flex) or f"number {flex}"
+                raise MujocoBodyUnusable(
+                    f"expected rigid bodies on the gel, got the soft body (flex) {name}; replace it by rigid ones, or keep it "
+                    "off the sensor"
+                )
             mujoco.mj_contactForce(self.model, self.data, number, six)
-            axes, on_second = contact.frame.reshape(3, 3), bodies[1] == self.body
+            axes = contact.frame.reshape(3, 3)
             sign = 1.0 if on_second else -1.0
             force, twist = (sign * frame.T @ axes.T @ part for part in (six[:3], six[3:]))
             place = frame.T @ (MM_PER_M * contact.pos - origin)
             parts = np.concatenate([force, twist + np.cross(place, force) / MM_PER_M]), place
-            found.setdefault(int(bodies[0 if on_second else 1]), []).append(
+            found.setdefault(int(self.model.geom_bodyid[contact.geom[other]]), []).append(
                 (*parts, float(contact.friction[0]), -MM_PER_M * float(contact.dist))
             )
         return [self._contact_of(body, parts, frame, origin) for body, parts in found.items()]
@@ -103,10 +146,11 @@ class MujocoScene:
         return np.array(self.data.xmat[body]).reshape(3, 3)
 
     def geoms_of(self, body: int) -> list[int]:
-        """Return the geoms of a body that collide."""
+        """Return the geoms of a body that collide, by contype and conaffinity or as one of a pair."""
         first, many = self.model.body_geomadr[body], self.model.body_geomnum[body]
         collides = self.model.geom_contype | self.model.geom_conaffinity
-        return [geom for geom in range(first, first + many) if collides[geom]]
+        paired = {*self.model.pair_geom1.tolist(), *self.model.pair_geom2.tolist()}
+        return [geom for geom in range(first, first + many) if collides[geom] or geom in paired]
 
     def solid(self, geom: int, lag_mm: Vector) -> Solid:
         """Return one geom in the sensor frame; raises `MujocoBodyUnusable`."""

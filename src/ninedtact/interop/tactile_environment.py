@@ -50,6 +50,8 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": round(1 / STEP_S)}
     scene: ClassVar[str]
     """The MuJoCo scene (MJCF)."""
+    gel_geom: ClassVar[str | int | None] = None
+    """Name or number of the geom of body `sensor` that is the gel, needed where several collide."""
     actions: ClassVar[int]
     """Number of the actions, each from −1 to 1."""
 
@@ -61,7 +63,9 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
     ) -> None:
         self.model = mujoco.MjModel.from_xml_string(self.scene)
         self.data = mujoco.MjData(self.model)
-        self.sensor = TactileSensor(self.model, self.data, "sensor", sensor_folder or default_twin())
+        self.sensor = TactileSensor(
+            self.model, self.data, "sensor", sensor_folder or default_twin(), geom=self.gel_geom
+        )
         self.render_mode, self._steps, self._lost = render_mode, 0, 0
         self._reading: TactileReading | None = None
         self._calibrated: Sensor | None = None

@@ -185,8 +185,8 @@ def read_uploaded_mesh(name: str, content: bytes, placement: MeshPlacement = Mes
         )
     if not mesh.closed:
         raise UploadRefused(
-            f"expected {path.name} to bound a solid (every edge between two triangles), got open or non-manifold edges; "
-            "repair the mesh"
+            f"expected {path.name} to bound a solid (every edge between two triangles or more), got edges of one triangle "
+            "alone; repair the mesh"
         )
     return mesh
 

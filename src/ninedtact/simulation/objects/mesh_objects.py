@@ -154,12 +154,21 @@ def _require_few_layers(name: str, vertices_mm: Vertices, faces: Faces) -> None:
 
 
 def _is_closed(vertices: Vertices, faces: Faces) -> bool:
-    """Return whether every edge belongs to two triangles; vertices at the same position count as one."""
+    """Return whether every edge belongs to two different triangles or more, so that no hole shows the inside.
+
+    Vertices at the same position count as one, and so do triangles with the same corners: a sheet that is stored with both of its
+    sides is open. Triangles without area, whose corners coincide, do not count.
+    """
     _, same = np.unique(vertices, axis=0, return_inverse=True)
     corners = same.reshape(-1)[faces]
-    edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    _, count = np.unique(edges[:, 0].astype(np.int64) * len(vertices) + edges[:, 1], return_counts=True)
-    return bool((count % 2 == 0).all())
+    corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
+    if not len(corners):
+        return False
+    edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
+    keys, third = edges[:, 0] * len(vertices) + edges[:, 1], corners[:, [2, 0, 1]].reshape(-1)
+    order = np.argsort(keys)
+    starts, third = np.flatnonzero(np.diff(keys[order], prepend=-1)), third[order]
+    return bool((np.minimum.reduceat(third, starts) != np.maximum.reduceat(third, starts)).all())
 
 
 MESH_FILE_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")
