@@ -21,6 +21,7 @@ from small_sensor import RECORDED, SkinCamera, sensor_folder, sensor_on, skin, w
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.force.estimator_interface import ForceEstimator, NoForce
 
 pytestmark = pytest.mark.interop
 pytest.importorskip("cyclonedds", reason="expected cyclonedds, got none; pip install 'ninedtact[ros2]'")
@@ -36,9 +37,10 @@ from ninedtact.interop.ros2_messages import (  # noqa: E402
     SensorMessages,
 )
 from ninedtact.interop.ros2_sensor import SensorOnRos2  # noqa: E402
-from ninedtact.quantities import Wrench  # noqa: E402
+from ninedtact.quantities import EstimateWarning, Wrench  # noqa: E402
 from ninedtact.recording.reader import Recording  # noqa: E402
 from ninedtact.recording.ros_messages import Topic, encode_message, encode_wrench, type_store  # noqa: E402
+from ninedtact.studio.recording_player import RecordedReadings  # noqa: E402
 
 DOMAIN, INTERFACE = 101, "lo"
 ENVIRONMENT = os.environ | {"CYCLONEDDS_URI": configuration(INTERFACE)}
@@ -125,12 +127,18 @@ def json_of(text: str) -> dict[str, Any]:
 
 @contextmanager
 def sensor_on_ros2(
-    folder: SensorFolder, out: Path, period_s: float = 0.01, measured: WrenchSource | None = None
+    folder: SensorFolder,
+    out: Path,
+    period_s: float = 0.01,
+    measured: WrenchSource | None = None,
+    estimator: ForceEstimator | None = None,
 ) -> Iterator[Running]:
     camera, over = SkinCamera(period_s), Event()
     with DdsParticipant(DOMAIN, INTERFACE) as participant:
         messages = SensorMessages(folder, "small", points_every=1)
-        shared = SensorOnRos2(sensor_on(camera), messages, participant, parse_qos(()), out, measured)
+        sensor = sensor_on(camera)
+        sensor.estimator, sensor.find_reference_faults = estimator, lambda _: ["unlike the calibration"]
+        shared = SensorOnRos2(sensor, messages, participant, parse_qos(()), out, measured, "of the bench")
         thread = Thread(target=shared.run, args=(over.is_set,))
         thread.start()
         writer = participant.writer("/small/command", STRING_TYPE, QosProfile.RELIABLE)
@@ -266,6 +274,33 @@ def test_commands_are_answered_and_a_recording_opens(tmp_path: Path) -> None:
         assert sum(1 for _ in recording.frames()) >= 20
     with Recording(out / "unfinished.mcap") as recording:  # finished when the command ended
         assert recording.metadata.sensor == RECORDED.id
+
+
+def until_published(running: Running, count: int) -> None:
+    """Until so many more readings are published, the first of which may be of an image from before."""
+    published = running.shared.published
+    wait_until(lambda: running.shared.published > published + count)
+
+
+def test_a_recording_that_begins_in_a_press_keeps_reference_metadata_and_all_warnings(tmp_path: Path) -> None:
+    folder = load_sensor(sensor_folder(tmp_path / "small"))
+    with sensor_on_ros2(folder, tmp_path, measured=Samples(), estimator=NoForce()) as running:
+        running.camera.level = 75
+        until_published(running, 5)
+        assert running.answer("start_recording pressed")["ok"]
+        until_published(running, 5)
+        assert running.answer("take_reference")["ok"]
+        until_published(running, 10)
+        assert running.answer("stop_recording")["ok"]
+    with Recording(tmp_path / "pressed.mcap") as recording:
+        metadata, warnings = recording.metadata, [texts for _, texts in recording.warnings()]
+    with RecordedReadings(tmp_path / "pressed.mcap", folder.shape) as played:
+        depths_mm = [played.reading(number).max_indentation_mm for number in range(len(played))]
+    assert depths_mm[0] == pytest.approx(1.0, abs=0.01) and depths_mm[-1] == pytest.approx(0.0, abs=0.01)
+    assert (metadata.source, metadata.force_torque) == ("the bench camera", "of the bench")
+    assert metadata.mm_per_px == RECORDED.grid.mm_per_px and metadata.software != ""
+    assert len(warnings) == len(depths_mm)
+    assert all(EstimateWarning.REFERENCE_UNLIKE_CALIBRATION.value in texts for texts in warnings)
 
 
 STALLING_SUBSCRIBER = """
