@@ -104,14 +104,18 @@ class Running:
     command: Callable[[str], None]
     status: DdsReader
 
+    def statuses(self, reader: DdsReader | None = None) -> list[dict[str, Any]]:
+        """Return what has arrived on `status` since the last call."""
+        texts = [type_store().deserialize_cdr(cdr, STRING_TYPE).data for cdr in (reader or self.status).take()]
+        return [json_of(text) for text in texts]
+
     def answer(self, command: str) -> dict[str, Any]:
         """Send a command and return its answer."""
         self.command(command)
         found: list[dict[str, Any]] = []
 
         def arrived() -> bool:
-            texts = [type_store().deserialize_cdr(cdr, STRING_TYPE).data for cdr in self.status.take()]
-            found.extend(each for each in map(json_of, texts) if each.get("command") == command)
+            found.extend(each for each in self.statuses() if each.get("command") == command)
             return bool(found)
 
         wait_until(arrived)
@@ -274,6 +278,23 @@ def test_commands_are_answered_and_a_recording_opens(tmp_path: Path) -> None:
         assert sum(1 for _ in recording.frames()) >= 20
     with Recording(out / "unfinished.mcap") as recording:  # finished when the command ended
         assert recording.metadata.sensor == RECORDED.id
+
+
+def test_commands_that_are_sent_at_once_are_all_answered_also_to_who_subscribes_later(tmp_path: Path) -> None:
+    commands = [f"dance {number}" for number in range(5)]
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
+        for command in commands:
+            running.command(command)
+        wait_until(lambda: any(answer.get("command") == commands[-1] for answer in running.statuses()))
+        late = running.participant.reader("/small/status", STRING_TYPE, QosProfile.LATCHED)
+        found: list[dict[str, Any]] = []
+
+        def has_last_answer() -> bool:
+            found.extend(running.statuses(late))
+            return any(answer.get("command") == commands[-1] for answer in found)
+
+        wait_until(has_last_answer)
+    assert [one["command"] for one in found if "command" in one] == commands
 
 
 def until_published(running: Running, count: int) -> None:
