@@ -16,10 +16,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from small_sensor import RECORDED, SkinCamera, sensor_folder, sensor_on, skin, wait_until
+from small_sensor import DARK, RECORDED, UNTOUCHED, SkinCamera, sensor_folder, sensor_on, skin, wait_until
 
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.frame_source import SourceNotOpen
+from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.force.estimator_interface import ForceEstimator, NoForce
 
@@ -103,23 +104,24 @@ class Running:
     shared: SensorOnRos2
     command: Callable[[str], None]
     status: DdsReader
+    sentences: list[str]
+    """What a terminal is told."""
 
     def statuses(self, reader: DdsReader | None = None) -> list[dict[str, Any]]:
         """Return what has arrived on `status` since the last call."""
         texts = [type_store().deserialize_cdr(cdr, STRING_TYPE).data for cdr in (reader or self.status).take()]
         return [json_of(text) for text in texts]
 
+    def until_status(self, is_wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        """Wait for such a status and return it."""
+        found: list[dict[str, Any]] = []
+        wait_until(lambda: bool(found.extend(filter(is_wanted, self.statuses())) or found))
+        return found[0]
+
     def answer(self, command: str) -> dict[str, Any]:
         """Send a command and return its answer."""
         self.command(command)
-        found: list[dict[str, Any]] = []
-
-        def arrived() -> bool:
-            found.extend(each for each in self.statuses() if each.get("command") == command)
-            return bool(found)
-
-        wait_until(arrived)
-        return found[0]
+        return self.until_status(lambda status: status.get("command") == command)
 
 
 def json_of(text: str) -> dict[str, Any]:
@@ -140,18 +142,18 @@ def sensor_on_ros2(
     camera, over = SkinCamera(period_s), Event()
     with DdsParticipant(DOMAIN, INTERFACE) as participant:
         messages = SensorMessages(folder, "small", points_every=1)
-        sensor = sensor_on(camera)
+        sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
         sensor.estimator, sensor.find_reference_faults = estimator, lambda _: ["unlike the calibration"]
-        shared = SensorOnRos2(sensor, messages, participant, parse_qos(()), out, measured, "of the bench")
+        profiles, sentences = parse_qos(()), list[str]()
+        shared = SensorOnRos2(sensor, messages, participant, profiles, out, measured, "of the bench", sentences.append)
         thread = Thread(target=shared.run, args=(over.is_set,))
         thread.start()
         writer = participant.writer("/small/command", STRING_TYPE, QosProfile.RELIABLE)
         status = participant.reader("/small/status", STRING_TYPE, QosProfile.LATCHED)
         try:
             wait_until(lambda: shared.published > 0 and writer.has_subscribers)
-            yield Running(
-                participant, camera, shared, lambda text: writer.write(encode_message(STRING_TYPE, data=text)), status
-            )
+            command = lambda text: writer.write(encode_message(STRING_TYPE, data=text))  # noqa: E731
+            yield Running(participant, camera, shared, command, status, sentences)
         finally:
             over.set()
             thread.join()
@@ -295,6 +297,24 @@ def test_commands_that_are_sent_at_once_are_all_answered_also_to_who_subscribes_
 
         wait_until(has_last_answer)
     assert [one["command"] for one in found if "command" in one] == commands
+
+
+def test_the_status_says_that_the_reference_is_refused_and_that_no_images_arrive(tmp_path: Path) -> None:
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
+        running.camera.level = DARK
+        until_published(running, 5)
+        assert running.answer("take_reference")["ok"]
+        refused = running.until_status(lambda status: bool(status["trouble"]))
+        assert refused["phase"] == "taking the reference" and "expected a lit reference image" in refused["trouble"]
+        running.camera.level = UNTOUCHED
+        running.until_status(lambda status: status["phase"] == "reading" and not status["trouble"])
+        running.camera.plugged_in = False
+        lost = running.until_status(lambda status: bool(status["trouble"]))
+        assert lost["phase"].startswith("no images for ") and "got none within" in lost["trouble"]
+        running.camera.plugged_in = True
+        running.until_status(lambda status: status["phase"] == "reading" and not status["trouble"])
+    again = "readings arrive again"
+    assert running.sentences == [refused["trouble"], again, lost["trouble"], again]
 
 
 def until_published(running: Running, count: int) -> None:

@@ -117,7 +117,16 @@ class Ros2:
                 measured, meaning = true.source, true.history.meaning
             elif self.force_torque is not None:
                 measured = untared_wrench_source(self.force_torque, folder)
-            shared = SensorOnRos2(sensor, messages, participant, profiles, self.out, measured, meaning)
+            shared = SensorOnRos2(
+                sensor,
+                messages,
+                participant,
+                profiles,
+                self.out,
+                measured,
+                meaning,
+                notify=lambda sentence: print_notice(f"{messages.name}: {sentence}"),
+            )
             residual_px = messages.camera.residual_px
             print(
                 f"{sensor.source.name}: topics {messages.path('…')} in DDS domain {participant.domain}; camera_info differs from "
@@ -209,7 +218,7 @@ class Foxglove:
                 if self.layout is not None:
                     write_file_atomically(self.layout, json.dumps(foxglove_layout(messages.name), indent=2).encode())
                 print(f"{sensor.source.name}: {server.address}; Ctrl-C ends", flush=True)
-                served = serve_sensor(server.publish, sensor, lambda: until.now)
+                served = serve_sensor(server.publish, sensor, lambda: until.now, print_notice)
         print(f"stopped after {served} readings")
         return 0
 
@@ -260,7 +269,7 @@ class Serve:
         ):
             addresses = {"websocket": server.websocket_address, "tcp": server.tcp_address, "token": server.guard.token}
             print(f"{sensor.source.name}: {json.dumps(addresses)}; Ctrl-C ends", flush=True)
-            served = serve_sensor(server.publish, sensor, lambda: until.now)
+            served = serve_sensor(server.publish, sensor, lambda: until.now, print_notice)
         print(f"stopped after {served} readings")
         return 0
 

@@ -40,7 +40,7 @@ from ninedtact.recording.recorder import new_reading_writer, report_kept_message
 from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
+from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot, StatusWatch
 
 _COMMAND_WAIT_S = 0.05
 _STATUS_S = 1.0
@@ -158,6 +158,8 @@ class SensorOnRos2:
     """A force/torque sensor beside, whose samples are published at its own rate; not yet open."""
     measured_meaning: str = ""
     """What the samples are, in words, for recordings; the name of the force/torque sensor, if not given."""
+    notify: Callable[[str], None] = lambda sentence: None
+    """Receives a sentence where no readings arrive any more, where they do again, and where a recording ends early."""
     published: int = field(default=0, init=False)
     """Readings published."""
     _recorder: ReadingRecorder = field(init=False)
@@ -181,7 +183,7 @@ class SensorOnRos2:
         transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
         transforms.write(self.messages.encode_static_transforms(monotonic_ns() + wall_minus_monotonic_ns()))
         commands = self.participant.reader(self.messages.path(COMMAND), STRING_TYPE, QosProfile.RELIABLE)
-        last, status_at = None, 0.0
+        last, status_at, watch = None, 0.0, StatusWatch(self.notify)
         try:
             with self._measuring(), SensorPoller(self.sensor, self._recorder.add) as poller:
                 while not should_stop():
@@ -194,10 +196,10 @@ class SensorOnRos2:
                     if now.reading is not None and now.reading is not last:
                         self.publish(last := now.reading)
                     for command in commands.take():
-                        self._write_status(now.phase, **self._obey(decode_command(command), poller))
-                    if monotonic() - status_at > _STATUS_S:
+                        self._write_status(now, **self._obey(decode_command(command), poller))
+                    if watch.has_changed(now) or monotonic() - status_at > _STATUS_S:
                         status_at = monotonic()
-                        self._write_status(now.phase, read_hz=round(now.read_hz, 1))
+                        self._write_status(now, read_hz=round(now.read_hz, 1))
                     if now.phase is SensorPhase.ENDED:
                         break
         finally:
@@ -272,11 +274,12 @@ class SensorOnRos2:
             f"expected take_reference, start_recording [NAME] or stop_recording, got {word!r}; send one of them"
         )
 
-    def _write_status(self, phase: SensorPhase, **fields: Any) -> None:
+    def _write_status(self, now: SensorSnapshot, **fields: Any) -> None:
         writer = self._recorder.writer
         state = {
             "sensor": self.messages.name,
-            "phase": phase.value,
+            "phase": now.phase_text(monotonic_ns()),
+            "trouble": now.trouble_sentence,
             "published": self.published,
             "dropped": sum(writer.dropped for writer in self._writers.values()),
             "recording": None if writer is None else str(writer.path),
