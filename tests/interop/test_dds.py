@@ -16,11 +16,13 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from small_sensor import RECORDED, SkinCamera, sensor_folder, sensor_on, skin, wait_until
+from small_sensor import DARK, RECORDED, UNTOUCHED, SkinCamera, sensor_folder, sensor_on, skin, wait_until
 
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.frame_source import SourceNotOpen
+from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.force.estimator_interface import ForceEstimator, NoForce
 
 pytestmark = pytest.mark.interop
 pytest.importorskip("cyclonedds", reason="expected cyclonedds, got none; pip install 'ninedtact[ros2]'")
@@ -36,9 +38,10 @@ from ninedtact.interop.ros2_messages import (  # noqa: E402
     SensorMessages,
 )
 from ninedtact.interop.ros2_sensor import SensorOnRos2  # noqa: E402
-from ninedtact.quantities import Wrench  # noqa: E402
+from ninedtact.quantities import EstimateWarning, Wrench  # noqa: E402
 from ninedtact.recording.reader import Recording  # noqa: E402
 from ninedtact.recording.ros_messages import Topic, encode_message, encode_wrench, type_store  # noqa: E402
+from ninedtact.studio.recording_player import RecordedReadings  # noqa: E402
 
 DOMAIN, INTERFACE = 101, "lo"
 ENVIRONMENT = os.environ | {"CYCLONEDDS_URI": configuration(INTERFACE)}
@@ -101,19 +104,24 @@ class Running:
     shared: SensorOnRos2
     command: Callable[[str], None]
     status: DdsReader
+    sentences: list[str]
+    """What a terminal is told."""
+
+    def statuses(self, reader: DdsReader | None = None) -> list[dict[str, Any]]:
+        """Return what has arrived on `status` since the last call."""
+        texts = [type_store().deserialize_cdr(cdr, STRING_TYPE).data for cdr in (reader or self.status).take()]
+        return [json_of(text) for text in texts]
+
+    def until_status(self, is_wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        """Wait for such a status and return it."""
+        found: list[dict[str, Any]] = []
+        wait_until(lambda: bool(found.extend(filter(is_wanted, self.statuses())) or found))
+        return found[0]
 
     def answer(self, command: str) -> dict[str, Any]:
         """Send a command and return its answer."""
         self.command(command)
-        found: list[dict[str, Any]] = []
-
-        def arrived() -> bool:
-            texts = [type_store().deserialize_cdr(cdr, STRING_TYPE).data for cdr in self.status.take()]
-            found.extend(each for each in map(json_of, texts) if each.get("command") == command)
-            return bool(found)
-
-        wait_until(arrived)
-        return found[0]
+        return self.until_status(lambda status: status.get("command") == command)
 
 
 def json_of(text: str) -> dict[str, Any]:
@@ -125,21 +133,27 @@ def json_of(text: str) -> dict[str, Any]:
 
 @contextmanager
 def sensor_on_ros2(
-    folder: SensorFolder, out: Path, period_s: float = 0.01, measured: WrenchSource | None = None
+    folder: SensorFolder,
+    out: Path,
+    period_s: float = 0.01,
+    measured: WrenchSource | None = None,
+    estimator: ForceEstimator | None = None,
 ) -> Iterator[Running]:
     camera, over = SkinCamera(period_s), Event()
     with DdsParticipant(DOMAIN, INTERFACE) as participant:
         messages = SensorMessages(folder, "small", points_every=1)
-        shared = SensorOnRos2(sensor_on(camera), messages, participant, parse_qos(()), out, measured)
+        sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
+        sensor.estimator, sensor.find_reference_faults = estimator, lambda _: ["unlike the calibration"]
+        profiles, sentences = parse_qos(()), list[str]()
+        shared = SensorOnRos2(sensor, messages, participant, profiles, out, measured, "of the bench", sentences.append)
         thread = Thread(target=shared.run, args=(over.is_set,))
         thread.start()
         writer = participant.writer("/small/command", STRING_TYPE, QosProfile.RELIABLE)
         status = participant.reader("/small/status", STRING_TYPE, QosProfile.LATCHED)
         try:
             wait_until(lambda: shared.published > 0 and writer.has_subscribers)
-            yield Running(
-                participant, camera, shared, lambda text: writer.write(encode_message(STRING_TYPE, data=text)), status
-            )
+            command = lambda text: writer.write(encode_message(STRING_TYPE, data=text))  # noqa: E731
+            yield Running(participant, camera, shared, command, status, sentences)
         finally:
             over.set()
             thread.join()
@@ -266,6 +280,68 @@ def test_commands_are_answered_and_a_recording_opens(tmp_path: Path) -> None:
         assert sum(1 for _ in recording.frames()) >= 20
     with Recording(out / "unfinished.mcap") as recording:  # finished when the command ended
         assert recording.metadata.sensor == RECORDED.id
+
+
+def test_commands_that_are_sent_at_once_are_all_answered_also_to_who_subscribes_later(tmp_path: Path) -> None:
+    commands = [f"dance {number}" for number in range(5)]
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
+        for command in commands:
+            running.command(command)
+        wait_until(lambda: any(answer.get("command") == commands[-1] for answer in running.statuses()))
+        late = running.participant.reader("/small/status", STRING_TYPE, QosProfile.LATCHED)
+        found: list[dict[str, Any]] = []
+
+        def has_last_answer() -> bool:
+            found.extend(running.statuses(late))
+            return any(answer.get("command") == commands[-1] for answer in found)
+
+        wait_until(has_last_answer)
+    assert [one["command"] for one in found if "command" in one] == commands
+
+
+def test_the_status_says_that_the_reference_is_refused_and_that_no_images_arrive(tmp_path: Path) -> None:
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
+        running.camera.level = DARK
+        until_published(running, 5)
+        assert running.answer("take_reference")["ok"]
+        refused = running.until_status(lambda status: bool(status["trouble"]))
+        assert refused["phase"] == "taking the reference" and "expected a lit reference image" in refused["trouble"]
+        running.camera.level = UNTOUCHED
+        running.until_status(lambda status: status["phase"] == "reading" and not status["trouble"])
+        running.camera.plugged_in = False
+        lost = running.until_status(lambda status: bool(status["trouble"]))
+        assert lost["phase"].startswith("no images for ") and "got none within" in lost["trouble"]
+        running.camera.plugged_in = True
+        running.until_status(lambda status: status["phase"] == "reading" and not status["trouble"])
+    again = "readings arrive again"
+    assert running.sentences == [refused["trouble"], again, lost["trouble"], again]
+
+
+def until_published(running: Running, count: int) -> None:
+    """Until so many more readings are published, the first of which may be of an image from before."""
+    published = running.shared.published
+    wait_until(lambda: running.shared.published > published + count)
+
+
+def test_a_recording_that_begins_in_a_press_keeps_reference_metadata_and_all_warnings(tmp_path: Path) -> None:
+    folder = load_sensor(sensor_folder(tmp_path / "small"))
+    with sensor_on_ros2(folder, tmp_path, measured=Samples(), estimator=NoForce()) as running:
+        running.camera.level = 75
+        until_published(running, 5)
+        assert running.answer("start_recording pressed")["ok"]
+        until_published(running, 5)
+        assert running.answer("take_reference")["ok"]
+        until_published(running, 10)
+        assert running.answer("stop_recording")["ok"]
+    with Recording(tmp_path / "pressed.mcap") as recording:
+        metadata, warnings = recording.metadata, [texts for _, texts in recording.warnings()]
+    with RecordedReadings(tmp_path / "pressed.mcap", folder.shape) as played:
+        depths_mm = [played.reading(number).max_indentation_mm for number in range(len(played))]
+    assert depths_mm[0] == pytest.approx(1.0, abs=0.01) and depths_mm[-1] == pytest.approx(0.0, abs=0.01)
+    assert (metadata.source, metadata.force_torque) == ("the bench camera", "of the bench")
+    assert metadata.mm_per_px == RECORDED.grid.mm_per_px and metadata.software != ""
+    assert len(warnings) == len(depths_mm)
+    assert all(EstimateWarning.REFERENCE_UNLIKE_CALIBRATION.value in texts for texts in warnings)
 
 
 STALLING_SUBSCRIBER = """

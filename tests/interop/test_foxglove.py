@@ -15,7 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from small_sensor import RAW_SHAPE, SkinCamera, sensor_folder, sensor_on, skin
+from small_sensor import DARK, RAW_SHAPE, UNTOUCHED, SkinCamera, sensor_folder, sensor_on, skin, wait_until
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
@@ -68,6 +68,7 @@ def served(messages: FoxgloveMessages) -> Iterator[FoxgloveServer]:
         sensor.estimator = Doubtful()
         thread = Thread(target=serve_sensor, args=(server.publish, sensor, over.is_set))
         thread.start()
+        wait_until(lambda: sensor.depth_reader is not None and server._broadcast._status is None)
         yield server
         over.set()
         thread.join()
@@ -235,6 +236,28 @@ def test_a_client_stops_getting_what_it_ends_and_is_warned_of_what_does_not_exis
         connection.send(json.dumps({"op": "unsubscribe", "subscriptionIds": [1]}))
         seen = [parts(connection.recv(PATIENCE_S))[1] for _ in range(60)]
     assert 1 not in seen[-20:] and seen.count(2) > 20 and seen.count(3) <= 1  # warnings only where they change
+
+
+def test_a_client_is_warned_of_a_refused_reference(messages: FoxgloveMessages) -> None:
+    with FoxgloveServer(messages, "127.0.0.1", 0) as server:
+        over, camera, sentences = Event(), SkinCamera(), list[str]()
+        camera.level = DARK
+        arguments = (server.publish, sensor_on(camera), over.is_set, sentences.append)
+        thread = Thread(target=serve_sensor, args=arguments)
+        thread.start()
+        try:
+            wait_until(lambda: len(sentences) > 0)  # whoever comes later is warned too
+            with client(server.port) as connection:
+                channel = next(one for one in announced(connection)[1] if one["topic"] == "/small/warnings")
+                subscribe(connection, {1: channel["id"]})
+                texts = (decode(channel, parts(connection.recv(PATIENCE_S))[3]) for _ in range(100))
+                refused = next(texts)
+                assert "expected a lit reference image" in refused.message and refused.level == 3
+                camera.level = UNTOUCHED
+                assert next(log for log in texts if log.message == "reading").level == 2
+        finally:
+            over.set()
+            thread.join()
 
 
 def test_other_websites_are_refused_and_a_network_needs_the_token(messages: FoxgloveMessages) -> None:

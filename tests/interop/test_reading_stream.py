@@ -10,6 +10,7 @@ import sys
 import time
 import urllib.request
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from textwrap import dedent
@@ -19,13 +20,14 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from small_sensor import SHAPE, SkinCamera, sensor_folder, sensor_on, skin, wait_until
+from small_sensor import DARK, SHAPE, UNTOUCHED, SkinCamera, sensor_folder, sensor_on, skin, wait_until
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.interop.reading_broadcast import StreamPortRefused, serve_sensor
-from ninedtact.interop.reading_stream import ReadingServer, StreamedReading, stream_schema
+from ninedtact.interop.reading_stream import ReadingServer, StreamedReading, StreamedStatus, stream_schema
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
@@ -55,18 +57,32 @@ class Served:
 
     server: ReadingServer
     sensor: Sensor
+    camera: SkinCamera
+    sentences: list[str]
+    """What a terminal is told."""
+
+
+@contextmanager
+def served_camera(level: int) -> Iterator[Served]:
+    with ReadingServer("small", "127.0.0.1", 0, 0) as server:
+        over, camera, sentences = Event(), SkinCamera(), list[str]()
+        camera.level = level
+        sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
+        sensor.estimator = Constant()
+        thread = Thread(target=serve_sensor, args=(server.publish, sensor, over.is_set, sentences.append))
+        thread.start()
+        try:
+            yield Served(server, sensor, camera, sentences)
+        finally:
+            over.set()
+            thread.join()
 
 
 @pytest.fixture
 def served() -> Iterator[Served]:
-    with ReadingServer("small", "127.0.0.1", 0, 0) as server:
-        over, sensor = Event(), sensor_on(SkinCamera())
-        sensor.estimator = Constant()
-        thread = Thread(target=serve_sensor, args=(server.publish, sensor, over.is_set))
-        thread.start()
-        yield Served(server, sensor)
-        over.set()
-        thread.join()
+    with served_camera(UNTOUCHED) as served:
+        wait_until(lambda: served.sensor.depth_reader is not None and served.server._broadcast._status is None)
+        yield served
 
 
 def client_of_the_page(language: str, served: Served) -> str:
@@ -122,6 +138,39 @@ def test_the_javascript_client_of_the_page(served: Served, tmp_path: Path) -> No
     )
     flags = ["--experimental-websocket"] if version < 22 else []  # browsers, and Node since 22, have it
     assert "-2" in first_line(["node", *flags, str(tmp_path / "client.js")])
+
+
+def test_a_client_is_told_of_a_refused_reference_and_of_a_lost_camera() -> None:
+    with served_camera(DARK) as served:
+        wait_until(lambda: len(served.sentences) > 0)
+        with tcp(served.server.tcp_port, b"{}\n") as client:  # which comes later
+            lines = map(json.loads, client.makefile())
+            refused = next(lines)
+            msgspec.json.decode(json.dumps(refused), type=StreamedStatus, strict=True)
+            assert (refused["type"], refused["phase"]) == ("status", "taking the reference")
+            assert "expected a lit reference image" in refused["trouble"] and "trying again" in refused["trouble"]
+            served.camera.level = UNTOUCHED
+            kinds = [next(lines)["type"] for _ in range(20)]
+            assert kinds.count("reading") >= 17
+            served.camera.plugged_in = False
+            lost = next(line for line in lines if line["type"] == "status" and line["trouble"])
+            assert lost["phase"].startswith("no images for ") and "got none within" in lost["trouble"]
+            served.camera.plugged_in = True
+            back = next(line for line in lines if line["type"] == "status")
+            assert (back["phase"], back["trouble"]) == ("reading", "")
+    assert served.sentences == [refused["trouble"], "readings arrive again", lost["trouble"], "readings arrive again"]
+
+
+def test_the_python_client_of_the_page_survives_a_refused_reference() -> None:
+    with served_camera(DARK) as served:
+        wait_until(lambda: len(served.sentences) > 0)
+        client = [sys.executable, "-u", "-c", client_of_the_page("python", served)]
+        with subprocess.Popen(client, stdout=subprocess.PIPE, text=True) as running:
+            assert running.stdout is not None
+            assert "expected a lit reference image" in running.stdout.readline()
+            served.camera.level = UNTOUCHED
+            assert any("-2.0" in line for line in running.stdout)
+            running.kill()
 
 
 def test_messages_keep_to_the_schema_that_is_served_and_documented(served: Served) -> None:
@@ -235,6 +284,7 @@ def test_the_command_prints_where_it_serves(tmp_path: Path) -> None:
         assert running.stdout is not None
         addresses = json.loads(running.stdout.readline().partition(": ")[2].rpartition(";")[0])
         with tcp(int(addresses["tcp"].rpartition(":")[2]), b"{}\n") as client:
-            assert json.loads(client.makefile().readline())["wrench"] is None
+            messages = map(json.loads, client.makefile())
+            assert next(message for message in messages if message["type"] == "reading")["wrench"] is None
         running.send_signal(signal.SIGINT)
         assert running.wait(PATIENCE_S) == 0

@@ -28,8 +28,8 @@ from ninedtact.recording.errors import RecordingRefused
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
-    from ninedtact.capture.wrench_source import WrenchSource
     from ninedtact.sensor import Sensor
+    from ninedtact.studio.wrench_poller import WrenchPoller
 
 _TWIN_FOLDER = Path("out/demo")
 """Where `ninedtact demo` keeps the twin of the published design."""
@@ -112,10 +112,21 @@ class Ros2:
             from ninedtact.interop.ros2_messages import SensorMessages
 
             messages = SensorMessages(folder, self.name or folder.id, self.points_every)
-            measured = None
-            if self.force_torque is not None:
-                measured = true or untared_wrench_source(self.force_torque, folder)
-            shared = SensorOnRos2(sensor, messages, participant, profiles, self.out, measured)
+            measured, meaning = None, ""
+            if self.force_torque is not None and true is not None:
+                measured, meaning = true.source, true.history.meaning
+            elif self.force_torque is not None:
+                measured = untared_wrench_source(self.force_torque, folder)
+            shared = SensorOnRos2(
+                sensor,
+                messages,
+                participant,
+                profiles,
+                self.out,
+                measured,
+                meaning,
+                notify=lambda sentence: print_notice(f"{messages.name}: {sentence}"),
+            )
             residual_px = messages.camera.residual_px
             print(
                 f"{sensor.source.name}: topics {messages.path('…')} in DDS domain {participant.domain}; camera_info differs from "
@@ -207,7 +218,7 @@ class Foxglove:
                 if self.layout is not None:
                     write_file_atomically(self.layout, json.dumps(foxglove_layout(messages.name), indent=2).encode())
                 print(f"{sensor.source.name}: {server.address}; Ctrl-C ends", flush=True)
-                served = serve_sensor(server.publish, sensor, lambda: until.now)
+                served = serve_sensor(server.publish, sensor, lambda: until.now, print_notice)
         print(f"stopped after {served} readings")
         return 0
 
@@ -258,7 +269,7 @@ class Serve:
         ):
             addresses = {"websocket": server.websocket_address, "tcp": server.tcp_address, "token": server.guard.token}
             print(f"{sensor.source.name}: {json.dumps(addresses)}; Ctrl-C ends", flush=True)
-            served = serve_sensor(server.publish, sensor, lambda: until.now)
+            served = serve_sensor(server.publish, sensor, lambda: until.now, print_notice)
         print(f"stopped after {served} readings")
         return 0
 
@@ -288,7 +299,7 @@ def _require_libraries(extra: str, *names: str) -> None:
 
 
 @contextmanager
-def _sensor_to_share(live: Live) -> "Iterator[tuple[SensorFolder, Sensor, WrenchSource | None]]":
+def _sensor_to_share(live: Live) -> "Iterator[tuple[SensorFolder, Sensor, WrenchPoller | None]]":
     """Yield a sensor's folder, the sensor on its source with its estimator, and a twin's true wrench; neither is open yet."""
     source, path = live.named_sensors()[""]
     with _folder_or_demo_twin(path, source) as folder:
@@ -299,7 +310,7 @@ def _sensor_to_share(live: Live) -> "Iterator[tuple[SensorFolder, Sensor, Wrench
             sensor.estimator = load_estimator(live.force, folder)
             for notice in sensor.estimator.notices:
                 print_notice(notice)
-        yield folder, sensor, wrenches[0].source if wrenches else None
+        yield folder, sensor, wrenches[0] if wrenches else None
 
 
 @contextmanager

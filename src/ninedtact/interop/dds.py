@@ -13,10 +13,7 @@ from types import TracebackType, new_class
 from typing import Any
 
 from ninedtact.errors import DeviceError, InputError
-from ninedtact.interop.ros2_messages import (
-    LIVE_TOPICS,
-    QosProfile,
-)
+from ninedtact.interop.ros2_messages import LIVE_TOPICS, STATUS, QosProfile
 from ninedtact.recording.ros_messages import type_store
 
 _CONFIGURATION_VARIABLE = "CYCLONEDDS_URI"
@@ -28,6 +25,8 @@ _LOOPBACK_DATAGRAMS = "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>6500
 _LONGEST_WRITE_MS = 20
 """Longest time for which a write waits for a subscriber that does not keep up; the message is then dropped and counted."""
 _DEPTHS = {QosProfile.SENSOR_DATA: 5, QosProfile.RELIABLE: 10, QosProfile.LATCHED: 1}
+_STATUS_DEPTH = 10
+"""Messages on `status` that are kept, whatever its profile: answers to commands sent at once must not replace each other."""
 
 
 class DdsUnavailable(DeviceError):
@@ -140,13 +139,15 @@ class DdsParticipant:
         """Return a writer on a topic of ROS 2."""
         from cyclonedds.pub import DataWriter
 
-        return DdsWriter(DataWriter(self._participant, self._topic(path, message_type), _qos(profile)), message_type)
+        qos = _qos(profile, _depth(path, profile))
+        return DdsWriter(DataWriter(self._participant, self._topic(path, message_type), qos), message_type)
 
     def reader(self, path: str, message_type: str, profile: QosProfile) -> "DdsReader":
         """Return a reader of a topic of ROS 2."""
         from cyclonedds.sub import DataReader
 
-        return DdsReader(DataReader(self._participant, self._topic(path, message_type), _qos(profile)))
+        qos = _qos(profile, _depth(path, profile))
+        return DdsReader(DataReader(self._participant, self._topic(path, message_type), qos))
 
     def _topic(self, path: str, message_type: str) -> Any:
         from cyclonedds.topic import Topic as DdsTopic
@@ -175,17 +176,24 @@ def resolve_domain(domain: int | None) -> int:
     return int(text)
 
 
-def _qos(profile: QosProfile) -> Any:
+def _depth(path: str, profile: QosProfile) -> int:
+    """Return how many messages of a topic are kept."""
+    return _STATUS_DEPTH if path.endswith(f"/{STATUS}") else _DEPTHS[profile]
+
+
+def _qos(profile: QosProfile, depth: int) -> Any:
     """Return a quality of service in the words of cyclonedds."""
     from cyclonedds.qos import Policy, Qos
     from cyclonedds.util import duration
 
     is_best_effort = profile is QosProfile.SENSOR_DATA
     reliable = Policy.Reliability.Reliable(duration(milliseconds=_LONGEST_WRITE_MS))
+    history, unlimited = Policy.History.KeepLast(depth), -1
     return Qos(
         Policy.Reliability.BestEffort if is_best_effort else reliable,
         Policy.Durability.TransientLocal if profile is QosProfile.LATCHED else Policy.Durability.Volatile,
-        Policy.History.KeepLast(_DEPTHS[profile]),
+        history,
+        Policy.DurabilityService(0, history, unlimited, unlimited, unlimited),  # for who subscribes later
         Policy.DataRepresentation(use_cdrv0_representation=True),
     )
 

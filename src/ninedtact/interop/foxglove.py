@@ -16,7 +16,7 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from types import TracebackType
+from time import monotonic_ns
 from typing import Any, Literal
 
 import cv2
@@ -30,11 +30,11 @@ from websockets.asyncio.server import ServerConnection
 from websockets.typing import Subprotocol
 
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.interop.reading_broadcast import ReadingBroadcast, ReadingQueue, feed_until_closed, port_errors
+from ninedtact.interop.reading_broadcast import BroadcastServer, ReadingQueue, feed_until_closed, port_errors
 from ninedtact.interop.ros2_messages import POINT_FIELDS, SensorMessages
-from ninedtact.quantities import EstimateWarning
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_minus_monotonic_ns
+from ninedtact.studio.sensor_poller import SensorSnapshot
 from ninedtact.studio.socket_guard import SocketGuard
 
 SUBPROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
@@ -46,7 +46,6 @@ _MESSAGE_DATA = 1
 _STATUS_WARNING = 1
 _QUEUED_READINGS = 2
 """Readings that wait for one client at most: what is shown is new."""
-_NS_PER_S = 1_000_000_000
 _M_PER_MM = 1e-3
 
 
@@ -71,8 +70,8 @@ class FoxgloveChannel:
     schema: foxglove.Schema
     encode: Callable[[Reading, int], bytes | None]
     encoding: Literal["protobuf", "json"] = "protobuf"
-    only_changes: bool = False
-    """Whether a client gets a message only where the warnings are not those of its last one."""
+    encode_status: Callable[[SensorSnapshot, int], bytes] | None = None
+    """Encodes a status. A client then gets a message only where warnings or status are not those of its last one."""
 
 
 class FoxgloveMessages:
@@ -95,26 +94,23 @@ class FoxgloveMessages:
             FoxgloveChannel(path("points"), fox.PointCloud.get_schema(), self._points),
             FoxgloveChannel(path("wrench"), _json_schema("ninedtact.Wrench", _WRENCH), self._wrench, "json"),
             FoxgloveChannel(path("contact"), _json_schema("ninedtact.Contact", _CONTACT), self._contact, "json"),
-            FoxgloveChannel(path("warnings"), fox.Log.get_schema(), self._warnings, only_changes=True),
+            FoxgloveChannel(path("warnings"), fox.Log.get_schema(), self._warnings, encode_status=self._status),
         )
 
     def _transforms(self, reading: Reading, wall_ns: int) -> bytes:
         camera, gel_mm = self._ros.camera, self._ros.folder.gel.thickness_mm
-        return fox.FrameTransforms(
-            transforms=[
-                fox.FrameTransform(
-                    timestamp=_timestamp(wall_ns),
-                    parent_frame_id=self._ros.frame("skin"),
-                    child_frame_id=self._ros.frame(part),
-                    translation=fox.Vector3(z=-depth_mm * _M_PER_MM),
-                    rotation=fox.Quaternion(z=float(np.sin(roll_rad / 2)), w=float(np.cos(roll_rad / 2))),
-                )
-                for part, depth_mm, roll_rad in (
-                    ("camera_optical", camera.distance_mm, -camera.roll_rad),
-                    ("gel", gel_mm, 0.0),
-                )
-            ]
-        ).encode()
+        parts = (("camera_optical", camera.distance_mm, -camera.roll_rad), ("gel", gel_mm, 0.0))
+        transforms = [
+            fox.FrameTransform(
+                timestamp=_timestamp(wall_ns),
+                parent_frame_id=self._ros.frame("skin"),
+                child_frame_id=self._ros.frame(part),
+                translation=fox.Vector3(z=-depth_mm * _M_PER_MM),
+                rotation=fox.Quaternion(z=float(np.sin(roll_rad / 2)), w=float(np.cos(roll_rad / 2))),
+            )
+            for part, depth_mm, roll_rad in parts
+        ]
+        return fox.FrameTransforms(transforms=transforms).encode()
 
     def _camera_info(self, reading: Reading, wall_ns: int) -> bytes:
         camera, (rows, cols) = self._ros.camera, self._ros.camera.raw_shape
@@ -149,15 +145,14 @@ class FoxgloveMessages:
         ).encode()
 
     def _points(self, reading: Reading, wall_ns: int) -> bytes:
-        values, number = self._ros.point_values(reading), fox.PackedElementFieldNumericType.Float32
+        values = self._ros.point_values(reading)
+        field, number = fox.PackedElementField, fox.PackedElementFieldNumericType.Float32
         return fox.PointCloud(
             timestamp=_timestamp(wall_ns),
             frame_id=self._ros.frame("skin"),
             pose=fox.Pose(position=fox.Vector3(), orientation=fox.Quaternion(w=1.0)),
             point_stride=values.strides[0],
-            fields=[
-                fox.PackedElementField(name=name, offset=4 * at, type=number) for at, name in enumerate(POINT_FIELDS)
-            ],
+            fields=[field(name=name, offset=4 * at, type=number) for at, name in enumerate(POINT_FIELDS)],
             data=values.tobytes(),
         ).encode()
 
@@ -180,27 +175,44 @@ class FoxgloveMessages:
         return json.dumps(fields).encode()
 
     def _warnings(self, reading: Reading, wall_ns: int) -> bytes:
-        level = fox.LogLevel.Warning if reading.warnings else fox.LogLevel.Info
-        message = "; ".join(reading.warnings) or "no warnings"
-        return fox.Log(timestamp=_timestamp(wall_ns), level=level, message=message, name=self.name).encode()
+        return self._log("; ".join(reading.warnings), "no warnings", wall_ns)
+
+    def _status(self, status: SensorSnapshot, wall_ns: int) -> bytes:
+        return self._log(status.trouble_sentence, status.phase.value, wall_ns)
+
+    def _log(self, warning: str, otherwise: str, wall_ns: int) -> bytes:
+        """Return a warning, or for information what holds where there is none."""
+        level = fox.LogLevel.Warning if warning else fox.LogLevel.Info
+        stamp = _timestamp(wall_ns)
+        return fox.Log(timestamp=stamp, level=level, message=warning or otherwise, name=self.name).encode()
 
 
-class _EncodedReading:
-    """One reading on its way to the clients; each of its messages is encoded once, when a client first wants it."""
+class _Encoded:
+    """A reading or a status on its way to the clients; each message is encoded once, when a client first wants it."""
 
-    def __init__(self, reading: Reading, channels: Sequence[FoxgloveChannel]) -> None:
-        self._reading, self._channels = reading, channels
-        self._encoded: dict[int, bytes | None] = {}
-        self.wall_ns, self.warnings = reading.stamp_ns + wall_minus_monotonic_ns(), reading.warnings
+    def __init__(self, source: Reading | SensorSnapshot, channels: Sequence[FoxgloveChannel]) -> None:
+        self._source, self._channels = source, channels
+        self._messages: dict[int, bytes | None] = {}
+        stamp_ns, self.warnings = (
+            (source.stamp_ns, tuple[str, ...](source.warnings))
+            if isinstance(source, Reading)
+            else (monotonic_ns(), (source.phase.value, source.trouble_sentence))
+        )
+        self.wall_ns = stamp_ns + wall_minus_monotonic_ns()
 
     def message(self, channel: int) -> bytes | None:
         """Return the message for a channel, by its number."""
-        if channel not in self._encoded:
-            self._encoded[channel] = self._channels[channel].encode(self._reading, self.wall_ns)
-        return self._encoded[channel]
+        if channel not in self._messages:
+            self._messages[channel] = self._encode(self._channels[channel])
+        return self._messages[channel]
+
+    def _encode(self, channel: FoxgloveChannel) -> bytes | None:
+        if isinstance(self._source, Reading):
+            return channel.encode(self._source, self.wall_ns)
+        return None if channel.encode_status is None else channel.encode_status(self._source, self.wall_ns)
 
 
-class FoxgloveServer:
+class FoxgloveServer(BroadcastServer[_Encoded]):
     """Serves a sensor to Foxglove in a thread of its own while it is open (`with`).
 
     host, allowed_origins: as for `SocketGuard.for_host`; `FOXGLOVE_ORIGIN` is allowed besides. Port 0 takes any free port.
@@ -211,24 +223,12 @@ class FoxgloveServer:
         self.port = port
         """The port; that in use, once the server is open."""
         self._name, self._channels = messages.name, messages.channels
-        self._broadcast = ReadingBroadcast(partial(_EncodedReading, channels=self._channels), _QUEUED_READINGS)
+        super().__init__(partial(_Encoded, channels=self._channels), _QUEUED_READINGS)
 
     @property
     def address(self) -> str:
         """Address to open in Foxglove, with the token."""
         return self.guard.page_address(self.port).replace("http://", "ws://", 1)
-
-    def publish(self, reading: Reading) -> None:
-        """Hand a reading to all clients; returns at once."""
-        self._broadcast.publish(reading)
-
-    def __enter__(self) -> "FoxgloveServer":
-        """Listen; raises `StreamPortRefused`."""
-        self._broadcast.start(self._listen())
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._broadcast.stop()
 
     async def _listen(self) -> None:
         with port_errors(self.guard.host, self.port, "--port"):
@@ -272,9 +272,9 @@ class FoxgloveServer:
         async for request in connection:
             match msgspec.json.decode(request, type=_Subscribe | _Unsubscribe):
                 case _Subscribe(wanted):
-                    subscriptions |= {
-                        one.id: one.channel for one in wanted if one.channel in range(len(self._channels))
-                    }
+                    known = range(len(self._channels))
+                    subscriptions |= {one.id: one.channel for one in wanted if one.channel in known}
+                    self._broadcast.repeat_status()  # the first one came before there was a subscription
                     if unknown := [one.channel for one in wanted if one.id not in subscriptions]:
                         sentence = f"expected channels 0 to {len(self._channels) - 1}, got {unknown}; see 'advertise'"
                         status = {"op": "status", "level": _STATUS_WARNING, "message": sentence}
@@ -284,12 +284,12 @@ class FoxgloveServer:
                         subscriptions.pop(one, None)
 
     async def _send_readings(
-        self, connection: ServerConnection, subscriptions: Mapping[int, int], queue: ReadingQueue[_EncodedReading]
+        self, connection: ServerConnection, subscriptions: Mapping[int, int], queue: ReadingQueue[_Encoded]
     ) -> None:
-        shown: dict[int, tuple[EstimateWarning, ...]] = {}
-        async for reading, _ in queue.readings():
+        shown: dict[int, tuple[str, ...]] = {}
+        async for reading, _ in queue.arrivals():
             for subscription, channel in sorted(subscriptions.items(), key=lambda pair: pair[1]):
-                if self._channels[channel].only_changes and shown.get(subscription) == reading.warnings:
+                if self._channels[channel].encode_status and shown.get(subscription) == reading.warnings:
                     continue
                 shown[subscription] = reading.warnings
                 if (message := reading.message(channel)) is not None:
@@ -338,7 +338,7 @@ def _vector(values: Float64[Array, "3"]) -> dict[str, float]:
 
 
 def _sec_nsec(wall_ns: int) -> dict[str, int]:
-    sec, nsec = divmod(wall_ns, _NS_PER_S)
+    sec, nsec = divmod(wall_ns, 1_000_000_000)
     return {"sec": sec, "nsec": nsec}
 
 

@@ -1,6 +1,6 @@
-"""Readings of one sensor to the clients of a server that runs in a thread of its own.
+"""Readings of one sensor, and its status where that changes, to the clients of a server that runs in a thread of its own.
 
-    sensor thread ──Reading──▶ ReadingBroadcast.publish ──▶ server thread: a short queue for each client
+    sensor thread ──Reading or SensorSnapshot──▶ ReadingBroadcast.publish ──▶ server thread: a short queue for each client
 
 `publish` never waits: a client that is too slow misses readings, the oldest first. `reading_stream` (JSON) and `foxglove` are
 such servers.
@@ -8,11 +8,13 @@ such servers.
 
 import asyncio
 import errno
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
 from contextlib import AsyncExitStack, contextmanager, suppress
 from threading import Thread
 from time import monotonic_ns
+from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 from websockets.asyncio.server import ServerConnection
@@ -21,11 +23,12 @@ from websockets.exceptions import ConnectionClosed
 from ninedtact.errors import DeviceError
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
+from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot, StatusWatch
 
 _POLL_S = 0.1
 
 Shared = TypeVar("Shared")
+Opened = TypeVar("Opened", bound="BroadcastServer[Any]")
 
 
 class StreamPortRefused(DeviceError):
@@ -33,44 +36,48 @@ class StreamPortRefused(DeviceError):
 
 
 class ReadingQueue(Generic[Shared]):
-    """The readings that wait for one client; where more than `most` wait, the oldest are missed."""
+    """The readings and statuses that wait for one client; where more than `most` wait, the oldest are missed."""
 
     def __init__(self, most: int) -> None:
         self._most = most
-        self._waiting: deque[Shared] = deque()
+        self._waiting: deque[tuple[Shared, bool]] = deque()
+        """With each whether it is a reading, which counts where it is missed."""
         self._missed, self._arrived = 0, asyncio.Event()
 
-    def add(self, reading: Shared) -> None:
-        """Queue a reading; where too many wait, the oldest is missed."""
+    def add(self, shared: Shared, is_reading: bool = True) -> None:
+        """Queue a reading or a status; where too many wait, the oldest is missed."""
         if len(self._waiting) == self._most:
-            self._waiting.popleft()
-            self._missed += 1
-        self._waiting.append(reading)
+            self._missed += self._waiting.popleft()[1]
+        self._waiting.append((shared, is_reading))
         self._arrived.set()
 
-    async def readings(self) -> AsyncIterator[tuple[Shared, int]]:
-        """Yield each reading with the number of readings that this client missed before it, without end."""
+    async def arrivals(self) -> AsyncIterator[tuple[Shared, int]]:
+        """Yield readings and statuses without end, each reading with the number of those that this client missed before it."""
         while True:
             await self._arrived.wait()
             while self._waiting:
-                missed, self._missed = self._missed, 0
-                yield self._waiting.popleft(), missed
+                shared, is_reading = self._waiting.popleft()
+                missed = self._missed if is_reading else 0
+                self._missed -= missed
+                yield shared, missed
             self._arrived.clear()
 
 
 class ReadingBroadcast(Generic[Shared]):
     """The thread of a server and the queues of its clients; it runs from `start` to `stop`.
 
-    share: makes of a reading what all clients are handed, such as an object that encodes it once; called in the server thread,
-    and only while there are clients. queued: readings that wait for one client at most.
+    share: makes of a reading or a status what all clients are handed, such as an object that encodes it once; called in the
+    server thread, and only while there are clients. queued: messages that wait for one client at most.
     """
 
-    def __init__(self, share: Callable[[Reading], Shared], queued: int) -> None:
+    def __init__(self, share: Callable[[Reading | SensorSnapshot], Shared], queued: int) -> None:
         self._queued = queued
         self.queues = set[ReadingQueue[Shared]]()
         self.servers = AsyncExitStack()
         """What is closed when the server ends."""
         self._share = share
+        self._status: SensorSnapshot | None = None
+        """The status while the sensor does not simply read."""
         self._loop = asyncio.new_event_loop()
         self._thread = Thread(target=self._loop.run_forever, name="serve readings", daemon=True)
 
@@ -99,25 +106,63 @@ class ReadingBroadcast(Generic[Shared]):
         """Run a coroutine in the server thread and wait for it."""
         asyncio.run_coroutine_threadsafe(work, self._loop).result()
 
-    def publish(self, reading: Reading) -> None:
-        """Hand a reading to all clients; returns at once."""
-        self._loop.call_soon_threadsafe(self._distribute, reading)
+    def publish(self, message: Reading | SensorSnapshot) -> None:
+        """Hand a reading or a changed status to all clients; returns at once."""
+        self._loop.call_soon_threadsafe(self._distribute, message)
 
     @contextmanager
     def queue(self) -> Iterator[ReadingQueue[Shared]]:
-        """Yield the queue of a new client."""
+        """Yield the queue of a new client, which begins with the status where the sensor does not simply read."""
         queue = ReadingQueue[Shared](self._queued)
         self.queues.add(queue)
+        self._add_status(queue)
         try:
             yield queue
         finally:
             self.queues.discard(queue)
 
-    def _distribute(self, reading: Reading) -> None:
+    def repeat_status(self) -> None:
+        """Hand all clients the status again where the sensor does not simply read; called in the server thread."""
+        self._add_status(*self.queues)
+
+    def _add_status(self, *queues: ReadingQueue[Shared]) -> None:
+        if self._status is not None:
+            shared = self._share(self._status)
+            for queue in queues:
+                queue.add(shared, is_reading=False)
+
+    def _distribute(self, message: Reading | SensorSnapshot) -> None:
+        is_reading = isinstance(message, Reading)
+        if isinstance(message, SensorSnapshot):
+            is_plain = message.phase is SensorPhase.READING and message.trouble is None
+            self._status = None if is_plain else message
         if self.queues:
-            shared = self._share(reading)
+            shared = self._share(message)
             for queue in self.queues:
-                queue.add(shared)
+                queue.add(shared, is_reading)
+
+
+class BroadcastServer(ABC, Generic[Shared]):
+    """A server of readings that runs in a thread of its own while it is open (`with`). It is made as `ReadingBroadcast` is."""
+
+    def __init__(self, share: Callable[[Reading | SensorSnapshot], Shared], queued: int) -> None:
+        self._broadcast = ReadingBroadcast(share, queued)
+
+    def publish(self, message: Reading | SensorSnapshot) -> None:
+        """Hand a reading or a changed status to all clients; returns at once."""
+        self._broadcast.publish(message)
+
+    def __enter__(self: Opened) -> Opened:
+        """Listen; raises `StreamPortRefused`."""
+        self._broadcast.start(self._listen())
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._broadcast.stop()
+
+    @abstractmethod
+    async def _listen(self) -> None:
+        """Open the ports; called in the server thread."""
 
 
 async def feed_until_closed(connection: ServerConnection, *feeds: Awaitable[None]) -> None:
@@ -132,12 +177,18 @@ async def feed_until_closed(connection: ServerConnection, *feeds: Awaitable[None
             await task
 
 
-def serve_sensor(publish: Callable[[Reading], None], sensor: Sensor, should_stop: Callable[[], bool]) -> int:
-    """Read a sensor and publish every reading until `should_stop` is true or its source ends; return how many.
+def serve_sensor(
+    publish: Callable[[Reading | SensorSnapshot], None],
+    sensor: Sensor,
+    should_stop: Callable[[], bool],
+    notify: Callable[[str], None] = lambda sentence: None,
+) -> int:
+    """Read a sensor and publish every reading, and every change of its status, until `should_stop` is true or its source ends.
 
+    Returns the number of readings. notify: receives a sentence where no readings arrive any more, and where they do again.
     Raises what the sensor raises.
     """
-    served = 0
+    served, watch = 0, StatusWatch(notify)
 
     def count_and_publish(reading: Reading) -> None:
         nonlocal served
@@ -150,6 +201,8 @@ def serve_sensor(publish: Callable[[Reading], None], sensor: Sensor, should_stop
             now = poller.snapshot(monotonic_ns())
             if now.phase is SensorPhase.FAILED and now.trouble is not None:
                 raise now.trouble
+            if watch.has_changed(now):
+                publish(now)
             if now.phase is SensorPhase.ENDED:
                 break
     return served

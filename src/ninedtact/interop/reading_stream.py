@@ -14,7 +14,6 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from functools import cached_property, partial
 from time import monotonic_ns
-from types import TracebackType
 from typing import Any, Literal, cast, get_args
 from urllib.parse import parse_qs, urlsplit
 
@@ -24,9 +23,10 @@ import numpy as np
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
-from ninedtact.interop.reading_broadcast import ReadingBroadcast, feed_until_closed, port_errors
+from ninedtact.interop.reading_broadcast import BroadcastServer, feed_until_closed, port_errors
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
+from ninedtact.studio.sensor_poller import SensorSnapshot
 from ninedtact.studio.socket_guard import SocketGuard
 
 STREAM_FORMAT = 1
@@ -90,6 +90,18 @@ class StreamedReading(msgspec.Struct, tag="reading", tag_field="type"):
     image: StreamedImage | None = None
 
 
+class StreamedStatus(msgspec.Struct, tag="status", tag_field="type"):
+    """What the sensor does, where that changes; who connects while it does not simply read gets it first."""
+
+    sensor: str
+    format: int
+    """Number of this message format."""
+    phase: str
+    """Such as "taking the reference", "no images for 3 s" or "reading"."""
+    trouble: str
+    """Why there are no readings, and what to do; empty where there is no reason, or no longer."""
+
+
 class StreamError(msgspec.Struct, tag="error", tag_field="type"):
     """Why the stream ends."""
 
@@ -98,7 +110,7 @@ class StreamError(msgspec.Struct, tag="error", tag_field="type"):
 
 def stream_schema() -> dict[str, Any]:
     """Return the JSON schema of the messages."""
-    found = msgspec.json.schema(StreamedReading | StreamError)
+    found = msgspec.json.schema(StreamedReading | StreamedStatus | StreamError)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "ninedtact reading stream", **found}
 
 
@@ -139,13 +151,30 @@ class _SharedReading:
         return self._images[images]
 
 
+class _SharedStatus:
+    """A status on its way to the clients."""
+
+    def __init__(self, status: SensorSnapshot, sensor: str) -> None:
+        self._status, self._sensor = status, sensor
+
+    def encode(self, images: ImageFormat, missed: int) -> bytes:
+        """Return the message for a client."""
+        phase = self._status.phase_text(monotonic_ns())
+        return msgspec.json.encode(StreamedStatus(self._sensor, STREAM_FORMAT, phase, self._status.trouble_sentence))
+
+
+def _share(message: Reading | SensorSnapshot, sensor: str) -> _SharedReading | _SharedStatus:
+    """Return a reading or a status as what all clients are handed."""
+    return _SharedReading(message, sensor) if isinstance(message, Reading) else _SharedStatus(message, sensor)
+
+
 def _streamed_wrench(estimate: WrenchEstimate) -> StreamedWrench:
     wrench = estimate.about(np.zeros(3)).wrench
     std = [float(value) if np.isfinite(value) else None for value in estimate.about(np.zeros(3)).std]
     return StreamedWrench(wrench.force_n.tolist(), wrench.torque_nm.tolist(), std[:3], std[3:], estimate.touching)
 
 
-class ReadingServer:
+class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
     """Serves readings over TCP and WebSocket in a thread of its own while it is open (`with`).
 
     sensor: its name in the messages. host, allowed_origins: as for `SocketGuard.for_host`. Port 0 takes any free port.
@@ -155,7 +184,7 @@ class ReadingServer:
         self.guard = SocketGuard.for_host(host, allowed_origins)
         self.port, self.tcp_port = port, tcp_port
         """Ports of WebSocket and TCP; those in use, once the server is open."""
-        self._broadcast = ReadingBroadcast(partial(_SharedReading, sensor=sensor), _QUEUED_READINGS)
+        super().__init__(partial(_share, sensor=sensor), _QUEUED_READINGS)
         self._connections = set[asyncio.Task[None]]()
 
     @property
@@ -167,18 +196,6 @@ class ReadingServer:
     def tcp_address(self) -> str:
         """Host and port for TCP clients."""
         return urlsplit(self.guard.page_address(self.tcp_port)).netloc
-
-    def publish(self, reading: Reading) -> None:
-        """Hand a reading to all clients; returns at once."""
-        self._broadcast.publish(reading)
-
-    def __enter__(self) -> "ReadingServer":
-        """Listen on both ports; raises `StreamPortRefused`."""
-        self._broadcast.start(self._listen())
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._broadcast.stop()
 
     async def _listen(self) -> None:
         host, servers = self.guard.host, self._broadcast.servers
@@ -199,10 +216,10 @@ class ReadingServer:
             connection.cancel()
 
     async def _feed(self, images: ImageFormat, send: Callable[[bytes], Awaitable[None]]) -> None:
-        """Send readings to a client until it leaves."""
+        """Send readings and statuses to a client until it leaves."""
         with self._broadcast.queue() as queue:
-            async for reading, missed in queue.readings():
-                await send(reading.encode(images, missed))
+            async for message, missed in queue.arrivals():
+                await send(message.encode(images, missed))
 
     async def _feed_websocket(self, connection: ServerConnection) -> None:
         request = connection.request

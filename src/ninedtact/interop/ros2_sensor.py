@@ -8,7 +8,7 @@ The publishing and the measuring thread wait for subscribers that stall; the sen
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from queue import Queue
@@ -34,12 +34,13 @@ from ninedtact.interop.ros2_messages import (
 )
 from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
+from ninedtact.recording.errors import RecordingStopped
 from ninedtact.recording.metadata import RecordingMetadata, wall_minus_monotonic_ns
-from ninedtact.recording.reader import sensor_folder_attachments
+from ninedtact.recording.recorder import new_reading_writer, report_kept_messages
 from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
+from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot, StatusWatch
 
 _COMMAND_WAIT_S = 0.05
 _STATUS_S = 1.0
@@ -49,51 +50,94 @@ _WAITING_READINGS = 128
 """Readings that wait to be recorded at most: about 120 MB."""
 
 
-class _ReadingRecorder:
-    """Records readings in a thread of its own, so that a slow disk delays neither the sensor nor subscribers."""
+class _RunningRecording:
+    """A recording that a thread of its own writes, so that a slow disk delays neither the sensor nor subscribers."""
 
-    def __init__(self, path: Path, messages: SensorMessages, measured: bool) -> None:
-        topics = {Topic.IMAGES, Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS}
-        topics |= {Topic.MEASURED} if measured else set()
-        metadata = RecordingMetadata(messages.folder.id, purpose="ros2", source=messages.name)
-        self.writer = RecordingWriter(path, metadata, topics, sensor_folder_attachments(messages.folder.path))
-        self.trouble: NinedtactError | None = None
+    def __init__(self, writer: RecordingWriter) -> None:
+        """Create the file; raises `RecordingRefused` or `RecordingStopped`."""
+        self.writer, self.trouble = writer, ""
+        """trouble: why nothing more is written, and what the file keeps; empty while there is no reason."""
         self._waiting: Queue[Reading | Wrench | None] = Queue()
         self._room = Semaphore(_WAITING_READINGS)
-        self._thread = Thread(target=self._run, name=f"record {path}", daemon=True)
-        self.writer.__enter__()
+        self._opened, self._kept = ExitStack(), list[str]()
+        self._opened.enter_context(report_kept_messages(writer.path, self._kept.append))
+        self._opened.enter_context(writer)
+        self._thread = Thread(target=self._run, name=f"record {writer.path}", daemon=True)
         self._thread.start()
 
     def add(self, item: Reading | Wrench) -> None:
         """Record a reading or a measured wrench; a reading is dropped, and counted by the writer, where too many wait."""
-        if isinstance(item, Wrench) or self._room.acquire(blocking=False):
+        if not self.trouble and (isinstance(item, Wrench) or self._room.acquire(blocking=False)):
             self._waiting.put(item)
 
     def close(self) -> None:
-        """Write what waits and finish the file; raises what writing raised."""
+        """Write what waits and finish the file."""
         self._waiting.put(None)
         self._thread.join()
-        self.writer.__exit__(None, None, None)
-        if self.trouble is not None:
-            raise self.trouble
 
     def _run(self) -> None:
-        while (item := self._waiting.get()) is not None:
-            try:
-                if self.trouble is None:
+        try:
+            with self._opened:
+                while (item := self._waiting.get()) is not None:
                     self._write(item)
-            except NinedtactError as trouble:
-                self.trouble = trouble
-            if isinstance(item, Reading):
-                self._room.release()
+        except Exception as error:  # is published, and the sensor goes on
+            self.trouble = "; ".join([str(error), *self._kept])
 
     def _write(self, item: Reading | Wrench) -> None:
         if isinstance(item, Wrench):
             self.writer.write_measured(item)
-            return
-        self.writer.write_image(item.frame)
-        if item.force is not None:
-            self.writer.write_estimated(item.force, item.frame.index)
+        else:
+            self.writer.write_reading(item)
+            self._room.release()
+
+
+@dataclass
+class ReadingRecorder:
+    """Makes recordings of a sensor's readings and measured wrenches on command, one at a time."""
+
+    messages: SensorMessages
+    source: str
+    """Where the images come from, in words."""
+    force_torque: str
+    """Where the measured wrenches come from, in words; empty where there are none."""
+    out: Path
+    """Folder of recordings; a command names files in it, not paths."""
+    _running: _RunningRecording | None = field(default=None, init=False)
+
+    @property
+    def writer(self) -> RecordingWriter | None:
+        """The writer of the recording that is being made."""
+        return None if self._running is None else self._running.writer
+
+    def add(self, item: Reading | Wrench) -> None:
+        """Hand a reading or a measured wrench to the recording that is being made; called in the thread that has it."""
+        running = self._running
+        if running is not None:
+            running.add(item)
+
+    def start(self, name: str = "") -> str:
+        """Begin a recording and say so in a sentence; raises `InvalidRos2Option` and what creating the file raises."""
+        if self.writer is not None:
+            raise InvalidRos2Option(f"expected no recording in progress, got {self.writer.path}; stop it first")
+        name = name or f"{self.messages.name}_{monotonic_ns() + wall_minus_monotonic_ns()}"
+        if Path(name).name != name or name.startswith("."):
+            raise InvalidRos2Option(f"expected the name of a recording without a folder, got {name!r}; leave it out")
+        self.out.mkdir(parents=True, exist_ok=True)
+        path = self.out / f"{name.removesuffix('.mcap')}.mcap"
+        metadata = RecordingMetadata("", "ros2", self.source, self.force_torque)
+        writer = new_reading_writer(path, self.messages.folder, metadata, bool(self.force_torque), True)
+        self._running = _RunningRecording(writer)
+        return f"recording to {path}"
+
+    def stop(self) -> str:
+        """Finish the recording; return a sentence about it, or nothing where there was none. Raises `RecordingStopped`."""
+        running, self._running = self._running, None
+        if running is None:
+            return ""
+        running.close()
+        if running.trouble:
+            raise RecordingStopped(running.trouble)
+        return f"{running.writer.path}: {running.writer.written[Topic.IMAGES]} images, {running.writer.dropped} dropped"
 
 
 @dataclass
@@ -112,14 +156,22 @@ class SensorOnRos2:
     """Folder of recordings; a command names files in it, not paths."""
     measured: WrenchSource | None = None
     """A force/torque sensor beside, whose samples are published at its own rate; not yet open."""
+    measured_meaning: str = ""
+    """What the samples are, in words, for recordings; the name of the force/torque sensor, if not given."""
+    notify: Callable[[str], None] = lambda sentence: None
+    """Receives a sentence where no readings arrive any more, where they do again, and where a recording ends early."""
     published: int = field(default=0, init=False)
     """Readings published."""
-    _recorder: _ReadingRecorder | None = field(default=None, init=False)
+    _recorder: ReadingRecorder = field(init=False)
     _reference: Rectified | None = field(default=None, init=False, repr=False)
     """The reference image that was published last, and when, in s."""
     _reference_at: float = field(default=-_REFERENCE_S, init=False)
     _trouble: NinedtactError | None = field(default=None, init=False)
     """Why no more measured wrenches arrive."""
+
+    def __post_init__(self) -> None:
+        meaning = "" if self.measured is None else self.measured_meaning or self.measured.name
+        self._recorder = ReadingRecorder(self.messages, self.sensor.source.name, meaning, self.out)
 
     def run(self, should_stop: Callable[[], bool]) -> None:
         """Publish until `should_stop` is true or the source ends; raises what the sensor raises."""
@@ -131,9 +183,9 @@ class SensorOnRos2:
         transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
         transforms.write(self.messages.encode_static_transforms(monotonic_ns() + wall_minus_monotonic_ns()))
         commands = self.participant.reader(self.messages.path(COMMAND), STRING_TYPE, QosProfile.RELIABLE)
-        last, status_at = None, 0.0
+        last, status_at, watch = None, 0.0, StatusWatch(self.notify)
         try:
-            with self._measuring(), SensorPoller(self.sensor, self._record) as poller:
+            with self._measuring(), SensorPoller(self.sensor, self._recorder.add) as poller:
                 while not should_stop():
                     poller.wait_for_change(_COMMAND_WAIT_S)
                     now = poller.snapshot(monotonic_ns())
@@ -144,14 +196,14 @@ class SensorOnRos2:
                     if now.reading is not None and now.reading is not last:
                         self.publish(last := now.reading)
                     for command in commands.take():
-                        self._write_status(now.phase, **self._obey(decode_command(command), poller))
-                    if monotonic() - status_at > _STATUS_S:
+                        self._write_status(now, **self._obey(decode_command(command), poller))
+                    if watch.has_changed(now) or monotonic() - status_at > _STATUS_S:
                         status_at = monotonic()
-                        self._write_status(now.phase, read_hz=round(now.read_hz, 1))
+                        self._write_status(now, read_hz=round(now.read_hz, 1))
                     if now.phase is SensorPhase.ENDED:
                         break
         finally:
-            self._stop_recording()
+            self._recorder.stop()
 
     def publish(self, reading: Reading) -> None:
         """Publish a reading on all topics to which anybody subscribes."""
@@ -168,12 +220,6 @@ class SensorOnRos2:
         if monotonic() - self._reference_at > _REFERENCE_S:
             self._reference, self._reference_at = reference, monotonic()
             self._writers[Topic.REFERENCE_GREY].write(self.messages.encode_reference(reference, wall_ns))
-
-    def _record(self, item: Reading | Wrench) -> None:
-        """Hand a reading or a measured wrench to the recording that is being made; called in the thread that has it."""
-        recorder = self._recorder
-        if recorder is not None:
-            recorder.add(item)
 
     @contextmanager
     def _measuring(self) -> Iterator[None]:
@@ -197,7 +243,7 @@ class SensorOnRos2:
         try:
             while not over.is_set():
                 wrench = source.read()
-                self._record(wrench)
+                self._recorder.add(wrench)
                 if writer.has_subscribers:
                     wall_ns = wrench.stamp_ns + wall_minus_monotonic_ns()
                     writer.write(self.messages.encode_measured(wrench, wall_ns))
@@ -221,44 +267,22 @@ class SensorOnRos2:
             poller.take_reference()
             return "the next images are the reference; nothing may touch the gel"
         if word == "start_recording":
-            return self._start_recording(argument)
+            return self._recorder.start(argument)
         if word == "stop_recording":
-            return self._stop_recording() or "nothing was being recorded"
+            return self._recorder.stop() or "nothing was being recorded"
         raise InvalidRos2Option(
             f"expected take_reference, start_recording [NAME] or stop_recording, got {word!r}; send one of them"
         )
 
-    def _start_recording(self, name: str) -> str:
-        if self._recorder is not None:
-            raise InvalidRos2Option(
-                f"expected no recording in progress, got {self._recorder.writer.path}; stop it first"
-            )
-        name = name or f"{self.messages.name}_{monotonic_ns() + wall_minus_monotonic_ns()}"
-        if Path(name).name != name or name.startswith("."):
-            raise InvalidRos2Option(f"expected the name of a recording without a folder, got {name!r}; leave it out")
-        self.out.mkdir(parents=True, exist_ok=True)
-        path = self.out / f"{name.removesuffix('.mcap')}.mcap"
-        self._recorder = _ReadingRecorder(path, self.messages, self.measured is not None)
-        return f"recording to {self._recorder.writer.path}"
-
-    def _stop_recording(self) -> str:
-        """Finish the recording; return a sentence about it, or nothing where there was none."""
-        recorder, self._recorder = self._recorder, None
-        if recorder is None:
-            return ""
-        recorder.close()
-        return (
-            f"{recorder.writer.path}: {recorder.writer.written[Topic.IMAGES]} images, {recorder.writer.dropped} dropped"
-        )
-
-    def _write_status(self, phase: SensorPhase, **fields: Any) -> None:
-        recorder = self._recorder
+    def _write_status(self, now: SensorSnapshot, **fields: Any) -> None:
+        writer = self._recorder.writer
         state = {
             "sensor": self.messages.name,
-            "phase": phase.value,
+            "phase": now.phase_text(monotonic_ns()),
+            "trouble": now.trouble_sentence,
             "published": self.published,
             "dropped": sum(writer.dropped for writer in self._writers.values()),
-            "recording": None if recorder is None else str(recorder.writer.path),
+            "recording": None if writer is None else str(writer.path),
             "camera_info_residual_px": round(self.messages.camera.residual_px, 3),
         }
         self._writers[STATUS].write(encode_status({**state, **fields}))

@@ -172,7 +172,7 @@ class Recording:
     def readings(self) -> Iterator[Reading]:
         """Yield what the recorded sensor measures in every frame: its calibration is applied to the images.
 
-        The first ten frames are taken as reference images (no contact), unless the recording has its own from the live page.
+        The first ten frames are taken as reference images (no contact), unless the recording has its own (live page, ROS).
         Raises `RecordingUnreadable` where the recording carries no sensor folder.
         """
         from ninedtact.calibration.sensor_folder import load_sensor

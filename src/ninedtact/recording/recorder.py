@@ -182,6 +182,30 @@ def _new_recorder(
     return Recorder(writer, camera, force_torque, estimates, notify)
 
 
+def new_reading_writer(
+    path: Path,
+    sensor: SensorFolder,
+    metadata: RecordingMetadata,
+    measured: bool,
+    estimated: bool,
+    topics: Collection[Topic] = (),
+    beside: RecordingWriter | None = None,
+) -> RecordingWriter:
+    """Return the writer of readings (`RecordingWriter.write_reading`) into a new file, which is not open yet.
+
+    metadata: is completed with what is known of the sensor and the software. measured, estimated: whether such wrenches are
+    written. topics: those beside images, reference images and wrenches. beside: the first writer of the same file.
+    """
+    complete = replace(
+        metadata, sensor=sensor.id, mm_per_px=sensor.shape.rectify.mm_per_px, software=version("ninedtact")
+    )
+    written = {Topic.IMAGES, Topic.REFERENCE_GREY, *topics}
+    written |= {Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS} if estimated else set()
+    written |= {Topic.MEASURED} if measured else set()
+    attachments = sensor_folder_attachments(sensor.path, metadata.name)
+    return RecordingWriter(path, complete, written, attachments, beside=beside)
+
+
 @contextmanager
 def report_kept_messages(path: Path, notify: Callable[[str], None]) -> Iterator[None]:
     """Where the block fails, notify of what the recording that it began holds, as read back from the file."""

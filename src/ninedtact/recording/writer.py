@@ -4,6 +4,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from threading import RLock
 from time import monotonic, monotonic_ns
@@ -14,6 +15,7 @@ from mcap.writer import CompressionType, Writer
 
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame, HeightMap, Rectified, Wrench, WrenchEstimate
+from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingRefused, RecordingStopped
 from ninedtact.recording.mcap_repair import repair_recording
 from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, wall_minus_monotonic_ns
@@ -76,6 +78,7 @@ class RecordingWriter:
         self._topics = {*topics, Topic.EVENTS}
         self._attachments = dict(attachments or {})
         self._next_index: int | None = None
+        self._reference: Rectified | None = None
         self._open_file: _SharedFile = _SharedFile() if beside is None else beside._open_file
         self._open_file.writers.append(self)
         self._notify = notify
@@ -99,6 +102,18 @@ class RecordingWriter:
             raise
         opened.flushed_at = monotonic()
         return self
+
+    def write_reading(self, reading: Reading) -> None:
+        """Write a reading: its reference image where that is a new one, its image, and its heights and its estimate with all
+        warnings where the file has topics for them."""
+        if reading.reference is not None and reading.reference is not self._reference:
+            self._reference = reading.reference
+            self.write_reference_grey(reading.reference, reading.stamp_ns)
+        self.write_image(reading.frame)
+        if Topic.HEIGHTS in self._topics:
+            self.write_height(reading.height, reading.frame.index)
+        if reading.force is not None and Topic.ESTIMATED in self._topics:
+            self.write_estimated(replace(reading.force, warnings=reading.warnings), reading.frame.index)
 
     def write_image(self, frame: Frame) -> None:
         """Write a frame as it was read, and an event where frames are missing before it."""

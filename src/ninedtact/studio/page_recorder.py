@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
-from importlib.metadata import version
 from pathlib import Path
 from queue import Empty, Full, Queue
 from threading import Event, RLock, Thread
@@ -17,11 +16,9 @@ from time import monotonic, monotonic_ns
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.errors import InputError
-from ninedtact.quantities import Rectified
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata
-from ninedtact.recording.reader import sensor_folder_attachments
-from ninedtact.recording.recorder import report_kept_messages
+from ninedtact.recording.recorder import new_reading_writer, report_kept_messages
 from ninedtact.recording.ros_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.saved_files import SaveQuota
@@ -162,23 +159,18 @@ class PageRecorder:
 
     def _new_writers(self, path: Path) -> list[RecordingWriter]:
         """Return the writers of all sensors into one file; the first one opens it."""
-        first = RecordingMetadata("", software=version("ninedtact"), height_step_mm=HEIGHT_STEP_16_BIT_MM)
+        first = RecordingMetadata("", height_step_mm=HEIGHT_STEP_16_BIT_MM)
         writers: list[RecordingWriter] = []
         for part in self.sensors:
             metadata = replace(
                 first,
-                sensor=part.sensor.id,
                 name=part.name,
                 source=part.source,
                 force_torque="" if part.measured is None else part.measured.meaning,
-                mm_per_px=part.sensor.shape.rectify.mm_per_px,
             )
-            topics = {Topic.IMAGES, Topic.HEIGHTS, Topic.REFERENCE_GREY, Topic.SPANS}
-            topics |= {Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS} if part.has_estimates else set()
-            topics |= {Topic.MEASURED} if part.measured is not None else set()
-            attachments = sensor_folder_attachments(part.sensor.path, part.name)
-            beside = writers[0] if writers else None
-            writers.append(RecordingWriter(path, metadata, topics, attachments, beside=beside))
+            kinds, beside = (part.measured is not None, part.has_estimates), writers[0] if writers else None
+            topics = (Topic.HEIGHTS, Topic.SPANS)
+            writers.append(new_reading_writer(path, part.sensor, metadata, *kinds, topics, beside))
         return writers
 
     def _run(self, opened: ExitStack, writers: list[RecordingWriter], kept: list[str]) -> None:
@@ -202,13 +194,13 @@ class PageRecorder:
 
     def _write_all(self, writers: list[RecordingWriter]) -> None:
         """Write until the recorder is stopped and nothing waits any longer."""
-        streams = [_ReadingWriter(part, writer) for part, writer in zip(self.sensors, writers, strict=True)]
+        streams = [_MeasuredWrenchWriter(part, writer) for part, writer in zip(self.sensors, writers, strict=True)]
         counted_bytes = 0
         while True:
             is_last = self._stopping.is_set() and self._queue.empty()
             with suppress(Empty):
                 number, reading = self._queue.get(timeout=_WAIT_S)
-                streams[number].write(reading)
+                writers[number].write_reading(reading)
             for stream in streams:
                 stream.write_wrenches()
             while self._spans:
@@ -228,24 +220,12 @@ class PageRecorder:
         return size
 
 
-class _ReadingWriter:
-    """Writes the readings and wrenches of one sensor."""
+class _MeasuredWrenchWriter:
+    """Writes the measured wrenches of one sensor."""
 
     def __init__(self, part: RecordedSensor, writer: RecordingWriter) -> None:
-        self._writer, self._measured, self._has_estimates = writer, part.measured, part.has_estimates
-        self._reference: Rectified | None = None
+        self._writer, self._measured = writer, part.measured
         self._measured_ns = monotonic_ns()
-
-    def write(self, reading: Reading) -> None:
-        """Write a reading, and its reference image where it is a new one."""
-        writer, index = self._writer, reading.frame.index
-        if reading.reference is not None and reading.reference is not self._reference:
-            self._reference = reading.reference
-            writer.write_reference_grey(reading.reference, reading.stamp_ns)
-        writer.write_image(reading.frame)
-        writer.write_height(reading.height, index)
-        if reading.force is not None and self._has_estimates:
-            writer.write_estimated(replace(reading.force, warnings=reading.warnings), index)
 
     def write_wrenches(self) -> None:
         """Write the measured wrenches that are newer than the last one."""

@@ -105,7 +105,38 @@ class SensorSnapshot:
     history: Float64[Array, "2 n"]
     """Seconds before now (before the end of a recording that has ended), and maximum indentations in mm."""
     trouble: BaseException | None = None
-    """Why the sensor thread has failed, or why it refused the reference images."""
+    """Why the sensor thread has failed, why it refused the reference images, or why no image arrives."""
+
+    @property
+    def trouble_sentence(self) -> str:
+        """Why there are no readings, and what to do; empty where there is no reason."""
+        again = "; trying again" if isinstance(self.trouble, ReferenceUnusable) else ""
+        return "" if self.trouble is None else f"{self.trouble}{again}"
+
+    def phase_text(self, now_ns: int) -> str:
+        """Return the phase in words, or for how long no images have arrived."""
+        if isinstance(self.trouble, NoRecentFrame):
+            return f"no images for {(now_ns - self.heard_ns) / NS_PER_S:.0f} s"
+        return self.phase.value
+
+
+class StatusWatch:
+    """Notices when a sensor begins or ceases to deliver readings. notify: receives a sentence about it, for a terminal."""
+
+    def __init__(self, notify: Callable[[str], None]) -> None:
+        self._notify = notify
+        self._last: tuple[SensorPhase, type] = SensorPhase.READING, type(None)
+
+    def has_changed(self, now: SensorSnapshot) -> bool:
+        """Return whether phase or kind of trouble is another than at the last call, at first than that of a sensor that reads."""
+        before, self._last = self._last, (now.phase, type(now.trouble))
+        if self._last == before:
+            return False
+        if now.trouble is not None:
+            self._notify(now.trouble_sentence)
+        elif before[1] is not type(None):
+            self._notify("readings arrive again")
+        return True
 
 
 class SensorPoller:
@@ -191,8 +222,8 @@ class SensorPoller:
             if self._reference_wanted.is_set():
                 self._take_reference()
             self._keep(self.sensor.read())
-        except NoRecentFrame:
-            pass  # `heard_ns` says since when
+        except NoRecentFrame as trouble:  # `heard_ns` says since when
+            self._note(self._phase, trouble)
         except ReferenceUnusable as refusal:
             self._note(SensorPhase.REFERENCE, refusal)
 
