@@ -12,6 +12,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from subprocess import PIPE
+from threading import Thread
 from urllib.request import urlopen
 
 import cv2
@@ -212,6 +213,27 @@ def test_labels_are_kept_in_the_file_and_exported_and_the_rest_of_it_stays(
     assert [row["label"] for row in rows] == ["first", "whole"]
     assert int(rows[1]["end_monotonic_ns"]) == bench.kept[-1].stamp_ns
     assert main(["info", str(path)]) == 0 and "label 'whole'" in capsys.readouterr().out
+
+
+def test_two_viewers_of_a_recording_keep_each_others_labels(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    one, other = player_of(path, bench), player_of(path, bench)
+    with Recording(path) as recording:
+        (deep,) = recording.spans()
+    one.add_span(0.0, 0.01, "by one")
+    other.add_span(0.02, 0.03, "by other")
+    assert {span.label for span in other.spans} == {"by one", "deep", "by other"}
+    at_once = [Thread(target=player.add_span, args=(0.0, 0.05, "again")) for player in (one, other)]
+    at_once.append(Thread(target=one.remove_span, args=(deep,)))
+    for thread in at_once:
+        thread.start()
+    for thread in at_once:
+        thread.join()
+    other.remove_span(deep)  # which is gone already
+    one.close()
+    other.close()
+    with Recording(path) as recording:
+        assert sorted(span.label for span in recording.spans()) == ["again", "again", "by one", "by other"]
 
 
 def test_labels_that_cannot_be_written_leave_the_file_as_it_was(recorded: tuple[Path, Bench]) -> None:
