@@ -18,6 +18,7 @@ from urllib.request import urlopen
 import cv2
 import numpy as np
 import pytest
+from page_client import page_client
 from playwright.sync_api import Browser, Locator, Page
 from reading_clients import open_panel, page_errors
 from small_sensor import SkinCamera, sensor_folder, sensor_on, wait_until
@@ -495,6 +496,43 @@ def test_a_browser_says_why_a_recording_cannot_be_opened_and_goes_on_after_a_rel
         tab.reload()
         journey.until_shown("live, ", "0.00 mm")
     assert errors == []
+
+
+def test_a_viewer_of_a_recording_is_not_frozen_and_takes_no_reference_of_the_sensor(
+    recorded: tuple[Path, Bench], tmp_path: Path
+) -> None:
+    path, bench = recorded
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        controller = PageController(loop, path.parent)
+        panel = partial(RecordingsPanel, desk=RecordingDesk(server, bench.folder))
+        block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
+        page = SensorPage(server, controller, block, "small", None, [panel])
+        with page_client(page, server.get_port()) as client:
+            viewer = client.viewer
+
+            def shows(sentence: str, freeze: str) -> bool:
+                controller.refresh(page)
+                shown = viewer.moment is not None and viewer.moment.status.sentence.startswith(sentence)
+                return shown and any(each.label == freeze for each in buttons)
+
+            buttons = [client.control("Freeze")]
+            wait_until(lambda: shows("live", "Freeze") and path.name in client.control("recording").options)
+            client.use("Freeze")
+            wait_until(lambda: shows("frozen", "Resume"))
+            client.use("recording", path.name)
+            wait_until(lambda: shows("recorded", "Freeze"))
+            client.give_command("Take reference")
+            wait_until(lambda: bool(client.notices))
+            assert client.notices == [
+                "No reference taken: expected the sensor in the views, got a recording; go back to the sensor first"
+            ]
+            assert not loop._reference_wanted.is_set() and loop.snapshot(0).phase is SensorPhase.READING
+            client.use("Back to the sensor")
+            wait_until(lambda: shows("live", "Freeze"))
+            before = loop.sensor.depth_reader
+            client.give_command("Take reference")
+            wait_until(lambda: loop.sensor.depth_reader is not before)
+            assert len(client.notices) == 1
 
 
 def record_with_a_label(journey: Journey, camera: SkinCamera) -> Path:

@@ -185,6 +185,11 @@ class Viewer:
         """Whether this viewer keeps its moment."""
         return self._frozen
 
+    @property
+    def plays_recording(self) -> bool:
+        """Whether this viewer is shown a recording in place of the sensor."""
+        return self._played is not None
+
     def toggle_freeze(self) -> None:
         """Keep the moment that is shown, or follow the sensor again; other viewers are not affected."""
         with self._lock:
