@@ -62,6 +62,8 @@ class ViewOptions:
     shear_arrows: bool = False
     profile_mm: tuple[tuple[float, float], tuple[float, float]] = ((-8.0, 0.0), (8.0, 0.0))
     """Ends of the line along which heights are plotted."""
+    profile_sensor: int = 0
+    """Number of the sensor on which the line is, where all are side by side."""
     with_profile: bool = False
     """Whether the line is drawn in 3D."""
     dark: bool = False
@@ -165,6 +167,11 @@ class Viewer:
         """Return those of the sensors' moments that the views show: one, or all side by side."""
         number = self.options.sensor
         return tuple(moments) if number is None else (moments[min(number, len(moments) - 1)],)
+
+    @property
+    def profiled_sensor(self) -> int:
+        """Number of the sensor along which heights are plotted."""
+        return self.options.profile_sensor if self.options.sensor is None else self.options.sensor
 
     @property
     def arrangement(self) -> SideBySide:
