@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from subprocess import PIPE
@@ -27,6 +27,7 @@ import ninedtact
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.cli.live import Live
+from ninedtact.cli.sensor_page import installed_exporters
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import NoForce
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
@@ -43,7 +44,7 @@ from ninedtact.studio.page_recorder import NotRecording, PageRecorder, RecordedS
 from ninedtact.studio.reading_view import session_colour_scale
 from ninedtact.studio.recording_player import RecordedReadings, RecordingPlayer, SpanRefused, recorded_wrench_columns
 from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel, _slider_marks
-from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_surface_sequence, save_video
+from ninedtact.studio.saved_files import Exporter, SaveLimits, SaveQuota, save_surface_sequence, save_video
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSample
@@ -533,6 +534,37 @@ def test_a_viewer_of_a_recording_is_not_frozen_and_takes_no_reference_of_the_sen
             client.give_command("Take reference")
             wait_until(lambda: loop.sensor.depth_reader is not before)
             assert len(client.notices) == 1
+
+
+def test_a_page_exports_into_the_formats_that_its_program_hands_in(recorded: tuple[Path, Bench]) -> None:
+    pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
+    pytest.importorskip("pyarrow", reason="the extra 'datasets' is not installed")
+    path, bench = recorded
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        controller = PageController(loop, path.parent, save_limits=SaveLimits(per_minute=100))
+        exporters = {**installed_exporters(), "Stamps": Exporter(write_stamps, "stamps", "a list", ".txt")}
+        panel = partial(RecordingsPanel, desk=RecordingDesk(server, bench.folder, opens=path, exporters=exporters))
+        block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
+        page = SensorPage(server, controller, block, "small", None, [panel])
+        with page_client(page, server.get_port()) as client:
+            wait_until(lambda: controller.refresh(page) and client.viewer.moment is not None)
+            for number, (name, exporter) in enumerate(exporters.items(), start=1):
+                assert client.control(name).visible
+                client.use(name)
+                wait_until(lambda number=number: len(client.notices) == number)
+                (written,) = path.parent.glob(f"{path.stem}_{exporter.word}_*{exporter.ending}")
+                assert client.notices[-1] == f"Exported: {written.name}"
+    assert set(exporters) == {"LeRobot data set", "Rerun (RRD)", "Stamps"}
+    assert written.read_text().split() == [str(kept.stamp_ns) for kept in bench.kept]
+    (data_set,) = path.parent.glob("*_lerobot_*")
+    assert json.loads((data_set / "meta" / "info.json").read_text())["total_frames"] == len(bench.kept)
+
+
+def write_stamps(recordings: Sequence[Recording], out: Path, on_image: Callable[[], None]) -> None:
+    """Write the stamps of the images."""
+    for _ in recordings[0].frames():
+        on_image()
+    out.write_text("\n".join(str(stamp) for stamp in recordings[0].stamps_ns(Topic.IMAGES)))
 
 
 def record_with_a_label(journey: Journey, camera: SkinCamera) -> Path:
