@@ -42,6 +42,13 @@ class PageClient:
         """Press a button, or give a control a value."""
         self.send({"type": "GuiUpdateMessage", "uuid": self.control(label)._impl.uuid, "updates": {"value": value}})
 
+    def upload(self, label: str, name: str, content: bytes) -> None:
+        """Choose a file at an upload button."""
+        ids = {"source_component_uuid": self.control(label)._impl.uuid, "transfer_uuid": name}
+        size = {"part_count": 1, "size_bytes": len(content)}
+        self.send({"type": "FileTransferStartUpload", "filename": name, "mime_type": "model/stl"} | ids | size)
+        self.send({"type": "FileTransferPart", "part_index": 0, "content": content} | ids)
+
     def give_command(self, label: str) -> None:
         """Press the key of a command."""
         commands = self.viewer.client.gui._command_handle_from_uuid.items()

@@ -23,6 +23,7 @@ from ninedtact.simulation.trajectory import HOVER_MM
 from ninedtact.studio.displayed_reading import PageMoment
 from ninedtact.studio.page_cards import TONES
 from ninedtact.studio.press_control import (
+    FIT,
     MAX_DEPTH_MM,
     MAX_LOAD_N,
     MAX_NUMBER,
@@ -40,7 +41,15 @@ from ninedtact.studio.viewer import ControlFollower, Side, Viewer, is_from_brows
 HANDLE_LIFT_MM = 7.0
 """Height of the 3D handle over the lowest point of the object, so that both can be seen."""
 _HANDLE_SCALE = 4.0
-_FIT = f"fit to {FITTING.fit_mm:g} mm"
+_SIDES = {
+    "bottom (−z)": "-z",
+    "top (+z)": "+z",
+    "left (−x)": "-x",
+    "right (+x)": "+x",
+    "front (−y)": "-y",
+    "back (+y)": "+y",
+}
+"""The sides of a mesh, as the page names them."""
 _SEQUENCE, _BY_DEPTH, _BY_LOAD = "sequence plays", "to a depth", "under a load"
 THUMBNAIL_PX = 62
 _THUMBNAILS_PER_ROW = 5
@@ -88,7 +97,8 @@ class PressPanel:
         self._tilt_y = gui.add_slider("tilt about y (°)", -MAX_TILT_DEG, MAX_TILT_DEG, 0.5, state.tilt_y_deg)
         self._says = gui.add_html("")
         with gui.add_folder("own mesh (STL, OBJ)", expand_by_default=False):
-            self._unit = gui.add_dropdown("unit", (_FIT, *MM_PER_UNIT), initial_value="mm")
+            self._unit = gui.add_dropdown("unit", (FIT, *MM_PER_UNIT), initial_value="mm")
+            self._side = gui.add_dropdown("side that faces the skin", tuple(_SIDES))
             upload = gui.add_upload_button("Upload a mesh", icon=Icon.UPLOAD, mime_type=",".join(UPLOAD_SUFFIXES))
         self._sliders = {
             "depth_mm": self._depth,
@@ -186,8 +196,10 @@ class PressPanel:
 
     def _upload(self, event: GuiEvent[GuiUploadButtonHandle]) -> None:
         """Press one's own mesh, or say in one sentence why it cannot be."""
-        unit = str(self._unit.value)
-        placement = FITTING if unit == _FIT else MeshPlacement(unit=unit if unit in MM_PER_UNIT else "mm")
+        unit, side = str(self._unit.value), _SIDES.get(str(self._side.value), "-z")
+        placement = MeshPlacement(
+            unit if unit in MM_PER_UNIT else "mm", side, fit_mm=FITTING.fit_mm if unit == FIT else None
+        )
         try:
             file = event.target.value
             said = {control.upload(file.name, file.content, placement) for control in self._pressed}
