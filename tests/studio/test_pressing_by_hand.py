@@ -24,6 +24,7 @@ from ninedtact.cli.sensor_page import page_sources_of_twin
 from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
+from ninedtact.mechanics.height_grid_indenter import indenter_from_heights
 from ninedtact.mechanics.pose import Pose
 from ninedtact.reading import Reading
 from ninedtact.simulation.ground_truth import true_height_map_like
@@ -42,7 +43,7 @@ from ninedtact.studio.press_control import (
     read_uploaded_mesh,
     state_from_rotation,
 )
-from ninedtact.studio.press_panel import HANDLE_LIFT_MM, thumbnails_of_kind
+from ninedtact.studio.press_panel import HANDLE_LIFT_MM, THUMBNAIL_PX, thumbnails_of_kind
 from ninedtact.studio.reading_view import ImageKind, SkinColouring, TractionSource
 from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
 from ninedtact.studio.scene_3d import gel_block_under_skin
@@ -415,6 +416,19 @@ def test_controls_stay_within_their_limits_and_rotations_come_back() -> None:
     angles = state_from_rotation(np.asarray(pose.rotation))
     assert list(np.radians(list(angles.values()))) == pytest.approx([0.7, -0.2, 0.3])
     assert all(thumbnails_of_kind(kind)[..., 3].any() for kind in ("primitives", next(iter(OBJECTS_BY_KIND))))
+
+
+def test_names_under_objects_are_whole_and_within_their_tiles() -> None:
+    flat = np.zeros((9, 9))
+    names = ["slotted_disc", "slotted_disc_2", "long" * 9, "long" * 9 + "er"]
+    held = [indenter_from_heights(name, flat, 0.1) for name in names]
+    images = [thumbnails_of_kind("own mesh", one)[THUMBNAIL_PX:, :, 3] for one in held]
+    assert len({image.tobytes() for image in images}) == len(names)
+    assert not any(image[:, -1].any() for image in images)
+    catalogue = thumbnails_of_kind("punches")[..., 3]
+    assert not any(catalogue[THUMBNAIL_PX:, tile * THUMBNAIL_PX - 1].any() for tile in range(1, 5))
+    letters_px = [np.flatnonzero(image.any(axis=1)) for image in images[:2]]
+    assert all(np.ptp(rows) > 30 for rows in letters_px)  # two lines of letters
 
 
 def test_the_side_of_a_mesh_that_faces_the_skin_is_chosen_on_the_page(tmp_path: Path) -> None:

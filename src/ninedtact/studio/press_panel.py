@@ -51,9 +51,11 @@ _SIDES = {
 }
 """The sides of a mesh, as the page names them."""
 _SEQUENCE, _BY_DEPTH, _BY_LOAD = "sequence plays", "to a depth", "under a load"
-THUMBNAIL_PX = 62
-_THUMBNAILS_PER_ROW = 5
-_NAME_PX = 12
+THUMBNAIL_PX = 148
+"""Side of an object's image; the page shows it at half of this, so that its name is sharp."""
+_THUMBNAILS_PER_ROW = 4
+_LINE_PX, _LETTER_SIZE = 26, 0.75
+"""Height of a line of a name, and the size of its letters as OpenCV counts it: 11 px on the page, as other small text."""
 _THUMBNAIL_HALF_MM, _THUMBNAIL_HEIGHT_MM = 9.0, 3.0
 
 
@@ -254,21 +256,34 @@ def thumbnails_of_kind(kind: str, held: Indenter | None = None) -> UInt8[Array, 
     """Return the objects of a kind as one image (RGBA); of one's own mesh, only the held object."""
     if kind in OBJECTS_BY_KIND:
         return _catalogue_thumbnails(kind)
-    tiles = [] if held is None else [_thumbnail(held, held.name)]
-    empty = np.zeros((THUMBNAIL_PX + _NAME_PX, THUMBNAIL_PX, 4), np.uint8)
-    return np.hstack(tiles + [empty] * (_THUMBNAILS_PER_ROW - len(tiles)))
+    row_px = _THUMBNAILS_PER_ROW * THUMBNAIL_PX
+    if held is None:
+        return np.zeros((THUMBNAIL_PX + 2 * _LINE_PX, row_px, 4), np.uint8)
+    return _thumbnail(held, held.name, row_px)
 
 
-def _thumbnail(indenter: Indenter, name: str) -> UInt8[Array, "rows cols 4"]:
-    """Return the underside of an object from below, lit from the upper left, with its name under it."""
+def _thumbnail(indenter: Indenter, name: str, width_px: int = THUMBNAIL_PX) -> UInt8[Array, "rows cols 4"]:
+    """Return the underside of an object from below, lit from the upper left, with its name under it in this width."""
     axis = np.linspace(-_THUMBNAIL_HALF_MM, _THUMBNAIL_HALF_MM, THUMBNAIL_PX)
     heights = np.asarray(indenter.underside_mm(*np.meshgrid(axis, axis)), np.float32)
     near = np.minimum(heights, _THUMBNAIL_HEIGHT_MM)
     slope_y, slope_x = np.gradient(near, float(axis[1] - axis[0]))
     light = (1 + 0.6 * slope_x - 0.6 * slope_y) / np.sqrt(1 + slope_x**2 + slope_y**2)
-    shade = np.clip(light * (220 - 110 * near / _THUMBNAIL_HEIGHT_MM), 40, 235)
-    text = np.zeros((_NAME_PX, THUMBNAIL_PX), np.uint8)
-    cv2.putText(text, name[:12], (1, 9), cv2.FONT_HERSHEY_SIMPLEX, 0.28, 255, 1, cv2.LINE_AA)
-    opacity = np.vstack([np.where(heights < _THUMBNAIL_HEIGHT_MM, 255, 0).astype(np.uint8), text])
-    grey = np.vstack([shade.astype(np.uint8), np.full_like(text, 128)])
+    shade = np.clip(light * (220 - 110 * near / _THUMBNAIL_HEIGHT_MM), 40, 235).astype(np.uint8)
+    there, beside = np.where(heights < _THUMBNAIL_HEIGHT_MM, 255, 0).astype(np.uint8), width_px - THUMBNAIL_PX
+    text = _draw_name(name, width_px)
+    opacity = np.vstack([np.pad(there, ((0, 0), (0, beside))), text])
+    grey = np.vstack([np.pad(shade, ((0, 0), (0, beside))), np.full_like(text, 128)])
     return np.dstack([grey, grey, grey, opacity])
+
+
+def _draw_name(name: str, width_px: int) -> UInt8[Array, "rows cols"]:
+    """Return a name in two lines, the second with its further words (255 where letters are), in smaller ones if it is too long."""
+    image, font = np.zeros((2 * _LINE_PX, width_px), np.uint8), cv2.FONT_HERSHEY_SIMPLEX
+    first, _, further = name.partition("_")
+    for number, line in enumerate((first, further.replace("_", " "))):
+        size = _LETTER_SIZE
+        while cv2.getTextSize(line, font, size, 2)[0][0] > width_px - 8 and size > 0.1:
+            size *= 0.9
+        cv2.putText(image, line, (2, (number + 1) * _LINE_PX - 8), font, size, 255, 2, cv2.LINE_AA)
+    return image
