@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 import viser
-from reading_clients import CAMERA
+from reading_clients import CAMERA, unpack_text
 from small_sensor import wait_until
 from websockets.sync.client import ClientConnection, connect
 
@@ -62,11 +62,24 @@ class PageClient:
 
 
 @contextmanager
+def page_socket(port: int) -> Iterator[ClientConnection]:
+    """Connect as a browser does that has loaded the page."""
+    protocols: Any = [f"viser-v{viser.__version__}"]
+    with connect(f"ws://127.0.0.1:{port}", subprotocols=protocols, max_size=None, max_queue=None) as socket:
+        socket.send(msgspec.msgpack.encode(CAMERA))
+        yield socket
+
+
+def received_messages(socket: ClientConnection) -> Iterator[dict[str, Any]]:
+    """Yield what the page sends, without its arrays."""
+    for message in socket:
+        yield from msgspec.msgpack.decode(unpack_text(message))["messages"]
+
+
+@contextmanager
 def page_client(page: SensorPage, port: int) -> Iterator[PageClient]:
     """Connect one more viewer."""
-    before, options = len(page.viewers), {"max_size": None, "max_queue": None}
-    protocols: Any = [f"viser-v{viser.__version__}"]
-    with connect(f"ws://127.0.0.1:{port}", subprotocols=protocols, **options) as socket:  # type: ignore[arg-type]
-        socket.send(msgspec.msgpack.encode(CAMERA))
+    before = len(page.viewers)
+    with page_socket(port) as socket:
         wait_until(lambda: len(page.viewers) == before + 1)
         yield PageClient(socket, page.viewers[-1])

@@ -19,10 +19,17 @@ from ninedtact.studio.reading_view import (
     tiles_jpeg,
 )
 from ninedtact.studio.scene_3d import SkinScene
-from ninedtact.studio.viewer import MAX_EXAGGERATION, Side, Viewer, ViewOptions, is_from_browser, set_control
+from ninedtact.studio.viewer import (
+    MAX_EXAGGERATION,
+    Side,
+    ThemeChoice,
+    Viewer,
+    ViewOptions,
+    is_from_browser,
+    set_control,
+)
 
 BLANK = np.full((3, 4, 3), 90, np.uint8)
-_LIGHT, _DARK = np.full((2, 2, 3), (236, 239, 242), np.uint8), np.full((2, 2, 3), (36, 38, 42), np.uint8)
 _DENSITIES = {"all": 1, "a quarter": 2, "a sixteenth": 4}
 
 
@@ -88,7 +95,6 @@ class ViewPanel:
             SkinScene(scene, viewer.block, frame.name, sensor.name)
             for frame, sensor in zip(self._frames, sensors, strict=True)
         ]
-        self._set_background()
         colouring = gui.add_dropdown(
             "surface colouring", [str(each) for each in SkinColouring], initial_value=str(options.colouring)
         )
@@ -105,7 +111,7 @@ class ViewPanel:
         )
         pressure = gui.add_checkbox("pressure as arrows", options.pressure_arrows)
         shear = gui.add_checkbox("shear as arrows", options.shear_arrows)
-        dark = gui.add_checkbox("dark", options.dark)
+        ThemeChoice(viewer.client)
         colouring.on_update(lambda event: viewer.choose(colouring=SkinColouring(event.target.value)))
         density.on_update(lambda event: viewer.choose(coarser=_DENSITIES[event.target.value]))
         times.on_update(lambda event: viewer.choose(exaggeration=_exaggeration(event.target.value)))
@@ -113,7 +119,6 @@ class ViewPanel:
         source.on_update(lambda event: viewer.choose(source=TractionSource(event.target.value)))
         pressure.on_update(lambda event: viewer.choose(pressure_arrows=event.target.value))
         shear.on_update(lambda event: viewer.choose(shear_arrows=event.target.value))
-        dark.on_update(self._choose_theme)
 
     def update(self, moment: PageMoment) -> None:
         """Draw the scene where it differs from what was drawn last."""
@@ -157,16 +162,6 @@ class ViewPanel:
             else None
         )
         scene.show_object(view.press)
-
-    def _choose_theme(self, event: GuiEvent[Any]) -> None:
-        """Make the page light or dark."""
-        self._viewer.choose(dark=bool(event.target.value))
-        self._set_background()
-
-    def _set_background(self) -> None:
-        client, dark = self._viewer.client, self._viewer.options.dark
-        client.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark)
-        client.scene.set_background_image(_DARK if dark else _LIGHT)
 
 
 class ProfilePanel:
