@@ -3,8 +3,11 @@
 import socket
 import threading
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
+from page_client import page_socket, received_messages
 from playwright.sync_api import Browser
 from reading_clients import open_panel, page_errors
 from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
@@ -12,6 +15,7 @@ from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.design import Gel
 from ninedtact.studio.displayed_reading import PageController
+from ninedtact.studio.guided_page import BrowserImages
 from ninedtact.studio.page_and_server import PORTS_TRIED, PagePortRefused, SensorPage, find_default_port, page_server
 from ninedtact.studio.saved_files import SaveLimits
 from ninedtact.studio.scene_3d import gel_block_under_skin
@@ -69,6 +73,37 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
     wait_until(lambda: set(threading.enumerate()) <= before)
     assert errors == [] and caplog.messages == []
     assert asked <= {address, ""}
+
+
+@pytest.mark.parametrize("is_guided", [False, True])
+def test_a_browser_keeps_the_choice_of_a_dark_page(tmp_path: Path, is_guided: bool) -> None:
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        if is_guided:
+            BrowserImages(server, "Calibration").serve(server)
+        else:
+            SensorPage(server, PageController(loop, tmp_path), gel_block_under_skin(SHAPE, Gel()), "small")
+        for kept, chosen in ((None, True), ("dark", False), ("light", True)):
+            with page_socket(server.get_port()) as browser:
+                messages, themes = received_messages(browser), list[bool]()
+                request = next(one for one in messages if one["type"] == "LocalStorageGetItemRequestMessage")
+                answer = {"type": "LocalStorageGetItemResponseMessage", "request_uuid": request["request_uuid"]}
+                browser.send(msgspec.msgpack.encode(answer | {"value": kept, "error": None}))
+                (client,) = server.get_clients().values()
+                controls = client.gui._gui_input_handle_from_uuid.values()
+                dark: Any = next(one for one in controls if one._impl.props.label == "dark")
+                wait_until(lambda dark=dark, kept=kept: dark.value == (kept == "dark"))
+                if kept == "dark":
+                    assert next(one for one in messages if one.get("dark_mode"))
+                update = {"type": "GuiUpdateMessage", "uuid": dark._impl.uuid, "updates": {"value": chosen}}
+                browser.send(msgspec.msgpack.encode(update))
+                for one in messages:
+                    if one["type"] == "ThemeConfigurationMessage":
+                        themes.append(one["dark_mode"])
+                    if one["type"] == "LocalStorageSetItemMessage":
+                        break
+                assert (one["key"], one["value"]) == (request["key"], "dark" if chosen else "light")
+                assert themes[-1] == chosen
+            wait_until(lambda: not server.get_clients())
 
 
 def test_a_port_in_use_is_refused_and_not_replaced_by_another() -> None:

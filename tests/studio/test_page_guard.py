@@ -196,6 +196,7 @@ def test_every_control_of_the_page_is_heard_and_no_more_than_one_file_at_a_time(
     part = {"type": "FileTransferPart", "source_component_uuid": "b", "transfer_uuid": "t", "part_index": 0}
     click = {"type": "ScenePointerMessage", "event_type": "click", "ray_origin": (0.0, 0.0, 1.0), "modifier": "shift"}
     click |= {"ray_direction": (0.0, 0.0, -1.0), "screen_pos": [(0.5, 0.5)]}
+    kept = {"type": "LocalStorageGetItemResponseMessage", "error": None, "request_uuid": "r"}
     for accepted, message in (
         *((True, update | {"updates": {"value": value}}) for value in (True, 1.25, 7, "height", (1.0, -2.5))),
         *(
@@ -206,6 +207,9 @@ def test_every_control_of_the_page_is_heard_and_no_more_than_one_file_at_a_time(
         (False, handle | {"wxyz": (1.0, 0, 0, float("nan")), "position": (1.5, 0.0, 6.0)}),
         (True, {"type": "CommandTriggerMessage", "uuid": "c"}),
         (True, click),
+        (True, kept | {"value": "dark"}),
+        (True, kept | {"value": None}),
+        (False, kept | {"value": "x" * 201}),
         (False, click | {"screen_pos": [(0.5, 0.5)] * 3}),
         (True, start),
         (False, start | {"size_bytes": 16_000_001}),

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 import trimesh
 import viser
+from page_client import page_client
 from page_walk import find_layout_faults, open_every_panel, panels_of, use_every_control
 from playwright.sync_api import Browser, Page
 from reading_clients import CAMERA, open_panel, page_errors
 from small_press_simulation import PRESSED, TWIN
-from small_sensor import wait_until
+from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 from websockets.sync.client import connect
 
 from ninedtact.calibration.sensor_folder import SensorFolder
@@ -23,6 +24,7 @@ from ninedtact.cli.sensor_page import page_sources_of_twin
 from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
+from ninedtact.mechanics.height_grid_indenter import indenter_from_heights
 from ninedtact.mechanics.pose import Pose
 from ninedtact.reading import Reading
 from ninedtact.simulation.ground_truth import true_height_map_like
@@ -41,7 +43,7 @@ from ninedtact.studio.press_control import (
     read_uploaded_mesh,
     state_from_rotation,
 )
-from ninedtact.studio.press_panel import HANDLE_LIFT_MM, thumbnails_of_kind
+from ninedtact.studio.press_panel import HANDLE_LIFT_MM, THUMBNAIL_PX, thumbnails_of_kind
 from ninedtact.studio.reading_view import ImageKind, SkinColouring, TractionSource
 from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
 from ninedtact.studio.scene_3d import gel_block_under_skin
@@ -416,6 +418,41 @@ def test_controls_stay_within_their_limits_and_rotations_come_back() -> None:
     assert all(thumbnails_of_kind(kind)[..., 3].any() for kind in ("primitives", next(iter(OBJECTS_BY_KIND))))
 
 
+def test_names_under_objects_are_whole_and_within_their_tiles() -> None:
+    flat = np.zeros((9, 9))
+    names = ["slotted_disc", "slotted_disc_2", "long" * 9, "long" * 9 + "er"]
+    held = [indenter_from_heights(name, flat, 0.1) for name in names]
+    images = [thumbnails_of_kind("own mesh", one)[THUMBNAIL_PX:, :, 3] for one in held]
+    assert len({image.tobytes() for image in images}) == len(names)
+    assert not any(image[:, -1].any() for image in images)
+    catalogue = thumbnails_of_kind("punches")[..., 3]
+    assert not any(catalogue[THUMBNAIL_PX:, tile * THUMBNAIL_PX - 1].any() for tile in range(1, 5))
+    letters_px = [np.flatnonzero(image.any(axis=1)) for image in images[:2]]
+    assert all(np.ptp(rows) > 30 for rows in letters_px)  # two lines of letters
+
+
+def test_the_side_of_a_mesh_that_faces_the_skin_is_chosen_on_the_page(tmp_path: Path) -> None:
+    control = PressControl(PressSimulation(TWIN, [PRESSED]))
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        page = SensorPage(server, PageController(loop, tmp_path), gel_block_under_skin(SHAPE, Gel()), "twin", control)
+        with page_client(page, server.get_port()) as client:
+            plate, sizes = stl(trimesh.creation.box((2, 4, 70))), []
+            for unit, side in (("mm", "bottom (−z)"), ("mm", "left (−x)"), ("fit to 16 mm", "front (−y)")):
+                client.use("unit", unit)
+                client.use("side that faces the skin", side)
+                wait_until(lambda unit=unit: client.control("unit").value == unit)
+                wait_until(lambda side=side: client.control("side that faces the skin").value == side)
+                client.upload("Upload a mesh", "plate.stl", plate)
+                wait_until(lambda number=len(sizes) + 1: len(client.notices) == number, PATIENCE_S)
+                sizes.append(client.notices[-1])
+    assert sizes == [
+        "Mesh taken: plate: 2.0 x 4.0 x 70.0 mm, 12 triangles",
+        "Mesh not taken: expected plate at most 60 mm across, got 70 x 4 x 2 mm; choose another unit, 'fit to 16 mm', or another "
+        "side, and upload it again",
+        "Mesh taken: plate: 0.5 x 16.0 x 0.9 mm, 12 triangles",
+    ]
+
+
 def stl(mesh: trimesh.Trimesh) -> bytes:
     return bytes(mesh.export(file_type="stl"))
 
@@ -434,13 +471,18 @@ def open_box() -> trimesh.Trimesh:
         ("broken.stl", b"solid x\nfacet normal", "got"),
         ("open.stl", stl(open_box()), "edges of one triangle alone"),
         ("tiny.stl", stl(trimesh.creation.box((1e-4, 1e-4, 1e-4))), "in millimetres, larger than 1 mm"),
-        ("wide.stl", stl(trimesh.creation.box((500, 4, 3))), "at most 60 mm across"),
+        (
+            "wide.stl",
+            stl(trimesh.creation.box((500, 4, 3))),
+            "across, got 500 x 4 x 3 mm; choose another unit, 'fit to 16 mm',",
+        ),
     ],
 )
 def test_a_mesh_that_cannot_be_pressed_is_refused_in_one_sentence(name: str, content: bytes, because: str) -> None:
     with pytest.raises(UploadRefused) as refusal:
         read_uploaded_mesh(name, content)
     said = str(refusal.value)
+    assert "give " not in said  # which is how objects are named on the command line
     assert because in said and "\n" not in said and "/tmp" not in said and said.startswith("expected ")
 
 

@@ -8,15 +8,17 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from subprocess import PIPE
+from threading import Thread
 from urllib.request import urlopen
 
 import cv2
 import numpy as np
 import pytest
+from page_client import page_client
 from playwright.sync_api import Browser, Locator, Page
 from reading_clients import open_panel, page_errors
 from small_sensor import SkinCamera, sensor_folder, sensor_on, wait_until
@@ -25,6 +27,7 @@ import ninedtact
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.cli.live import Live
+from ninedtact.cli.sensor_page import installed_exporters
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import NoForce
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
@@ -41,7 +44,7 @@ from ninedtact.studio.page_recorder import NotRecording, PageRecorder, RecordedS
 from ninedtact.studio.reading_view import session_colour_scale
 from ninedtact.studio.recording_player import RecordedReadings, RecordingPlayer, SpanRefused, recorded_wrench_columns
 from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel, _slider_marks
-from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_surface_sequence, save_video
+from ninedtact.studio.saved_files import Exporter, SaveLimits, SaveQuota, save_surface_sequence, save_video
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSample
@@ -212,6 +215,27 @@ def test_labels_are_kept_in_the_file_and_exported_and_the_rest_of_it_stays(
     assert [row["label"] for row in rows] == ["first", "whole"]
     assert int(rows[1]["end_monotonic_ns"]) == bench.kept[-1].stamp_ns
     assert main(["info", str(path)]) == 0 and "label 'whole'" in capsys.readouterr().out
+
+
+def test_two_viewers_of_a_recording_keep_each_others_labels(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    one, other = player_of(path, bench), player_of(path, bench)
+    with Recording(path) as recording:
+        (deep,) = recording.spans()
+    one.add_span(0.0, 0.01, "by one")
+    other.add_span(0.02, 0.03, "by other")
+    assert {span.label for span in other.spans} == {"by one", "deep", "by other"}
+    at_once = [Thread(target=player.add_span, args=(0.0, 0.05, "again")) for player in (one, other)]
+    at_once.append(Thread(target=one.remove_span, args=(deep,)))
+    for thread in at_once:
+        thread.start()
+    for thread in at_once:
+        thread.join()
+    other.remove_span(deep)  # which is gone already
+    one.close()
+    other.close()
+    with Recording(path) as recording:
+        assert sorted(span.label for span in recording.spans()) == ["again", "again", "by one", "by other"]
 
 
 def test_labels_that_cannot_be_written_leave_the_file_as_it_was(recorded: tuple[Path, Bench]) -> None:
@@ -473,6 +497,74 @@ def test_a_browser_says_why_a_recording_cannot_be_opened_and_goes_on_after_a_rel
         tab.reload()
         journey.until_shown("live, ", "0.00 mm")
     assert errors == []
+
+
+def test_a_viewer_of_a_recording_is_not_frozen_and_takes_no_reference_of_the_sensor(
+    recorded: tuple[Path, Bench], tmp_path: Path
+) -> None:
+    path, bench = recorded
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        controller = PageController(loop, path.parent)
+        panel = partial(RecordingsPanel, desk=RecordingDesk(server, bench.folder))
+        block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
+        page = SensorPage(server, controller, block, "small", None, [panel])
+        with page_client(page, server.get_port()) as client:
+            viewer = client.viewer
+
+            def shows(sentence: str, freeze: str) -> bool:
+                controller.refresh(page)
+                shown = viewer.moment is not None and viewer.moment.status.sentence.startswith(sentence)
+                return shown and any(each.label == freeze for each in buttons)
+
+            buttons = [client.control("Freeze")]
+            wait_until(lambda: shows("live", "Freeze") and path.name in client.control("recording").options)
+            client.use("Freeze")
+            wait_until(lambda: shows("frozen", "Resume"))
+            client.use("recording", path.name)
+            wait_until(lambda: shows("recorded", "Freeze"))
+            client.give_command("Take reference")
+            wait_until(lambda: bool(client.notices))
+            assert client.notices == [
+                "No reference taken: expected the sensor in the views, got a recording; go back to the sensor first"
+            ]
+            assert not loop._reference_wanted.is_set() and loop.snapshot(0).phase is SensorPhase.READING
+            client.use("Back to the sensor")
+            wait_until(lambda: shows("live", "Freeze"))
+            before = loop.sensor.depth_reader
+            client.give_command("Take reference")
+            wait_until(lambda: loop.sensor.depth_reader is not before)
+            assert len(client.notices) == 1
+
+
+def test_a_page_exports_into_the_formats_that_its_program_hands_in(recorded: tuple[Path, Bench]) -> None:
+    pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
+    pytest.importorskip("pyarrow", reason="the extra 'datasets' is not installed")
+    path, bench = recorded
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        controller = PageController(loop, path.parent, save_limits=SaveLimits(per_minute=100))
+        exporters = {**installed_exporters(), "Stamps": Exporter(write_stamps, "stamps", "a list", ".txt")}
+        panel = partial(RecordingsPanel, desk=RecordingDesk(server, bench.folder, opens=path, exporters=exporters))
+        block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
+        page = SensorPage(server, controller, block, "small", None, [panel])
+        with page_client(page, server.get_port()) as client:
+            wait_until(lambda: controller.refresh(page) and client.viewer.moment is not None)
+            for number, (name, exporter) in enumerate(exporters.items(), start=1):
+                assert client.control(name).visible
+                client.use(name)
+                wait_until(lambda number=number: len(client.notices) == number)
+                (written,) = path.parent.glob(f"{path.stem}_{exporter.word}_*{exporter.ending}")
+                assert client.notices[-1] == f"Exported: {written.name}"
+    assert set(exporters) == {"LeRobot data set", "Rerun (RRD)", "Stamps"}
+    assert written.read_text().split() == [str(kept.stamp_ns) for kept in bench.kept]
+    (data_set,) = path.parent.glob("*_lerobot_*")
+    assert json.loads((data_set / "meta" / "info.json").read_text())["total_frames"] == len(bench.kept)
+
+
+def write_stamps(recordings: Sequence[Recording], out: Path, on_image: Callable[[], None]) -> None:
+    """Write the stamps of the images."""
+    for _ in recordings[0].frames():
+        on_image()
+    out.write_text("\n".join(str(stamp) for stamp in recordings[0].stamps_ns(Topic.IMAGES)))
 
 
 def record_with_a_label(journey: Journey, camera: SkinCamera) -> Path:

@@ -15,6 +15,7 @@ from subprocess import PIPE
 import cv2
 import numpy as np
 import pytest
+from page_client import page_client
 from playwright.sync_api import Browser, Page
 from reading_clients import open_panel
 from small_sensor import SkinCamera, sensor_folder, sensor_on, skin, wait_until
@@ -39,6 +40,7 @@ from ninedtact.studio.saved_files import SaveLimits
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.studio.view_panels import ProfilePanel
 from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSample, WrenchSnapshot
 
 PATIENCE_S = 90.0
@@ -170,6 +172,36 @@ def test_two_fingers_are_seen_recorded_into_one_file_and_played(
     gripper.refresh_for(1.0)
     tab.screenshot(path=tmp_path / "two.png")
     assert errors == []
+
+
+@pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
+def test_a_line_is_picked_on_the_nearest_finger_and_within_its_skin(gripper: Gripper) -> None:
+    port = int(gripper.address.rpartition(":")[2])
+    with page_client(gripper.page, port) as hand:
+        viewer = hand.viewer
+        half_x, half_y = viewer.block.width_mm / 2, viewer.block.length_mm / 2
+        (left_x, left_y, _), (right_x, right_y, _) = viewer.arrangement.places_mm
+        hand.click_on_scene(right_x + 1.0, right_y - 2.0, "shift")
+        wait_until(lambda: viewer.options.profile_mm[0] == (1.0, -2.0))
+        assert viewer.options.with_profile and viewer.profiled_sensor == 1
+        hand.click_on_scene(right_x + 1000.0, right_y - 1000.0, "shift")
+        wait_until(lambda: viewer.options.profile_mm[1] == (round(half_x, 1), round(-half_y, 1)))
+        hand.click_on_scene(left_x, left_y)  # nothing: Shift is not held
+        hand.use("pick on the skin", value=True)
+        wait_until(lambda: len(viewer.client.scene._scene_pointer_cb) == 2)
+        hand.click_on_scene(left_x + 3.0, left_y)
+        wait_until(lambda: viewer.options.profile_mm[0] == (3.0, 0.0))
+        assert viewer.profiled_sensor == 0
+        gripper.cameras["right"].level = 75
+        hand.click_on_scene(right_x, right_y)
+        wait_until(lambda: viewer.profiled_sensor == 1)
+        panel = next(panel for panel in viewer._panels if isinstance(panel, ProfilePanel))
+
+        def plots_the_right() -> bool:
+            gripper.controller.refresh(gripper.page)
+            return "\N{MINUS SIGN}1.00 mm" in panel._text.content
+
+        wait_until(plots_the_right, pause_s=0.03)
 
 
 @pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)

@@ -10,7 +10,7 @@ import pytest
 from hand_fed import HandFed
 from small_sensor import SHAPE, UNTOUCHED, SkinCamera, sensor_on, skin, wait_until
 
-from ninedtact.capture.frame_pacing import RepeatingSource
+from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, RepeatingSource
 from ninedtact.capture.image_and_video_files import ImageFolder
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.quantities import Frame
@@ -96,6 +96,30 @@ def test_a_lost_camera_is_said_and_found_again() -> None:
         camera.level, camera.plugged_in = 50, True
         wait_until(lambda: sentence(loop).startswith("live"))
         assert deepest_mm(loop) == pytest.approx(2.0, abs=0.01)
+
+
+def test_a_computer_that_is_too_slow_is_not_taken_for_an_unplugged_camera() -> None:
+    camera, is_fast = SkinCamera(), threading.Event()
+    is_fast.set()
+    source = ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0)
+    with SensorPoller(sensor_on(source), lambda reading: bool(is_fast.wait())) as loop:
+        wait_until(lambda: sentence(loop).startswith("live"))
+        is_fast.clear()  # the camera goes on, and the next reading takes as long as the test wants
+        wait_until(lambda: sentence(loop).startswith("images arrive, but this computer is"))
+        moment, now_ns = now_in(loop), time.monotonic_ns()
+        status = sensor_status(moment, moment.reading, False, now_ns)
+        assert "lower the camera's rate or size, or use --force none" in status.sentence
+        assert status.tone == "warned" and not status.is_past and moment.delivered_hz > 0
+        assert sensor_status(moment, moment.reading, True, now_ns).sentence.startswith("frozen")
+        camera.plugged_in = False
+        wait_until(lambda: sentence(loop).startswith("no image for"))
+        is_fast.set()
+
+
+def test_images_that_are_all_too_old_to_be_read_are_said_too() -> None:
+    late = LatestFrameSource(DelayCorrectedSource(SkinCamera(), 300.0), max_age_ms=100.0, timeout_ms=50.0)
+    with SensorPoller(Sensor(late, SHAPE, reference_frames=1)) as loop:
+        wait_until(lambda: sentence(loop).startswith("images arrive, but this computer is"))
 
 
 def recording(folder: Path, *levels: int) -> ImageFolder:

@@ -7,10 +7,18 @@ import time
 from dataclasses import replace
 from threading import Condition, Event, Lock, Thread
 from types import TracebackType
+from typing import NamedTuple
 
 from ninedtact.capture.frame_source import CameraExposure, FrameSource, SourceEnded, SourceNotOpen
 from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
+
+
+class Arrival(NamedTuple):
+    """The stamp and the index of a frame that a source has delivered."""
+
+    stamp_ns: int
+    frame_index: int
 
 
 class NoRecentFrame(CameraError):
@@ -32,6 +40,8 @@ class LatestFrameSource(FrameSource):
         self.name, self.is_live = source.name, source.is_live
         self.dropped = 0
         """Frames that were too old or replaced by a newer one before anybody read them."""
+        self.newest_arrival: Arrival | None = None
+        """The newest frame of the source, read or not, also one that is too old to be read; None before the first."""
         self._source = source
         self._max_age_ms, self._timeout_ms = max_age_ms, timeout_ms
         self._changed = Condition()
@@ -46,7 +56,7 @@ class LatestFrameSource(FrameSource):
         if self._thread is not None:
             return
         self._source.open()
-        self.dropped, self._unread, self._error = 0, None, None
+        self.dropped, self._unread, self._error, self.newest_arrival = 0, None, None, None
         self._closing = Event()
         self._thread = Thread(target=self._fetch, name=f"fetch {self.name}", daemon=True)
         self._thread.start()
@@ -109,7 +119,7 @@ class LatestFrameSource(FrameSource):
     def _publish(self, frame: Frame) -> None:
         with self._changed:
             self.dropped += self._unread is not None
-            self._unread = frame
+            self._unread, self.newest_arrival = frame, Arrival(frame.stamp_ns, frame.index)
             self._changed.notify_all()
 
     def _end_with(self, error: BaseException) -> None:

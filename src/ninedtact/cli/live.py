@@ -15,6 +15,7 @@ from ninedtact.cli.sensor_page import (
     InvalidLiveOption,
     PageSensor,
     PageSettings,
+    installed_exporters,
     page_sources_of_twin,
     require_display_rate,
     require_page_library,
@@ -233,7 +234,7 @@ class Play:
             controller = controller_of(first, [controller_of(address) for address in rest])
             controller.recheck_s = 0.0
             block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-            desk = RecordingDesk(server, folder, None, self.recording, shapes)
+            desk = RecordingDesk(server, folder, None, self.recording, shapes, installed_exporters())
             title = folder.id if len(folders) == 1 else self.recording.stem
             page = SensorPage(server, controller, block, title, None, [partial(RecordingsPanel, desk=desk)])
             print(

@@ -4,7 +4,7 @@ import os
 import sys
 import webbrowser
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
@@ -23,11 +23,13 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.quantities import Frame
     from ninedtact.reading import Reading
+    from ninedtact.recording.reader import Recording
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
     from ninedtact.simulation.press_simulation import PressSimulation
     from ninedtact.simulation.simulated_sources import DemoSources
     from ninedtact.studio.displayed_reading import PageController
+    from ninedtact.studio.saved_files import Exporter
     from ninedtact.studio.socket_guard import SocketGuard
     from ninedtact.studio.viewer import PanelFactory
     from ninedtact.studio.wrench_poller import WrenchHistory, WrenchPoller
@@ -182,7 +184,37 @@ def recordings_panels(
     recorder = PageRecorder(recorded, controller.out, controller.quota)
     opened.callback(recorder.stop)
     listeners.append(recorder.keep)
-    return [partial(RecordingsPanel, desk=RecordingDesk(server, parts[0].folder, recorder))]
+    desk = RecordingDesk(server, parts[0].folder, recorder, exporters=installed_exporters())
+    return [partial(RecordingsPanel, desk=desk)]
+
+
+def installed_exporters() -> "dict[str, Exporter]":
+    """Return the formats of other programs into which the page exports, by their buttons: those whose libraries are installed."""
+    from ninedtact.studio.saved_files import Exporter
+
+    exporters = {}
+    if find_spec("pyarrow") is not None:
+        hint = "a LeRobotDataset v3.0 of one episode, of the whole recording"
+        exporters["LeRobot data set"] = Exporter(_write_lerobot, "lerobot", hint)
+    with suppress(RerunMissing):
+        require_rerun()
+        hint = "for the Rerun viewer, of the whole recording"
+        exporters["Rerun (RRD)"] = Exporter(_write_rerun, "rerun", hint, ".rrd")
+    return exporters
+
+
+def _write_lerobot(recordings: "Sequence[Recording]", out: Path, on_image: Callable[[], None]) -> None:
+    """Write recordings as `ninedtact export --to lerobot` does."""
+    from ninedtact.interop.lerobot import export_lerobot
+
+    export_lerobot(recordings, out, on_image=on_image)
+
+
+def _write_rerun(recordings: "Sequence[Recording]", out: Path, on_image: Callable[[], None]) -> None:
+    """Write a recording as `ninedtact export --to rerun` does."""
+    from ninedtact.interop.rerun import export_rerun
+
+    export_rerun(recordings[0], out, on_image=on_image)
 
 
 def page_sources_of_twin(

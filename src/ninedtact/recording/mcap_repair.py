@@ -8,9 +8,10 @@ import shutil
 import struct
 import time
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from io import BytesIO, FileIO
 from pathlib import Path
+from threading import Lock
 from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream, RecordBuilder
@@ -46,6 +47,8 @@ _WRITTEN_WITHIN_S = 5.0
 _FOOTER_BYTES = 20
 _CHUNK_HEADER_BYTES = 64
 """An upper limit of the length of the fields before the data of a chunk."""
+_EDIT_LOCKS: dict[Path, Lock] = {}
+"""One for each recording whose spans were edited, held from the reading of its spans to their writing."""
 
 
 def repair_recording(path: Path) -> bool:
@@ -67,6 +70,20 @@ def repair_recording(path: Path) -> bool:
             file.truncate(found.end)
             raise
     return True
+
+
+def edit_spans(path: Path, change: Callable[[list[LabelledSpan]], Iterable[LabelledSpan]]) -> list[LabelledSpan]:
+    """Change the labelled spans that a recording has now, whoever wrote them, and return the new ones in their order.
+
+    Edits of one recording within this program follow each other, so that none is lost. Raises what `save_spans` raises.
+    """
+    with _EDIT_LOCKS.setdefault(path.resolve(), Lock()):
+        with Recording(sensor_addresses(path)[0]) as recording:
+            before = recording.spans()
+        spans = sorted(change(before), key=lambda span: (span.begin_ns, span.end_ns))
+        if spans != before:
+            save_spans(path, spans)
+    return spans
 
 
 def save_spans(path: Path, spans: Sequence[LabelledSpan]) -> None:

@@ -16,6 +16,7 @@ from ninedtact.errors import InputError
 from ninedtact.quantities import EstimateWarning
 from ninedtact.reading import Reading
 from ninedtact.sensor import Stopwatch
+from ninedtact.shape.calibrated_shape import ReferenceUnusable
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.simulation.press_simulation import TwinPress
 from ninedtact.studio.reading_view import ReadingView, render_reading, session_colour_scale
@@ -47,7 +48,8 @@ WAITING_STATUS = SensorStatus("busy", "waiting for the first image…")
 
 def sensor_status(moment: SensorSnapshot, shown: Reading | None, frozen: bool, now_ns: int) -> SensorStatus:
     """Return the most urgent state of the sensor."""
-    silent_ms = (now_ns - moment.heard_ns) / 1e6
+    behind_ms = (now_ns - moment.heard_ns) / 1e6
+    silent_ms = min(behind_ms, (now_ns - moment.arrived_ns) / 1e6)
     reading = shown or moment.reading
     age_ms = reading.age_ms(now_ns) if reading is not None else 0.0
     if moment.phase is SensorPhase.FAILED:
@@ -56,12 +58,23 @@ def sensor_status(moment: SensorSnapshot, shown: Reading | None, frozen: bool, n
         return SensorStatus("held", f"recording ended, its last image is shown ({_format_duration(age_ms)} old)")
     if silent_ms > SILENT_AFTER_MS:
         return SensorStatus("lost", f"no image for {_format_duration(silent_ms)}: unplugged? reconnecting…")
+    if behind_ms > SILENT_AFTER_MS and not frozen:
+        return SensorStatus(
+            "warned",
+            f"images arrive, but this computer is {_format_duration(behind_ms)} behind: lower the camera's rate or size, or use "
+            "--force none",
+        )
     if moment.phase is SensorPhase.REFERENCE:
         return _reference_status(moment.trouble)
     if reading is None:
         return WAITING_STATUS
     if frozen:
         return SensorStatus("held", f"frozen, what is shown is {_format_duration(age_ms)} old")
+    return _reading_status(reading, age_ms)
+
+
+def _reading_status(reading: Reading, age_ms: float) -> SensorStatus:
+    """Return the warnings of a recent reading, or its age."""
     if EstimateWarning.CALIBRATION_EDITED in reading.reference_warnings:
         return SensorStatus(
             "warned", f"{', '.join(reading.reference_warnings)}; calibrate again if you did not edit it"
@@ -86,7 +99,7 @@ def _final_status(moment: SensorSnapshot) -> SensorStatus:
 
 def _reference_status(trouble: BaseException | None) -> SensorStatus:
     """Return the state while the reference is taken."""
-    if trouble is not None:
+    if isinstance(trouble, ReferenceUnusable):
         return SensorStatus("lost", f"{trouble}; trying again…")
     return SensorStatus("busy", "taking the reference: do not touch the gel…")
 

@@ -1,7 +1,7 @@
 """The parts that the pages of guided procedures share: the sentence, the steps, the camera's image, its choice and its exposure.
 
 All controls of such a page are shared by all browsers, so that everybody, and a page that is loaded again, sees the same state.
-Only the place of the image is each browser's own: beside the controls, or on a phone among them.
+Only the place of the image is each browser's own (beside the controls, or on a phone among them), and whether the page is dark.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,9 +15,17 @@ from viser import ClientHandle, GuiApi, GuiEvent, GuiImageHandle, Icon, ViserSer
 
 from ninedtact.capture.frame_source import CameraExposure
 from ninedtact.errors import NinedtactError
-from ninedtact.studio.page_and_server import BACKGROUND, set_title_and_icon
+from ninedtact.studio.page_and_server import set_title_and_icon
 from ninedtact.studio.page_cards import DIM, TONES
-from ninedtact.studio.viewer import NARROW_PX, NOTICE_S, PHONE_STYLE, ControlFollower, is_from_browser
+from ninedtact.studio.viewer import (
+    LIGHT,
+    NARROW_PX,
+    NOTICE_S,
+    PHONE_STYLE,
+    ControlFollower,
+    ThemeChoice,
+    is_from_browser,
+)
 from ninedtact.studio.watched_camera import ImageQuality
 
 _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900
@@ -36,12 +44,12 @@ class BrowserImages:
 
     def __init__(self, server: ViserServer, title: str) -> None:
         self._images: dict[int, GuiImageHandle] = {}
-        self._canvas = BACKGROUND
+        self._canvas = LIGHT
         self.order_on_phone = 0.0
         """Place of the image among the controls on a phone."""
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.gui.set_panel_label(title)
-        server.scene.set_background_image(BACKGROUND)
+        server.scene.set_background_image(LIGHT)
         server.gui.main_panel.dock_right()
         server.gui.main_panel.set_width(_WIDTH_PX)
         set_title_and_icon(server, f"{title} · 9DTact")
@@ -62,7 +70,7 @@ class BrowserImages:
         self._images.pop(client.client_id, None)
 
     def _add(self, client: ClientHandle) -> None:
-        """Add the image to the page of one browser."""
+        """Add the image, and the choice of the theme below the shared controls, to the page of one browser."""
         gui, width_px = client.gui, client.camera.image_width
         if width_px < NARROW_PX:
             image = gui.add_image(self._canvas, format="jpeg", order=self.order_on_phone)
@@ -73,6 +81,7 @@ class BrowserImages:
             with panel.add_tab("Camera image", Icon.CAMERA):
                 image = gui.add_image(self._canvas, format="jpeg")
         self._images[client.client_id] = image
+        ThemeChoice(client)
 
 
 @runtime_checkable

@@ -10,7 +10,6 @@ from functools import partial
 from io import StringIO
 from threading import Lock
 
-import numpy as np
 from viser import ClientHandle, ViserServer
 from viser._messages import RunJavascriptMessage
 
@@ -23,7 +22,7 @@ from ninedtact.studio.sensor_group import GroupCurvesPanel
 from ninedtact.studio.sensor_panels import CurvesPanel, SensorPanel, StatusPanel, WrenchPanel
 from ninedtact.studio.socket_guard import SocketGuard
 from ninedtact.studio.view_panels import ImagePanel, ProfilePanel, ViewPanel
-from ninedtact.studio.viewer import PanelFactory, Viewer
+from ninedtact.studio.viewer import LIGHT, PanelFactory, Viewer
 from ninedtact.studio.viser_guard import start_guarded_viser
 
 LAST_WORDS_S = 0.1
@@ -31,7 +30,6 @@ LAST_WORDS_S = 0.1
 IN_USE = "it in use (another 'ninedtact live'?)"
 DEFAULT_PORT, PORTS_TRIED = 8080, 20
 """First port that is tried where none is named, and the number of ports from there on."""
-BACKGROUND = np.full((2, 2, 3), (236, 239, 242), np.uint8)
 
 
 class PagePortRefused(DeviceError):
@@ -133,7 +131,7 @@ class SensorPage:
         )
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.gui.set_panel_label(title)
-        server.scene.set_background_image(BACKGROUND)
+        server.scene.set_background_image(LIGHT)
         set_up_view(server, block)
         set_title_and_icon(server, f"{title} · 9DTact")
         server.on_client_connect(self._add_viewer)

@@ -19,7 +19,14 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.hand_motion import HandTarget
 from ninedtact.simulation.objects.catalogue import FAMILIES_BY_KIND, PRIMITIVES, indenter_from_name
-from ninedtact.simulation.objects.mesh_objects import MeshObject, MeshPlacement, MeshUnusable, load_mesh_object
+from ninedtact.simulation.objects.mesh_objects import (
+    FITTING,
+    MeshMisplaced,
+    MeshObject,
+    MeshPlacement,
+    MeshUnusable,
+    load_mesh_object,
+)
 from ninedtact.simulation.press_simulation import PressSimulation, TwinPress
 from ninedtact.simulation.trajectory import HOVER_MM
 
@@ -32,6 +39,8 @@ OWN_KIND = "own mesh"
 MAX_DEPTH_MM, MAX_LOAD_N, MAX_TWIST_DEG, MAX_TILT_DEG, MAX_NUMBER = 1.8, 20.0, 90.0, 20.0, 99
 START_DEPTH_MM = 0.6
 """Depth to which a new object is pressed, so that it does not harm a flat one."""
+FIT = f"fit to {FITTING.fit_mm:g} mm"
+"""The unit of a mesh of any size, as the page names it."""
 UPLOAD_SUFFIXES = (".stl", ".obj")
 MAX_UPLOAD_MB = 16
 MAX_UPLOAD_TRIANGLES = 300_000
@@ -177,6 +186,10 @@ def read_uploaded_mesh(name: str, content: bytes, placement: MeshPlacement = Mes
         path.write_bytes(content)
         try:
             mesh = load_mesh_object(path, placement)
+        except MeshMisplaced as trouble:
+            raise UploadRefused(
+                f"{trouble.finding}; choose another unit, '{FIT}', or another side, and upload it again"
+            ) from trouble
         except MeshUnusable as trouble:
             raise UploadRefused(str(trouble).replace(str(path), path.name)) from trouble
     if mesh.triangles > MAX_UPLOAD_TRIANGLES:

@@ -23,6 +23,7 @@ from ninedtact.simulation.trajectory import HOVER_MM
 from ninedtact.studio.displayed_reading import PageMoment
 from ninedtact.studio.page_cards import TONES
 from ninedtact.studio.press_control import (
+    FIT,
     MAX_DEPTH_MM,
     MAX_LOAD_N,
     MAX_NUMBER,
@@ -40,11 +41,21 @@ from ninedtact.studio.viewer import ControlFollower, Side, Viewer, is_from_brows
 HANDLE_LIFT_MM = 7.0
 """Height of the 3D handle over the lowest point of the object, so that both can be seen."""
 _HANDLE_SCALE = 4.0
-_FIT = f"fit to {FITTING.fit_mm:g} mm"
+_SIDES = {
+    "bottom (−z)": "-z",
+    "top (+z)": "+z",
+    "left (−x)": "-x",
+    "right (+x)": "+x",
+    "front (−y)": "-y",
+    "back (+y)": "+y",
+}
+"""The sides of a mesh, as the page names them."""
 _SEQUENCE, _BY_DEPTH, _BY_LOAD = "sequence plays", "to a depth", "under a load"
-THUMBNAIL_PX = 62
-_THUMBNAILS_PER_ROW = 5
-_NAME_PX = 12
+THUMBNAIL_PX = 148
+"""Side of an object's image; the page shows it at half of this, so that its name is sharp."""
+_THUMBNAILS_PER_ROW = 4
+_LINE_PX, _LETTER_SIZE = 26, 0.75
+"""Height of a line of a name, and the size of its letters as OpenCV counts it: 11 px on the page, as other small text."""
 _THUMBNAIL_HALF_MM, _THUMBNAIL_HEIGHT_MM = 9.0, 3.0
 
 
@@ -88,7 +99,8 @@ class PressPanel:
         self._tilt_y = gui.add_slider("tilt about y (°)", -MAX_TILT_DEG, MAX_TILT_DEG, 0.5, state.tilt_y_deg)
         self._says = gui.add_html("")
         with gui.add_folder("own mesh (STL, OBJ)", expand_by_default=False):
-            self._unit = gui.add_dropdown("unit", (_FIT, *MM_PER_UNIT), initial_value="mm")
+            self._unit = gui.add_dropdown("unit", (FIT, *MM_PER_UNIT), initial_value="mm")
+            self._side = gui.add_dropdown("side that faces the skin", tuple(_SIDES))
             upload = gui.add_upload_button("Upload a mesh", icon=Icon.UPLOAD, mime_type=",".join(UPLOAD_SUFFIXES))
         self._sliders = {
             "depth_mm": self._depth,
@@ -186,8 +198,10 @@ class PressPanel:
 
     def _upload(self, event: GuiEvent[GuiUploadButtonHandle]) -> None:
         """Press one's own mesh, or say in one sentence why it cannot be."""
-        unit = str(self._unit.value)
-        placement = FITTING if unit == _FIT else MeshPlacement(unit=unit if unit in MM_PER_UNIT else "mm")
+        unit, side = str(self._unit.value), _SIDES.get(str(self._side.value), "-z")
+        placement = MeshPlacement(
+            unit if unit in MM_PER_UNIT else "mm", side, fit_mm=FITTING.fit_mm if unit == FIT else None
+        )
         try:
             file = event.target.value
             said = {control.upload(file.name, file.content, placement) for control in self._pressed}
@@ -242,21 +256,34 @@ def thumbnails_of_kind(kind: str, held: Indenter | None = None) -> UInt8[Array, 
     """Return the objects of a kind as one image (RGBA); of one's own mesh, only the held object."""
     if kind in OBJECTS_BY_KIND:
         return _catalogue_thumbnails(kind)
-    tiles = [] if held is None else [_thumbnail(held, held.name)]
-    empty = np.zeros((THUMBNAIL_PX + _NAME_PX, THUMBNAIL_PX, 4), np.uint8)
-    return np.hstack(tiles + [empty] * (_THUMBNAILS_PER_ROW - len(tiles)))
+    row_px = _THUMBNAILS_PER_ROW * THUMBNAIL_PX
+    if held is None:
+        return np.zeros((THUMBNAIL_PX + 2 * _LINE_PX, row_px, 4), np.uint8)
+    return _thumbnail(held, held.name, row_px)
 
 
-def _thumbnail(indenter: Indenter, name: str) -> UInt8[Array, "rows cols 4"]:
-    """Return the underside of an object from below, lit from the upper left, with its name under it."""
+def _thumbnail(indenter: Indenter, name: str, width_px: int = THUMBNAIL_PX) -> UInt8[Array, "rows cols 4"]:
+    """Return the underside of an object from below, lit from the upper left, with its name under it in this width."""
     axis = np.linspace(-_THUMBNAIL_HALF_MM, _THUMBNAIL_HALF_MM, THUMBNAIL_PX)
     heights = np.asarray(indenter.underside_mm(*np.meshgrid(axis, axis)), np.float32)
     near = np.minimum(heights, _THUMBNAIL_HEIGHT_MM)
     slope_y, slope_x = np.gradient(near, float(axis[1] - axis[0]))
     light = (1 + 0.6 * slope_x - 0.6 * slope_y) / np.sqrt(1 + slope_x**2 + slope_y**2)
-    shade = np.clip(light * (220 - 110 * near / _THUMBNAIL_HEIGHT_MM), 40, 235)
-    text = np.zeros((_NAME_PX, THUMBNAIL_PX), np.uint8)
-    cv2.putText(text, name[:12], (1, 9), cv2.FONT_HERSHEY_SIMPLEX, 0.28, 255, 1, cv2.LINE_AA)
-    opacity = np.vstack([np.where(heights < _THUMBNAIL_HEIGHT_MM, 255, 0).astype(np.uint8), text])
-    grey = np.vstack([shade.astype(np.uint8), np.full_like(text, 128)])
+    shade = np.clip(light * (220 - 110 * near / _THUMBNAIL_HEIGHT_MM), 40, 235).astype(np.uint8)
+    there, beside = np.where(heights < _THUMBNAIL_HEIGHT_MM, 255, 0).astype(np.uint8), width_px - THUMBNAIL_PX
+    text = _draw_name(name, width_px)
+    opacity = np.vstack([np.pad(there, ((0, 0), (0, beside))), text])
+    grey = np.vstack([np.pad(shade, ((0, 0), (0, beside))), np.full_like(text, 128)])
     return np.dstack([grey, grey, grey, opacity])
+
+
+def _draw_name(name: str, width_px: int) -> UInt8[Array, "rows cols"]:
+    """Return a name in two lines, the second with its further words (255 where letters are), in smaller ones if it is too long."""
+    image, font = np.zeros((2 * _LINE_PX, width_px), np.uint8), cv2.FONT_HERSHEY_SIMPLEX
+    first, _, further = name.partition("_")
+    for number, line in enumerate((first, further.replace("_", " "))):
+        size = _LETTER_SIZE
+        while cv2.getTextSize(line, font, size, 2)[0][0] > width_px - 8 and size > 0.1:
+            size *= 0.9
+        cv2.putText(image, line, (2, (number + 1) * _LINE_PX - 8), font, size, 255, 2, cv2.LINE_AA)
+    return image

@@ -24,7 +24,7 @@ from ninedtact.errors import InputError, NinedtactError
 from ninedtact.quantities import EstimateWarning, Frame, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable
-from ninedtact.recording.mcap_repair import save_spans
+from ninedtact.recording.mcap_repair import edit_spans
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.ros_messages import (
     LabelledSpan,
@@ -209,7 +209,7 @@ class RecordingPlayer:
         self._times_s = (self._stamps_ns - self._stamps_ns[0]) / NS_PER_S
         self._samples = {topic: self._readings.samples(topic) for topic in (Topic.MEASURED, Topic.ESTIMATED)}
         self.spans = self._readings.recording.spans()
-        """The labelled spans, in the order of their beginnings."""
+        """The labelled spans of the file, in the order of their beginnings, as of the last edit by this player."""
         self.speed, self._is_playing, self._at_s = 1.0, False, 0.0
         self._lock, self._ticked_at, self._closing = RLock(), monotonic(), Event()
         self._shown: tuple[int, ReadingView | None, str] = (-1, None, "")
@@ -274,11 +274,12 @@ class RecordingPlayer:
             )
         first_ns = int(self._stamps_ns[0])
         begin_ns, end_ns = (first_ns + round(at_s * NS_PER_S) for at_s in (begin_s, end_s))
-        self._keep_spans([*self.spans, LabelledSpan(begin_ns, end_ns, label.strip())])
+        added = LabelledSpan(begin_ns, end_ns, label.strip())
+        self.spans = edit_spans(self._readings.recording.path, lambda spans: [*spans, added])
 
     def remove_span(self, span: LabelledSpan) -> None:
         """Remove a label from the file; raises what `add_span` raises."""
-        self._keep_spans([one for one in self.spans if one != span])
+        self.spans = edit_spans(self._readings.recording.path, lambda spans: [one for one in spans if one != span])
 
     def span_s(self, span: LabelledSpan) -> tuple[float, float]:
         """Return beginning and end of a span in seconds after the first image."""
@@ -388,9 +389,3 @@ class RecordingPlayer:
                     self._curve.append((int(readings.stamps_ns[number]), max_indentation_mm(height)))
         except (NinedtactError, OSError, cv2.error):
             return  # the curve ends before the damage, which is said where the image itself is asked for
-
-    def _keep_spans(self, spans: Sequence[LabelledSpan]) -> None:
-        with self._lock:
-            ordered = sorted(spans, key=lambda span: (span.begin_ns, span.end_ns))
-            save_spans(self._readings.recording.path, ordered)
-            self.spans = ordered

@@ -13,7 +13,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from viser import GuiApi, GuiEvent, Icon, ViserServer
+from viser import GuiApi, GuiButtonHandle, GuiEvent, Icon, IconName, ViserServer
 from viser._messages import GuiSliderMark
 
 from ninedtact.atomic_write import write_file_atomically
@@ -28,7 +28,7 @@ from ninedtact.studio.displayed_reading import WITHOUT_READING, NothingToSave, P
 from ninedtact.studio.page_cards import recorder_html, shape_summary_html, status_html, wrenches_html
 from ninedtact.studio.page_recorder import PageRecorder, RecorderState
 from ninedtact.studio.recording_player import SPEEDS, RecordingPlayer
-from ninedtact.studio.saved_files import moment_page, save_surface_sequence, save_video
+from ninedtact.studio.saved_files import Exporter, moment_page, save_surface_sequence, save_video
 from ninedtact.studio.viewer import Side, Viewer, is_from_browser, set_control
 
 NOTHING, WHOLE = "none", "the whole recording"
@@ -36,6 +36,8 @@ STEPS = {"back": -1, "play": 0, "next": 1}
 PLAY_KEYS = "keys: J frame back, K play or pause, L frame forward"
 _LIST_EVERY_S = 1.0
 _HEIGHT_BYTES = 4
+_OF_CHOICE = "of the chosen label or of the whole recording"
+_TABLES = Exporter(export_recordings, "export", "PNG, CSV, .npy and the sensor folder", has_all_sensors=True)
 _MARK_LETTERS, _MARK_ROOM = 10, 0.2
 """Number of letters of a label that are drawn on the time slider, and the share of it that they take."""
 _SMALL = "margin:0.2em 0.9em;font-size:0.85em"
@@ -53,6 +55,8 @@ class RecordingDesk:
     """The recording that every viewer begins with."""
     shapes: Mapping[str, CalibratedShape] = field(default_factory=dict)
     """The calibrations of its sensors by how `Recording` opens them; those that are not here are read from the recording."""
+    exporters: Mapping[str, Exporter] = field(default_factory=dict)
+    """Further formats into which recordings are exported, by the names of their buttons."""
 
     def shape_of(self, path: Path) -> CalibratedShape:
         """Return the calibration that a recording carries, or that of the page's sensor where it carries none of the same sensor.
@@ -115,18 +119,17 @@ class RecordingsPanel:
         with gui.add_folder("export"):
             page = gui.add_button("This moment as a web page", icon=Icon.HTML, hint=f"one HTML file in {self._out}")
             page.on_click(lambda event: self._export(self._export_page))
-            self._exports = [
-                gui.add_button(name, icon=icon, visible=False, hint=hint)
-                for name, icon, hint in (
-                    ("Images and tables", Icon.TABLE, "PNG, CSV, .npy and the sensor folder"),
-                    ("Surfaces (PLY)", Icon.STACK_2, "every surface, of the chosen label or of the whole recording"),
-                    ("Video (MP4)", Icon.MOVIE, "image beside heights, of the chosen label or of the whole recording"),
-                )
-            ]
-            for button, export in zip(
-                self._exports, (self._export_tables, self._export_surfaces, self._export_video), strict=True
-            ):
-                button.on_click(partial(self._export_on_click, export))
+            exports: dict[str, tuple[IconName, str, Export]] = {
+                "Images and tables": (Icon.TABLE, _TABLES.hint, partial(self._export_with, _TABLES)),
+                "Surfaces (PLY)": (Icon.STACK_2, f"every surface, {_OF_CHOICE}", self._export_surfaces),
+                "Video (MP4)": (Icon.MOVIE, f"image beside heights, {_OF_CHOICE}", self._export_video),
+            }
+            for name, one in self._desk.exporters.items():
+                exports[name] = Icon.FILE_EXPORT, one.hint, partial(self._export_with, one)
+            self._exports: list[GuiButtonHandle] = []
+            for name, (icon, hint, export) in exports.items():
+                self._exports.append(gui.add_button(name, icon=icon, visible=False, hint=hint))
+                self._exports[-1].on_click(partial(self._export_on_click, export))
             self._progress = gui.add_html("")
         gui.add_command("Frame back", hotkey="J").on_trigger(lambda event: self._step(-1))
         gui.add_command("Play or pause", hotkey="K").on_trigger(lambda event: self._step(0))
@@ -316,18 +319,19 @@ class RecordingsPanel:
         self._quota.add_bytes(len(content))
         return path
 
-    def _export_tables(self, time: str) -> Path:
-        path = self._out / f"{self._opened().path.stem}_export_{time}"
+    def _export_with(self, exporter: Exporter, time: str) -> Path:
+        players = self._opened().sensors if exporter.has_all_sensors else (self._chosen_player(),)
+        name = self._opened().path.stem if exporter.has_all_sensors else _file_name(players[0].path)
+        path = self._out / f"{name}_{exporter.word}_{time}{exporter.ending}"
         with ExitStack() as opened:
-            recordings = [opened.enter_context(Recording(one.path)) for one in self._opened().sensors]
+            recordings = [opened.enter_context(Recording(one.path)) for one in players]
             count = sum(len(recording.positions(Topic.IMAGES)) for recording in recordings)
-            first = self._viewer.moment
-            pixels = 0 if first is None or first.reading is None else first.reading.height.z_mm.size
-            image_bytes = 0 if first is None or first.reading is None else first.reading.frame.image.nbytes
-            self._quota.require_space(count * (image_bytes + _HEIGHT_BYTES * pixels), self._out, "an export")
+            first = None if self._viewer.moment is None else self._viewer.moment.reading
+            image_bytes = 0 if first is None else first.frame.image.nbytes + _HEIGHT_BYTES * first.height.z_mm.size
+            self._quota.require_space(count * image_bytes, self._out, "an export")
             said = iter(range(1, count + 1))
-            export_recordings(recordings, path, lambda: self._say_progress(next(said, count), count))
-        self._quota.add_bytes(sum(file.stat().st_size for file in path.rglob("*") if file.is_file()))
+            exporter.write(recordings, path, lambda: self._say_progress(next(said, count), count))
+        self._quota.add_bytes(sum(file.stat().st_size for file in (path, *path.rglob("*")) if file.is_file()))
         return path
 
     def _export_surfaces(self, time: str) -> Path:

@@ -8,7 +8,7 @@ import json
 import shutil
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -17,7 +17,7 @@ from math import ceil
 from pathlib import Path
 from secrets import token_hex
 from threading import Lock
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -34,6 +34,9 @@ from ninedtact.shape.export import export_shape
 from ninedtact.studio.reading_view import ImageKind, ReadingView, SkinColouring, TractionSource
 from ninedtact.studio.scene_3d import GelBlock, SkinScene
 from ninedtact.studio.wrench_poller import WrenchSnapshot
+
+if TYPE_CHECKING:
+    from ninedtact.recording.reader import Recording  # whose libraries a page without recordings does not need
 
 FORMATS = ("npy", "png", "ply")
 SEQUENCE_EVERY = 2
@@ -167,6 +170,21 @@ def moment_values(reading: Reading, status: str, wrenches: Iterable[WrenchSnapsh
 def _finite_numbers(values: Float64[Array, " n"]) -> list[float | None]:
     """Return the numbers for JSON, which has no word for those that are not finite."""
     return [float(value) if np.isfinite(value) else None for value in values]
+
+
+@dataclass(frozen=True)
+class Exporter:
+    """A format into which the page exports whole recordings; further ones are handed to the page by the program that serves it."""
+
+    write: "Callable[[Sequence[Recording], Path, Callable[[], None]], object]"
+    """Writes recordings to a new path and calls back after each image."""
+    word: str
+    """The format in the name of what is written: `grasp_WORD_TIME`."""
+    hint: str
+    ending: str = ""
+    """The ending of a file; empty for a folder."""
+    has_all_sensors: bool = False
+    """Whether all sensors of a recording are written together; otherwise the one that the views show."""
 
 
 def save_surface_sequence(readings: Iterable[Reading], out: Path, quota: SaveQuota) -> int:

@@ -233,7 +233,9 @@ class SkinScene:
             self._mesh.color = PAST if is_past else GEL
         self._points.visible, self._mesh.visible = as_points, not as_points
 
-    def show_lines(self, outline_mm: Float32[Array, "n 2 3"] | None, profile_mm: Float64[Array, "n 3"] | None) -> None:
+    def show_lines(
+        self, outline_mm: Float32[Array, "n 2 3"] | None, profile_mm: Float64[Array, "points 3"] | None
+    ) -> None:
         """Draw the edge of the contact and the line of the profile; None hides them."""
         pieces = None if profile_mm is None else np.stack([profile_mm[:-1], profile_mm[1:]], axis=1).astype(np.float32)
         for lines, points in ((self._outline, outline_mm), (self._profile, pieces)):

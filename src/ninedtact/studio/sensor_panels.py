@@ -20,6 +20,7 @@ from ninedtact.studio.viewer import Side, Viewer
 
 SIDE_BY_SIDE = "all side by side"
 SAVED_AS = "the camera's image as .png, heights in mm as .npy, .png and .ply, wrenches and warnings as .json"
+_NO_SENSOR_SHOWN = "expected the sensor in the views, got a recording; go back to the sensor first"
 KEYS = "keys: F freeze or resume, S save, R take the reference, Ctrl+K all commands"
 
 
@@ -60,7 +61,8 @@ class StatusPanel:
         gui.add_command("Save this reading", hotkey="S").on_trigger(lambda event: self._save())
 
     def update(self, moment: PageMoment) -> None:
-        """Show state and values, and whether the browser keeps up."""
+        """Show state and values, whether the moment is frozen, and whether the browser keeps up."""
+        self._show_freeze()
         sentence = self._viewer.pace.sentence
         self._pace.content = f'<div style="margin:0 0.9em;font-size:0.85em">{sentence}</div>' if sentence else ""
         if moment.beside:
@@ -72,7 +74,10 @@ class StatusPanel:
 
     def _toggle_freeze(self) -> None:
         self._viewer.toggle_freeze()
-        frozen = self._viewer.is_frozen
+        self._show_freeze()
+
+    def _show_freeze(self) -> None:
+        frozen = self._viewer.is_frozen  # which opening a recording ends, too
         self._freeze.label = "Resume" if frozen else "Freeze"
         self._freeze.icon = Icon.PLAYER_PLAY if frozen else Icon.PLAYER_PAUSE
 
@@ -173,6 +178,10 @@ class SensorPanel:
             self._plot.data = tuple(moment.sensor.history)
 
     def _take_reference(self, event: GuiEvent[Any] | CommandEvent) -> None:
+        """Take the reference of the sensors that are shown; while a recording is, they are not seen, and others use them."""
+        if self._viewer.plays_recording:
+            self._viewer.notify("No reference taken", _NO_SENSOR_SHOWN, "red")
+            return
         for controller in self._viewer.shown_controllers:
             controller.take_reference()
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.capture.frame_pacing import NoRecentFrame
+from ninedtact.capture.frame_pacing import LatestFrameSource, NoRecentFrame
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.errors import CameraError
 from ninedtact.reading import Reading
@@ -43,8 +43,9 @@ class RateMeter:
         self._ticks: deque[_Tick] = deque()
 
     def tick(self, at_ns: int, number: int) -> None:
-        """Add an event; numbers may skip events that were not seen."""
-        self._ticks.append(_Tick(at_ns, number))
+        """Add an event, unless it has been added; numbers may skip events that were not seen."""
+        if not self._ticks or number > self._ticks[-1].number:
+            self._ticks.append(_Tick(at_ns, number))
         self._forget(at_ns)
 
     def hz(self, now_ns: int) -> float:
@@ -106,6 +107,8 @@ class SensorSnapshot:
     """Seconds before now (before the end of a recording that has ended), and maximum indentations in mm."""
     trouble: BaseException | None = None
     """Why the sensor thread has failed, why it refused the reference images, or why no image arrives."""
+    arrived_ns: int = 0
+    """Stamp of the newest image that the source delivered, read or not; 0 before the first."""
 
     @property
     def trouble_sentence(self) -> str:
@@ -164,7 +167,11 @@ class SensorPoller:
 
     def snapshot(self, now_ns: int) -> SensorSnapshot:
         """Return the newest state; never waits for the sensor."""
+        source = self.sensor.source
+        arrival = source.newest_arrival if isinstance(source, LatestFrameSource) else None
         with self._lock:
+            if arrival is not None:  # on a slow computer, readings are too rare to count by
+                self._delivered.tick(*arrival)
             until_ns = self._heard_ns if self._phase is SensorPhase.ENDED else now_ns
             return SensorSnapshot(
                 self._phase,
@@ -174,6 +181,7 @@ class SensorPoller:
                 self._read.hz(now_ns),
                 self._history.until(until_ns),
                 self._trouble,
+                0 if arrival is None else arrival.stamp_ns,
             )
 
     def wait_for_change(self, timeout_s: float) -> None:
@@ -222,8 +230,10 @@ class SensorPoller:
             if self._reference_wanted.is_set():
                 self._take_reference()
             self._keep(self.sensor.read())
-        except NoRecentFrame as trouble:  # `heard_ns` says since when
-            self._note(self._phase, trouble)
+        except NoRecentFrame as trouble:
+            self._note(
+                self._phase, trouble
+            )  # `heard_ns` says since when, `arrived_ns` whether the computer is too slow
         except ReferenceUnusable as refusal:
             self._note(SensorPhase.REFERENCE, refusal)
 

@@ -19,10 +19,17 @@ from ninedtact.studio.reading_view import (
     tiles_jpeg,
 )
 from ninedtact.studio.scene_3d import SkinScene
-from ninedtact.studio.viewer import MAX_EXAGGERATION, Side, Viewer, ViewOptions, is_from_browser, set_control
+from ninedtact.studio.viewer import (
+    MAX_EXAGGERATION,
+    Side,
+    ThemeChoice,
+    Viewer,
+    ViewOptions,
+    is_from_browser,
+    set_control,
+)
 
 BLANK = np.full((3, 4, 3), 90, np.uint8)
-_LIGHT, _DARK = np.full((2, 2, 3), (236, 239, 242), np.uint8), np.full((2, 2, 3), (36, 38, 42), np.uint8)
 _DENSITIES = {"all": 1, "a quarter": 2, "a sixteenth": 4}
 
 
@@ -88,7 +95,6 @@ class ViewPanel:
             SkinScene(scene, viewer.block, frame.name, sensor.name)
             for frame, sensor in zip(self._frames, sensors, strict=True)
         ]
-        self._set_background()
         colouring = gui.add_dropdown(
             "surface colouring", [str(each) for each in SkinColouring], initial_value=str(options.colouring)
         )
@@ -105,7 +111,7 @@ class ViewPanel:
         )
         pressure = gui.add_checkbox("pressure as arrows", options.pressure_arrows)
         shear = gui.add_checkbox("shear as arrows", options.shear_arrows)
-        dark = gui.add_checkbox("dark", options.dark)
+        ThemeChoice(viewer.client)
         colouring.on_update(lambda event: viewer.choose(colouring=SkinColouring(event.target.value)))
         density.on_update(lambda event: viewer.choose(coarser=_DENSITIES[event.target.value]))
         times.on_update(lambda event: viewer.choose(exaggeration=_exaggeration(event.target.value)))
@@ -113,7 +119,6 @@ class ViewPanel:
         source.on_update(lambda event: viewer.choose(source=TractionSource(event.target.value)))
         pressure.on_update(lambda event: viewer.choose(pressure_arrows=event.target.value))
         shear.on_update(lambda event: viewer.choose(shear_arrows=event.target.value))
-        dark.on_update(self._choose_theme)
 
     def update(self, moment: PageMoment) -> None:
         """Draw the scene where it differs from what was drawn last."""
@@ -139,7 +144,7 @@ class ViewPanel:
         is_past = moment.status.is_past
         first = moment.wrenches[0].sample if moment.wrenches and not is_past else None
         scene.show_wrench(None if first is None else first.wrench)
-        is_first = number == (options.sensor or 0)
+        is_profiled = number == self._viewer.profiled_sensor
         coarser = self._viewer.coarser
         if self._drawn.get(number) == (id(view), coarser, options):
             return
@@ -147,7 +152,7 @@ class ViewPanel:
         scene.exaggerate(options.exaggeration)
         as_points = options.colouring is not SkinColouring.PLAIN
         scene.show_surface(view.surface(options.colouring, coarser, options.source), as_points, is_past)
-        line = view.profile(*options.profile_mm).points_mm if options.with_profile and is_first else None
+        line = view.profile(*options.profile_mm).points_mm if options.with_profile and is_profiled else None
         scene.show_lines(view.outline_mm() if options.with_outline and not is_past else None, line)
         tractions = view.tractions(options.source)
         wants_arrows = options.pressure_arrows or options.shear_arrows
@@ -157,16 +162,6 @@ class ViewPanel:
             else None
         )
         scene.show_object(view.press)
-
-    def _choose_theme(self, event: GuiEvent[Any]) -> None:
-        """Make the page light or dark."""
-        self._viewer.choose(dark=bool(event.target.value))
-        self._set_background()
-
-    def _set_background(self) -> None:
-        client, dark = self._viewer.client, self._viewer.options.dark
-        client.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark)
-        client.scene.set_background_image(_DARK if dark else _LIGHT)
 
 
 class ProfilePanel:
@@ -186,7 +181,8 @@ class ProfilePanel:
         shown = gui.add_checkbox("line on the skin", self._viewer.options.with_profile)
         self._start = gui.add_vector2("A: x, y (mm)", start, min=least, max=most, step=0.1)
         self._end = gui.add_vector2("B: x, y (mm)", end, min=least, max=most, step=0.1)
-        gui.add_html('<div style="margin:0 0.9em;font-size:0.8em">Shift and click on the skin: A, then B.</div>')
+        picks = gui.add_checkbox("pick on the skin", False, hint="a click or tap on the skin sets A, then B")
+        gui.add_html('<div style="margin:0 0.9em;font-size:0.8em">Shift and click does so without this.</div>')
         self._text = gui.add_html("")
         self._plot = gui.add_uplot(
             (np.zeros(PROFILE_POINTS),) * 3,
@@ -202,13 +198,15 @@ class ProfilePanel:
         shown.on_update(lambda event: self._viewer.choose(with_profile=event.target.value))
         for point in (self._start, self._end):
             point.on_update(self._choose_line)
-        self._viewer.client.scene.on_click(modifier="shift")(self._pick)
+        picks.on_update(lambda event: self._listen(is_picking=bool(event.target.value)))
+        self._listen(is_picking=False)
 
     def update(self, moment: PageMoment) -> None:
         """Plot the heights along the line."""
-        if moment.view is None:
+        view = moment.sensors[min(self._viewer.profiled_sensor, len(moment.sensors) - 1)].view
+        if view is None:
             return
-        profile = moment.view.profile(*self._viewer.options.profile_mm)
+        profile = view.profile(*self._viewer.options.profile_mm)
         true = np.full(PROFILE_POINTS, np.nan) if profile.true_mm is None else profile.true_mm
         self._plot.data = (profile.distance_mm, profile.height_mm, true)
         self._text.content = profile_html(profile)
@@ -218,16 +216,31 @@ class ProfilePanel:
         if is_from_browser(event) and all(map(isfinite, (*self._start.value, *self._end.value))):
             self._viewer.choose(profile_mm=(self._start.value, self._end.value), with_profile=True)
 
+    def _listen(self, is_picking: bool) -> None:
+        """Pick with every click on the scene, or only with those while Shift is held, which a phone has not."""
+        scene = self._viewer.client.scene
+        scene.remove_click_callback()
+        scene.on_click(modifier="shift")(self._pick)
+        if is_picking:
+            scene.on_click()(self._pick)
+
     def _pick(self, event: SceneClickEvent) -> None:
-        """Move A or B, in turn, to where the line of sight of a click meets the plane of the undeformed skin."""
+        """Move A or B, in turn, to where the line of sight of a click meets the plane of the undeformed skin.
+
+        Of several skins it is the one whose middle is nearest; outside of it, the nearest place on its edge is taken.
+        """
         origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
         if abs(direction[2]) < 1e-6:
             return
-        place_mm = self._viewer.arrangement.places_mm[0]
-        x, y, _ = (origin - direction * origin[2] / direction[2] - place_mm).tolist()
+        from_middles_mm = origin - direction * origin[2] / direction[2] - self._viewer.arrangement.places_mm
+        nearest = int(np.linalg.norm(from_middles_mm, axis=1).argmin())
+        half_mm = np.array([self._viewer.block.width_mm, self._viewer.block.length_mm]) / 2
+        x, y = np.clip(from_middles_mm[nearest, :2], -half_mm, half_mm).tolist()
         point = self._start if self._picks % 2 == 0 else self._end
         self._picks += 1
         set_control(point, (round(x, 1), round(y, 1)))
+        if self._viewer.options.sensor is None:
+            self._viewer.choose(profile_sensor=nearest)
         self._viewer.choose(profile_mm=(self._start.value, self._end.value), with_profile=True)
 
 

@@ -6,12 +6,13 @@ of a viewer get the same moment. To add one, write a class with `build` and `upd
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from threading import RLock
+from threading import RLock, Thread
 from time import monotonic, monotonic_ns, time
 from typing import Any, Literal, Protocol, runtime_checkable
 
+import numpy as np
 from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
 
 from ninedtact.errors import NinedtactError
@@ -42,6 +43,39 @@ PHONE_STYLE = (
 """Lets the controls be as wide as the screen of a phone, of which viser gives them a part."""
 
 
+LIGHT, DARK = np.full((2, 2, 3), (236, 239, 242), np.uint8), np.full((2, 2, 3), (36, 38, 42), np.uint8)
+"""The backgrounds of the scene."""
+_THEME_KEY, _THEME_WITHIN_S = "theme", 30.0
+"""Name under which a browser keeps its choice, and the time within which it says what it has kept."""
+
+
+class ThemeChoice:
+    """The choice between a light and a dark page, which each browser keeps for its next visit."""
+
+    def __init__(self, client: ClientHandle) -> None:
+        """Add the control to the page of one browser, and set it to what this browser has kept, as soon as it says so."""
+        self._client = client
+        self._dark = client.gui.add_checkbox("dark", False, hint="kept by this browser")
+        self._dark.on_update(self._choose)
+        self._show()
+        Thread(target=self._restore, name="theme", daemon=True).start()
+
+    def _choose(self, event: GuiEvent[Any]) -> None:
+        self._show()
+        if is_from_browser(event):
+            self._client.local_storage.set_item(_THEME_KEY, "dark" if self._dark.value else "light")
+
+    def _show(self) -> None:
+        dark = bool(self._dark.value)
+        self._client.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark)
+        self._client.scene.set_background_image(DARK if dark else LIGHT)
+
+    def _restore(self) -> None:
+        with suppress(RuntimeError, TimeoutError):  # the browser has left, or keeps nothing
+            if self._client.local_storage.get_item(_THEME_KEY, _THEME_WITHIN_S) == "dark":
+                set_control(self._dark, True)
+
+
 Side = Literal["left", "lower left", "right"]
 """The columns of the page: images, curves below them, and controls; on a phone there is only the last."""
 
@@ -62,9 +96,10 @@ class ViewOptions:
     shear_arrows: bool = False
     profile_mm: tuple[tuple[float, float], tuple[float, float]] = ((-8.0, 0.0), (8.0, 0.0))
     """Ends of the line along which heights are plotted."""
+    profile_sensor: int = 0
+    """Number of the sensor on which the line is, where all are side by side."""
     with_profile: bool = False
     """Whether the line is drawn in 3D."""
-    dark: bool = False
     sensor: int | None = 0
     """Number of the sensor that the views show, among several; None shows all side by side."""
 
@@ -167,6 +202,11 @@ class Viewer:
         return tuple(moments) if number is None else (moments[min(number, len(moments) - 1)],)
 
     @property
+    def profiled_sensor(self) -> int:
+        """Number of the sensor along which heights are plotted."""
+        return self.options.profile_sensor if self.options.sensor is None else self.options.sensor
+
+    @property
     def arrangement(self) -> SideBySide:
         """The places of the sensors that the views show, in what the panels leave free of the window."""
         camera = self.client.camera
@@ -184,6 +224,11 @@ class Viewer:
     def is_frozen(self) -> bool:
         """Whether this viewer keeps its moment."""
         return self._frozen
+
+    @property
+    def plays_recording(self) -> bool:
+        """Whether this viewer is shown a recording in place of the sensor."""
+        return self._played is not None
 
     def toggle_freeze(self) -> None:
         """Keep the moment that is shown, or follow the sensor again; other viewers are not affected."""

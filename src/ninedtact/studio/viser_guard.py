@@ -141,6 +141,16 @@ class _PartMessage(msgspec.Struct, tag_field="type", tag="FileTransferPart", for
     content: _Part
 
 
+class _KeptMessage(
+    msgspec.Struct, tag_field="type", tag="LocalStorageGetItemResponseMessage", forbid_unknown_fields=True
+):
+    """What the browser has kept for the page: its theme."""
+
+    value: _ShortText | None
+    error: _ShortText | None
+    request_uuid: _ShortText
+
+
 _PAGE_MESSAGES = msgspec.msgpack.Decoder(
     _CameraMessage
     | _ControlMessage
@@ -151,6 +161,7 @@ _PAGE_MESSAGES = msgspec.msgpack.Decoder(
     | _HandleEndMessage
     | _UploadMessage
     | _PartMessage
+    | _KeptMessage
 )
 
 

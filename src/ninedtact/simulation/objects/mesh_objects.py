@@ -46,6 +46,15 @@ class MeshUnusable(FileFormatError):
     """Raised for a mesh that cannot be used as it is."""
 
 
+class MeshMisplaced(MeshUnusable):
+    """Raised for a mesh that another unit, size or side may make usable."""
+
+    def __init__(self, finding: str, remedy: str) -> None:
+        """finding: what was expected and what was found. remedy: how it is placed in another way where objects are named."""
+        super().__init__(f"{finding}; {remedy}")
+        self.finding = finding
+
+
 @dataclass(frozen=True)
 class MeshPlacement:
     """Unit, orientation and size of a mesh."""
@@ -128,17 +137,17 @@ def _require_plausible_size(name: str, size_mm: Float[Array, "3"]) -> None:
     got = " x ".join(f"{side:.3g}" for side in size_mm)
     if size_mm.max() < LEAST_MM:
         metres, inches = (" x ".join(f"{side * MM_PER_UNIT[unit]:.3g}" for side in size_mm) for unit in ("m", "in"))
-        raise MeshUnusable(
-            f"expected {name} in millimetres, larger than {LEAST_MM:g} mm, got {got} mm; in metres it would be {metres} mm "
-            f"(give unit m), in inches {inches} mm (give unit in)"
+        raise MeshMisplaced(
+            f"expected {name} in millimetres, larger than {LEAST_MM:g} mm, got {got} mm",
+            f"in metres it would be {metres} mm (give unit m), in inches {inches} mm (give unit in)",
         )
     if size_mm[:2].max() > LARGEST_MM:
-        raise MeshUnusable(
-            f"expected {name} at most {LARGEST_MM:g} mm across, got {got} mm; give a scale, a size to fit (fit:16), another "
-            "side, or cut out the part that touches"
+        raise MeshMisplaced(
+            f"expected {name} at most {LARGEST_MM:g} mm across, got {got} mm",
+            "give a scale, a size to fit (fit:16), another side, or cut out the part that touches",
         )
     if size_mm[:2].min() < PITCH_MM:
-        raise MeshUnusable(f"expected {name} to have a face towards the skin, got {got} mm; give another side")
+        raise MeshMisplaced(f"expected {name} to have a face towards the skin, got {got} mm", "give another side")
 
 
 def _require_few_layers(name: str, vertices_mm: Vertices, faces: Faces) -> None:
