@@ -538,9 +538,32 @@ def test_a_damaged_recording_leaves_the_folder_of_its_export_as_it_was(
             assert "got damaged data at byte" in said
         assert list(out.iterdir()) == [] and not (tmp_path / "new" / "folder").exists()
         assert not list(tmp_path.rglob("*.partial"))
-    path.write_bytes(content[:-1000])
-    assert main(["export", str(path), "--out", str(out)]) == 0
-    assert "The file was cut short" in capsys.readouterr().out and (out / "images.csv").is_file()
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.97])
+def test_a_recording_that_was_cut_short_is_exported_with_its_images_or_refused(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], share: float
+) -> None:
+    path, out = tmp_path / "hand.mcap", tmp_path / "new" / "out"
+    recorded_hand(path, sensor, seconds=2.0)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    assert main(["info", str(path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    images = sum(one["messages"] for one in found["topics"] if one["topic"].endswith("image_raw"))
+    assert (images > 0) == (share > 0.9)
+    if images == 0:
+        for to in ("files", "lerobot"):
+            (said,) = failure_lines(capsys, "export", path, "--out", out, "--to", to)
+            assert said.endswith("got a file that was cut short before its first image; copy it again whole")
+        assert not out.exists() and not list(tmp_path.rglob("*.partial"))
+        return
+    for command in (["info", str(path)], ["export", str(path), "--out", str(out)]):
+        assert main(command) == 0
+        said = capsys.readouterr().out
+        assert f"The file was cut short: it ends after {found['seconds']:.1f} s, and what followed is missing" in said
+    assert len(list((out / "images").iterdir())) == images
+    assert {one.name for one in (out / "sensor").iterdir()} == {one.name for one in sensor.iterdir()}
 
 
 class Waiting(Camera):

@@ -14,7 +14,11 @@ from ninedtact.cli.sensor_page import require_rerun
 if TYPE_CHECKING:
     from ninedtact.recording.summary import RecordingSummary
 
-_CUT_SHORT = "The file was cut short: its last half second may be missing."
+
+def _cut_short_sentence(seconds: float) -> str:
+    """Return what is missing from a file that was not closed properly; seconds: duration of what is there."""
+    missing = "what followed is missing (after a crash of the recording program about half a second)"
+    return f"The file was cut short: it ends after {seconds:.1f} s, and {missing}."
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,8 @@ def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
     if summary.pairs:
         yield f"  pairs: {', '.join(f'{number} {kind}' for kind, number in summary.pairs.items())}"
     if not summary.finished:
-        yield f"  {_CUT_SHORT} It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
+        yield f"  {_cut_short_sentence(summary.seconds)}"
+        yield "  It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
 
 
 @dataclass(frozen=True)
@@ -117,7 +122,7 @@ class Export:
                     written = export_rerun(recordings[0], self.out, self.points_every, on_image=bar.update)
                 else:
                     written = export_recordings(recordings, self.out, on_image=bar.update)
-            finished = recordings[0].is_finished
+            finished, seconds = recordings[0].is_finished, max(one.duration_s for one in recordings)
         figures = {"out": str(self.out), "finished": finished, "written": written}
         lines = [f"{self.out}:", *(f"  {number:8d}  {kind}" for kind, number in written.items())]
-        return print_result(self.json, figures, lines if finished else [*lines, f"  {_CUT_SHORT}"])
+        return print_result(self.json, figures, lines if finished else [*lines, f"  {_cut_short_sentence(seconds)}"])

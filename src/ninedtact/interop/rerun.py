@@ -32,7 +32,7 @@ from ninedtact.atomic_write import open_atomic_file
 from ninedtact.errors import DeviceError
 from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
-from ninedtact.recording.export import ExportRefused
+from ninedtact.recording.export import ExportRefused, require_exportable
 from ninedtact.recording.metadata import wall_minus_monotonic_ns
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.ros_messages import Topic, ros_name
@@ -152,6 +152,7 @@ def export_rerun(
     """
     if out.suffix != SUFFIX or out.exists():
         raise ExportRefused(f"expected --out to be a new file ending in {SUFFIX}, got {out}; choose another name")
+    require_exportable([recording])
     out.parent.mkdir(parents=True, exist_ok=True)
     stream = rr.RecordingStream("ninedtact", recording_id=recording.metadata.id)
     with open_atomic_file(out) as file:
