@@ -2,7 +2,7 @@
 
     signals      SIGINT, SIGTERM or SIGKILL at a random moment of calibrate, record, collect, simulate dataset, hardware export and
                  train
-    full disk    the same commands on a file system that is too small (a tmpfs, which needs permission to mount one)
+    full disk    the same commands, and export, on a file system that is too small (a tmpfs, which needs permission to mount one)
     two writers  two commands that write to the same place at the same time
     clock set    the wall clock jumps by an hour while live, record or collect runs (`chaos_of_time`)
     stall        the network camera of live or record falls silent, for a while or for ever (`chaos_of_time`)
@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -112,19 +113,7 @@ def make_commands(folder: Path) -> list[Command]:
     run_whole("calibrate", "--images", str(images), "--out", str(sensor))
     run_whole("simulate", "dataset", "--out", str(data), *small_data(40))
     record = ("record", "--source", "sim", "--sensor", str(sensor), "--force-torque", "sim", "--seconds", "4")
-    collect = (
-        "collect",
-        "--source",
-        "sim",
-        "--sensor",
-        str(sensor),
-        "--force-torque",
-        "sim",
-        "--seconds",
-        "6",
-        "--seed",
-        "1",
-    )
+    collect = ("collect", *record[1:-1], "6", "--seed", "1")
     train = (
         "train",
         "--data",
@@ -144,6 +133,19 @@ def make_commands(folder: Path) -> list[Command]:
     from_stream = ("record", "--sensor", str(sensor), "--seconds", "20")
     page = f"http://127.0.0.1:{port}/"
     both = ("signals", "full disk", "two writers", "clock set")
+    recorded = folder / "recorded.mcap"
+    run_whole(*record[:-1], "1", "--out", str(recorded))
+    exports = [
+        Command(
+            " ".join(("export", *to)), ("export", str(recorded), *to), result, 10, is_whole, troubles=("full disk",)
+        )
+        for to, result, is_whole in (
+            ((), "press", is_export),
+            (("--to", "lerobot"), "episodes", is_lerobot_data),
+            (("--to", "rerun"), "press.rrd", is_rerun_file),
+        )
+        if "rerun" not in to or find_spec("rerun")
+    ]
     return [
         Command("calibrate", ("calibrate", "--images", str(images), "--method", "ratio"), "sensor", 6, is_sensor),
         Command("record", record, "press.mcap", 8, is_recording, troubles=both),
@@ -154,6 +156,7 @@ def make_commands(folder: Path) -> list[Command]:
         Command("simulate dataset", ("simulate", "dataset", *small_data(60)), "data", 15, is_dataset, resumes=True),
         Command("hardware export", ("hardware", "export"), "hardware", 30, is_hardware),
         Command("train", train, "model", 20, is_model, resumes=True),
+        *exports,
     ]
 
 
@@ -161,7 +164,7 @@ def require_undisturbed_success(commands: list[Command], folder: Path) -> None:
     """Run every command once without trouble: what fails by itself proves nothing."""
     (folder / "undisturbed").mkdir()
     for command in commands:
-        if "signals" not in command.troubles:  # it ends by its trouble alone
+        if "full disk" not in command.troubles:  # it ends by its trouble alone
             continue
         subprocess.run(command.line(folder / "undisturbed"), check=True, capture_output=True)
         if not command.is_whole(folder / "undisturbed" / command.result):
@@ -203,6 +206,18 @@ def is_recording(path: Path) -> bool:
 
 def is_folder(path: Path) -> bool:
     return path.is_dir()
+
+
+def is_export(path: Path) -> bool:
+    return (path / "recording.json").is_file() and any(path.glob("images/*.png"))
+
+
+def is_lerobot_data(path: Path) -> bool:
+    return (path / "meta/info.json").is_file()
+
+
+def is_rerun_file(path: Path) -> bool:
+    return b"RRF2FOOT" in path.read_bytes()[-100:]
 
 
 def is_dataset(path: Path) -> bool:

@@ -128,6 +128,22 @@ def test_an_export_that_is_refused_or_fails_leaves_no_file(
     assert "pip install 'ninedtact[rerun]'" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("limit_bytes", [0, 30_000, 150_000])
+def test_a_disk_that_fills_is_one_sentence_and_leaves_no_file(recorded: Path, tmp_path: Path, limit_bytes: int) -> None:
+    out = tmp_path / "full" / "press.rrd"
+    code = f"""
+import resource
+from ninedtact.cli import main
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limit_bytes}, {limit_bytes}))
+raise SystemExit(main(["export", {str(recorded)!r}, "--to", "rerun", "--points-every", "1", "--out", {str(out)!r}]))
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
+    said = [line for line in ended.stderr.splitlines() if line.startswith("ninedtact: expected")]
+    assert ended.returncode == 1 and len(said) == 1 and "Traceback" not in ended.stderr
+    assert said[0].startswith(f"ninedtact: expected to write {out}, got: File too large; free the disk")
+    assert not any(out.parent.iterdir())
+
+
 def test_the_rerun_program_gets_readings_and_a_missing_one_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

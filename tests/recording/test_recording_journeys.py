@@ -27,7 +27,7 @@ from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
-from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource
+from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSource, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
@@ -40,6 +40,7 @@ from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings
+from ninedtact.recording.collecting.paired_sources import setup_with_recordings
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_repair import save_spans
 from ninedtact.recording.merge_streams import Arrival, merge_live_streams, merge_recorded_streams
@@ -247,6 +248,27 @@ def test_a_delay_that_is_not_known_is_refused(
     out = tmp_path / "no.mcap"
     options = ["--source", "sim", "--sensor", str(sensor), "--out", str(out), "--camera-delay-ms", delay]
     assert main(["record", *options]) == 1 and sentence in capsys.readouterr().err and not out.exists()
+
+
+def test_the_delay_of_another_camera_is_not_subtracted(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy, video, out = tmp_path / "sensor", untouched_video(tmp_path / "v.avi", sensor, 12), tmp_path / "v.mcap"
+    shutil.copytree(sensor, copy)
+    assert main(["camera-delay", "--source", "sim", "--sensor", str(copy), "--seconds", "3"]) == 0
+    assert f"not kept in {copy}: it is the delay of a simulated camera" in capsys.readouterr().out
+    assert not (copy / "camera.toml").exists()
+    write_camera_delay(copy, CameraDelay(delay_ms=20.0, error_ms=0.5, camera="camera usb:1-2"))
+    options = ["--source", video, "--sensor", copy, "--out", out, "--camera-delay-ms", "saved"]
+    (said,) = failure_lines(capsys, "record", *options)
+    name = live_source_for(str(video), DEFAULT_CAMERA).name
+    assert f"expected the delay of '{name}' in {copy / 'camera.toml'}, got that of 'camera usb:1-2'" in said
+    assert not out.exists()
+    write_camera_delay(copy, CameraDelay(delay_ms=20.0, error_ms=0.5, camera=name))
+    told(capsys, "record", *options)
+    with Recording(out) as recording:
+        assert recording.metadata.camera_delay_ms == 20.0
+    assert setup_with_recordings(out, out, SampleCheckSettings()).camera_name == name
 
 
 def test_a_recording_is_shown_live_with_the_sensor_that_it_carries(tmp_path: Path, sensor: Path) -> None:
@@ -538,9 +560,32 @@ def test_a_damaged_recording_leaves_the_folder_of_its_export_as_it_was(
             assert "got damaged data at byte" in said
         assert list(out.iterdir()) == [] and not (tmp_path / "new" / "folder").exists()
         assert not list(tmp_path.rglob("*.partial"))
-    path.write_bytes(content[:-1000])
-    assert main(["export", str(path), "--out", str(out)]) == 0
-    assert "The file was cut short" in capsys.readouterr().out and (out / "images.csv").is_file()
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.97])
+def test_a_recording_that_was_cut_short_is_exported_with_its_images_or_refused(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], share: float
+) -> None:
+    path, out = tmp_path / "hand.mcap", tmp_path / "new" / "out"
+    recorded_hand(path, sensor, seconds=2.0)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    assert main(["info", str(path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    images = sum(one["messages"] for one in found["topics"] if one["topic"].endswith("image_raw"))
+    assert (images > 0) == (share > 0.9)
+    if images == 0:
+        for to in ("files", "lerobot"):
+            (said,) = failure_lines(capsys, "export", path, "--out", out, "--to", to)
+            assert said.endswith("got a file that was cut short before its first image; copy it again whole")
+        assert not out.exists() and not list(tmp_path.rglob("*.partial"))
+        return
+    for command in (["info", str(path)], ["export", str(path), "--out", str(out)]):
+        assert main(command) == 0
+        said = capsys.readouterr().out
+        assert f"The file was cut short: it ends after {found['seconds']:.1f} s, and what followed is missing" in said
+    assert len(list((out / "images").iterdir())) == images
+    assert {one.name for one in (out / "sensor").iterdir()} == {one.name for one in sensor.iterdir()}
 
 
 class Waiting(Camera):

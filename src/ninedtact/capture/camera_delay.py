@@ -62,6 +62,10 @@ class CameraDelayUnreadable(FileFormatError):
     """Raised where the file that keeps the delay is missing or damaged."""
 
 
+class CameraDelayOfOtherCamera(InputError):
+    """Raised where the delay that a sensor folder keeps is that of another camera."""
+
+
 class CameraDelay(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A measured delay of a camera, as `camera.toml` keeps it."""
 
@@ -70,6 +74,7 @@ class CameraDelay(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     error_ms: Annotated[float, Meta(ge=0, le=5000)]
     """One standard deviation of it."""
     camera: str = ""
+    """Name of the camera's source, such as `camera usb:1-2`; empty for any camera."""
     rate_hz: Annotated[float, Meta(ge=0, le=10_000)] = 0.0
     """Images per second while it was measured."""
     correlation: Annotated[float, Meta(ge=-1, le=1)] = 1.0
@@ -300,13 +305,20 @@ def read_camera_delay(sensor: Path) -> CameraDelay:
         ) from trouble
 
 
-def resolve_camera_delay_ms(given: float | Literal["saved"], sensor: Path) -> float:
-    """Return a delay as it was given, or the one that the sensor folder keeps.
+def resolve_camera_delay_ms(given: float | Literal["saved"], sensor: Path, camera: str) -> float:
+    """Return a delay as it was given, or the one that the sensor folder keeps of this camera, by the name of its source.
 
-    Raises `CameraDelayImpossible` or `CameraDelayUnreadable`.
+    A kept delay that names no camera is that of any. Raises `CameraDelayImpossible`, `CameraDelayUnreadable` or
+    `CameraDelayOfOtherCamera`.
     """
     if given == SAVED:
-        return read_camera_delay(sensor).delay_ms
+        kept = read_camera_delay(sensor)
+        if kept.camera not in ("", camera):
+            raise CameraDelayOfOtherCamera(
+                f"expected the delay of '{camera}' in {sensor / CAMERA_FILE}, got that of '{kept.camera}'; measure it with "
+                "'ninedtact camera-delay' and the same --source, or give it in ms"
+            )
+        return kept.delay_ms
     if not isinstance(given, int | float) or not abs(given) <= 5000:
         raise CameraDelayImpossible(f"expected a delay of the camera of at most 5000 ms, got {given}; correct it")
     return float(given)

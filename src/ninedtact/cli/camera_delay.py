@@ -32,8 +32,8 @@ class CameraDelayCommand:
     """screen: this terminal, whose colours are inverted. Otherwise a file into which 1 (on) and 0 (off) are written, such as
     /sys/class/leds/NAME/brightness."""
     sensor: Path | None = None
-    """Sensor folder in which the delay is kept, in camera.toml; `record` and `collect` use it with --camera-delay-ms saved. A new
-    calibration removes it."""
+    """Sensor folder in which the delay is kept, in camera.toml; `record` and `collect` use it with --camera-delay-ms saved, for the
+    same source. A new calibration removes it. The delay of sim is printed only."""
     seconds: float = 15.0
     """Duration."""
     json: bool = False
@@ -53,13 +53,16 @@ class CameraDelayCommand:
             if isinstance(camera, UvcCamera):
                 print_notice(f"{camera.name}: {describe_camera_settings(camera.current_settings)}")
             found = measure_camera_delay(camera, light, self.seconds)
-        file = None if folder is None else write_camera_delay(folder.path, found)
+        is_kept = folder is not None and not is_simulated(self.source)
+        file = write_camera_delay(folder.path, found) if folder is not None and is_kept else None
         delay = f"{found.delay_ms:.1f} ± {found.error_ms:.1f} ms (one standard deviation)"
         lines = [f"{found.camera}: stamps are {delay} after the light"]
         lines += [f"  at {found.rate_hz:.1f} images per second; correlation with the light {found.correlation:.3f}"]
         if self.light == SCREEN and not is_simulated(self.source):
             lines.append("  of it 10 to 30 ms are the screen's own delay")
         lines += [] if file is None else [f"  kept in {file}; subtract it with --camera-delay-ms saved"]
+        if folder is not None and file is None:
+            lines.append(f"  not kept in {folder.path}: it is the delay of a simulated camera")
         return print_result(
             self.json, {**msgspec.to_builtins(found), "file": None if file is None else str(file)}, lines
         )

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from numpy import ndarray as Array
 
     from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
     from ninedtact.recording.collecting.collector import Collector
     from ninedtact.recording.collecting.pair_selection import CollectSettings, PairCounts
     from ninedtact.recording.collecting.paired_sources import CollectSetup
@@ -198,12 +199,12 @@ class Collect:
         self._require_pairs()
         screen = CollectScreen()
         with named_sensor_with_notices(self.sensor, self.source) as folder:
-            settings = self.options.settings(folder.path)
-            setup = self._setup(folder, settings, screen)
+            setup = self._setup(folder, self.options.checks(), screen)
+            settings = self.options.settings(folder.path, setup.camera_name)
             collector = self._collect(folder, settings, setup, screen)
         return print_result(self.json, _to_json_dict(self.out, collector), _summary_lines(self.out, collector))
 
-    def _setup(self, folder: "SensorFolder", settings: "CollectSettings", screen: CollectScreen) -> "CollectSetup":
+    def _setup(self, folder: "SensorFolder", checks: "SampleCheckSettings", screen: CollectScreen) -> "CollectSetup":
         """Return the camera and the force/torque sensor that were named, not yet opened."""
         from ninedtact.capture.force_torque.mounted_wrench_source import force_torque_sensor_for
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
@@ -214,13 +215,13 @@ class Collect:
         )
 
         if is_simulated(self.source):
-            return setup_with_twin(folder, self.objects, self.touches, self.seed or 0, settings.checks)
+            return setup_with_twin(folder, self.objects, self.touches, self.seed or 0, checks)
         if is_recording(self.source):
             images, wrenches = Path(self.source).expanduser(), Path(self.force_torque).expanduser()
-            return setup_with_recordings(images, wrenches, settings.checks)
+            return setup_with_recordings(images, wrenches, checks)
         camera = live_source_for(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         device = force_torque_sensor_for(self.force_torque)
-        return setup_with_devices(camera, device, folder, settings.checks, screen.show_message)
+        return setup_with_devices(camera, device, folder, checks, screen.show_message)
 
     def _collect(
         self, folder: "SensorFolder", settings: "CollectSettings", setup: "CollectSetup", screen: CollectScreen

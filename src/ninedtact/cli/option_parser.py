@@ -19,6 +19,7 @@ from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
     from ninedtact.calibration.procedure import CalibrationSettings
+    from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
     from ninedtact.recording.collecting.pair_selection import CollectSettings
 
 
@@ -98,13 +99,18 @@ class CollectOptions:
     reference_images: int = 10
     """Number of reference images (no contact) at every tare."""
 
-    def settings(self, sensor: Path = Path()) -> "CollectSettings":
-        """Return the settings of the collection with the sensor of this folder.
+    def checks(self) -> "SampleCheckSettings":
+        """Return what the samples of the force/torque sensor are checked by."""
+        from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
 
-        Raises `SamplingRuleInvalid`, `CollectSettingsInvalid` or `CameraDelayUnreadable`.
+        return SampleCheckSettings(self.range_n, self.range_nm)
+
+    def settings(self, sensor: Path = Path(), camera: str = "") -> "CollectSettings":
+        """Return the settings of the collection with the sensor of this folder and the camera of this name.
+
+        Raises `SamplingRuleInvalid`, `CollectSettingsInvalid`, and what `resolve_camera_delay_ms` raises.
         """
         from ninedtact.capture.camera_delay import resolve_camera_delay_ms
-        from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
         from ninedtact.capture.training_pair_rule import SamplingRuleSettings
         from ninedtact.recording.collecting.pair_selection import CollectSettings
 
@@ -113,9 +119,9 @@ class CollectOptions:
         )
         return CollectSettings(
             rule=rule,
-            checks=SampleCheckSettings(self.range_n, self.range_nm),
+            checks=self.checks(),
             tolerance_ms=self.tolerance_ms,
-            camera_delay_ms=resolve_camera_delay_ms(self.camera_delay_ms, sensor),
+            camera_delay_ms=resolve_camera_delay_ms(self.camera_delay_ms, sensor, camera),
             no_contact=self.no_contact,
             light_touch=self.light_touch,
             reference_images=self.reference_images,

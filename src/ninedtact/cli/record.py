@@ -171,8 +171,8 @@ class Record:
         from ninedtact.capture.camera_delay import resolve_camera_delay_ms
         from ninedtact.recording.recorder import SensorToRecord
 
-        camera_delay_ms = resolve_camera_delay_ms(self.camera_delay_ms, folder.path)
         camera, force_torque = self._sources(folder, address)
+        camera_delay_ms = resolve_camera_delay_ms(self.camera_delay_ms, folder.path, camera.name)
         estimator = self._estimator(folder)
         for notice in estimator.notices if estimator is not None else ():
             print_notice(notice)

@@ -15,7 +15,11 @@ from ninedtact.errors import InputError
 if TYPE_CHECKING:
     from ninedtact.recording.summary import RecordingSummary
 
-_CUT_SHORT = "The file was cut short: its last half second may be missing."
+
+def _cut_short_sentence(seconds: float) -> str:
+    """Return what is missing from a file that was not closed properly; seconds: duration of what is there."""
+    missing = "what followed is missing (after a crash of the recording program about half a second)"
+    return f"The file was cut short: it ends after {seconds:.1f} s, and {missing}."
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,8 @@ def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
     if summary.pairs:
         yield f"  pairs: {', '.join(f'{number} {kind}' for kind, number in summary.pairs.items())}"
     if not summary.finished:
-        yield f"  {_CUT_SHORT} It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
+        yield f"  {_cut_short_sentence(summary.seconds)}"
+        yield "  It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
 
 
 class NotOneRecording(InputError):
@@ -126,10 +131,14 @@ class Export:
                     written = export_rerun(recordings[0], self.out, self.points_every, on_image=bar.update)
                 else:
                     written = export_recordings(recordings, self.out, on_image=bar.update)
-            unfinished = dict.fromkeys(recording.path for recording in recordings if not recording.is_finished)
+            unfinished = dict[Path, float]()
+            for recording in recordings:  # the sensors of one file have one end, that of the longest
+                if not recording.is_finished:
+                    unfinished[recording.path] = max(recording.duration_s, unfinished.get(recording.path, 0.0))
         figures = {"out": str(self.out), "finished": not unfinished, "written": written}
         lines = [f"{self.out}:", *(f"  {number:8d}  {kind}" for kind, number in written.items())]
-        return print_result(self.json, figures, [*lines, *(f"  {path}: {_CUT_SHORT}" for path in unfinished)])
+        cut = (f"  {path}: {_cut_short_sentence(seconds)}" for path, seconds in unfinished.items())
+        return print_result(self.json, figures, [*lines, *cut])
 
     def _require_one_recording_unless_episodes(self) -> None:
         """Raise `NotOneRecording` unless the format holds as many recordings as are given."""

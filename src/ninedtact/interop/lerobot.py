@@ -19,7 +19,7 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import create_folder_atomically
 from ninedtact.errors import InputError, MissingLibraryError
-from ninedtact.recording.export import ExportRefused
+from ninedtact.recording.export import ExportRefused, require_exportable
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.summary import median_rate_hz
@@ -68,6 +68,8 @@ def export_lerobot(
         )
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ExportRefused(f"expected --out to be a new or empty folder, got {out}; choose another name")
+    for recording in recordings:
+        require_exportable([recording])
     features, fps = _common_features(recordings)
     with create_folder_atomically(out) as folder:
         writer = _EpisodeWriter(folder, features, fps, task)

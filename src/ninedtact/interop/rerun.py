@@ -11,14 +11,15 @@ Forces are in N, torques in N·m about the skin centre. Timelines: `sensor_time`
 and `image`, the number of the image in its source. Times of logging are not written.
 """
 
+import os
 import socket
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from queue import Full, Queue
-from secrets import token_hex
 from threading import Thread
 from types import TracebackType
+from typing import BinaryIO
 
 import cv2
 import numpy as np
@@ -27,10 +28,11 @@ import rerun.blueprint as rrb
 from jaxtyping import Float64, Int64
 from numpy import ndarray as Array
 
+from ninedtact.atomic_write import open_atomic_file
 from ninedtact.errors import DeviceError
 from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
-from ninedtact.recording.export import ExportRefused
+from ninedtact.recording.export import ExportRefused, require_exportable
 from ninedtact.recording.metadata import wall_minus_monotonic_ns
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.ros_messages import Topic, ros_name
@@ -39,6 +41,7 @@ from ninedtact.shape.surface import point_cloud
 
 SUFFIX = ".rrd"
 COMPONENTS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
+_PIPE_BYTES = 1 << 20
 _JPEG_QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 95]
 _AXIS_COLOURS = {
     "estimated": ((214, 39, 40), (44, 160, 44), (31, 119, 180)),
@@ -144,23 +147,65 @@ def export_rerun(
 ) -> dict[str, int]:
     """Write a recording as one new Rerun file (.rrd); return how much of each kind it has.
 
-    Heights are computed from the images by the sensor of the recording. Raises `ExportRefused`, and `RecordingUnreadable` for a
-    damaged recording or one without its sensor; no file is left then.
+    Heights are computed from the images by the sensor of the recording. Raises `ExportRefused`, `FileNotWritten`, and
+    `RecordingUnreadable` for a damaged recording or one without its sensor; no file is left then.
     """
     if out.suffix != SUFFIX or out.exists():
         raise ExportRefused(f"expected --out to be a new file ending in {SUFFIX}, got {out}; choose another name")
+    require_exportable([recording])
     out.parent.mkdir(parents=True, exist_ok=True)
-    partial = out.with_name(f".{out.name}.{token_hex(4)}.partial")
     stream = rr.RecordingStream("ninedtact", recording_id=recording.metadata.id)
-    stream.save(partial)
-    try:
-        written = _log_recording(RerunLog(recording.sensor, stream, points_every), recording, on_image)
-        stream.disconnect()
-        partial.replace(out)
-    finally:
-        stream.disconnect()
-        partial.unlink(missing_ok=True)
+    with open_atomic_file(out) as file:
+        with _StreamWriter(stream, file) as writer:
+
+            def check_file() -> None:
+                writer.raise_error()
+                on_image()
+
+            written = _log_recording(RerunLog(recording.sensor, stream, points_every), recording, check_file)
+        writer.raise_error()
     return written
+
+
+class _StreamWriter:
+    """Writes what a Rerun stream holds to an open file (`with`), through a pipe and a thread.
+
+    Rerun's own writer reports a full disk in its log alone and then may never return from closing the stream.
+    """
+
+    def __init__(self, stream: rr.RecordingStream, file: BinaryIO) -> None:
+        self._stream, self._file = stream, file
+        self._error: OSError | None = None
+        self._thread = Thread(target=self._run, name="rerun file", daemon=True)
+
+    def raise_error(self) -> None:
+        """Raise the `OSError` that ended the writing of the file, if there was one."""
+        if self._error is not None:
+            raise self._error
+
+    def __enter__(self) -> "_StreamWriter":
+        self._reading_end, writing_end = os.pipe()
+        self._thread.start()
+        try:
+            self._stream.save(f"/dev/fd/{writing_end}")
+        finally:
+            os.close(writing_end)  # the stream has opened it anew
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._stream.disconnect()
+        self._thread.join()
+
+    def _run(self) -> None:
+        """Write until the stream is closed; after an error the pipe is still emptied, so that the stream can end."""
+        with os.fdopen(self._reading_end, "rb", buffering=0) as pipe:
+            while content := pipe.read(_PIPE_BYTES):
+                try:
+                    if self._error is None:
+                        self._file.write(content)
+                        self._file.flush()
+                except OSError as trouble:
+                    self._error = trouble
 
 
 def _log_recording(log: RerunLog, recording: Recording, on_image: Callable[[], None]) -> dict[str, int]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ninedtact.atomic_write import create_folder_atomically, write_file_atomically
 from ninedtact.errors import OutputError
+from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.reader import SENSOR_FOLDER, Recording
 from ninedtact.recording.ros_messages import Topic
 
@@ -30,7 +31,8 @@ def export_recording(recording: Recording, out: Path, on_image: Callable[[], Non
     """Write everything into a new or empty folder and return how many rows or files of each kind were written.
 
     Images are PNG, wrenches and times CSV, heights .npy in mm. `on_image` is called after every image. Raises `ExportRefused`, and
-    `RecordingUnreadable` for a damaged recording; the folder is then as it was before.
+    `RecordingUnreadable` for a damaged recording or one that was cut short before its first image; the folder is then as it
+    was before.
 
         with Recording("press.mcap") as recording:
             export_recording(recording, Path("press"))
@@ -44,6 +46,7 @@ def export_recordings(
     """Write the sensors of one recording, each into a folder of its name where there are several, as `export_recording`."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ExportRefused(f"expected --out to be a new or empty folder, got {out}; choose another name")
+    require_exportable(recordings)
     written: Counter[str] = Counter()
     with create_folder_atomically(out) as folder:
         for recording in recordings:
@@ -51,6 +54,15 @@ def export_recordings(
             place.mkdir(exist_ok=True)
             written.update(_export_into(recording, place, on_image))
     return dict(written)
+
+
+def require_exportable(recordings: Sequence[Recording]) -> None:
+    """Raise `RecordingUnreadable` where a file was cut short before its first image, and perhaps in its sensor folder."""
+    if any(one.is_finished or len(one.positions(Topic.IMAGES)) for one in recordings):
+        return
+    raise RecordingUnreadable(
+        f"expected images in {recordings[0].path}, got a file that was cut short before its first image; copy it again whole"
+    )
 
 
 def _export_into(recording: Recording, out: Path, on_image: Callable[[], None]) -> dict[str, int]:

@@ -88,7 +88,7 @@ class Recording:
 
     @property
     def is_finished(self) -> bool:
-        """Whether the file was closed properly; if not, its last half second may be missing."""
+        """Whether the file was closed properly; if not, what followed its last whole part is missing."""
         return self.index.finished
 
     @property

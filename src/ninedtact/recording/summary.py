@@ -49,7 +49,7 @@ class RecordingSummary:
     """The start of the recording in UTC."""
     seconds: float
     finished: bool
-    """Whether the file was closed properly; if not, its last half second may be missing."""
+    """Whether the file was closed properly; if not, what followed its last whole part is missing."""
     dropped: int
     """Images that the source counted and that were not written."""
     height_step_mm: float

@@ -65,6 +65,13 @@ class CollectSetup:
     """Difference of wall clock and monotonic clock for the stamps of a recording."""
     on_message: Callable[[str], None] = lambda sentence: None
     """Receives a sentence about a device that delivers nothing."""
+    recorded_camera: str = ""
+    """Name of the camera of a recording, as it was when the recording was made."""
+
+    @property
+    def camera_name(self) -> str:
+        """Name of the camera that took the images."""
+        return self.recorded_camera or self.camera.name
 
     def arrivals(self) -> Generator[MergedArrival, None, None]:
         """Open both sources and yield their images and samples in one stream."""
@@ -95,9 +102,14 @@ def setup_with_devices(
 def setup_with_recordings(images: Path, wrenches: Path, checks: SampleCheckSettings) -> CollectSetup:
     """Return the setup of the images and the wrenches of recordings, with their own stamps."""
     with Recording(images) as recording:
-        ahead_ns = recording.metadata.wall_minus_monotonic_ns
-    force_torque = CheckedWrenchSource(RecordedWrenchSource(wrenches), checks)
-    return CollectSetup(RecordedSource(images), force_torque, is_live=False, wall_minus_monotonic_ns=ahead_ns)
+        metadata = recording.metadata
+    return CollectSetup(
+        RecordedSource(images),
+        CheckedWrenchSource(RecordedWrenchSource(wrenches), checks),
+        is_live=False,
+        wall_minus_monotonic_ns=metadata.wall_minus_monotonic_ns,
+        recorded_camera=metadata.source,
+    )
 
 
 def setup_with_twin(
