@@ -1,10 +1,12 @@
 """Walks over all controls of a page in a browser: where they are, and what happens when each is used once."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from reading_clients import open_panel
+
+PATIENCE_S = 60.0
 
 CONTROLS = """() => {
   const label = e => {
@@ -50,34 +52,38 @@ def controls_of(tab: Any) -> list[dict[str, Any]]:
     return list(tab.evaluate(CONTROLS))
 
 
-def use_every_control(tab: Any, refresh: Callable[[], None], used: set[str], last: tuple[str, ...] = ()) -> None:
+Condition = Callable[[], bool]
+
+
+def use_every_control(
+    tab: Any, refresh: Callable[[], None], used: set[str], last: Mapping[str, tuple[Condition, Condition]] | None = None
+) -> None:
     """Press every button, move every slider, choose every option and fill every field of what is open and not yet in `used`.
 
-    last: names of controls that are used after all others, in this order, because they take others away.
+    last: names of controls that are used after all others, in this order, because they take others away and bring new ones; with
+    what must hold before each is used, and what holds once the page has followed.
     """
+    conditions = last or {}
+    order = list(conditions)
     while True:
         refresh()
         fresh = [control for control in controls_of(tab) if control["key"] not in used and control["name"]]
         if not fresh:
             return
-        control = min(fresh, key=lambda each: last.index(each["name"]) + 1 if each["name"] in last else 0)
+        control = min(fresh, key=lambda each: order.index(each["name"]) + 1 if each["name"] in order else 0)
         used.add(control["key"])
-        if control["name"] not in last:
-            _use(tab, control, refresh, used)
-            continue
-        _settle(tab, refresh, times=3)
-        before = {each["key"] for each in controls_of(tab)}
+        before, after = conditions.get(control["name"], (lambda: True, lambda: True))
+        _follow(tab, refresh, before)
         _use(tab, control, refresh, used)
-        _settle(tab, refresh, until=lambda: {each["key"] for each in controls_of(tab)} != before)  # noqa: B023
+        _follow(tab, refresh, after)
 
 
-def _settle(tab: Any, refresh: Callable[[], None], times: int = 30, until: Callable[[], bool] = lambda: False) -> None:
-    """Give the page a while to follow, or until it has."""
-    for _ in range(times):
+def _follow(tab: Any, refresh: Callable[[], None], until: Callable[[], bool]) -> None:
+    """Refresh the page until it has followed; a walk that goes on without that misses controls, which its caller finds."""
+    give_up_at = time.monotonic() + PATIENCE_S
+    while not until() and time.monotonic() < give_up_at:
         refresh()
         tab.wait_for_timeout(100)
-        if until():
-            return
 
 
 def _use(tab: Any, control: dict[str, Any], refresh: Callable[[], None], used: set[str]) -> None:

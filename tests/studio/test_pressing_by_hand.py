@@ -12,7 +12,7 @@ import pytest
 import trimesh
 import viser
 from page_client import page_client
-from page_walk import find_layout_faults, open_every_panel, panels_of, use_every_control
+from page_walk import controls_of, find_layout_faults, open_every_panel, panels_of, use_every_control
 from playwright.sync_api import Browser, Page
 from reading_clients import CAMERA, open_panel, page_errors
 from small_press_simulation import PRESSED, TWIN
@@ -259,7 +259,19 @@ def test_every_control_can_be_used_and_nothing_is_outside_or_covered(
         until_ready(tab)
         wait_until(lambda: refresh() or "ball_8mm" in tab.inner_text("body"), PATIENCE_S, 0.05)
         twin.page.viewers[-1].choose(coarser=4)
-        last = ("Stop recording", "recording", "Back to the sensor")
+
+        def has_recorded_images() -> bool:
+            shown = re.search(r"recording .*: [\d.]+ s, ([\d.]+) MB", tab.inner_text("body"))
+            return shown is not None and float(shown[1]) > 0
+
+        def has(name: str) -> Callable[[], bool]:
+            return lambda: name in [control["name"] for control in controls_of(tab)]
+
+        last = {
+            "Stop recording": (has_recorded_images, has("Record")),
+            "recording": (lambda: True, has("Back to the sensor")),
+            "Back to the sensor": (lambda: True, lambda: not has("Back to the sensor")()),
+        }
 
         def use_panel(name: str) -> None:
             faults.extend(find_layout_faults(tab))
