@@ -72,12 +72,15 @@ PRESSES = ("board_reference", "board", "ball_reference", "ball")
 
 def make_sensor(folder: Path) -> Path:
     """Calibrate a real sensor where its images are there, a simulated one elsewhere."""
+    return save_sensor(folder, calibrate(calibration_images(), sensor_id="mutated")).path
+
+
+def calibration_images() -> CalibrationImages:
+    """Return those of a real sensor where they are there, of a simulated one elsewhere."""
     real = _real_sensor()
     if real is None:
-        images = CalibrationImages(**vars(simulate_calibration_images(default_twin())))
-    else:
-        images = CalibrationImages(**{name: read_image(real / f"{name}.png") for name in PRESSES})
-    return save_sensor(folder, calibrate(images, sensor_id="mutated")).path
+        return CalibrationImages(**vars(simulate_calibration_images(default_twin())))
+    return CalibrationImages(**{name: read_image(real / f"{name}.png") for name in PRESSES})
 
 
 def _real_sensor() -> Path | None:

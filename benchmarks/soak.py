@@ -20,11 +20,10 @@ import cv2
 import tyro
 from figures import Figure, answer, at_most
 from memory import CameraInMemory, require_linux, resident_now_mb
+from mutated_kinds import calibration_images
 from page_clients import crowd
-from real_images import PRESSES
-from real_images import sensor_folder as images_of_sensor
 
-from ninedtact import CalibrationImages, Sensor, SensorFolder, calibrate, load_estimator, read_image
+from ninedtact import Sensor, SensorFolder, calibrate, load_estimator
 from ninedtact.calibration.save import save_sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.recording.reader import Recording
@@ -62,9 +61,9 @@ def soak(minutes: float = 30.0, images: int = 1000, recorded: int = 100, json: b
     found: list[Census] = []
     with TemporaryDirectory(prefix="soak_") as name:
         folder = Path(name)
-        pictures = {press: read_image(images_of_sensor("sensor_a") / f"{press}.png") for press in PRESSES}
-        sensor = save_sensor(folder / "sensor", calibrate(CalibrationImages(**pictures)))
-        camera = CameraInMemory(pictures["ball_reference"], pictures["ball"])
+        pictures = calibration_images()
+        sensor = save_sensor(folder / "sensor", calibrate(pictures))
+        camera = CameraInMemory(pictures.ball_reference, pictures.ball)
         while time.monotonic() < until_s or len(found) < SETTLED + 1:
             watch_page(sensor, camera, folder, images)
             make_recording(sensor, camera, folder / "press.mcap", recorded)

@@ -177,6 +177,9 @@ def test_a_component_without_an_error_is_not_estimated() -> None:
     )
 
 
+_ADAPT = ("adapt", "--sensor", "sensor", "--reference", "reference.png")
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -209,6 +212,10 @@ def test_a_component_without_an_error_is_not_estimated() -> None:
                 "300",
             ),
             "reference.png: ",
+        ),
+        (
+            (*_ADAPT, "--press", "press_1.png", "200", "--press", "./press_1.png", "800"),
+            "got press_1.png with 200 g and with 800 g",
         ),
         (
             ("adapt", "--sensor", "sensor", "--reference", "reference.png", "--press", "press_1.png", "-3"),

@@ -138,7 +138,7 @@ def test_without_contact_the_answer_is_zero_and_the_network_is_not_asked() -> No
 def test_a_model_that_corrects_physics_is_refused_as_an_estimator_of_its_own() -> None:
     alone = NetworkForce(model(), features=TYPICAL_FEATURES, contact_test=lambda _: True)
     with pytest.raises(NinedtactError, match="expected the tractions that physics found"):
-        alone.estimate(reading())
+        alone.estimate_contact(reading())
 
 
 def test_tractions_are_sampled_at_their_places() -> None:

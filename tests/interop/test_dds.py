@@ -2,6 +2,7 @@
 
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -280,6 +281,23 @@ def test_commands_are_answered_and_a_recording_opens(tmp_path: Path) -> None:
         assert sum(1 for _ in recording.frames()) >= 20
     with Recording(out / "unfinished.mcap") as recording:  # finished when the command ended
         assert recording.metadata.sensor == RECORDED.id
+
+
+def test_a_recording_on_a_full_disk_is_reported_and_the_next_one_can_begin(tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path / "out") as running:
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
+            assert running.answer("start_recording full")["ok"]
+            ended = running.until_status(lambda status: bool(status["recording_trouble"]))
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        assert ended["recording"] is None and running.sentences == [ended["recording_trouble"]]
+        assert "expected to continue writing" in ended["recording_trouble"]
+        assert running.answer("stop_recording")["answer"] == "nothing was being recorded"
+        assert running.answer("start_recording next")["recording_trouble"] == ""
+        until_published(running, 5)
+        assert running.answer("stop_recording")["ok"]
 
 
 def test_commands_that_are_sent_at_once_are_all_answered_also_to_who_subscribes_later(tmp_path: Path) -> None:

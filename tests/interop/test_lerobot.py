@@ -14,10 +14,10 @@ import pyarrow.parquet as pq
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
-from episodes import SHAPE, frame, sample, write_episode
+from episodes import SHAPE, frame, sample, write_episode, write_estimates
 
 from ninedtact.cli import main
-from ninedtact.interop.lerobot import RecordingsDiffer, export_lerobot
+from ninedtact.interop.lerobot import UNKNOWN_STD, RecordingsDiffer, export_lerobot
 from ninedtact.recording.reader import Recording
 
 
@@ -67,6 +67,20 @@ def test_a_recording_is_an_episode_with_images_and_wrenches(tmp_path: Path) -> N
     np.testing.assert_allclose(stats["observation.wrench"]["std"], loads.std(0), atol=1e-5)
     assert np.shape(stats["observation.images.tactile"]["mean"]) == (3, 1, 1)
     assert stats["observation.images.tactile"]["count"] == [19]
+
+
+def test_estimates_keep_their_errors_and_warnings(tmp_path: Path) -> None:
+    estimates = write_estimates(tmp_path / "one.mcap")
+    with Recording(tmp_path / "one.mcap") as recording:
+        assert export_lerobot([recording], tmp_path / "set")["features"] == 10
+    rows = pq.read_table(tmp_path / "set/data/chunk-000/file-000.parquet").to_pylist()
+    for row, estimate in zip(rows, estimates, strict=True):
+        assert row["observation.wrench_estimated"] == pytest.approx(estimate.wrench.six.tolist(), abs=1e-6)
+        std = np.minimum(estimate.std, UNKNOWN_STD).tolist()
+        assert row["observation.wrench_estimated_std"] == pytest.approx(std, rel=1e-6)
+        assert row["wrench_estimated_warnings"] == len(estimate.warnings)
+    stats = json.loads((tmp_path / "set/meta/stats.json").read_text(), parse_constant=lambda word: pytest.fail(word))
+    assert stats["observation.wrench_estimated_std"]["max"] == 6 * [UNKNOWN_STD]
 
 
 def test_the_command_says_what_it_wrote_and_refuses_in_one_sentence(

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ninedtact.quantities import Frame, Wrench
+from ninedtact.force.estimator_interface import unknown_wrench
+from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
@@ -47,3 +48,21 @@ def write_messages(episode: RecordingWriter, frames: int, samples: int) -> None:
             episode.write_image(message)
         else:
             episode.write_measured(message)
+
+
+def write_estimates(path: Path, frames: int = 4) -> list[WrenchEstimate]:
+    """Images and their estimates: a known one, one with two warnings, one that knows nothing, and so on."""
+    rng, estimates = np.random.default_rng(0), []
+    with RecordingWriter(
+        path, RecordingMetadata("small"), {Topic.IMAGES, Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS}
+    ) as episode:
+        for number in range(frames):
+            image, root = frame(number), rng.normal(size=(6, 6))
+            wrench = Wrench(rng.normal(size=3), rng.normal(size=3), stamp_ns=image.stamp_ns)
+            warnings = (EstimateWarning.OUT_OF_RANGE, EstimateWarning.PART_UNSEEN)[: 2 * (number % 3 == 1)]
+            estimates.append(WrenchEstimate(wrench, root @ root.T, True, warnings))
+            if number % 3 == 2:
+                estimates[-1] = unknown_wrench(image.stamp_ns, (EstimateWarning.OUT_OF_RANGE,))
+            episode.write_image(image)
+            episode.write_estimated(estimates[-1], image.index)
+    return estimates

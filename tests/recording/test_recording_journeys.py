@@ -17,6 +17,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from episodes import write_estimates
 from hand import BEGAN_NS, TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, truth
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -92,6 +93,16 @@ def test_a_twin_is_recorded_shown_again_and_written_out(
             assert int(row["monotonic_ns"]) == frame.stamp_ns
     assert len(list((out / "heights").glob("*.npy"))) == exported["heights"]
     assert main(["export", str(path), "--out", str(out)]) == 1 and "new or empty" in capsys.readouterr().err
+
+
+def test_exported_estimates_have_their_errors_and_warnings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    estimates, out = write_estimates(tmp_path / "estimates.mcap"), tmp_path / "out"
+    assert told(capsys, "export", tmp_path / "estimates.mcap", "--out", out)["written"]["estimated"] == len(estimates)
+    for row, estimate in zip(csv.DictReader((out / "wrench_estimated.csv").open()), estimates, strict=True):
+        columns = [name for name in row if name.endswith(("_n", "_nm"))]
+        assert [float(row[name]) for name in columns] == estimate.wrench.six.tolist()
+        assert [float(row[f"{name}_std"]) for name in columns] == pytest.approx(estimate.std.tolist())
+        assert row["warnings"] == "; ".join(estimate.warnings) and int(row["monotonic_ns"]) == estimate.wrench.stamp_ns
 
 
 def test_a_small_recording_is_played_back_and_exported_like_a_large_one(

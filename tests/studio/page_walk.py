@@ -79,9 +79,10 @@ def use_every_control(
 
 
 def _follow(tab: Any, refresh: Callable[[], None], until: Callable[[], bool]) -> None:
-    """Refresh the page until it has followed; a walk that goes on without that misses controls, which its caller finds."""
+    """Refresh the page until it has followed."""
     give_up_at = time.monotonic() + PATIENCE_S
-    while not until() and time.monotonic() < give_up_at:
+    while not until():
+        assert time.monotonic() < give_up_at, f"expected the page to follow, got:\n{tab.inner_text('body')}"
         refresh()
         tab.wait_for_timeout(100)
 

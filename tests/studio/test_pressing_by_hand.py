@@ -268,6 +268,7 @@ def test_every_control_can_be_used_and_nothing_is_outside_or_covered(
             return lambda: name in [control["name"] for control in controls_of(tab)]
 
         last = {
+            "Record": (lambda: True, has("Stop recording")),
             "Stop recording": (has_recorded_images, has("Record")),
             "recording": (lambda: True, has("Back to the sensor")),
             "Back to the sensor": (lambda: True, lambda: not has("Back to the sensor")()),

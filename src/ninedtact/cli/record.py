@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from ninedtact.recording.recorder import SensorToRecord
     from ninedtact.recording.writer import RecordingWriter
 
-_BAR = "{n:.0f} of {total:.0f} s |{bar}| {remaining} left, {postfix}"
-_BAR_WITHOUT_END = "{n:.0f} s, {postfix}"
+_BAR = "{n:.0f} of {total:.0f} s |{bar}| {remaining} left{postfix}"
+_BAR_WITHOUT_END = "{n:.0f} s{postfix}"
 _NAMED_ADDRESS = re.compile(r"(?P<name>[A-Za-z][A-Za-z0-9_]*)=(?P<address>.+)")
 """One of several sources or sensors, such as left=usb:1-2."""
 _POLL_S = 0.05

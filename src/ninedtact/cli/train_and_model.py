@@ -125,10 +125,12 @@ class Train:
         )
 
     def _require_calibrations(self) -> None:
-        """Raise `SensorCalibrationMissing` where heights are to be computed without a calibration of any sensor."""
+        """Raise `DatasetDamaged` without data, and `SensorCalibrationMissing` where heights lack a calibration of any sensor."""
+        from ninedtact.dataset.folder import find_pair_files
         from ninedtact.force.network_input import InputChannels
         from ninedtact.workflows.dataset_sensors import require_dataset_sensors
 
+        find_pair_files(self.data)
         of_heights = InputChannels[self.channels.upper()].of_heights if self.channels else self.preset != "paper"
         if of_heights:
             require_dataset_sensors(self.data, self.sensors)

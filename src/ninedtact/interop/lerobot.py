@@ -28,6 +28,9 @@ CODEBASE_VERSION = "v3.0"
 IMAGE, TIME = "observation.images.tactile", "observation.time_s"
 WRENCHES = {"observation.wrench": Topic.MEASURED, "observation.wrench_estimated": Topic.ESTIMATED}
 """The wrench of the force/torque sensor and that of the estimator, each where the recordings hold it."""
+STD, WARNINGS = "observation.wrench_estimated_std", "wrench_estimated_warnings"
+UNKNOWN_STD = 1e6
+"""Standard deviation in N and N·m of an estimate that knows nothing, in place of infinity, which statistics cannot hold."""
 WRENCH_NAMES = ["force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm"]
 FILES_PER_CHUNK = 1000
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -96,6 +99,9 @@ def _common_features(recordings: Sequence[Recording]) -> tuple[dict[str, Any], i
     names = {"image": ["height", "width", "channels"]}
     features: dict[str, Any] = {IMAGE: {"dtype": "image", "shape": list(shape), "names": names["image"]}}
     features |= {key: {"dtype": "float32", "shape": [6], "names": WRENCH_NAMES} for key in wrenches}
+    if "observation.wrench_estimated" in features:
+        features[STD] = {"dtype": "float32", "shape": [6], "names": WRENCH_NAMES}
+        features[WARNINGS] = {"dtype": "int64", "shape": [1], "names": None}
     features[TIME] = {"dtype": "float64", "shape": [1], "names": None}
     return features | {key: {"dtype": dtype, "shape": [1], "names": None} for key, dtype in _SCALARS.items()}, fps
 
@@ -216,6 +222,8 @@ class _EpisodeWriter:
         columns = {
             key: _wrenches_at(recording, topic, stamps_ns) for key, topic in WRENCHES.items() if key in self.features
         }
+        if STD in self.features:
+            columns |= _errors_at(recording, stamps_ns)
         return columns | {
             TIME: time_s,
             "timestamp": (frames / self.fps).astype(np.float32),
@@ -279,6 +287,15 @@ def _wrenches_at(recording: Recording, topic: Topic, stamps_ns: Array) -> Float6
     six = np.array([wrench.six for wrench in wrenches])
     since = known[0]
     return np.stack([np.interp(stamps_ns - since, known - since, column) for column in six.T], axis=1)
+
+
+def _errors_at(recording: Recording, stamps_ns: Array) -> dict[str, Array]:
+    """Return standard deviations (frames, 6) and numbers of warnings (frames) of the estimates nearest before the images."""
+    estimates = sorted(recording.estimates(), key=lambda one: one.wrench.stamp_ns)
+    at_ns = np.array([one.wrench.stamp_ns for one in estimates])
+    nearest = np.clip(np.searchsorted(at_ns, stamps_ns, side="right") - 1, 0, None)
+    std = np.nan_to_num([one.std for one in estimates], nan=UNKNOWN_STD, posinf=UNKNOWN_STD)
+    return {STD: std[nearest], WARNINGS: np.array([len(one.warnings) for one in estimates])[nearest]}
 
 
 @dataclass

@@ -102,6 +102,8 @@ class ReadingRecorder:
     """Where the measured wrenches come from, in words; empty where there are none."""
     out: Path
     """Folder of recordings; a command names files in it, not paths."""
+    trouble: str = field(default="", init=False)
+    """Why the last recording ended by itself, and what it keeps; empty where it did not."""
     _running: _RunningRecording | None = field(default=None, init=False)
 
     @property
@@ -126,8 +128,17 @@ class ReadingRecorder:
         path = self.out / f"{name.removesuffix('.mcap')}.mcap"
         metadata = RecordingMetadata("", "ros2", self.source, self.force_torque)
         writer = new_reading_writer(path, self.messages.folder, metadata, bool(self.force_torque), True)
-        self._running = _RunningRecording(writer)
+        self._running, self.trouble = _RunningRecording(writer), ""
         return f"recording to {path}"
+
+    def end_if_failed(self) -> bool:
+        """End a recording that could not be continued, as on a full disk, and return whether there was one."""
+        running = self._running
+        if running is None or not running.trouble:
+            return False
+        self._running, self.trouble = None, running.trouble
+        running.close()
+        return True
 
     def stop(self) -> str:
         """Finish the recording; return a sentence about it, or nothing where there was none. Raises `RecordingStopped`."""
@@ -197,7 +208,10 @@ class SensorOnRos2:
                         self.publish(last := now.reading)
                     for command in commands.take():
                         self._write_status(now, **self._obey(decode_command(command), poller))
-                    if watch.has_changed(now) or monotonic() - status_at > _STATUS_S:
+                    has_recording_failed = self._recorder.end_if_failed()
+                    if has_recording_failed:
+                        self.notify(self._recorder.trouble)
+                    if has_recording_failed or watch.has_changed(now) or monotonic() - status_at > _STATUS_S:
                         status_at = monotonic()
                         self._write_status(now, read_hz=round(now.read_hz, 1))
                     if now.phase is SensorPhase.ENDED:
@@ -283,6 +297,7 @@ class SensorOnRos2:
             "published": self.published,
             "dropped": sum(writer.dropped for writer in self._writers.values()),
             "recording": None if writer is None else str(writer.path),
+            "recording_trouble": self._recorder.trouble,
             "camera_info_residual_px": round(self.messages.camera.residual_px, 3),
         }
         self._writers[STATUS].write(encode_status({**state, **fields}))

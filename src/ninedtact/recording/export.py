@@ -19,6 +19,7 @@ from ninedtact.recording.reader import SENSOR_FOLDER, Recording
 from ninedtact.recording.ros_messages import Topic
 
 _WRENCH_COLUMNS = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
+_STD_COLUMNS = tuple(f"{name}_std" for name in _WRENCH_COLUMNS)
 _TIME_COLUMNS = ("monotonic_ns", "wall_ns")
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
@@ -70,8 +71,8 @@ def _export_into(recording: Recording, out: Path, on_image: Callable[[], None]) 
     written = {
         "images": _export_images(recording, out, on_image),
         "references": _export_references(recording, out),
-        "measured": _export_wrenches(recording, out / "wrench_measured.csv", Topic.MEASURED),
-        "estimated": _export_wrenches(recording, out / "wrench_estimated.csv", Topic.ESTIMATED),
+        "measured": _export_measured(recording, out / "wrench_measured.csv"),
+        "estimated": _export_estimates(recording, out / "wrench_estimated.csv"),
         "heights": _export_heights(recording, out / "heights"),
         "pairs": _export_pairs(recording, out / "pairs.csv"),
         "events": _export_events(recording, out / "events.csv"),
@@ -102,11 +103,24 @@ def _export_references(recording: Recording, out: Path) -> int:
     return count
 
 
-def _export_wrenches(recording: Recording, path: Path, topic: Topic) -> int:
-    """Write a table of wrenches about the skin centre."""
-    wrenches = recording.wrenches(topic)
-    rows = ((*_both_times(recording, wrench.stamp_ns), *wrench.six.tolist()) for wrench in wrenches)
+def _export_measured(recording: Recording, path: Path) -> int:
+    """Write a table of the measured wrenches about the skin centre."""
+    rows = ((*_both_times(recording, wrench.stamp_ns), *wrench.six.tolist()) for wrench in recording.wrenches())
     return _write_csv(path, (*_TIME_COLUMNS, *_WRENCH_COLUMNS), rows)
+
+
+def _export_estimates(recording: Recording, path: Path) -> int:
+    """Write a table of the estimated wrenches about the skin centre, with their standard deviations (inf: unknown) and warnings."""
+    rows = (
+        (
+            *_both_times(recording, one.wrench.stamp_ns),
+            *one.wrench.six.tolist(),
+            *one.std.tolist(),
+            "; ".join(one.warnings),
+        )
+        for one in recording.estimates()
+    )
+    return _write_csv(path, (*_TIME_COLUMNS, *_WRENCH_COLUMNS, *_STD_COLUMNS, "warnings"), rows)
 
 
 def _export_heights(recording: Recording, out: Path) -> int:

@@ -17,7 +17,7 @@ from mcap.records import Attachment, Metadata
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import CameraNotFound
-from ninedtact.quantities import Frame, Rectified, Wrench
+from ninedtact.quantities import Frame, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_index import (
@@ -39,6 +39,7 @@ from ninedtact.recording.ros_messages import (
     PairLabel,
     RecordingEvent,
     Topic,
+    combine_estimate,
     decode_covariance_message,
     decode_event,
     decode_height,
@@ -202,6 +203,15 @@ class Recording:
         """Yield the image index and the warnings of every estimate that has any."""
         return ((message.sequence, decode_warnings(message.data)) for message in self.messages(Topic.WARNINGS))
 
+    def estimates(self) -> Iterator[WrenchEstimate]:
+        """Yield all estimated wrenches with their errors and warnings."""
+        errors, warned = (
+            {message.stamp_ns: message.data for message in self.messages(topic)}
+            for topic in (Topic.COVARIANCE, Topic.WARNINGS)
+        )
+        for wrench in self.wrenches(Topic.ESTIMATED):
+            yield combine_estimate(wrench, errors.get(wrench.stamp_ns), warned.get(wrench.stamp_ns))
+
     def heights(self) -> Iterator[tuple[int, Float32[Array, "rows cols"]]]:
         """Yield the image index and the heights in mm, NaN out of view."""
         step_mm = self.metadata.height_step_mm
@@ -349,8 +359,11 @@ def extract_sensor_folder(recording: Path | str, into: Path) -> Path:
 
 def _open_file(path: Path) -> BinaryIO:
     """Open the file; raises `CameraNotFound` where there is none, and `RecordingUnreadable`."""
-    if not path.is_file():
+    if not path.exists():
         raise CameraNotFound(f"expected a recording at {path}, got no such file; check the path")
+    if not path.is_file():
+        kind = "a folder" if path.is_dir() else "a pipe or device"
+        raise CameraNotFound(f"expected a recording at {path}, got {kind}; name the file, which is read more than once")
     try:
         return path.open("rb")
     except OSError as error:

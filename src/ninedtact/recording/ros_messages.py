@@ -20,7 +20,7 @@ from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray as Array
 from rosbags.typesys import Stores, get_typestore
 
-from ninedtact.quantities import Wrench
+from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 
 _NS_PER_S = 1_000_000_000
 _MM_PER_M = 1e3
@@ -268,6 +268,14 @@ def decode_covariance_message(data: bytes) -> Float64[Array, "6 6"]:
 def decode_warnings(data: bytes) -> list[str]:
     """Return the warnings of a message."""
     return [status.message for status in _decode(Topic.WARNINGS, data).status]
+
+
+def combine_estimate(wrench: Wrench, covariance: bytes | None, warnings: bytes | None) -> WrenchEstimate:
+    """Return the estimate of an image from its wrench and two messages. Without that of the covariance, nothing is known."""
+    matrix = np.diag(np.full(6, np.inf)) if covariance is None else decode_covariance_message(covariance)
+    texts = [] if warnings is None else decode_warnings(warnings)
+    known = tuple(EstimateWarning(text) for text in texts if text in set(EstimateWarning))
+    return WrenchEstimate(wrench, matrix, bool(wrench.six.any()), known)
 
 
 def decode_pair_label_message(data: bytes, stamp_ns: int) -> PairLabel:

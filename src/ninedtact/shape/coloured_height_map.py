@@ -127,14 +127,14 @@ def add_colour_bar(figure: "Figure", scale: ColourScale, x_px: int, height_px: i
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    shown = ScalarMappable(Normalize(-scale.pressed_mm, scale.bulged_mm), matplotlib_colour_map(scale))
+    shown = ScalarMappable(Normalize(-scale.pressed_mm, scale.bulged_mm), _matplotlib_colour_map(scale))
     bar = figure.colorbar(shown, cax=add_axes_at(figure, x_px, TOP_PX, 24, height_px))
     bar.set_label("height (mm): pressed in < 0 < bulging", color=INK, size=10)
     bar.outline.set_visible(False)
     bar.ax.tick_params(colors=INK, labelsize=9)
 
 
-def matplotlib_colour_map(scale: ColourScale) -> "Colormap":
+def _matplotlib_colour_map(scale: ColourScale) -> "Colormap":
     """Return the colours of a scale as a matplotlib colour map."""
     from matplotlib.colors import ListedColormap
 
@@ -187,29 +187,29 @@ def render_height_map(height: HeightMap, title: str = "Height of the skin") -> b
         fit_colour_scale(height),
     )
     axes = add_axes_at(figure, LEFT_PX, TOP_PX, width_px, height_px)
-    draw_colours(axes, height, scale)
-    draw_lines(axes, height, scale)
-    draw_range(axes, height)
-    draw_legend(axes, height, height_px)
+    _draw_colours(axes, height, scale)
+    _draw_lines(axes, height, scale)
+    _draw_range(axes, height)
+    _draw_legend(axes, height, height_px)
     add_colour_bar(figure, scale, LEFT_PX + width_px + 36, height_px)
-    add_text_at(figure, LEFT_PX, TOP_PX + height_px + 100, where_it_is(height))
+    add_text_at(figure, LEFT_PX, TOP_PX + height_px + 100, _where_it_is(height))
     return figure_to_png(figure)
 
 
-def where_it_is(height: HeightMap) -> str:
+def _where_it_is(height: HeightMap) -> str:
     """Return what the two axes mean, and the scale."""
     place = "" if np.isinf(height.camera_distance_mm) else ", placed where its lines of sight cross the undeformed skin"
     return f"as the camera sees it{place} · 1 pixel = {height.mm_per_px:.4f} mm"
 
 
-def draw_colours(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
+def _draw_colours(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
     """Draw colours where there is a height, and hatching where there is none."""
     x, y = height.axes_mm
     half = height.mm_per_px / 2
     axes.patch.set(**UNSEEN)
     axes.imshow(
         np.ma.masked_where(~height.in_view, height.z_mm),
-        cmap=matplotlib_colour_map(scale),
+        cmap=_matplotlib_colour_map(scale),
         vmin=-scale.pressed_mm,
         vmax=scale.bulged_mm,
         extent=(x[0] - half, x[-1] + half, y[-1] + half, y[0] - half),
@@ -220,12 +220,12 @@ def draw_colours(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
     axes.spines[:].set(color="#9ca3af", linewidth=0.8)
 
 
-def draw_lines(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
+def _draw_lines(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
     """Draw contour lines inside the contact, and its edge."""
     seen, threshold = height.in_view, ContactRule().threshold_mm(height.noise_mm)
     smooth = cv2.GaussianBlur(np.where(seen, height.z_mm, np.float32(0)), (0, 0), LINE_SMOOTHING_PX)
     z_mm, (x, y) = np.ma.masked_where(~seen, smooth), height.axes_mm
-    levels = [level for level in contour_levels(scale.pressed_mm) if level < -threshold]
+    levels = [level for level in _contour_levels(scale.pressed_mm) if level < -threshold]
     colours = ["white" if -level > 0.45 * scale.pressed_mm else "#1f3b5c" for level in levels]
     if levels:
         lines = axes.contour(x, y, z_mm, levels, colors=colours, linewidths=0.8, linestyles="solid", alpha=0.8)
@@ -235,7 +235,7 @@ def draw_lines(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
     axes.contour(x, y, z_there, [-threshold], colors=INK, linewidths=1.2, linestyles="solid")
 
 
-def draw_range(axes: "Axes", height: HeightMap) -> None:
+def _draw_range(axes: "Axes", height: HeightMap) -> None:
     """Draw dots on extrapolated heights, and the edge of the calibrated range."""
     beyond = np.ma.masked_where(~height.in_view, height.source == HeightSource.EXTRAPOLATED).astype(float)
     axes.contour(*height.axes_mm, beyond, [0.5], colors=EXTRAPOLATED, linewidths=1.3, linestyles="dashed")
@@ -243,13 +243,13 @@ def draw_range(axes: "Axes", height: HeightMap) -> None:
     dots.set(edgecolor=EXTRAPOLATED, linewidth=0)
 
 
-def contour_levels(deepest_mm: float) -> list[float]:
+def _contour_levels(deepest_mm: float) -> list[float]:
     """Return at most four round depths, lowest first."""
     step = round_up_to_1_2_5(deepest_mm / 4)
     return [-step * count for count in range(int(deepest_mm / step), 0, -1)]
 
 
-def draw_legend(axes: "Axes", height: HeightMap, axes_height_px: int) -> None:
+def _draw_legend(axes: "Axes", height: HeightMap, axes_height_px: int) -> None:
     """Draw the legend of the lines and hatchings that occur."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch

@@ -71,7 +71,7 @@ class Edge:
         return [self.step * count for count in range(first, last + 1)]
 
 
-def number_edges(axes: "Axes", block: Block, view: Viewpoint, times: int) -> None:
+def _number_edges(axes: "Axes", block: Block, view: Viewpoint, times: int) -> None:
     """Draw the numbers of x along the front, of y along the right, and of the heights, exaggerated `times`, up the left corner."""
     (left, front, base), (right, back, top) = block.low.tolist(), block.high.tolist()
     length, lowest, highest = 2 * max(right, back), base / times, top / times
@@ -83,10 +83,10 @@ def number_edges(axes: "Axes", block: Block, view: Viewpoint, times: int) -> Non
             "z (mm)", lambda z: (left, front, z * times), (-1.0, 0.0, 0.0), "right", step_up, lowest, highest, step_up
         ),
     ):
-        number_edge(axes, edge, view, length)
+        _number_edge(axes, edge, view, length)
 
 
-def number_edge(axes: "Axes", edge: Edge, view: Viewpoint, length: float) -> None:
+def _number_edge(axes: "Axes", edge: Edge, view: Viewpoint, length: float) -> None:
     """Draw the tick marks, numbers and name of one edge."""
     out = length * np.array(edge.outwards)
     for value in edge.values:
@@ -119,13 +119,13 @@ def render_relief(height: HeightMap, title: str = "Height of the skin") -> bytes
     figure = new_figure_page(title, summary_sentence(summarise_shape(height)), WIDTH_PX, HEIGHT_PX)
     axes = add_axes_at(figure, LEFT_PX, TOP_PX, WIDTH_PX, HEIGHT_PX)
     straight, times = orthorectify(height), exaggeration(height)
-    draw_block(axes, straight, times)
+    _draw_block(axes, straight, times)
     add_colour_bar(figure, fit_colour_scale(height), LEFT_PX + WIDTH_PX + 36, HEIGHT_PX)
-    add_text_at(figure, LEFT_PX, TOP_PX + HEIGHT_PX + 60, relief_caption(straight, times))
+    add_text_at(figure, LEFT_PX, TOP_PX + HEIGHT_PX + 60, _relief_caption(straight, times))
     return figure_to_png(figure)
 
 
-def relief_caption(height: HeightMap, times: int) -> str:
+def _relief_caption(height: HeightMap, times: int) -> str:
     """Return what the image shows, in one line."""
     words = ["seen from outside", "heights true to scale" if times == 1 else f"heights drawn {times} times larger"]
     words.append("fine lines every millimetre")
@@ -143,19 +143,19 @@ def exaggeration(height: HeightMap) -> int:
     return max((times for times in EXAGGERATIONS if times * relief_mm <= room_mm), default=1)
 
 
-def draw_block(axes: "Axes", height: HeightMap, times: int) -> None:
+def _draw_block(axes: "Axes", height: HeightMap, times: int) -> None:
     """Draw the block and the numbers along its edges, in axes whose coordinates are the pixels of its viewpoint."""
     rows, cols = round(HEIGHT_PX * FINER), round(WIDTH_PX * FINER)
-    block, margin = block_under(height, times), NUMBERS_PX * FINER
+    block, margin = _block_under(height, times), NUMBERS_PX * FINER
     view = fit_viewpoint_to_corners(block.corners, (margin, margin), (cols - margin, rows - margin))
     image = render_block(block, paint_skin(height, fit_colour_scale(height)), trace_sightlines(block, view, rows, cols))
     shown = cv2.resize(image, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
     axes.imshow(shown, extent=(-0.5, cols - 0.5, rows - 0.5, -0.5), aspect="auto")
     axes.set_axis_off()
-    number_edges(axes, block, view, times)
+    _number_edges(axes, block, view, times)
 
 
-def block_under(height: HeightMap, times: int) -> Block:
+def _block_under(height: HeightMap, times: int) -> Block:
     """Return the gel under the skin with exaggerated heights; it is level where the camera does not see it."""
     seen_mm = np.where(height.in_view, height.z_mm, np.float32(0))
     skin = cv2.GaussianBlur(seen_mm, (0, 0), SMOOTHING_PX) * np.float32(times)

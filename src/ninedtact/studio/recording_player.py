@@ -21,7 +21,7 @@ from jaxtyping import Int64
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError, NinedtactError
-from ninedtact.quantities import EstimateWarning, Frame, WrenchEstimate
+from ninedtact.quantities import Frame, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_repair import edit_spans
@@ -29,9 +29,8 @@ from ninedtact.recording.reader import Recording
 from ninedtact.recording.ros_messages import (
     LabelledSpan,
     Topic,
-    decode_covariance_message,
+    combine_estimate,
     decode_height,
-    decode_warnings,
 )
 from ninedtact.recording.summary import median_rate_hz
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -131,17 +130,9 @@ class RecordedReadings:
         at = self._at[Topic.ESTIMATED].get(stamp_ns)
         if at is None:
             return None
-        wrench, errors, warned = (
-            self.recording.wrench(at),
-            self._at[Topic.COVARIANCE].get(stamp_ns),
-            self._warned.get(stamp_ns),
-        )
-        covariance = np.diag(np.full(6, np.inf))
-        if errors is not None:
-            covariance = decode_covariance_message(self.recording.message(errors).data)
-        texts = [] if warned is None else decode_warnings(self.recording.message(warned).data)
-        known = tuple(EstimateWarning(text) for text in texts if text in set(EstimateWarning))
-        return WrenchEstimate(wrench, covariance, bool(wrench.six.any()), known)
+        positions = self._at[Topic.COVARIANCE].get(stamp_ns), self._warned.get(stamp_ns)
+        errors, warned = (None if one is None else self.recording.message(one).data for one in positions)
+        return combine_estimate(self.recording.wrench(at), errors, warned)
 
     def _depth_reader_at(self, stamp_ns: int) -> DepthReader:
         """Return the depth reader for the reference image that held at a stamp."""

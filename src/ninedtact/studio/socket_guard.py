@@ -88,7 +88,7 @@ class SocketGuard:
 
     def page_address(self, port: int) -> str:
         """Return the address to open in a browser, with the token."""
-        host = _outward_address() if _is_wildcard(self.host) else self.host
+        host = _outward_address(self.host) if _is_wildcard(self.host) else self.host
         return f"http://{_bracket(host)}:{port}" + (f"/{self.token}/" if self.token else "")
 
     def own_hosts(self, local_address: str, port: int) -> set[str]:
@@ -281,12 +281,17 @@ def _is_wildcard(host: str) -> bool:
     return not host
 
 
-def _outward_address() -> str:
-    """Return the address under which other computers most likely reach this one; nothing is sent."""
-    with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.connect(("192.0.2.1", 9))
+def _outward_address(wildcard: str) -> str:
+    """Return the address under which other computers most likely reach this one; nothing is sent.
+
+    wildcard: a server at "::" is reached over IPv6 alone; where this computer has no such address, its own is returned.
+    """
+    is_ipv6 = ":" in wildcard
+    family, elsewhere = (socket.AF_INET6, "2001:db8::1") if is_ipv6 else (socket.AF_INET, "192.0.2.1")
+    with suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as probe:
+        probe.connect((elsewhere, 9))
         return str(probe.getsockname()[0])
-    return socket.gethostname()
+    return "::1" if is_ipv6 else socket.gethostname()
 
 
 def _bracket(host: str) -> str:

@@ -66,6 +66,7 @@ def calibrate_force(
     reference: images without contact. presses: images with the load of each in grams. force: the estimator, as after `--force`.
     Raises `NothingToCalibrate`, `ForceScaleImpossible`, and what reading images and sensor folders raises.
     """
+    _require_one_load_for_each_image(presses)
     reader = LoadPressReader(folder, force)
     reader.use_reference([Frame(read_image(path)) for path in reference])
     estimated = list(_estimate_presses(reader, presses))
@@ -100,6 +101,18 @@ class LoadPressReader:
         require_plausible_image(name, reading.image_warnings)
         self.estimator.forget()
         return reading.with_force(self.estimator.estimate(reading))
+
+
+def _require_one_load_for_each_image(presses: Sequence[tuple[Path, float]]) -> None:
+    """Raise `ForceScaleImpossible` where an image is given twice."""
+    loads_g = dict[Path, float]()
+    for path, grams in presses:
+        if path.resolve() in loads_g:
+            raise ForceScaleImpossible(
+                f"expected each image once, with its load, got {path} with {loads_g[path.resolve()]:g} g and with {grams:g} g; "
+                "give every press an image of its own"
+            )
+        loads_g[path.resolve()] = grams
 
 
 def _estimate_presses(reader: LoadPressReader, presses: Sequence[tuple[Path, float]]) -> Iterator[KnownLoadPress]:
