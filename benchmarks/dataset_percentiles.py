@@ -22,7 +22,7 @@ def dataset_percentiles(
     with TemporaryDirectory() as folder:
         settings = GenerationSettings(pairs, size=(32, 24), seed=seed)
         made = generate_dataset(Path(folder), settings, workers, progress=not json)
-    figures, errors = [], made.statistics.percentile_errors
+    figures, errors = [], made.statistics.differences_from_real_percentiles
     for number, (axis, found) in enumerate(made.statistics.percentiles.items()):
         worst = 100 * max(abs(part) for part in errors[axis])
         figures.append(Figure(f"{axis}, 5 / 50 / 95", three(found), peer=three(REAL_PERCENTILES[number].tolist())))

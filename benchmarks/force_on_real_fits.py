@@ -36,7 +36,7 @@ from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generate_object, generated_object_names
 from ninedtact.simulation.real_fits import twins_of_real_fits
 from ninedtact.simulation.rectified_renderer import rectified_renderer
-from ninedtact.simulation.sensor_population import SampledSensor, sample_substrate
+from ninedtact.simulation.sensor_population import SampledSensor, sample_transparent_layer
 
 Wrong = Literal["nothing", "pitch", "radius", "thinner", "thicker", "compliant_base", "finite_strain"]
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
@@ -139,7 +139,7 @@ def mistaken(member: SampledSensor, wrong: Wrong) -> SampledSensor:
     if wrong == "radius":
         return replace(member, design=replace(design, ball=replace(design.ball, radius_mm=5.0)))
     if wrong == "compliant_base":
-        return replace(member, kind=wrong, base=sample_substrate(np.random.default_rng(5), gel))
+        return replace(member, kind=wrong, base=sample_transparent_layer(np.random.default_rng(5), gel))
     return replace(member, kind="finite_strain") if wrong == "finite_strain" else member
 
 

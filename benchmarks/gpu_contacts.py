@@ -20,7 +20,7 @@ from tallied import Tally
 from ninedtact.capture.training_pair_rule import SamplingRuleSettings
 from ninedtact.dataset.generation.generate import GenerationSession, make_setup
 from ninedtact.dataset.generation.settings import GenerationSettings, KindShares
-from ninedtact.simulation.batched.executor import BatchExecutor, Device, find_device, run_sessions
+from ninedtact.simulation.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
 from ninedtact.simulation.batched.session_requests import (
     ContactSummary,
     RenderRequest,
@@ -54,7 +54,7 @@ def gpu_contacts(
     if find_spec("torch") is None:
         figures.append(Figure("many at a time", "not measured: torch is not installed; pip install 'ninedtact[train]'"))
     else:
-        figures += torch_figures(find_device(device), at_once, batches, threads)
+        figures += torch_figures(choose_compute_device(device), at_once, batches, threads)
     answer("Contacts per second of a data set, each drawn", figures, json)
 
 

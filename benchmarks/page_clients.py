@@ -24,8 +24,8 @@ from ninedtact import Frame, Sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.design import Gel
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.studio.displayed_reading import PageController
 from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 

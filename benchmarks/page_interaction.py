@@ -29,8 +29,8 @@ from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
 from ninedtact.cli.sensor_page import page_sources_of_twin
 from ninedtact.force.estimator_loading import load_estimator
 from ninedtact.simulation.simulated_sources import demo_sources
-from ninedtact.studio.displayed_reading import PageController
 from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.press_control import PressControl
 from ninedtact.studio.press_panel import HANDLE_LIFT_MM
 from ninedtact.studio.scene_3d import gel_block_under_skin

@@ -27,8 +27,8 @@ from websockets.sync.client import connect
 from ninedtact import Sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.design import Gel
-from ninedtact.studio.displayed_reading import PageController
 from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 

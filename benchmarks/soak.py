@@ -29,8 +29,8 @@ from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorder import record
 from ninedtact.reference_following import FollowingSettings
-from ninedtact.studio.displayed_reading import PageController
 from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.wrench_poller import WrenchHistory

@@ -27,7 +27,7 @@ from ninedtact.simulation.sensor_population import (
     MechanicsKind,
     correct_for_mechanics_kind,
     gel_compliance,
-    sample_substrate,
+    sample_transparent_layer,
 )
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import Twin, default_twin
@@ -100,7 +100,7 @@ def pressed(kind: MechanicsKind, presses: int, seed: int) -> Iterator[Contact]:
 
 def twin_of(kind: MechanicsKind) -> Twin:
     """The published gel, on a rigid base or not."""
-    base = sample_substrate(np.random.default_rng(0), GEL) if kind == "compliant_base" else None
+    base = sample_transparent_layer(np.random.default_rng(0), GEL) if kind == "compliant_base" else None
     yields = GEL.thickness_mm + (base.thickness_mm if base else 0.0)
     return replace(
         default_twin(),

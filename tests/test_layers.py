@@ -41,7 +41,7 @@ HEAVY = {
     "build123d": {
         "hardware.parts",
         "hardware.sensor_assembly",
-        "hardware.assembly_images",
+        "hardware.part_and_assembly_images",
         "hardware.drawings",
         "hardware.fabrication_guide",
         "hardware.export",

@@ -30,7 +30,7 @@ from .reading import Reading
 from .recording.reader import Recording
 from .recording.recorder import record
 from .sensor import Sensor
-from .shape.coloured_height_map import render_height_map
+from .shape.coloured_height_map import draw_height_map_figure
 from .shape.export import export_shape, read_height_png
 from .shape.measures import summarise_shape
 from .shape.orthorectification import orthorectify
@@ -79,6 +79,7 @@ __all__ = [
     "__version__",
     "calibrate",
     "default_twin",
+    "draw_height_map_figure",
     "export_shape",
     "indenter_from_name",
     "load_dataset",
@@ -91,7 +92,6 @@ __all__ = [
     "read_height_png",
     "read_image",
     "record",
-    "render_height_map",
     "render_relief",
     "save_sensor",
     "source_for",

@@ -100,7 +100,7 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     elif source == SIMULATED:
         depth_reader = _twin_reference(folder)
     elif isinstance(source, str) and is_recording(source):
-        depth_reader = recorded_reference(source, shape)
+        depth_reader = read_reference_of_recording(source, shape)
     before = None if depth_reader is None else depth_reader.reference
     moments_s = [reference_at_s] if isinstance(reference_at_s, int | float) else reference_at_s
     return Sensor(
@@ -167,7 +167,7 @@ def later_references(
     return read_references_at(Path(source).expanduser(), moments_s, shape, check, before)
 
 
-def recorded_reference(source: str, shape: "CalibratedShape") -> "DepthReader | None":
+def read_reference_of_recording(source: str, shape: "CalibratedShape") -> "DepthReader | None":
     """Return the depth reader for the reference image with which a recording of the live page begins; None for other recordings."""
     require_recording_libraries()
     from ninedtact.recording.recorded_source import read_recorded_reference

@@ -16,7 +16,11 @@ from ninedtact.calibration.ball.contact_circle import (
     require_usable_depth,
     spherical_cap_height_mm,
 )
-from ninedtact.calibration.brightness import estimate_pixel_noise, find_exposure_fault, relative_brightness_change
+from ninedtact.calibration.brightness_change import (
+    estimate_pixel_noise,
+    find_exposure_fault,
+    relative_brightness_change,
+)
 from ninedtact.design import BallGauge
 from ninedtact.shape.depth import DepthCurve
 

@@ -11,7 +11,7 @@ import pytest
 from known_sensor import KnownSensor
 from upstream_folder import UpstreamFolder
 
-from ninedtact.calibration.brightness import BgrImage, ImageUnusable
+from ninedtact.calibration.brightness_change import BgrImage, ImageUnusable
 from ninedtact.calibration.drift.diagnosis_and_reference_check import diagnose_drift
 from ninedtact.calibration.drift.drift_measurement import (
     CalibratedReference,

@@ -19,7 +19,7 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.simulation.illumination import BrightnessModel
-from ninedtact.simulation.pixel_map import SightlineGrid
+from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 from ninedtact.simulation.twin import Twin
 
 DESIGN = SensorDesign()

@@ -10,15 +10,15 @@ from built_sets import listed
 from little_sources import grey, touched, untouched
 
 from ninedtact.dataset.checks import CheckSettings, check_dataset, max_darkening_levels
-from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_file
+from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_images
 from ninedtact.dataset.quality_report import (
     FAULT_MEANINGS,
     FaultsFound,
     NoUsablePairs,
     PairFault,
     read_quality_report,
+    require_any_usable_pair,
     require_no_faults,
-    require_usable_pairs,
     write_quality_report,
 )
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
@@ -44,7 +44,7 @@ def data_set(folder: Path, *rows: DatasetRow) -> Path:
     write_pair_file(folder / "data" / "train-00001-of-00002.parquet", rows[half:])
     small = encode_png(cv2.resize(grey(SKIN), (24, 18)))
     images = [ReferenceImage("skin", encode_png(grey(SKIN)), "ours"), ReferenceImage("small", small, "ours")]
-    write_reference_file(folder / "references.parquet", [*images, ReferenceImage("broken", b"?", "ours")])
+    write_reference_images(folder / "references.parquet", [*images, ReferenceImage("broken", b"?", "ours")])
     return folder
 
 
@@ -110,6 +110,6 @@ def test_a_report_is_read_as_it_was_written(tmp_path: Path) -> None:
     write_quality_report(tmp_path / "check.json", found)
     assert read_quality_report(tmp_path / "check.json") == found
     with pytest.raises(NoUsablePairs, match=r"2 not finite.*correct the sources"):
-        require_usable_pairs(found, tmp_path / "check.json")
+        require_any_usable_pair(found, tmp_path / "check.json")
     with pytest.raises(FaultsFound, match="--drop"):
         require_no_faults(found, tmp_path / "check.json")

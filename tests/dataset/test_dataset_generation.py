@@ -23,8 +23,8 @@ from ninedtact.dataset.generation.settings import GenerationImpossible, Generati
 from ninedtact.dataset.schema import arrow_schema
 from ninedtact.dataset.statistics_and_card import (
     REAL_PERCENTILES,
+    differences_from_real_percentiles,
     move_to_force_sensor,
-    percentile_errors,
     wrench_percentiles,
 )
 from ninedtact.errors import NinedtactError
@@ -300,4 +300,4 @@ def test_the_real_percentiles_are_those_of_the_real_wrenches(real_data: Path) ->
     assert found == pytest.approx(REAL_PERCENTILES, rel=5e-3, abs=5e-5)
     back = six.copy()
     back[:, 3:] -= np.cross([0, 0, 0.035], six[:, :3])
-    assert np.abs(percentile_errors(wrench_percentiles(back))).max() < 0.01
+    assert np.abs(differences_from_real_percentiles(wrench_percentiles(back))).max() < 0.01

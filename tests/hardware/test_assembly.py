@@ -8,7 +8,7 @@ from ninedtact.hardware.buildability import find_broken_rules
 from ninedtact.hardware.clearances import list_clearances
 from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import HardwareDesign, default_hardware_design
-from ninedtact.hardware.dimensions import BaseDimensions, ShellDimensions
+from ninedtact.hardware.part_dimensions import BaseDimensions, ShellDimensions
 from ninedtact.hardware.published_specifications import OTHER_PUBLISHED_SENSORS, PUBLISHED_9DTACT
 
 TIGHT_IN_THE_ORIGINAL = {

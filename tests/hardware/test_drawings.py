@@ -9,7 +9,7 @@ from matplotlib.text import Annotation
 from ninedtact.design import Gel, SensingArea, SensorDesign
 from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import default_hardware_design
-from ninedtact.hardware.drawings.drawing_sheet import INK, DrawingNote, DrawingSheet, build_drawing_notes
+from ninedtact.hardware.drawings.drawing_sheet import INK, DrawingSheet, NoteLine, build_drawing_notes
 from ninedtact.hardware.drawings.part_geometry import Polyline, project_section
 from ninedtact.hardware.parts.part_catalogue import BuiltPart, build_first_mould, build_second_mould
 
@@ -72,7 +72,7 @@ def test_a_sheet_says_how_exact_a_part_must_be(default: CompleteDesign) -> None:
 
 
 def test_the_table_stays_on_the_sheet_however_long_it_is(default: CompleteDesign) -> None:
-    rows = [DrawingNote(f"row {number}") for number in range(90)]
+    rows = [NoteLine(f"row {number}") for number in range(90)]
     (axes,) = DrawingSheet(default.parts["acrylic_window"], rows).draw_figure().axes
     heights = [text.get_position()[1] for text in axes.texts if text.get_text().startswith("row ")]
     assert len(heights) == 90 and min(heights) >= 15

@@ -20,7 +20,9 @@ from ninedtact.hardware.design import (
     required_camera_distance_mm,
 )
 from ninedtact.hardware.design_sweep import DesignChoice
-from ninedtact.hardware.dimensions import (
+from ninedtact.hardware.led_board.bare_board import LedBoardImpossible
+from ninedtact.hardware.led_board.design_rule_check import find_violations
+from ninedtact.hardware.part_dimensions import (
     BaseDimensions,
     CalibrationBoardDimensions,
     CameraDimensions,
@@ -32,8 +34,6 @@ from ninedtact.hardware.dimensions import (
     ShellDimensions,
     WindowDimensions,
 )
-from ninedtact.hardware.led_board.board_outline import LedBoardImpossible
-from ninedtact.hardware.led_board.design_rule_check import find_violations
 
 
 def sensor(width: float = 24, height: float = 18, gel: float = 2.5, cols: int = 9, rows: int = 7) -> SensorDesign:

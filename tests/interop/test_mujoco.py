@@ -357,9 +357,9 @@ def episode(env: Any, controller: Any, seed: int = 1) -> tuple[dict[str, Any], f
 @pytest.fixture
 def make_env() -> Any:
     gymnasium = pytest.importorskip("gymnasium", reason="the extra 'mujoco' is not installed")
-    import ninedtact.interop.ball_rolling
-    import ninedtact.interop.edge_following
-    import ninedtact.interop.peg_insertion  # noqa: F401 - importing registers them
+    import ninedtact.interop.ball_rolling_environment
+    import ninedtact.interop.edge_following_environment
+    import ninedtact.interop.peg_insertion_environment  # noqa: F401 - importing registers them
 
     return gymnasium.make
 
@@ -420,7 +420,7 @@ def test_the_peg_is_inserted_by_the_wrench_that_is_estimated_from_the_image(tmp_
 @pytest.mark.interop
 @pytest.mark.filterwarnings("ignore:.*Box observation space:UserWarning")
 def test_an_environment_says_which_geom_of_its_sensor_is_the_gel(make_env: Any) -> None:
-    from ninedtact.interop.ball_rolling import SCENE, BallRolling
+    from ninedtact.interop.ball_rolling_environment import SCENE, BallRolling
 
     class InHousing(BallRolling):
         scene = SCENE.replace("</body>", '<geom type="box" pos="0 0.1 0" size="0.01 0.01 0.01"/></body>', 1)

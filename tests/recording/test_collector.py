@@ -21,9 +21,9 @@ from ninedtact.capture.training_pair_rule import SamplingRuleSettings
 from ninedtact.cli.collect import CollectScreen, handle_keys, histogram_lines, progress_line
 from ninedtact.cli.option_parser import CollectOptions
 from ninedtact.quantities import Frame
+from ninedtact.recording.collecting.collection_sources import setup_with_twin
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings, CollectSettingsInvalid
-from ninedtact.recording.collecting.paired_sources import setup_with_twin
 from ninedtact.recording.merge_streams import MergedArrival, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording

@@ -39,9 +39,9 @@ from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.open_sensor import live_source_for, load_named_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
+from ninedtact.recording.collecting.collection_sources import setup_with_recordings
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings
-from ninedtact.recording.collecting.paired_sources import setup_with_recordings
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_repair import save_spans
 from ninedtact.recording.merge_streams import Arrival, merge_live_streams, merge_recorded_streams

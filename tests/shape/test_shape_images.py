@@ -10,7 +10,12 @@ import pytest
 from skins import ball_print, skin, with_hole
 
 from ninedtact.quantities import HeightSource
-from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights, render_height_map, round_up_to_1_2_5
+from ninedtact.shape.coloured_height_map import (
+    ColourScale,
+    colourise_heights,
+    draw_height_map_figure,
+    round_up_to_1_2_5,
+)
 from ninedtact.shape.relief_image import exaggeration, render_relief
 from ninedtact.shape.relief_renderer import (
     AMBIENT,
@@ -42,7 +47,7 @@ def test_pressed_is_blue_bulging_is_red_untouched_is_pale_and_unseen_is_grey():
     assert blue[5] == green[5] == red[5] < 200
 
 
-@pytest.mark.parametrize("draw", [render_height_map, render_relief])
+@pytest.mark.parametrize("draw", [draw_height_map_figure, render_relief])
 @pytest.mark.parametrize(
     "height",
     [

@@ -25,7 +25,7 @@ from ninedtact.mechanics.height_grid_indenter import HeightGridStore
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.batched import executor
-from ninedtact.simulation.batched.executor import BatchExecutor, Device, DeviceMissing, find_device
+from ninedtact.simulation.batched.executor import BatchExecutor, Device, DeviceMissing, choose_compute_device
 from ninedtact.simulation.batched.session_requests import ContactSummary, RenderRequest, StepRequest
 from ninedtact.simulation.objects.catalogue import generate_object
 from ninedtact.simulation.sensor_population import MechanicsShares
@@ -239,7 +239,7 @@ def test_a_hand_that_finds_nothing_gives_up_together_too(tmp_path: Path) -> None
 @pytest.mark.parametrize("name", ["tpu", "cuda:x", "CPU", "cpu:0", ""])
 def test_devices_go_by_their_names(name: str) -> None:
     with pytest.raises(DeviceMissing, match="expected a device named auto, cpu, cuda, cuda:N or torch-cpu"):
-        find_device(name)
+        choose_compute_device(name)
 
 
 @pytest.mark.parametrize(
@@ -264,10 +264,10 @@ def test_a_gpu_that_is_not_there_is_one_sentence(
 def test_a_gpu_that_is_there_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(executor, "_gpu_count", lambda: 2)
     monkeypatch.setattr(executor, "_gpu_driver_exists", lambda: True)
-    assert [find_device(name).kind for name in ("auto", "cuda:1", "cpu")] == ["cuda", "cuda", "cpu"]
-    assert not find_device("cpu").is_batched
+    assert [choose_compute_device(name).kind for name in ("auto", "cuda:1", "cpu")] == ["cuda", "cuda", "cpu"]
+    assert not choose_compute_device("cpu").is_batched
     monkeypatch.setattr(executor, "_gpu_count", lambda: 0)
-    assert find_device("auto") == Device("cpu")
+    assert choose_compute_device("auto") == Device("cpu")
 
 
 def test_a_gpu_without_any_room_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -288,7 +288,7 @@ def test_without_torch_the_extra_is_named(
     assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), "--device", name]) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "got no such package; run pip install 'ninedtact[train]'" in line
-    assert find_device("auto") == Device("cpu")
+    assert choose_compute_device("auto") == Device("cpu")
 
 
 def test_the_processor_needs_no_torch(tmp_path: Path) -> None:

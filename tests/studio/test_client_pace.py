@@ -15,8 +15,8 @@ from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 from websockets.sync.client import connect
 
 from ninedtact.design import Gel
-from ninedtact.studio.displayed_reading import PageController
 from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.socket_guard import SocketGuard, SocketLimits

@@ -14,9 +14,9 @@ from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.design import Gel
-from ninedtact.studio.displayed_reading import PageController
 from ninedtact.studio.guided_page import BrowserImages
 from ninedtact.studio.page_and_server import PORTS_TRIED, PagePortRefused, SensorPage, find_default_port, page_server
+from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.saved_files import SaveLimits
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller

@@ -14,7 +14,7 @@ from ninedtact.capture.frame_source import CameraLost
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.quantities import Wrench
-from ninedtact.studio.displayed_reading import (
+from ninedtact.studio.page_controller import (
     MAX_SLOWDOWN,
     NothingToSave,
     PageController,

@@ -31,8 +31,8 @@ from websockets.sync.client import ClientConnection, connect
 
 from ninedtact.design import Gel
 from ninedtact.studio import viser_guard
-from ninedtact.studio.displayed_reading import PageController
 from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.socket_guard import InvalidAllowedOrigin, SocketGuard, SocketLimits

@@ -32,8 +32,8 @@ from ninedtact.simulation.hand_motion import HandMotion, HandTarget
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press_simulation import PressSimulation
 from ninedtact.simulation.simulated_sources import demo_sources
-from ninedtact.studio.displayed_reading import PageController, PageMoment
 from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_controller import PageController, PageMoment
 from ninedtact.studio.page_recorder import PageRecorder, RecordedSensor
 from ninedtact.studio.press_control import (
     MAX_DEPTH_MM,

@@ -38,8 +38,8 @@ from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
 from ninedtact.recording.ros_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact.studio.displayed_reading import PageController, PageMoment, SensorStatus
 from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_controller import PageController, PageMoment, SensorStatus
 from ninedtact.studio.page_recorder import NotRecording, PageRecorder, RecordedSensor, RecorderState
 from ninedtact.studio.reading_view import session_colour_scale
 from ninedtact.studio.recording_player import RecordedReadings, RecordingPlayer, SpanRefused, recorded_wrench_columns

@@ -31,8 +31,8 @@ from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingRefused
 from ninedtact.recording.reader import Recording, sensor_addresses
 from ninedtact.recording.ros_messages import Topic
-from ninedtact.studio.displayed_reading import PageController, PageMoment, SensorStatus
 from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_controller import PageController, PageMoment, SensorStatus
 from ninedtact.studio.page_recorder import PageRecorder, RecordedSensor
 from ninedtact.studio.recording_player import RecordingPlayer
 from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel

@@ -15,7 +15,7 @@ from ninedtact.capture.image_and_video_files import ImageFolder
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
-from ninedtact.studio.displayed_reading import sensor_status
+from ninedtact.studio.page_controller import sensor_status
 from ninedtact.studio.sensor_poller import ReferenceRecordingTooShort, SensorPhase, SensorPoller, SensorSnapshot
 
 

@@ -22,9 +22,9 @@ from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.simulation.simulated_sources import demo_sources
-from ninedtact.studio.displayed_reading import PageController
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_cards import _curves_of, wrenches_html
+from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
 from ninedtact.studio.wrench_poller import WrenchHistory, WrenchPoller, WrenchSample

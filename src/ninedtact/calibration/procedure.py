@@ -23,7 +23,7 @@ from ninedtact.calibration.board.board_fit import (
     published_leave_one_out_errors_mm,
 )
 from ninedtact.calibration.board.lens_fit import rms_vector_length
-from ninedtact.calibration.brightness import (
+from ninedtact.calibration.brightness_change import (
     OVEREXPOSED,
     BgrImage,
     estimate_pixel_noise,

@@ -29,7 +29,7 @@ from ninedtact.open_sensor import is_simulated, source_for
 
 if TYPE_CHECKING:
     from ninedtact.calibration.board.detection import BoardNotFound
-    from ninedtact.calibration.brightness import BgrImage
+    from ninedtact.calibration.brightness_change import BgrImage
     from ninedtact.calibration.guidance import CaptureStep
     from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings
     from ninedtact.calibration.sensor_folder import SensorFolder

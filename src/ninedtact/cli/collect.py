@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
+    from ninedtact.recording.collecting.collection_sources import CollectSetup
     from ninedtact.recording.collecting.collector import Collector
     from ninedtact.recording.collecting.pair_selection import CollectSettings, PairCounts
-    from ninedtact.recording.collecting.paired_sources import CollectSetup
     from ninedtact.recording.merge_streams import MergedArrival
     from ninedtact.recording.metadata import RecordingMetadata
 
@@ -208,7 +208,7 @@ class Collect:
         """Return the camera and the force/torque sensor that were named, not yet opened."""
         from ninedtact.capture.force_torque.mounted_wrench_source import force_torque_sensor_for
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
-        from ninedtact.recording.collecting.paired_sources import (
+        from ninedtact.recording.collecting.collection_sources import (
             setup_with_devices,
             setup_with_recordings,
             setup_with_twin,

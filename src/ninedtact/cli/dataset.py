@@ -136,7 +136,7 @@ class CheckDatasetCommand:
     def run(self) -> int:
         """Check the pairs, write the list and print the counts; raises `NoUsablePairs`, and `FaultsFound` with `--strict`."""
         from ninedtact.dataset.checks import check_dataset
-        from ninedtact.dataset.quality_report import require_no_faults, require_usable_pairs, write_quality_report
+        from ninedtact.dataset.quality_report import require_any_usable_pair, require_no_faults, write_quality_report
 
         report = check_dataset(self.folder, self.limits.to_check_settings(), self.workers, progress=not self.json)
         path = self.report or self.folder / "check.json"
@@ -150,7 +150,7 @@ class CheckDatasetCommand:
         }
         listed = [f"{path} lists every finding"] if report.findings else []
         print_result(self.json, figures, [*report.summary_lines(), *listed])
-        require_usable_pairs(report, path)
+        require_any_usable_pair(report, path)
         if self.strict:
             require_no_faults(report, path)
         return 0

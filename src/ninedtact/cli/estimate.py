@@ -86,7 +86,7 @@ class Estimate:
     def readings(self, folder: "SensorFolder", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image."""
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
-        from ninedtact.open_sensor import is_recording, later_references, recorded_reference
+        from ninedtact.open_sensor import is_recording, later_references, read_reference_of_recording
         from ninedtact.sensor import Sensor
         from ninedtact.shape.image_check import require_plausible_image
 
@@ -94,7 +94,7 @@ class Estimate:
         references = check.read_images(self.reference)
         depth = shape.depth_reader(*references) if references else None
         if depth is None and len(self.source) == 1 and is_recording(self.source[0]):
-            depth = recorded_reference(self.source[0], shape)
+            depth = read_reference_of_recording(self.source[0], shape)
         frames, before = self.frames(), None if depth is None else depth.reference
         source = self.source[0] if len(self.source) == 1 else frames
         with Sensor(

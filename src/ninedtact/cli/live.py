@@ -23,7 +23,13 @@ from ninedtact.cli.sensor_page import (
     serve_sensor_page,
 )
 from ninedtact.force.estimator_loading import NONE
-from ninedtact.open_sensor import RECORDING_SUFFIX, SIMULATED, is_recording, live_source_for, recorded_reference
+from ninedtact.open_sensor import (
+    RECORDING_SUFFIX,
+    SIMULATED,
+    is_recording,
+    live_source_for,
+    read_reference_of_recording,
+)
 from ninedtact.recording.errors import RecordingUnreadable, require_recording_libraries
 
 if TYPE_CHECKING:
@@ -157,7 +163,7 @@ class Live:
         )
         depth_reader = shape.depth_reader(*references) if references else None
         if depth_reader is None and is_recording(address):
-            depth_reader = recorded_reference(address, shape)
+            depth_reader = read_reference_of_recording(address, shape)
         return Sensor(LatestFrameSource(source), shape, depth_reader=depth_reader)
 
     def source_at(self, address: str) -> "FrameSource":
@@ -212,8 +218,8 @@ class Play:
         """Serve the recording of these sensors; raises what reading it raises, before anything is served."""
         from ninedtact.recording.recorded_source import RecordedSource
         from ninedtact.sensor import Sensor
-        from ninedtact.studio.displayed_reading import PageController
         from ninedtact.studio.page_and_server import SensorPage, find_default_port, page_server
+        from ninedtact.studio.page_controller import PageController
         from ninedtact.studio.recording_player import recorded_wrench_columns
         from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
         from ninedtact.studio.scene_3d import gel_block_under_skin

@@ -78,7 +78,7 @@ class ReconstructCommand:
     def _write_files(self, name: str, height: "HeightMap") -> Iterator[tuple[str, Path]]:
         """Write the files of one height map; kind and path of each."""
         from ninedtact.atomic_write import write_file_atomically
-        from ninedtact.shape.coloured_height_map import render_height_map
+        from ninedtact.shape.coloured_height_map import draw_height_map_figure
         from ninedtact.shape.export import export_shape
         from ninedtact.shape.relief_image import render_relief
 
@@ -88,7 +88,7 @@ class ReconstructCommand:
             export_shape(height, path)
             yield ending, path
         if self.drawings:
-            for kind, draw in (("colour", render_height_map), ("shaded", render_relief)):
+            for kind, draw in (("colour", draw_height_map_figure), ("shaded", render_relief)):
                 path = self.out / f"{name}_{kind}.png"
                 write_file_atomically(path, draw(height))
                 yield f"{kind}_image", path

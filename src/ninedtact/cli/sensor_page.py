@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ninedtact.shape.calibrated_shape import CalibratedShape
     from ninedtact.simulation.press_simulation import PressSimulation
     from ninedtact.simulation.simulated_sources import DemoSources
-    from ninedtact.studio.displayed_reading import PageController
+    from ninedtact.studio.page_controller import PageController
     from ninedtact.studio.saved_files import Exporter
     from ninedtact.studio.socket_guard import SocketGuard
     from ninedtact.studio.viewer import PanelFactory
@@ -86,8 +86,8 @@ class PageSensor:
 
 def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends: bool = True) -> None:
     """Serve the page of one or several sensors until Ctrl-C, or with `ends` until the last round of their twins has ended."""
-    from ninedtact.studio.displayed_reading import PageController
     from ninedtact.studio.page_and_server import SensorPage, find_default_port, page_server
+    from ninedtact.studio.page_controller import PageController
     from ninedtact.studio.press_control import PressControl
     from ninedtact.studio.scene_3d import gel_block_under_skin
     from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller

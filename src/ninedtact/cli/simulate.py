@@ -378,7 +378,7 @@ def _generation_to_json_dict(result: "GenerationResult") -> dict[str, object]:
         "new_files": result.new_files,
         "device": result.device,
         "percentiles": statistics.percentiles,
-        "percentile_errors": statistics.percentile_errors,
+        "differences_from_real_percentiles": statistics.differences_from_real_percentiles,
     }
 
 

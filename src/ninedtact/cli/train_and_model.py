@@ -213,7 +213,7 @@ class _ShowModelCard:
         """Read and print the card; raises `ModelUnusable`."""
         import msgspec
 
-        from ninedtact.force.model_card_page import format_model_card
+        from ninedtact.force.model_card_markdown import format_model_card
         from ninedtact.force.onnx_model import SHIPPED_MODEL, read_force_model
 
         card = read_force_model(self.model or SHIPPED_MODEL).card
@@ -272,7 +272,7 @@ Model = (
 def _format_made_model(made: "ForceModelResult") -> Iterator[str]:
     """Yield the card and the demonstration for a terminal."""
     from ninedtact.force.evaluation.predictions import AXES
-    from ninedtact.force.model_card_page import format_model_card
+    from ninedtact.force.model_card_markdown import format_model_card
 
     yield format_model_card(made.card)
     yield "Live on a simulated sensor, N and N·mm, true and estimated:"

@@ -27,13 +27,13 @@ from ninedtact.dataset.parquet_files import (
     iterate_rows,
     stored_image_bytes,
     write_pair_file,
-    write_reference_file,
+    write_reference_images,
 )
 from ninedtact.dataset.quality_report import (
     PairFinding,
     QualityReport,
     read_quality_report,
-    require_usable_pairs,
+    require_any_usable_pair,
     write_quality_report,
 )
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, to_utf8
@@ -216,7 +216,7 @@ def _make_part(folder: Path, part: SourcePart, paths: tuple[Path, ...], number: 
     files = _PartFiles(folder, number)
     reader = _PartReader(part, files.pairs.name)
     write_pair_file(files.pairs, reader.rows())
-    write_reference_file(files.references, reader.references.values())
+    write_reference_images(files.references, reader.references.values())
     check = check_pair_file(files.pairs, files.references, settings)
     check.findings = [*reader.findings, *check.findings]
     write_file_atomically(files.check, msgspec.json.encode(check))
@@ -229,7 +229,7 @@ def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], count: int,
     checks = [file.read_check() for file in files]
     report = combine_file_checks(checks, [file.pairs.name for file in files], settings.drop)
     write_quality_report(folder.report, report)
-    require_usable_pairs(report, folder.report)
+    require_any_usable_pair(report, folder.report)
     unwanted = _rows_with_faults(report) if settings.drop else {}
     kept = [
         file
@@ -238,7 +238,7 @@ def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], count: int,
     ]
     for number, file in enumerate(kept):
         _move_pair_file(file.pairs, folder.pair_file(number, len(kept)), unwanted.get(file.pairs.name, set()))
-    write_reference_file(folder.references, _unique_references(files))
+    write_reference_images(folder.references, _unique_references(files))
     _save_sensor_folders(folder, sources)
     card = format_build_card(_folder_statistics(folder), sources, settings.licence, report, version("ninedtact"))
     write_file_atomically(folder.card, card.encode())

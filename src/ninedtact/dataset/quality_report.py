@@ -136,7 +136,7 @@ def read_quality_report(path: Path) -> QualityReport:
         ) from trouble
 
 
-def require_usable_pairs(report: QualityReport, report_path: Path) -> None:
+def require_any_usable_pair(report: QualityReport, report_path: Path) -> None:
     """Raise `NoUsablePairs` if no pair can be used for training."""
     if report.usable < 1:
         counted = sorted(report.counts.items(), key=lambda item: -item[1])

@@ -66,9 +66,9 @@ class DatasetStatistics:
         return _by_axis(wrench_percentiles(self.rule_wrenches))
 
     @property
-    def percentile_errors(self) -> dict[str, list[float]]:
+    def differences_from_real_percentiles(self) -> dict[str, list[float]]:
         """Differences of the percentiles from the real ones, as parts of each axis's real span from 5 to 95."""
-        return _by_axis(percentile_errors(wrench_percentiles(self.rule_wrenches)))
+        return _by_axis(differences_from_real_percentiles(wrench_percentiles(self.rule_wrenches)))
 
     def kind_counts_text(self) -> str:
         """Return the counts by kind as one phrase."""
@@ -80,7 +80,7 @@ class DatasetStatistics:
             yield "no finite wrench"
             return
         found = wrench_percentiles(self.rule_wrenches)
-        errors_percent = 100 * percentile_errors(found)
+        errors_percent = 100 * differences_from_real_percentiles(found)
         yield (
             f"{len(self.rule_wrenches)} pairs by the rule, N and N·m about {FORCE_TORQUE_BELOW_SKIN_MM:g} mm below the skin; "
             "percentiles 5, 50, 95:"
@@ -119,7 +119,7 @@ def move_to_force_sensor(wrenches: _Wrenches) -> _Wrenches:
     return np.concatenate([wrenches[:, :3], wrenches[:, 3:] + np.cross(arm_m, wrenches[:, :3])], axis=1)
 
 
-def percentile_errors(found: _Percentiles) -> _Percentiles:
+def differences_from_real_percentiles(found: _Percentiles) -> _Percentiles:
     """Return the differences from `REAL_PERCENTILES` as parts of each axis's real span from 5 to 95."""
     return (found - REAL_PERCENTILES) / (REAL_PERCENTILES[:, 2:] - REAL_PERCENTILES[:, :1])
 

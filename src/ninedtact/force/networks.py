@@ -59,7 +59,7 @@ def dense_block(channels: int, growth: int, layers: int) -> nn.Sequential:
     return nn.Sequential(OrderedDict((name, DenseLayer(channels + n * growth, growth)) for n, name in enumerate(names)))
 
 
-def transition(channels: int) -> nn.Sequential:
+def _transition_layer(channels: int) -> nn.Sequential:
     """Return a transition layer, which halves the channels and the image's size."""
     parts = nn.BatchNorm2d(channels), nn.ReLU(), nn.Conv2d(channels, channels // 2, 1, bias=False), nn.AvgPool2d(2, 2)
     return nn.Sequential(OrderedDict(zip(("norm", "relu", "conv", "pool"), parts, strict=True)))
@@ -80,7 +80,7 @@ class DenseNet(nn.Module):
         for number, (layers, (width, end)) in enumerate(zip(blocks, widths, strict=True), 1):
             parts.append((f"denseblock{number}", dense_block(width, growth, layers)))
             if number < len(blocks):
-                parts.append((f"transition{number}", transition(end)))
+                parts.append((f"transition{number}", _transition_layer(end)))
         last = widths[-1][1]
         self.features = nn.Sequential(OrderedDict([*parts, ("norm5", nn.BatchNorm2d(last))]))
         self.classifier = nn.Linear(last, outputs)

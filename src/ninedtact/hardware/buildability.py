@@ -16,7 +16,7 @@ from ninedtact.hardware.design import (
     HardwareDesign,
     lens_reach_mm,
     required_camera_distance_mm,
-    sensing_corner_radius_mm,
+    sensing_corner_distance_mm,
 )
 
 
@@ -304,7 +304,7 @@ def _check_camera_distance(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 def _check_lens_coverage(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the lens sees the corners of the sensing area through air, acrylic and silicone."""
-    reach, corner = lens_reach_mm(design), sensing_corner_radius_mm(design)
+    reach, corner = lens_reach_mm(design), sensing_corner_distance_mm(design)
     if reach < corner - 1e-6:
         yield BrokenRule(
             "lens_does_not_see_the_corner",

@@ -6,7 +6,7 @@ from itertools import pairwise, product
 from math import hypot, inf, sqrt
 
 from ninedtact.hardware.design import HardwareDesign
-from ninedtact.hardware.dimensions import M2_DIAMETER_MM
+from ninedtact.hardware.part_dimensions import M2_DIAMETER_MM
 
 
 def _lens_diameter_mm(design: HardwareDesign, above_mm: float, below_mm: float = inf) -> float:

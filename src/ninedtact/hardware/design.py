@@ -27,7 +27,7 @@ from ninedtact.design import (
     sensor_design_from_tables,
 )
 from ninedtact.hardware.assembly_dimensions import PlanView, StackHeights
-from ninedtact.hardware.dimensions import (
+from ninedtact.hardware.part_dimensions import (
     ORIGINAL_BASE,
     ORIGINAL_BOARD,
     ORIGINAL_FASTENERS,
@@ -171,7 +171,7 @@ def lens_reach_mm(design: HardwareDesign, height_mm: float | None = None) -> flo
     )
 
 
-def sensing_corner_radius_mm(design: HardwareDesign) -> float:
+def sensing_corner_distance_mm(design: HardwareDesign) -> float:
     """Return the distance from the optical axis to a corner of the sensing area, which the lens must reach."""
     area = design.sensor.sensing_area
     return hypot(area.width_mm, area.height_mm) / 2
@@ -179,7 +179,7 @@ def sensing_corner_radius_mm(design: HardwareDesign) -> float:
 
 def required_camera_distance_mm(design: HardwareDesign) -> float:
     """Return the least camera distance from which the lens sees the corner of the sensing area."""
-    more = (sensing_corner_radius_mm(design) - lens_reach_mm(design)) / _refracted_slope(
+    more = (sensing_corner_distance_mm(design) - lens_reach_mm(design)) / _refracted_slope(
         _lens_half_angle_rad(design), SILICONE_REFRACTIVE_INDEX
     )
     return design.sensor.camera.distance_mm + more

@@ -13,7 +13,11 @@ from build123d import Axis, Part, Pos, Rot
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.design import SensorDesign
-from ninedtact.hardware.assembly_images import (
+from ninedtact.hardware.bill_of_materials import clamp_screw_length_mm
+from ninedtact.hardware.complete_design import CompleteDesign
+from ninedtact.hardware.design import HardwareDesign, hardware_design_of_variant
+from ninedtact.hardware.materials import BLACK_GEL_SILICONE, TRANSLUCENT_SILICONE, TRANSPARENT_SILICONE, Silicone
+from ninedtact.hardware.part_and_assembly_images import (
     FROM_ABOVE,
     FROM_BELOW,
     BgrImage,
@@ -22,10 +26,6 @@ from ninedtact.hardware.assembly_images import (
     cut_bodies_open,
     render_solids,
 )
-from ninedtact.hardware.bill_of_materials import clamp_screw_length_mm
-from ninedtact.hardware.complete_design import CompleteDesign
-from ninedtact.hardware.design import HardwareDesign, hardware_design_of_variant
-from ninedtact.hardware.materials import BLACK_GEL_SILICONE, TRANSLUCENT_SILICONE, TRANSPARENT_SILICONE, Silicone
 from ninedtact.hardware.sensor_assembly import AssemblyBody
 from ninedtact.simulation.twin import radius_mm_per_rad
 

@@ -178,7 +178,7 @@ UNSEEN: dict[str, Any] = {"facecolor": OUT_OF_VIEW, "hatch": "////", "edgecolor"
 BEYOND: dict[str, Any] = {"facecolor": "none", "hatch": "..", "edgecolor": EXTRAPOLATED}
 
 
-def render_height_map(height: HeightMap, title: str = "Height of the skin") -> bytes:
+def draw_height_map_figure(height: HeightMap, title: str = "Height of the skin") -> bytes:
     """Return a PNG with the height map as the camera sees it, axes and heights in mm."""
     rows, cols = height.z_mm.shape
     width_px, height_px = cols * LONGEST_PX // max(rows, cols), rows * LONGEST_PX // max(rows, cols)
@@ -188,7 +188,7 @@ def render_height_map(height: HeightMap, title: str = "Height of the skin") -> b
     )
     axes = add_axes_at(figure, LEFT_PX, TOP_PX, width_px, height_px)
     _draw_colours(axes, height, scale)
-    _draw_lines(axes, height, scale)
+    _draw_contour_lines(axes, height, scale)
     _draw_range(axes, height)
     _draw_legend(axes, height, height_px)
     add_colour_bar(figure, scale, LEFT_PX + width_px + 36, height_px)
@@ -220,7 +220,7 @@ def _draw_colours(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
     axes.spines[:].set(color="#9ca3af", linewidth=0.8)
 
 
-def _draw_lines(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
+def _draw_contour_lines(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
     """Draw contour lines inside the contact, and its edge."""
     seen, threshold = height.in_view, ContactRule().threshold_mm(height.noise_mm)
     smooth = cv2.GaussianBlur(np.where(seen, height.z_mm, np.float32(0)), (0, 0), LINE_SMOOTHING_PX)

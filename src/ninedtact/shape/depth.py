@@ -187,8 +187,8 @@ class DepthCurve:
     """The continuation of the curve; heights there count as extrapolated. Beyond all knots the end value is kept."""
 
     def __post_init__(self) -> None:
-        require_curve("darkening", *self.pressed[:2])
-        require_curve("brightening", self.brightening, self.bulge_mm)
+        _require_valid_curve("darkening", *self.pressed[:2])
+        _require_valid_curve("brightening", self.brightening, self.bulge_mm)
         if len(self.pressed[2]) != len(self.pressed[0]):
             raise DepthCurveImpossible(
                 f"expected {len(self.pressed[0])} errors, one for each knot, got {len(self.pressed[2])}"
@@ -242,7 +242,7 @@ class DepthCurve:
         return int(np.floor(ZERO_INDEX - self.darkening[-1] * TABLE_STEPS[self.signal]))
 
 
-def require_curve(name: str, signal: tuple[float, ...], length_mm: tuple[float, ...]) -> None:
+def _require_valid_curve(name: str, signal: tuple[float, ...], length_mm: tuple[float, ...]) -> None:
     """Refuse a curve that is not finite, starts away from zero, or falls."""
     values = np.array([signal, length_mm]) if len(signal) == len(length_mm) and signal else np.array([[np.nan]])
     if (

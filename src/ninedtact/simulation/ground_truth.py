@@ -9,7 +9,7 @@ from numpy import ndarray as Array
 from ninedtact.mechanics.array_namespace import to_numpy
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import HeightMap, HeightSource, centred_axis_mm
-from ninedtact.simulation.pixel_map import SightlineGrid, grid_coordinates, sample_periodic
+from ninedtact.simulation.pixel_to_skin_map import SightlineGrid, grid_coordinates, sample_periodic
 
 PRESSED_MM = 0.05
 """Indentation from which on an error counts; image noise stays below it."""

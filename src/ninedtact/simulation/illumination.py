@@ -25,7 +25,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import require_positive
 from ninedtact.errors import InputError
-from ninedtact.simulation.pixel_map import PixelMap
+from ninedtact.simulation.pixel_to_skin_map import PixelMap
 
 
 class InvalidBrightnessModel(InputError):

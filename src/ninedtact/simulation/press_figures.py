@@ -180,7 +180,7 @@ class PressFigure:
 
     def skin_mm(self, x_mm: Float[Array, "1 n"], y_mm: Float[Array, "1 n"]) -> Array:
         """Return the height of the skin at positions of a line."""
-        from ninedtact.simulation.pixel_map import SightlineGrid
+        from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 
         sight = SightlineGrid(x_mm.astype(np.float32), y_mm.astype(np.float32), 0.0)
         height = np.asarray(self.contact.height_mm, np.float32)

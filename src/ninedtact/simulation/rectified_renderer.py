@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import centred_axis_mm
-from ninedtact.simulation.pixel_map import PixelMap
+from ninedtact.simulation.pixel_to_skin_map import PixelMap
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.sensor_population import CalibrationMisalignment, SampledSensor
 

@@ -29,7 +29,7 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
 from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPresses
 from ninedtact.simulation.illumination import BrightnessModel, synthetic_reference_image
-from ninedtact.simulation.pixel_map import PixelMap, WideAngleLens
+from ninedtact.simulation.pixel_to_skin_map import PixelMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import (
     PITCH_MM,
@@ -157,7 +157,7 @@ BASE_STIFFNESS = 10.0
 """Ratio of the modulus of the transparent layer to that of the gel, about that of Shore A 45 to Shore A 5."""
 
 
-def sample_substrate(rng: np.random.Generator, gel: Gel) -> Gel:
+def sample_transparent_layer(rng: np.random.Generator, gel: Gel) -> Gel:
     """Sample the transparent layer of one sensor, which lies on a rigid window."""
     modulus = gel.shear_modulus_mpa * BASE_STIFFNESS * rng.uniform(0.8, 1.25)
     return Gel(float(rng.uniform(4.0, 8.0)), float(modulus), gel.poisson_ratio)
@@ -312,7 +312,7 @@ def sample_sensor(
     rng = np.random.default_rng([seed, number])
     kind = kinds.kind_at((0.5 + GOLDEN * number) % 1)
     gel = _sample_gel(rng, design.gel)
-    base = sample_substrate(rng, gel)
+    base = sample_transparent_layer(rng, gel)
     return SampledSensor(
         name=f"twin_{seed}_{number:03d}",
         kind=kind,

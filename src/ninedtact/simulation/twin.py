@@ -27,7 +27,7 @@ from ninedtact.mechanics.periodic_grid import padded_grid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.surface_displacement import Skin
 from ninedtact.simulation.illumination import BrightnessModel, synthetic_reference_image
-from ninedtact.simulation.pixel_map import PixelMap, WideAngleLens
+from ninedtact.simulation.pixel_to_skin_map import PixelMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 
 PITCH_MM = 0.2

@@ -17,7 +17,7 @@ from time import monotonic
 
 import numpy as np
 
-from ninedtact.calibration.brightness import BgrImage, require_same_image_size
+from ninedtact.calibration.brightness_change import BgrImage, require_same_image_size
 from ninedtact.calibration.guidance import (
     TOUCHED_LEVELS,
     CaptureStep,
@@ -33,7 +33,7 @@ from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.capture.frame_source import CameraExposure, FrameSource
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError, OutputError
-from ninedtact.studio.watched_camera import ImageQuality, WatchedCamera, measure_image_quality
+from ninedtact.studio.guided_camera import ImageQuality, WatchedCamera, measure_image_quality
 
 _PIN_COUNT_PAUSE = 1.0
 """Pause between two searches for pins while the board moves, in durations of a search, so that the images are not slowed."""

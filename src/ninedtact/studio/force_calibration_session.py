@@ -16,7 +16,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from ninedtact.calibration.brightness import BgrImage
+from ninedtact.calibration.brightness_change import BgrImage
 from ninedtact.calibration.guidance import (
     STILL,
     CalibrationStepAdvice,
@@ -39,7 +39,7 @@ from ninedtact.force.known_load_scale import (
 )
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
-from ninedtact.studio.watched_camera import ImageQuality, WatchedCamera, measure_image_quality
+from ninedtact.studio.guided_camera import ImageQuality, WatchedCamera, measure_image_quality
 
 USUAL_LOADS_G = (50.0, 100.0, 200.0, 400.0)
 """Loads that are suggested one after the other; enough for a curve, and light enough for the range in which the gel is linear."""

@@ -15,6 +15,7 @@ from viser import ClientHandle, GuiApi, GuiEvent, GuiImageHandle, Icon, ViserSer
 
 from ninedtact.capture.frame_source import CameraExposure
 from ninedtact.errors import NinedtactError
+from ninedtact.studio.guided_camera import ImageQuality
 from ninedtact.studio.page_and_server import set_title_and_icon
 from ninedtact.studio.page_cards import DIM, TONES
 from ninedtact.studio.viewer import (
@@ -26,7 +27,6 @@ from ninedtact.studio.viewer import (
     ThemeChoice,
     is_from_browser,
 )
-from ninedtact.studio.watched_camera import ImageQuality
 
 _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900
 """Width of the controls on a desktop, and limits of the width of the image beside them."""

@@ -14,7 +14,7 @@ from viser import ClientHandle, ViserServer
 from viser._messages import RunJavascriptMessage
 
 from ninedtact.errors import DeviceError
-from ninedtact.studio.displayed_reading import PageController, PageMoment
+from ninedtact.studio.page_controller import PageController, PageMoment
 from ninedtact.studio.press_control import PressControl
 from ninedtact.studio.press_panel import PressPanel
 from ninedtact.studio.scene_3d import GelBlock, set_up_view

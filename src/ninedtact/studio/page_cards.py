@@ -11,7 +11,7 @@ from viser import GuiApi, GuiUplotHandle, uplot
 
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.measures import ShapeSummary
-from ninedtact.studio.displayed_reading import SensorStatus
+from ninedtact.studio.page_controller import SensorStatus
 from ninedtact.studio.page_recorder import RecorderState
 from ninedtact.studio.reading_view import HeightProfile
 from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, format_signed_tenths

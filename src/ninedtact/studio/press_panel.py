@@ -20,8 +20,8 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.simulation.objects.catalogue import PRIMITIVES, indenter_from_name
 from ninedtact.simulation.objects.mesh_objects import FITTING, MM_PER_UNIT, MeshPlacement
 from ninedtact.simulation.trajectory import HOVER_MM
-from ninedtact.studio.displayed_reading import PageMoment
 from ninedtact.studio.page_cards import TONES
+from ninedtact.studio.page_controller import PageMoment
 from ninedtact.studio.press_control import (
     FIT,
     MAX_DEPTH_MM,

@@ -38,7 +38,7 @@ from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.depth import DepthReader
 from ninedtact.shape.measures import max_indentation_mm
 from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
-from ninedtact.studio.displayed_reading import SILENT_AFTER_MS, WAITING_STATUS, PageMoment, SensorStatus
+from ninedtact.studio.page_controller import SILENT_AFTER_MS, WAITING_STATUS, PageMoment, SensorStatus
 from ninedtact.studio.reading_view import ReadingView, render_reading
 from ninedtact.studio.sensor_poller import HISTORY_S, NS_PER_S, SensorPhase, SensorSnapshot
 from ninedtact.studio.wrench_poller import MOST_HZ, WrenchHistory, WrenchSample, WrenchSnapshot

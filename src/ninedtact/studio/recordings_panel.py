@@ -24,8 +24,8 @@ from ninedtact.recording.export import export_recordings
 from ninedtact.recording.reader import Recording, sensor_addresses
 from ninedtact.recording.ros_messages import LabelledSpan, Topic
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.studio.displayed_reading import WITHOUT_READING, NothingToSave, PageMoment
 from ninedtact.studio.page_cards import recorder_html, shape_summary_html, status_html, wrenches_html
+from ninedtact.studio.page_controller import WITHOUT_READING, NothingToSave, PageMoment
 from ninedtact.studio.page_recorder import PageRecorder, RecorderState
 from ninedtact.studio.recording_player import SPEEDS, RecordingPlayer
 from ninedtact.studio.saved_files import Exporter, moment_page, save_surface_sequence, save_video

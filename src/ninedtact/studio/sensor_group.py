@@ -14,7 +14,6 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 from viser import GuiApi, GuiEvent, Icon, uplot
 
-from ninedtact.studio.displayed_reading import PageMoment
 from ninedtact.studio.page_cards import (
     BAND_OPACITY,
     CURVE_POINTS,
@@ -26,6 +25,7 @@ from ninedtact.studio.page_cards import (
     badge_html,
     component_curves,
 )
+from ninedtact.studio.page_controller import PageMoment
 from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.viewer import Side, Viewer, is_from_browser
 from ninedtact.studio.wrench_poller import WrenchSample, WrenchSnapshot

@@ -6,7 +6,6 @@ import numpy as np
 from viser import CommandEvent, GuiApi, GuiEvent, Icon, uplot
 
 from ninedtact.errors import NinedtactError
-from ninedtact.studio.displayed_reading import WAITING_STATUS, PageMoment
 from ninedtact.studio.page_cards import (
     WrenchCurves,
     name_value_table_html,
@@ -14,6 +13,7 @@ from ninedtact.studio.page_cards import (
     status_html,
     wrenches_html,
 )
+from ninedtact.studio.page_controller import WAITING_STATUS, PageMoment
 from ninedtact.studio.sensor_group import group_status_html, group_wrenches_html, may_plot
 from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.viewer import Side, Viewer

@@ -8,8 +8,8 @@ import numpy as np
 from viser import GuiApi, GuiEvent, GuiImageHandle, Icon, SceneClickEvent, uplot
 
 from ninedtact.shape.coloured_height_map import ColourScale
-from ninedtact.studio.displayed_reading import PageMoment
 from ninedtact.studio.page_cards import colour_legend_html, magnitude_legend_html, profile_html, sticking_legend_html
+from ninedtact.studio.page_controller import PageMoment
 from ninedtact.studio.reading_view import (
     PROFILE_POINTS,
     ImageKind,

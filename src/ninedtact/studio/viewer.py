@@ -16,7 +16,7 @@ import numpy as np
 from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
 
 from ninedtact.errors import NinedtactError
-from ninedtact.studio.displayed_reading import PageController, PageMoment
+from ninedtact.studio.page_controller import PageController, PageMoment
 from ninedtact.studio.reading_view import ImageKind, SkinColouring, TractionSource
 from ninedtact.studio.scene_3d import GelBlock, SideBySide
 

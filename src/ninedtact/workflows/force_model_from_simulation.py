@@ -20,7 +20,7 @@ from ninedtact.dataset.generation.press_trajectory import PressSettings
 from ninedtact.dataset.generation.settings import GenerationSettings
 from ninedtact.design import SensorDesign
 from ninedtact.force.estimator_loading import build_estimator
-from ninedtact.force.model_card_page import format_model_card
+from ninedtact.force.model_card_markdown import format_model_card
 from ninedtact.force.onnx_model import ModelCard, read_force_model
 from ninedtact.force.training.onnx_export import rewrite_card
 from ninedtact.force.training.settings import CORRECTOR_TRAINING, ComputeSettings

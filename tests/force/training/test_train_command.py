@@ -19,7 +19,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.cli import main
 from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing
 from ninedtact.dataset.height_cache import load_height_pairs
-from ninedtact.dataset.parquet_files import write_pair_file, write_reference_file
+from ninedtact.dataset.parquet_files import write_pair_file, write_reference_images
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
@@ -62,7 +62,7 @@ def data_set(
 ) -> Path:
     """Two files of presses by some objects on two sensors."""
     (folder / "data").mkdir(parents=True)
-    write_reference_file(
+    write_reference_images(
         folder / "references.parquet",
         [ReferenceImage(f"{name}/0", png(image_of(0, 99, size)), name) for name in "ab"],
     )

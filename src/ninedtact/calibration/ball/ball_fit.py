@@ -34,7 +34,7 @@ from ninedtact.calibration.ball.contact_circle import (
     require_usable_depth,
     spherical_cap_height_mm,
 )
-from ninedtact.calibration.brightness import (
+from ninedtact.calibration.brightness_change import (
     BgrImage,
     estimate_pixel_noise,
     relative_brightness_change,
@@ -60,7 +60,7 @@ from ninedtact.shape.depth import (
 )
 from ninedtact.shape.rectification import Rectification
 from ninedtact.simulation.illumination import BrightnessModel
-from ninedtact.simulation.pixel_map import SightlineGrid
+from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 
 KNOTS = 25
 LEAST_OF_KNOT = 30

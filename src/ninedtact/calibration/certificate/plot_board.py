@@ -14,7 +14,7 @@ from ninedtact.calibration.board.board_fit import (
     _leave_one_out_error_mm,
     integer_pin_centres_px,
 )
-from ninedtact.calibration.brightness import smooth_gaussian
+from ninedtact.calibration.brightness_change import smooth_gaussian
 from ninedtact.calibration.certificate.checks import LEAVE_ONE_OUT_RMS_MM
 from ninedtact.calibration.certificate.plot_style import (
     INK,

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool
 from numpy import ndarray as Array
 
-from ninedtact.calibration.brightness import estimate_pixel_noise, find_exposure_fault
+from ninedtact.calibration.brightness_change import estimate_pixel_noise, find_exposure_fault
 from ninedtact.calibration.drift.brightness_change import MAX_UNEVENNESS, SkinMark, separate_brightness_change
 from ninedtact.calibration.drift.drift_measurement import (
     CalibratedReference,

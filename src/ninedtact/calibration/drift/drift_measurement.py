@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.brightness import (
+from ninedtact.calibration.brightness_change import (
     MIN_REFERENCE_GREY,
     BgrImage,
     estimate_pixel_noise,

@@ -27,7 +27,7 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.surface_displacement import Skin
 from ninedtact.shape.lens import Points
 from ninedtact.simulation.calibration_images import GRID_POINTS_PER_PIN_PITCH, pin_board_indenter
-from ninedtact.simulation.pixel_map import (
+from ninedtact.simulation.pixel_to_skin_map import (
     REFINEMENT,
     SightlineGrid,
     blur_and_refine_fields,

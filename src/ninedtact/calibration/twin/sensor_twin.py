@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
-from ninedtact.calibration.brightness import BgrImage
+from ninedtact.calibration.brightness_change import BgrImage
 from ninedtact.calibration.original_9dtact.folder_format import OUT_OF_VIEW_PX
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import (
@@ -27,7 +27,7 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.shape.rectification import Rectification, skin_grid_mm
 from ninedtact.simulation.illumination import BrightnessModel
-from ninedtact.simulation.pixel_map import PixelMap, coarse_pixel_grid, interpolate_pixel_map
+from ninedtact.simulation.pixel_to_skin_map import PixelMap, coarse_pixel_grid, interpolate_pixel_map
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import Twin
 

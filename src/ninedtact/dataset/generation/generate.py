@@ -27,12 +27,12 @@ from ninedtact.checked_reading import CHECKSUM_KEY, values_checksum
 from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, to_json_bytes
 from ninedtact.dataset.generation.press_trajectory import SimulatedPressTrajectory
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings
-from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_file
+from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_images
 from ninedtact.dataset.schema import NO_OBJECT, DatasetRow, ReferenceImage
 from ninedtact.dataset.statistics_and_card import DatasetStatistics, compute_dataset_statistics, format_generation_card
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.parallel_jobs import Cluster, Workers, WorkersImpossible, require_workers, run_writing_jobs
-from ninedtact.simulation.batched.executor import BatchExecutor, Device, find_device, run_sessions
+from ninedtact.simulation.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
 from ninedtact.simulation.batched.session_requests import (
     ContactSummary,
     RenderRequest,
@@ -246,12 +246,12 @@ def generate_dataset(
 def _select_device(name: str, workers: Workers) -> Device:
     """Return the device of this name, the processor for `auto` on a cluster; raises `WorkersImpossible`, `DeviceMissing`."""
     if not isinstance(workers, Cluster):
-        return find_device(name)
+        return choose_compute_device(name)
     if name not in ("auto", "cpu"):
         raise WorkersImpossible(
             f"expected --device cpu together with --cluster, got {name}; a GPU is used by one process, so drop one of the two"
         )
-    return find_device("cpu")
+    return choose_compute_device("cpu")
 
 
 def _begin_generation(folder: DatasetFolder, settings: GenerationSettings, device: str) -> None:
@@ -265,7 +265,7 @@ def _begin_generation(folder: DatasetFolder, settings: GenerationSettings, devic
         with_checksums = [{**sensor, CHECKSUM_KEY: values_checksum(sensor)} for sensor in sensors]
         write_file_atomically(folder.sensors, to_json_bytes(with_checksums))
     if not folder.references.is_file():
-        write_reference_file(folder.references, _render_references(settings))
+        write_reference_images(folder.references, _render_references(settings))
 
 
 def _render_references(settings: GenerationSettings) -> Iterator[ReferenceImage]:

@@ -67,7 +67,7 @@ def _error_quantiles(
 
 
 @dataclass(frozen=True)
-class TrainedNetwork:
+class NetworkWithExamples:
     """A trained network with the examples that it was trained and is validated on."""
 
     network: WrenchNetwork

@@ -29,7 +29,7 @@ from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.evaluation import WrenchEvaluation
 from ninedtact.force.evaluation.report import plot_training_curves
 from ninedtact.force.onnx_model import ForceModel
-from ninedtact.force.training.error_scale_and_model_card import TrainedNetwork
+from ninedtact.force.training.error_scale_and_model_card import NetworkWithExamples
 from ninedtact.force.training.examples import (
     SeededBatchSampler,
     TrainingBatch,
@@ -98,7 +98,7 @@ def train_network(
     if not fitted.trainer.is_global_zero:
         return None
     network = module.model.to(fitted.trainer.strategy.root_device).eval()
-    trained = TrainedNetwork(network, examples, rows, settings)
+    trained = NetworkWithExamples(network, examples, rows, settings)
     trained.calibrate_scale()
     evaluation = trained.evaluate_held_out()
     card = trained.build_card(evaluation, fitted.history, name, licence)

@@ -190,14 +190,14 @@ TOLERANCES = {
 
 
 @dataclass(frozen=True)
-class DrawingNote:
+class NoteLine:
     """One line of the column of notes."""
 
     text: str
     heading: bool = False
 
 
-def build_drawing_notes(design: HardwareDesign, part: BuiltPart) -> list[DrawingNote]:
+def build_drawing_notes(design: HardwareDesign, part: BuiltPart) -> list[NoteLine]:
     """Return all notes of a part: manufacturing, fits, round features and dimensions."""
     return [
         *_manufacturing_notes(part),
@@ -207,24 +207,24 @@ def build_drawing_notes(design: HardwareDesign, part: BuiltPart) -> list[Drawing
     ]
 
 
-def _manufacturing_notes(part: BuiltPart) -> Iterator[DrawingNote]:
+def _manufacturing_notes(part: BuiltPart) -> Iterator[NoteLine]:
     """Yield material, manufacturing method and tolerance."""
-    yield DrawingNote(f"{MATERIAL_OF_PART[part.name].name}, {part.method}")
-    yield DrawingNote(f"tolerance {TOLERANCES[part.method]}")
+    yield NoteLine(f"{MATERIAL_OF_PART[part.name].name}, {part.method}")
+    yield NoteLine(f"tolerance {TOLERANCES[part.method]}")
 
 
-def _fit_notes(design: HardwareDesign, part: str) -> Iterator[DrawingNote]:
+def _fit_notes(design: HardwareDesign, part: str) -> Iterator[NoteLine]:
     """List the faces that must fit other parts, each with its nominal clearance per side."""
     if found := fits_of_part(design, part):
-        yield DrawingNote("fits: clearance on each side", heading=True)
-        yield from (DrawingNote(f"{each.clearance_mm:.3f}  {each.faces}") for each in found)
+        yield NoteLine("fits: clearance on each side", heading=True)
+        yield from (NoteLine(f"{each.clearance_mm:.3f}  {each.faces}") for each in found)
 
 
-def _round_feature_notes(part: BuiltPart) -> Iterator[DrawingNote]:
+def _round_feature_notes(part: BuiltPart) -> Iterator[NoteLine]:
     """Yield the holes and pins, if there are any."""
     if found := [*find_round_features(part.solid)]:
-        yield DrawingNote("round, about z (diameter: places x, y)", heading=True)
-        yield from (DrawingNote(text) for each in found for text in _hole_callout(each))
+        yield NoteLine("round, about z (diameter: places x, y)", heading=True)
+        yield from (NoteLine(text) for each in found for text in _hole_callout(each))
 
 
 def _hole_callout(found: RoundFeatures) -> Iterator[str]:
@@ -242,16 +242,16 @@ def _hole_callout(found: RoundFeatures) -> Iterator[str]:
         yield (head if start == 0 else "      ") + " ".join(places[start : start + 4])
 
 
-def _dimension_notes(design: HardwareDesign, part: str) -> Iterator[DrawingNote]:
+def _dimension_notes(design: HardwareDesign, part: str) -> Iterator[NoteLine]:
     """Yield each dimension as `name value`, named as in the design file without its `hardware.`."""
-    yield DrawingNote("dimensions of the design", heading=True)
+    yield NoteLine("dimensions of the design", heading=True)
     for name in DIMENSIONS_OF_PART[part]:
         table, _, only = name.partition(".")
         found = getattr(design, table, None) or getattr(design.sensor, table)
         names = [only] if only else [field.name for field in fields(found)]
-        yield from (DrawingNote(f"{table}.{each}  {_format_value(getattr(found, each))}") for each in names)
+        yield from (NoteLine(f"{table}.{each}  {_format_value(getattr(found, each))}") for each in names)
     if part == "calibration_board":
-        yield DrawingNote(
+        yield NoteLine(
             f"tips of the pins at z  {design.pin_frame.floor_mm + design.pin_frame.pin_tall_mm:.2f}, on one plane"
         )
 
@@ -282,7 +282,7 @@ class DrawingSheet:
     """The drawing of one part."""
 
     part: BuiltPart
-    notes: Sequence[DrawingNote]
+    notes: Sequence[NoteLine]
     """Notes on manufacturing and dimensions, below name, scale and box."""
 
     def to_svg_and_pdf(self) -> Iterator[tuple[str, bytes]]:
@@ -344,12 +344,12 @@ class DrawingSheet:
             axes.text(TABLE_X, TABLE_TOP - number * apart, row.text, fontsize=size, color=INK, weight=weight)
         axes.plot([TABLE_X - 5] * 2, [TABLE_BOTTOM, SHEET_MM[1] - TABLE_BOTTOM], color=INK, linewidth=0.6)
 
-    def _title_notes(self) -> Iterator[DrawingNote]:
+    def _title_notes(self) -> Iterator[NoteLine]:
         """Yield name, scale, box and volume of the part."""
         x, y, z = self.part.size_mm
-        yield DrawingNote(self.part.name.replace("_", " "), heading=True)
-        yield DrawingNote(f"scale {self.scale:g} : 1 on A3, third angle, lengths in mm")
-        yield DrawingNote(f"box {x:.2f} x {y:.2f} x {z:.2f}, volume {self.part.volume_mm3:.1f} mm³")
+        yield NoteLine(self.part.name.replace("_", " "), heading=True)
+        yield NoteLine(f"scale {self.scale:g} : 1 on A3, third angle, lengths in mm")
+        yield NoteLine(f"box {x:.2f} x {y:.2f} x {z:.2f}, volume {self.part.volume_mm3:.1f} mm³")
 
 
 def _figure_to_bytes(figure: Any, ending: str) -> bytes:

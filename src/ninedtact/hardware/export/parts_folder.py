@@ -14,13 +14,6 @@ import cv2
 from ninedtact.atomic_write import create_folder_atomically, list_foreign_files, write_file_atomically
 from ninedtact.checked_reading import read_json_table
 from ninedtact.errors import OutputError
-from ninedtact.hardware.assembly_images import (
-    BgrImage,
-    render_exploded_view,
-    render_part,
-    render_section,
-    render_sensor,
-)
 from ninedtact.hardware.bill_of_materials import bill_to_csv, bill_to_html
 from ninedtact.hardware.clearances import fits_of_part
 from ninedtact.hardware.complete_design import CompleteDesign
@@ -29,6 +22,13 @@ from ninedtact.hardware.drawings.drawing_sheet import TOLERANCES, DrawingSheet, 
 from ninedtact.hardware.export.part_files import assembly_to_step, part_to_dxf, part_to_step, part_to_stl
 from ninedtact.hardware.led_board.fabrication_files import write_board_files
 from ninedtact.hardware.materials import MATERIAL_OF_PART
+from ninedtact.hardware.part_and_assembly_images import (
+    BgrImage,
+    render_exploded_view,
+    render_part,
+    render_section,
+    render_sensor,
+)
 from ninedtact.hardware.parts.part_catalogue import METHODS_WITH_FILES, BuiltPart
 
 STOCK_THICKNESSES_MM = 2.0, 3.0, 4.0, 5.0, 6.0

@@ -29,7 +29,7 @@ from build123d import (
 
 from ninedtact.hardware.assembly_dimensions import XY
 from ninedtact.hardware.design import HardwareDesign
-from ninedtact.hardware.dimensions import M2_DIAMETER_MM
+from ninedtact.hardware.part_dimensions import M2_DIAMETER_MM
 
 ZRange = tuple[float, float]
 _COINCIDENT_MM = 1e-4

@@ -83,7 +83,7 @@ class Device:
             torch.cuda.empty_cache()
 
 
-def find_device(name: str) -> Device:
+def choose_compute_device(name: str) -> Device:
     """Return the device of this name; `auto` is a GPU where torch finds one, else the processor. Raises `DeviceMissing`."""
     kind, _, number = name.partition(":")
     if name == "auto":

@@ -10,7 +10,7 @@ from threading import Event, RLock
 
 import cv2
 
-from ninedtact.calibration.brightness import OVEREXPOSED, BgrImage, to_grey_float
+from ninedtact.calibration.brightness_change import OVEREXPOSED, BgrImage, to_grey_float
 from ninedtact.calibration.guidance import exposure_advice
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import CameraExposure, FrameSource, SourceEnded

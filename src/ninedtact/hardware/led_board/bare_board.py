@@ -6,7 +6,7 @@ from math import atan2, cos, hypot, pi, sin
 from typing import Annotated
 
 from ninedtact.design import DesignImpossible
-from ninedtact.hardware.dimensions import BoundedDimensions, Bounds
+from ninedtact.hardware.part_dimensions import BoundedDimensions, Bounds
 
 
 class LedBoardImpossible(DesignImpossible):
