@@ -23,7 +23,7 @@ import numpy as np
 from mcap.reader import make_reader
 
 from ninedtact.recording.reader import Recording
-from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.topics_and_messages import Topic
 
 HOUR_S = 3600.0
 TOLD_S = 5.0

@@ -29,7 +29,7 @@ from ninedtact.calibration.original_9dtact.import_export import export_original_
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.dataset import load_dataset
-from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_images
+from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_image_file
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.design import design_to_toml
 from ninedtact.force.evaluation.predictions import WrenchPredictions, write_predictions
@@ -45,7 +45,7 @@ from ninedtact.hardware.design import default_hardware_design, hardware_design_t
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import sensor_folder_attachments
-from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 
@@ -308,7 +308,7 @@ def _data_sets(sensor: Path, folder: Path, count: dict[str, int], seed: int) -> 
     ]
     pairs, references = data / "data" / "train-00000-of-00001.parquet", data / "references.parquet"
     write_pair_file(pairs, rows)
-    write_reference_images(
+    write_reference_image_file(
         references, [ReferenceImage("untouched", encode_png(rng.integers(90, 200, (24, 32), np.uint8)), "mutated")]
     )
 

@@ -35,7 +35,7 @@ from ninedtact.studio.press_control import PressControl
 from ninedtact.studio.press_panel import HANDLE_LIFT_MM
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
-from ninedtact.studio.wrench_poller import WrenchHistory
+from ninedtact.studio.wrench_history import WrenchHistory
 
 DISPLAY_HZ = 30.0
 DEPTHS_MM = (0.6, 0.75)

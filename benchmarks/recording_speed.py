@@ -22,7 +22,7 @@ from ninedtact import Frame, HeightMap, Wrench, default_twin, read_image
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedSource, RecordedWrenchSource
-from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 
 HZ, SAMPLES_HZ = 30, 1000

@@ -20,7 +20,7 @@ from ninedtact.interop.ros2_messages import LIVE_TOPICS, POINTS, QosProfile, Sen
 from ninedtact.quantities import Frame, HeightMap, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_minus_monotonic_ns
-from ninedtact.recording.ros_messages import Topic, type_store
+from ninedtact.recording.topics_and_messages import Topic, type_store
 from ninedtact.shape.surface import point_cloud
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.twin import default_twin

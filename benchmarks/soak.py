@@ -33,7 +33,7 @@ from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
-from ninedtact.studio.wrench_poller import WrenchHistory
+from ninedtact.studio.wrench_history import WrenchHistory
 
 SETTLED = 8
 """Number of the round from which growth counts: until then, the allocator's arenas of the threads fill."""

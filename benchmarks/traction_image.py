@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 from traction_skill import bench
 
-from ninedtact.force.traction.inversion import SolverSettings
+from ninedtact.force.traction.traction_from_brightness import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import LyingCylinder
 from ninedtact.quantities import Traction, WrenchEstimate

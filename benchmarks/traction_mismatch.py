@@ -14,8 +14,8 @@ import numpy as np
 import tyro
 
 from ninedtact.design import Gel
+from ninedtact.force.traction.brightness_from_traction import COMPLIANT_BASE
 from ninedtact.force.traction.estimator import TractionForce
-from ninedtact.force.traction.forward_model import COMPLIANT_BASE
 from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder

@@ -22,7 +22,7 @@ from ninedtact.dataset.generation.generate import generate_dataset
 from ninedtact.dataset.generation.settings import GenerationSettings
 from ninedtact.errors import NinedtactError
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force
-from ninedtact.force.traction.inversion import SolverSettings
+from ninedtact.force.traction.traction_from_brightness import SolverSettings
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import EstimateWarning, Frame, HeightSource, Rectified, WrenchEstimate

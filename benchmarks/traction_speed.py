@@ -15,8 +15,8 @@ from figures import Figure, answer, at_most
 
 from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce
-from ninedtact.force.traction.inversion import SolverSettings
 from ninedtact.force.traction.observation import BrightnessObservationModel
+from ninedtact.force.traction.traction_from_brightness import SolverSettings
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, Rectified

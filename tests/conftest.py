@@ -22,7 +22,7 @@ import pytest  # noqa: E402 - the hook comes before anything that may import the
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, calibrate  # noqa: E402
 from ninedtact.calibration.save import save_sensor  # noqa: E402
 from ninedtact.calibration.sensor_folder import SensorFolder  # noqa: E402
-from ninedtact.capture.opencv_capture import silence_video_libraries  # noqa: E402
+from ninedtact.capture.shared_video_capture import silence_video_libraries  # noqa: E402
 from ninedtact.capture.strict_image_reading import read_image  # noqa: E402
 from ninedtact.simulation.calibration_images import simulate_calibration_images  # noqa: E402
 from ninedtact.simulation.twin import default_twin  # noqa: E402

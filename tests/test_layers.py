@@ -26,7 +26,7 @@ LAYERS = [
     {"cli"},
     {"__main__"},
 ]
-EXCEPTIONS = {("calibration", "simulation.illumination")}
+EXCEPTIONS = {("calibration", "simulation.gel_brightness")}
 """The ball fit is the twin's forward model."""
 
 SHARED_WITHIN_A_LAYER = {("design", "errors"), ("atomic_write", "errors")}

@@ -16,7 +16,7 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.shape.export import read_height_png
 from ninedtact.simulation.ground_truth import true_height_map_like
-from ninedtact.simulation.press_simulation import ObjectTrajectory
+from ninedtact.simulation.press_sequence import ObjectTrajectory
 from ninedtact.simulation.trajectory import ScriptedPress, press_trajectory
 from ninedtact.simulation.twin import default_twin
 

@@ -10,7 +10,7 @@ import time
 import ninedtact
 from ninedtact.interop.ros2_messages import LIVE_TOPICS, STATUS, TF_STATIC, QosProfile, SensorMessages
 from ninedtact.recording.metadata import wall_minus_monotonic_ns
-from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.topics_and_messages import Topic
 
 try:
     import rclpy

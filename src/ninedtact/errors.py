@@ -8,7 +8,7 @@
     ├── CameraError            a camera or another source of images
     ├── DeviceError            a force/torque sensor, a graphics processor, a network port
     ├── CalibrationError       calibration images, a sensor's calibration, its reference image
-    ├── ForceError             force estimation, force models and their training
+    ├── ForceEstimationError             force estimation, force models and their training
     ├── SimulationError        contact mechanics and simulated sensors
     └── DatasetError           recordings in progress and data sets: no usable pairs, faults found, work stopped
 
@@ -54,7 +54,7 @@ class CalibrationError(NinedtactError):
     """Images cannot calibrate a sensor, or a calibration or its reference image cannot be used."""
 
 
-class ForceError(NinedtactError):
+class ForceEstimationError(NinedtactError):
     """Force estimation, a force model or its training is impossible with what was given."""
 
 

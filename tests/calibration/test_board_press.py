@@ -13,7 +13,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.simulation.calibration_images import CalibrationPresses, simulate_calibration_images
-from ninedtact.simulation.illumination import BrightnessModel
+from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.rectified_renderer import interpolate_image
 from ninedtact.simulation.twin import Twin, default_twin
 

@@ -16,7 +16,7 @@ from ninedtact.calibration.ball.contact_circle import (
     require_usable_depth,
     spherical_cap_height_mm,
 )
-from ninedtact.calibration.brightness_change import (
+from ninedtact.calibration.press_brightness import (
     estimate_pixel_noise,
     find_exposure_fault,
     relative_brightness_change,

@@ -11,7 +11,6 @@ import pytest
 from known_sensor import KnownSensor
 from upstream_folder import UpstreamFolder
 
-from ninedtact.calibration.brightness_change import BgrImage, ImageUnusable
 from ninedtact.calibration.drift.diagnosis_and_reference_check import diagnose_drift
 from ninedtact.calibration.drift.drift_measurement import (
     CalibratedReference,
@@ -21,6 +20,7 @@ from ninedtact.calibration.drift.drift_measurement import (
     measure_skin_motion,
 )
 from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
+from ninedtact.calibration.press_brightness import BgrImage, ImageUnusable
 from ninedtact.calibration.procedure import CalibrationImages, calibrate, calibrated_area_mm
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged

@@ -18,7 +18,7 @@ from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
-from ninedtact.simulation.illumination import BrightnessModel
+from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 from ninedtact.simulation.twin import Twin
 

@@ -38,7 +38,7 @@ from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedSource
 from ninedtact.recording.recorder import Recorder
-from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from ninedtact.dataset.build import BuildResult, BuildSettings, build_dataset
-from ninedtact.dataset.quality_report import QualityReport
+from ninedtact.dataset.fault_report import QualityReport
 from ninedtact.dataset.sources.find_sources import find_sources
 from ninedtact.dataset.sources.source import Source, SourceConventions
 

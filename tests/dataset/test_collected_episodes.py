@@ -13,17 +13,17 @@ from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.calibration.sensor_toml_schema import SENSOR_FORMAT, DepthTable, GridTable, LensModelTable, SensorRecord
 from ninedtact.dataset.build import BuildResult, build_dataset
 from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing
-from ninedtact.dataset.quality_report import NoUsablePairs
+from ninedtact.dataset.fault_report import NoUsablePairs
 from ninedtact.dataset.sources.find_sources import find_sources
 from ninedtact.dataset.sources.source import SourceConventions
 from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import sensor_folder_attachments
-from ninedtact.recording.ros_messages import PairLabel, Topic
+from ninedtact.recording.topics_and_messages import PairLabel, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.depth import DepthCurve, Smoothing
-from ninedtact.workflows.dataset_sensors import load_dataset_sensors
+from ninedtact.workflows.dataset_calibrations import load_dataset_sensors
 
 RAW, MM_PER_PX = (48, 64), 0.5
 PX_PER_MM = 1 / (MM_PER_PX * max(RAW) / 2)

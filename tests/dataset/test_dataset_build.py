@@ -21,9 +21,9 @@ from ninedtact.atomic_write import FileNotWritten
 from ninedtact.checked_reading import values_checksum
 from ninedtact.dataset.build import BuildSettings, build_dataset
 from ninedtact.dataset.checks import CheckSettings, CheckSettingsImpossible
+from ninedtact.dataset.fault_report import NoUsablePairs
 from ninedtact.dataset.folder import DatasetFolderTaken, DatasetUnfinished
 from ninedtact.dataset.parquet_files import DatasetDamaged
-from ninedtact.dataset.quality_report import NoUsablePairs
 from ninedtact.dataset.sources.source import SourceUnknown
 from ninedtact.dataset.statistics_and_card import LicenceImpossible
 from ninedtact.parallel_jobs import WorkersImpossible

@@ -10,8 +10,7 @@ from built_sets import listed
 from little_sources import grey, touched, untouched
 
 from ninedtact.dataset.checks import CheckSettings, check_dataset, max_darkening_levels
-from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_images
-from ninedtact.dataset.quality_report import (
+from ninedtact.dataset.fault_report import (
     FAULT_MEANINGS,
     FaultsFound,
     NoUsablePairs,
@@ -21,6 +20,7 @@ from ninedtact.dataset.quality_report import (
     require_no_faults,
     write_quality_report,
 )
+from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_image_file
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 
 SKIN = untouched()
@@ -44,7 +44,7 @@ def data_set(folder: Path, *rows: DatasetRow) -> Path:
     write_pair_file(folder / "data" / "train-00001-of-00002.parquet", rows[half:])
     small = encode_png(cv2.resize(grey(SKIN), (24, 18)))
     images = [ReferenceImage("skin", encode_png(grey(SKIN)), "ours"), ReferenceImage("small", small, "ours")]
-    write_reference_images(folder / "references.parquet", [*images, ReferenceImage("broken", b"?", "ours")])
+    write_reference_image_file(folder / "references.parquet", [*images, ReferenceImage("broken", b"?", "ours")])
     return folder
 
 

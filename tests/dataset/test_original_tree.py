@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from little_sources import LittleTree, grey, mixed_of, touched, untouched, wrench_about_sensor
 
-from ninedtact.dataset.quality_report import NoUsablePairs
+from ninedtact.dataset.fault_report import NoUsablePairs
 from ninedtact.dataset.schema import DatasetRow, RejectedItem
 from ninedtact.dataset.sources.source import SourceConventions, SourceUnknown, parse_axes
 from ninedtact.errors import NinedtactError

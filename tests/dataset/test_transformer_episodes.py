@@ -8,7 +8,7 @@ import pytest
 from built_sets import built_from, decoded, listed, references_in, rows_in
 from little_sources import grey, little_episode, untouched
 
-from ninedtact.dataset.quality_report import NoUsablePairs
+from ninedtact.dataset.fault_report import NoUsablePairs
 from ninedtact.dataset.sources.source import SourceConventions
 
 

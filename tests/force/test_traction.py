@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from ninedtact.design import Gel
+from ninedtact.force.traction.brightness_from_traction import COMPLIANT_BASE
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force
-from ninedtact.force.traction.forward_model import COMPLIANT_BASE
-from ninedtact.force.traction.inversion import SolverSettings
 from ninedtact.force.traction.observation import (
     BrightnessObservationModel,
     HeightObservationModel,
     TractionImpossible,
     build_brightness_observation_model,
 )
+from ninedtact.force.traction.traction_from_brightness import SolverSettings
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain

@@ -7,8 +7,7 @@ import pytest
 
 from ninedtact.design import Gel
 from ninedtact.force.contact_detection import estimate_cell_noise
-from ninedtact.force.traction.cell_grid import CellGrid, _averaging_weights, cell_grid_over_image
-from ninedtact.force.traction.forward_model import (
+from ninedtact.force.traction.brightness_from_traction import (
     COMPLIANT_BASE,
     TYPICAL_SLOPE_RATIO,
     ForwardModel,
@@ -17,7 +16,7 @@ from ninedtact.force.traction.forward_model import (
     bulge_to_dent_slope_ratio,
     identify_substrate,
 )
-from ninedtact.force.traction.inversion import UncertaintyModel, _count_peaks, _wrench_operator
+from ninedtact.force.traction.cell_grid import CellGrid, _averaging_weights, cell_grid_over_image
 from ninedtact.force.traction.linearisation import (
     DiscretePrior,
     LinearisedProblem,
@@ -27,6 +26,7 @@ from ninedtact.force.traction.linearisation import (
 )
 from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, solve_nonnegative_qp
 from ninedtact.force.traction.observation import _EXTENSION_FACTOR, BrightnessObservationModel, brightness_law_of_curve
+from ninedtact.force.traction.traction_from_brightness import UncertaintyModel, _count_peaks, _wrench_operator
 from ninedtact.mechanics.layer_compliance import layered_compliance
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.surface_displacement import Skin, gel_skin

@@ -35,7 +35,7 @@ from ninedtact.hardware.design import (
 from ninedtact.hardware.led_board.bare_board import LedBoardImpossible
 from ninedtact.hardware.led_board.board_parameters import LedBoard, led_board_for_design
 from ninedtact.simulation.calibration_images import SimulatedCalibrationImages, simulate_calibration_images
-from ninedtact.simulation.illumination import BrightnessModel
+from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.twin import brightness_model_for_design, default_twin, twin_from_design
 
 OURS = SensorDesign(gel=Gel(2.0), sensing_area=SensingArea(20, 15))

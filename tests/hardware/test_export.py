@@ -22,8 +22,8 @@ from ninedtact.cli.hardware import format_export_warnings
 from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import default_hardware_design
+from ninedtact.hardware.export.design_folder import ExportFolderRefused, require_replaceable_parts_folder
 from ninedtact.hardware.export.part_files import STL_HEADER_BYTES, STL_RECORD, part_to_dxf, part_to_step, part_to_stl
-from ninedtact.hardware.export.parts_folder import ExportFolderRefused, require_replaceable_parts_folder
 from ninedtact.hardware.part_and_assembly_images import explosion_scale
 from ninedtact.hardware.parts.part_catalogue import PART_CATALOGUE
 from ninedtact.hardware.parts.solids import build_sensor_shell

@@ -41,7 +41,7 @@ from ninedtact.interop.ros2_messages import (  # noqa: E402
 from ninedtact.interop.ros2_sensor import SensorOnRos2  # noqa: E402
 from ninedtact.quantities import EstimateWarning, Wrench  # noqa: E402
 from ninedtact.recording.reader import Recording  # noqa: E402
-from ninedtact.recording.ros_messages import Topic, encode_message, encode_wrench, type_store  # noqa: E402
+from ninedtact.recording.topics_and_messages import Topic, encode_message, encode_wrench, type_store  # noqa: E402
 from ninedtact.studio.recording_player import RecordedReadings  # noqa: E402
 
 DOMAIN, INTERFACE = 101, "lo"

@@ -27,7 +27,7 @@ from websockets.sync.client import connect
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.interop.reading_broadcast import StreamPortRefused, serve_sensor
-from ninedtact.interop.reading_stream import ReadingServer, StreamedReading, StreamedStatus, stream_schema
+from ninedtact.interop.reading_stream import ReadingServer, StreamedReading, StreamedStatus, reading_stream_json_schema
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
@@ -183,7 +183,7 @@ def test_messages_keep_to_the_schema_that_is_served_and_documented(served: Serve
     with urllib.request.urlopen(f"http://127.0.0.1:{served.server.port}/schema.json") as answer:
         schema = json.load(answer)
     assert set(first) == set(schema["$defs"]["StreamedReading"]["properties"])
-    assert schema == stream_schema() == json.loads((DOCS / "reading_stream.schema.json").read_text())
+    assert schema == reading_stream_json_schema() == json.loads((DOCS / "reading_stream.schema.json").read_text())
 
 
 def test_a_client_that_does_not_read_delays_nobody_and_is_told_what_it_missed() -> None:

@@ -21,7 +21,7 @@ from ninedtact.cli import main
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, independent_errors
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
-from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.coloured_height_map import colourise_heights
 

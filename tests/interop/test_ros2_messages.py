@@ -26,7 +26,7 @@ from ninedtact.interop.ros2_messages import (
 )
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
-from ninedtact.recording.ros_messages import Topic, decode_height, type_store
+from ninedtact.recording.topics_and_messages import Topic, decode_height, type_store
 from ninedtact.sensor import Sensor
 from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.shape.surface import point_cloud

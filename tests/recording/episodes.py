@@ -7,7 +7,7 @@ import numpy as np
 from ninedtact.force.estimator_interface import unknown_wrench
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 
 BEGAN_NS, FRAME_NS, SAMPLE_NS = 5_000_000_000, 33_333_333, 2_000_001

@@ -27,8 +27,8 @@ from ninedtact.recording.collecting.pair_selection import CollectSettings, Colle
 from ninedtact.recording.merge_streams import MergedArrival, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
-from ninedtact.recording.ros_messages import EventKind
 from ninedtact.recording.saved_pairs import NO_OBJECT, SavedPair, read_saved_pairs
+from ninedtact.recording.topics_and_messages import EventKind
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 

@@ -35,8 +35,8 @@ from ninedtact.recording.metadata import (
 )
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import _first_image_at
-from ninedtact.recording.ros_messages import EventKind, PairLabel, RecordingEvent, Topic
 from ninedtact.recording.summary import median_rate_hz
+from ninedtact.recording.topics_and_messages import EventKind, PairLabel, RecordingEvent, Topic
 from ninedtact.recording.writer import RecordingRefused, RecordingStopped, RecordingWriter
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)

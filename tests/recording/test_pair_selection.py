@@ -18,7 +18,7 @@ from ninedtact.recording.collecting.pair_selection import (
     PairSelector,
     ZeroDriftMonitor,
 )
-from ninedtact.recording.ros_messages import PairLabel
+from ninedtact.recording.topics_and_messages import PairLabel
 
 S, MS = 1_000_000_000, 1_000_000
 SETTINGS = CollectSettings()

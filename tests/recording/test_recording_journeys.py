@@ -39,7 +39,7 @@ from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.open_sensor import live_source_for, load_named_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
-from ninedtact.recording.collecting.collection_sources import setup_with_recordings
+from ninedtact.recording.collecting.collection_sources import collection_setup_from_recordings
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings
 from ninedtact.recording.errors import RecordingUnreadable
@@ -49,8 +49,8 @@ from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, read_folder, sensor_addresses, sensor_folder_attachments
 from ninedtact.recording.recorded_source import RecordedSource
 from ninedtact.recording.recorder import RecordedEstimates, Recorder, SensorToRecord, record, record_several
-from ninedtact.recording.ros_messages import LabelledSpan, Topic
 from ninedtact.recording.saved_pairs import read_saved_pairs
+from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 from ninedtact.simulation.twin import default_twin
@@ -279,7 +279,7 @@ def test_the_delay_of_another_camera_is_not_subtracted(
     told(capsys, "record", *options)
     with Recording(out) as recording:
         assert recording.metadata.camera_delay_ms == 20.0
-    assert setup_with_recordings(out, out, SampleCheckSettings()).camera_name == name
+    assert collection_setup_from_recordings(out, out, SampleCheckSettings()).camera_name == name
 
 
 def test_a_recording_is_shown_live_with_the_sensor_that_it_carries(tmp_path: Path, sensor: Path) -> None:

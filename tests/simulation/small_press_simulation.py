@@ -4,7 +4,7 @@ from math import radians
 
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.press_simulation import ObjectTrajectory, PressSimulation
+from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSimulation
 from ninedtact.simulation.trajectory import press_trajectory
 from ninedtact.simulation.twin import default_twin
 

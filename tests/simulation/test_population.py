@@ -14,7 +14,7 @@ from ninedtact.design import Gel, SensingArea, SensorDesign
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.illumination import BrightnessModel
+from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.real_fits import REAL_FITS
 from ninedtact.simulation.rectified_renderer import (
     misaligned_positions_mm,

@@ -9,11 +9,11 @@ from small_press_simulation import PRESSED, TWIN, small_press_simulation
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.press_simulation import (
+from ninedtact.simulation.press_sequence import (
     KEPT_CONTACTS,
     ObjectTrajectory,
     PressSimulation,
-    PressSimulationWithoutObjects,
+    PressSimulationUnusable,
     SimulationStepNoLongerStored,
 )
 from ninedtact.simulation.trajectory import (
@@ -90,7 +90,7 @@ def test_rounds_end() -> None:
     with pytest.raises(SourceEnded, match="expected a time within the 2 rounds"):
         stage.require_time(2 * stage.round_s)
     for acts in ([], [ObjectTrajectory(Ball(4.0), Trajectory(Pose(), ()))]):
-        with pytest.raises(PressSimulationWithoutObjects, match="add a trajectory"):
+        with pytest.raises(PressSimulationUnusable, match="add a trajectory"):
             PressSimulation(TWIN, acts)
 
 

@@ -9,8 +9,8 @@ from small_press_simulation import PRESSED, TWIN, small_press_simulation
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Ball
+from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.ground_truth import true_height_map
-from ninedtact.simulation.illumination import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.simulated_sources import NO_FORCE_TORQUE_ERRORS, SimulatedCamera, SimulatedForceTorque

@@ -5,7 +5,7 @@ from dataclasses import replace
 from ninedtact.capture.frame_source import CameraLost, CameraNotFound
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
-from ninedtact.simulation.illumination import synthetic_reference_image
+from ninedtact.simulation.gel_brightness import synthetic_reference_image
 from ninedtact.simulation.pixel_to_skin_map import WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import default_twin

@@ -19,12 +19,12 @@ from ninedtact.studio.page_controller import (
     NothingToSave,
     PageController,
     PageMoment,
-    adapt_slowdown,
+    next_drawing_slowdown,
 )
 from ninedtact.studio.reading_view import ImageKind, ReadingView, SkinColouring, TractionSource
 from ninedtact.studio.saved_files import SaveLimits, SaveRefused
 from ninedtact.studio.sensor_poller import SensorPoller
-from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSample
+from ninedtact.studio.wrench_history import WrenchHistory, WrenchSample
 
 
 class Screen:
@@ -174,11 +174,11 @@ def test_the_page_gives_way_to_a_sensor_that_loses_images(stage: Stage) -> None:
     keeps_up = replace(moment, delivered_hz=30.0, read_hz=30.0)
     slowdowns = [1.0]
     for _ in range(30):
-        slowdowns.append(adapt_slowdown(slowdowns[-1], replace(keeps_up, read_hz=27.0)))
+        slowdowns.append(next_drawing_slowdown(slowdowns[-1], replace(keeps_up, read_hz=27.0)))
     assert np.diff(slowdowns).min() >= 0 and slowdowns[-1] == MAX_SLOWDOWN > slowdowns[5] > 1.5
     for _ in range(60):
-        slowdowns.append(adapt_slowdown(slowdowns[-1], keeps_up))
-    assert slowdowns[-1] == 1.0 == adapt_slowdown(1.0, replace(moment, delivered_hz=0.0, read_hz=0.0))
+        slowdowns.append(next_drawing_slowdown(slowdowns[-1], keeps_up))
+    assert slowdowns[-1] == 1.0 == next_drawing_slowdown(1.0, replace(moment, delivered_hz=0.0, read_hz=0.0))
 
 
 def test_a_sensor_thread_that_gives_up_is_told_to_the_screen_and_to_the_caller(stage: Stage) -> None:

@@ -30,11 +30,11 @@ from ninedtact.reading import Reading
 from ninedtact.simulation.ground_truth import true_height_map_like
 from ninedtact.simulation.hand_motion import HandMotion, HandTarget
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact.simulation.press_simulation import PressSimulation
+from ninedtact.simulation.press_sequence import PressSimulation
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import PageController, PageMoment
-from ninedtact.studio.page_recorder import PageRecorder, RecordedSensor
+from ninedtact.studio.page_recorder import PageRecorder, SensorBeingRecorded
 from ninedtact.studio.press_control import (
     MAX_DEPTH_MM,
     OBJECTS_BY_KIND,
@@ -49,7 +49,7 @@ from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
 from ninedtact.studio.sensor_poller import SensorPoller
-from ninedtact.studio.wrench_poller import WrenchHistory
+from ninedtact.studio.wrench_history import WrenchHistory
 
 PATIENCE_S = 120.0
 HZ = 8.0
@@ -115,7 +115,7 @@ def pressed_twin(
             studios = [one, *studios]
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
         recorded = [
-            RecordedSensor(folder, "twin", one.wrenches, name) for one, name in zip(studios, names, strict=True)
+            SensorBeingRecorded(folder, "twin", one.wrenches, name) for one, name in zip(studios, names, strict=True)
         ]
         recorder = PageRecorder(recorded, out, studios[0].quota)
         opened.callback(recorder.stop)

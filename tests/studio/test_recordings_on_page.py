@@ -36,18 +36,18 @@ from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
 from ninedtact.recording.mcap_repair import save_spans
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
-from ninedtact.recording.ros_messages import LabelledSpan, Topic
+from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import PageController, PageMoment, SensorStatus
-from ninedtact.studio.page_recorder import NotRecording, PageRecorder, RecordedSensor, RecorderState
+from ninedtact.studio.page_recorder import NotRecording, PageRecorder, RecorderState, SensorBeingRecorded
 from ninedtact.studio.reading_view import session_colour_scale
 from ninedtact.studio.recording_player import RecordedReadings, RecordingPlayer, SpanRefused, recorded_wrench_columns
 from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel, _slider_marks
 from ninedtact.studio.saved_files import Exporter, SaveLimits, SaveQuota, save_surface_sequence, save_video
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
-from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSample
+from ninedtact.studio.wrench_history import WrenchHistory, WrenchSample
 
 PATIENCE_S = 90.0
 
@@ -78,7 +78,7 @@ class Bench:
         )
         self.quota = SaveQuota(SaveLimits(per_minute=100, disk_share=share))
         self.recorder = PageRecorder(
-            [RecordedSensor(self.folder, "bench", [self.true, self.estimated])], out, self.quota
+            [SensorBeingRecorded(self.folder, "bench", [self.true, self.estimated])], out, self.quota
         )
         self.sensor = sensor_on(SkinCamera())
         self.sensor.estimator = ScaledForce()
@@ -435,7 +435,7 @@ def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp
     tab.set_default_timeout(PATIENCE_S * 200)
     sensor.estimator = ScaledForce()
     estimated, limits = WrenchHistory("estimated", "by the bench", states_errors=True), SaveLimits(per_minute=100)
-    recorder = PageRecorder([RecordedSensor(folder, "bench", [estimated])], out, SaveQuota(limits))
+    recorder = PageRecorder([SensorBeingRecorded(folder, "bench", [estimated])], out, SaveQuota(limits))
 
     def keep(reading: Reading) -> None:
         estimated.add_estimate(scaled_force(reading))
@@ -481,7 +481,7 @@ def test_a_browser_says_why_a_recording_cannot_be_opened_and_goes_on_after_a_rel
     sensor = sensor_on(SkinCamera())
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
         controller = PageController(loop, out)
-        recorder = PageRecorder([RecordedSensor(bench.folder, "bench", [])], out, controller.quota)
+        recorder = PageRecorder([SensorBeingRecorded(bench.folder, "bench", [])], out, controller.quota)
         panel = partial(RecordingsPanel, desk=RecordingDesk(server, bench.folder, recorder))
         block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
         page = SensorPage(server, controller, block, "small", None, [panel])

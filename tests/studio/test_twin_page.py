@@ -27,7 +27,7 @@ from ninedtact.studio.page_cards import _curves_of, wrenches_html
 from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
-from ninedtact.studio.wrench_poller import WrenchHistory, WrenchPoller, WrenchSample
+from ninedtact.studio.wrench_history import WrenchHistory, WrenchPoller, WrenchSample
 
 PATIENCE_S = 90.0
 

@@ -23,7 +23,7 @@ from ninedtact.calibration.ball.contact_circle import (
 )
 from ninedtact.calibration.board.board_fit import fit_board
 from ninedtact.calibration.board.detection import BoardNotFound
-from ninedtact.calibration.brightness_change import (
+from ninedtact.calibration.press_brightness import (
     OVEREXPOSED,
     BgrImage,
     relative_brightness_change,

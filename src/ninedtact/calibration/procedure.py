@@ -23,14 +23,14 @@ from ninedtact.calibration.board.board_fit import (
     published_leave_one_out_errors_mm,
 )
 from ninedtact.calibration.board.lens_fit import rms_vector_length
-from ninedtact.calibration.brightness_change import (
+from ninedtact.calibration.certificate.checks import unusual_fit_warnings
+from ninedtact.calibration.press_brightness import (
     OVEREXPOSED,
     BgrImage,
     estimate_pixel_noise,
     relative_brightness_change,
     to_grey_float,
 )
-from ninedtact.calibration.certificate.checks import unusual_fit_warnings
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import (
     SENSOR_FORMAT,

@@ -14,7 +14,7 @@ from ninedtact.design import Gel, SensorDesign, require_possible_dimension
 from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, LightLoss, Smoothing
 from ninedtact.shape.lens import LensCorrection
 from ninedtact.shape.rectification import CameraRotation
-from ninedtact.simulation.illumination import BrightnessModel
+from ninedtact.simulation.gel_brightness import BrightnessModel
 
 SENSOR_FORMAT = 4
 """Format number, raised with every change that makes older files unreadable. `sensor_folder` refuses such a file with the

@@ -12,7 +12,7 @@ from ninedtact.capture.frame_source import (
     SourceNotOpen,
     SourceUnknown,
 )
-from ninedtact.capture.opencv_capture import FrameGrabber, silence_video_libraries
+from ninedtact.capture.shared_video_capture import FrameGrabber, silence_video_libraries
 from ninedtact.quantities import Frame
 
 _SCHEMES = ("http", "https", "rtsp", "rtsps", "rtmp", "tcp", "udp")

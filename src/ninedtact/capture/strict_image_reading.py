@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float32, Int, Shaped, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.capture.opencv_capture import capture_output
+from ninedtact.capture.shared_video_capture import capture_output
 from ninedtact.errors import FileFormatError
 
 _LARGEST_PIXELS = 100_000_000

@@ -26,7 +26,7 @@ from ninedtact.capture.frame_source import (
     CameraSettings,
     SourceNotOpen,
 )
-from ninedtact.capture.opencv_capture import FrameGrabber, VideoCaptureProtocol, silence_video_libraries
+from ninedtact.capture.shared_video_capture import FrameGrabber, VideoCaptureProtocol, silence_video_libraries
 from ninedtact.quantities import Frame
 
 _SILENCE_LIMIT_S = 2

@@ -29,8 +29,8 @@ from ninedtact.open_sensor import is_simulated, source_for
 
 if TYPE_CHECKING:
     from ninedtact.calibration.board.detection import BoardNotFound
-    from ninedtact.calibration.brightness_change import BgrImage
     from ninedtact.calibration.guidance import CaptureStep
+    from ninedtact.calibration.press_brightness import BgrImage
     from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource

@@ -209,8 +209,8 @@ class Collect:
         from ninedtact.capture.force_torque.mounted_wrench_source import force_torque_sensor_for
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
         from ninedtact.recording.collecting.collection_sources import (
-            setup_with_devices,
-            setup_with_recordings,
+            collection_setup_from_devices,
+            collection_setup_from_recordings,
             setup_with_twin,
         )
 
@@ -218,10 +218,10 @@ class Collect:
             return setup_with_twin(folder, self.objects, self.touches, self.seed or 0, checks)
         if is_recording(self.source):
             images, wrenches = Path(self.source).expanduser(), Path(self.force_torque).expanduser()
-            return setup_with_recordings(images, wrenches, checks)
+            return collection_setup_from_recordings(images, wrenches, checks)
         camera = live_source_for(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         device = force_torque_sensor_for(self.force_torque)
-        return setup_with_devices(camera, device, folder, checks, screen.show_message)
+        return collection_setup_from_devices(camera, device, folder, checks, screen.show_message)
 
     def _collect(
         self, folder: "SensorFolder", settings: "CollectSettings", setup: "CollectSetup", screen: CollectScreen

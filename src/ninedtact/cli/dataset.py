@@ -86,8 +86,8 @@ class BuildDatasetCommand:
     def run(self) -> int:
         """Build it and print what is in it; raises `DatasetStopped`, and `FaultsFound` with `--strict`."""
         from ninedtact.dataset.build import BuildSettings, build_dataset
+        from ninedtact.dataset.fault_report import require_no_faults
         from ninedtact.dataset.folder import REPORT_FILE
-        from ninedtact.dataset.quality_report import require_no_faults
         from ninedtact.dataset.sources.find_sources import find_sources
         from ninedtact.parallel_jobs import connect_workers
 
@@ -136,7 +136,7 @@ class CheckDatasetCommand:
     def run(self) -> int:
         """Check the pairs, write the list and print the counts; raises `NoUsablePairs`, and `FaultsFound` with `--strict`."""
         from ninedtact.dataset.checks import check_dataset
-        from ninedtact.dataset.quality_report import require_any_usable_pair, require_no_faults, write_quality_report
+        from ninedtact.dataset.fault_report import require_any_usable_pair, require_no_faults, write_quality_report
 
         report = check_dataset(self.folder, self.limits.to_check_settings(), self.workers, progress=not self.json)
         path = self.report or self.folder / "check.json"

@@ -27,7 +27,7 @@ from ninedtact.force.estimator_loading import PHYSICS
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.simulation.press_figures import ReconstructedPress
-    from ninedtact.simulation.press_simulation import ObjectTrajectory
+    from ninedtact.simulation.press_sequence import ObjectTrajectory
     from ninedtact.simulation.twin import Twin
 
 STEPS_HZ = 6.0
@@ -154,7 +154,7 @@ class Demo:
         from ninedtact.quantities import Frame
         from ninedtact.simulation.ground_truth import true_height_map_like
         from ninedtact.simulation.press_figures import ReconstructedPress
-        from ninedtact.simulation.press_simulation import PressSimulation
+        from ninedtact.simulation.press_sequence import PressSimulation
 
         stage = PressSimulation(self.twin, [act], STEPS_HZ, real_time=False)
         contact = stage.contact(int(act.trajectory.lift_start_s * STEPS_HZ - 1e-6))

@@ -230,7 +230,7 @@ class ExportHardwareCommand:
         _require_build123d()
         from tqdm import tqdm
 
-        from ninedtact.hardware.export.parts_folder import export_parts, require_replaceable_parts_folder
+        from ninedtact.hardware.export.design_folder import export_parts, require_replaceable_parts_folder
 
         require_replaceable_parts_folder(self.out)
         sensor = self.design_options.build_sensor()

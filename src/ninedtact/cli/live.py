@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from ninedtact.quantities import Frame
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
-    from ninedtact.simulation.press_simulation import PressSimulation
-    from ninedtact.studio.wrench_poller import WrenchPoller
+    from ninedtact.simulation.press_sequence import PressSimulation
+    from ninedtact.studio.wrench_history import WrenchPoller
 
 MAX_SENSORS = 4
 """Number of sensors that one page has room for."""

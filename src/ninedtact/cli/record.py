@@ -247,7 +247,7 @@ def run_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]
 def _twin_sources(folder: "SensorFolder", force_torque: bool) -> "tuple[FrameSource, WrenchSource | None]":
     """Return camera and force/torque sensor of the twin of a sensor, pressed by several objects in turn."""
     from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
-    from ninedtact.simulation.press_simulation import PressSimulation
+    from ninedtact.simulation.press_sequence import PressSimulation
     from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque, demo_trajectories
 
     simulation = PressSimulation(build_sensor_twin(folder), demo_trajectories())

@@ -109,7 +109,7 @@ class Export:
 
         from ninedtact.recording.export import export_recordings
         from ninedtact.recording.reader import Recording, sensor_addresses
-        from ninedtact.recording.ros_messages import Topic
+        from ninedtact.recording.topics_and_messages import Topic
 
         with ExitStack() as opened:
             # These are of one sensor, which `Recording` asks for.

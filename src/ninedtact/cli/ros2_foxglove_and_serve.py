@@ -29,7 +29,7 @@ from ninedtact.recording.errors import RecordingRefused
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.sensor import Sensor
-    from ninedtact.studio.wrench_poller import WrenchPoller
+    from ninedtact.studio.wrench_history import WrenchPoller
 
 _TWIN_FOLDER = Path("out/demo")
 """Where `ninedtact demo` keeps the twin of the published design."""

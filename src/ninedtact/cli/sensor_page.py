@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from ninedtact.recording.reader import Recording
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
-    from ninedtact.simulation.press_simulation import PressSimulation
+    from ninedtact.simulation.press_sequence import PressSimulation
     from ninedtact.simulation.simulated_sources import DemoSources
     from ninedtact.studio.page_controller import PageController
     from ninedtact.studio.saved_files import Exporter
     from ninedtact.studio.socket_guard import SocketGuard
     from ninedtact.studio.viewer import PanelFactory
-    from ninedtact.studio.wrench_poller import WrenchHistory, WrenchPoller
+    from ninedtact.studio.wrench_history import WrenchHistory, WrenchPoller
 
 _MAX_DISPLAY_HZ = 120.0
 
@@ -174,11 +174,11 @@ def recordings_panels(
     except RecordingLibrariesMissing as missing:
         print_notice(f"the page cannot record; {missing}")
         return []
-    from ninedtact.studio.page_recorder import PageRecorder, RecordedSensor
+    from ninedtact.studio.page_recorder import PageRecorder, SensorBeingRecorded
     from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
 
     recorded = [
-        RecordedSensor(part.folder, part.sensor.source.name, one.wrenches, part.name)
+        SensorBeingRecorded(part.folder, part.sensor.source.name, one.wrenches, part.name)
         for part, one in zip(parts, controller.sensors, strict=True)
     ]
     recorder = PageRecorder(recorded, controller.out, controller.quota)
@@ -224,7 +224,7 @@ def page_sources_of_twin(
     from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.sensor import Sensor
     from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
-    from ninedtact.studio.wrench_poller import WrenchPoller
+    from ninedtact.studio.wrench_history import WrenchPoller
 
     depth = shape.depth_reader(*(references or shown.reference_frames))
     return Sensor(LatestFrameSource(shown.camera), shape, depth_reader=depth), [
@@ -237,7 +237,7 @@ def _estimate_history(sensor: "Sensor", force: str, folder: "SensorFolder") -> "
     if force == NONE:
         return []
     from ninedtact.force.estimator_loading import load_estimator
-    from ninedtact.studio.wrench_poller import WrenchHistory
+    from ninedtact.studio.wrench_history import WrenchHistory
 
     sensor.estimator = estimator = load_estimator(force, folder)
     meaning = f"what {estimator.name} reads from the image alone, ± one standard deviation"

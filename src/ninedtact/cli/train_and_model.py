@@ -11,7 +11,7 @@ import tyro
 
 from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default
 from ninedtact.cli.result_and_interrupt import print_notice, print_result
-from ninedtact.errors import ForceError, MissingLibraryError
+from ninedtact.errors import ForceEstimationError, MissingLibraryError
 
 if TYPE_CHECKING:
     from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
@@ -128,7 +128,7 @@ class Train:
         """Raise `DatasetDamaged` without data, and `SensorCalibrationMissing` where heights lack a calibration of any sensor."""
         from ninedtact.dataset.folder import find_pair_files
         from ninedtact.force.network_input import InputChannels
-        from ninedtact.workflows.dataset_sensors import require_dataset_sensors
+        from ninedtact.workflows.dataset_calibrations import require_dataset_sensors
 
         find_pair_files(self.data)
         of_heights = InputChannels[self.channels.upper()].of_heights if self.channels else self.preset != "paper"
@@ -196,7 +196,7 @@ def _format_training_result(trained: "TrainingResult") -> Iterator[str]:
 DESCRIPTION = "Force models: print a model card, or make a model from simulation alone."
 
 
-class ModelMakingStopped(ForceError):
+class ModelMakingStopped(ForceEstimationError):
     """Ctrl-C ended the command before there was a model."""
 
 

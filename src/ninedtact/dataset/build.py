@@ -20,6 +20,13 @@ from ninedtact.atomic_write import write_file_atomically, write_files_atomically
 from ninedtact.calibration.sensor_folder import SENSOR_FILE
 from ninedtact.checked_reading import read_regular_file
 from ninedtact.dataset.checks import CheckSettings, FileCheck, check_pair_file, combine_file_checks
+from ninedtact.dataset.fault_report import (
+    PairFinding,
+    QualityReport,
+    read_quality_report,
+    require_any_usable_pair,
+    write_quality_report,
+)
 from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, make_folder
 from ninedtact.dataset.parquet_files import (
     DatasetDamaged,
@@ -27,14 +34,7 @@ from ninedtact.dataset.parquet_files import (
     iterate_rows,
     stored_image_bytes,
     write_pair_file,
-    write_reference_images,
-)
-from ninedtact.dataset.quality_report import (
-    PairFinding,
-    QualityReport,
-    read_quality_report,
-    require_any_usable_pair,
-    write_quality_report,
+    write_reference_image_file,
 )
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, to_utf8
 from ninedtact.dataset.sources.source import Source, SourcePart, SourceUnknown
@@ -216,7 +216,7 @@ def _make_part(folder: Path, part: SourcePart, paths: tuple[Path, ...], number: 
     files = _PartFiles(folder, number)
     reader = _PartReader(part, files.pairs.name)
     write_pair_file(files.pairs, reader.rows())
-    write_reference_images(files.references, reader.references.values())
+    write_reference_image_file(files.references, reader.references.values())
     check = check_pair_file(files.pairs, files.references, settings)
     check.findings = [*reader.findings, *check.findings]
     write_file_atomically(files.check, msgspec.json.encode(check))
@@ -238,7 +238,7 @@ def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], count: int,
     ]
     for number, file in enumerate(kept):
         _move_pair_file(file.pairs, folder.pair_file(number, len(kept)), unwanted.get(file.pairs.name, set()))
-    write_reference_images(folder.references, _unique_references(files))
+    write_reference_image_file(folder.references, _unique_references(files))
     _save_sensor_folders(folder, sources)
     card = format_build_card(_folder_statistics(folder), sources, settings.licence, report, version("ninedtact"))
     write_file_atomically(folder.card, card.encode())

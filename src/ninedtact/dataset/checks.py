@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
+from ninedtact.dataset.fault_report import PairFault, PairFinding, QualityReport, make_quality_report
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact.dataset.parquet_files import (
     ReferenceImageStore,
@@ -24,7 +25,6 @@ from ninedtact.dataset.parquet_files import (
     iterate_rows,
     wrench_vector,
 )
-from ninedtact.dataset.quality_report import PairFault, PairFinding, QualityReport, make_quality_report
 from ninedtact.dataset.schema import WRENCH_AXES
 from ninedtact.errors import InputError
 from ninedtact.parallel_jobs import run_jobs

@@ -53,7 +53,7 @@ def write_pair_file(path: Path, rows: Iterable[DatasetRow]) -> None:
     _write_parquet_file(path, map(row_to_columns, rows), PAIR_COLUMNS)
 
 
-def write_reference_images(path: Path, references: Iterable[ReferenceImage]) -> None:
+def write_reference_image_file(path: Path, references: Iterable[ReferenceImage]) -> None:
     """Write a file of reference images; raises `FileNotWritten`."""
     _write_parquet_file(path, map(reference_to_columns, references), REFERENCE_COLUMNS)
 

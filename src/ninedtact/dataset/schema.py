@@ -13,7 +13,7 @@ import pyarrow as pa
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.dataset.quality_report import PairFault
+from ninedtact.dataset.fault_report import PairFault
 
 DATASET_FORMAT = 2
 """Stored in the metadata of every Parquet file and in settings.json."""

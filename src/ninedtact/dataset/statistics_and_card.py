@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from ninedtact.dataset.fault_report import QualityReport
 from ninedtact.dataset.folder import REPORT_FILE
 from ninedtact.dataset.generation.settings import GenerationSettings
 from ninedtact.dataset.parquet_files import read_columns, wrench_array
-from ninedtact.dataset.quality_report import QualityReport
 from ninedtact.dataset.schema import NO_OBJECT, PAIR_COLUMNS, WRENCH_AXES, to_utf8
 from ninedtact.dataset.sources.source import Source
 from ninedtact.errors import InputError

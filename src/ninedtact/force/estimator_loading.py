@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from ninedtact.errors import ForceError, InputError
+from ninedtact.errors import ForceEstimationError, InputError
 
 if TYPE_CHECKING:
     from ninedtact.design import Gel
@@ -19,7 +19,7 @@ CORRECTED, PHYSICS, NONE = "corrected", "physics", "none"
 _MODEL_SUFFIX, _WEIGHTS_SUFFIX = ".onnx", ".pt"
 
 
-class ContactDetectionMissing(ForceError):
+class ContactDetectionMissing(ForceEstimationError):
     """Contact detection cannot be switched off, because the estimator has no separate contact detection."""
 
 

@@ -24,7 +24,7 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import open_atomic_file
 from ninedtact.checked_reading import CHECKSUM_KEY, convert_within_bounds, read_text_file, values_checksum
-from ninedtact.errors import FileFormatError, ForceError
+from ninedtact.errors import FileFormatError, ForceEstimationError
 from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench
 from ninedtact.quantities import Traction, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
@@ -40,7 +40,7 @@ _MAX_ERROR = 0.35
 STANDARD_GRAVITY = 9.80665
 
 
-class ForceScaleImpossible(ForceError):
+class ForceScaleImpossible(ForceEstimationError):
     """Presses with known loads do not determine the force scale of a sensor."""
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
 from ninedtact.design import Gel
-from ninedtact.errors import ForceError
+from ninedtact.errors import ForceEstimationError
 from ninedtact.force.contact_detection import ContactTest, detect_contact
 from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench, zero_wrench
 from ninedtact.force.network_input import NetworkInputBuilder, SensorFeatures
@@ -29,7 +29,7 @@ _RANGE_MARGIN = 0.05
 """Fraction of the training's range by which a wrench may exceed it without a warning."""
 
 
-class SensorFeaturesMissing(ForceError):
+class SensorFeaturesMissing(ForceEstimationError):
     """A model that was trained with the features of its sensors is used without those of this sensor."""
 
 

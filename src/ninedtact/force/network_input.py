@@ -24,7 +24,7 @@ from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.design import Gel, RectifiedImageSize, SensingArea
-from ninedtact.errors import ForceError
+from ninedtact.errors import ForceEstimationError
 from ninedtact.force.brightness_channels import (
     ChannelLayout,
     DeformationReader,
@@ -81,7 +81,7 @@ def sensor_features_of(shape: CalibratedShape, gel: Gel) -> SensorFeatures:
     )
 
 
-class NetworkInputImpossible(ForceError):
+class NetworkInputImpossible(ForceEstimationError):
     """The settings of a network's input are invalid, or it cannot be built from this reading."""
 
 

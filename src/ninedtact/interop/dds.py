@@ -14,7 +14,7 @@ from typing import Any
 
 from ninedtact.errors import DeviceError, InputError
 from ninedtact.interop.ros2_messages import LIVE_TOPICS, STATUS, QosProfile
-from ninedtact.recording.ros_messages import type_store
+from ninedtact.recording.topics_and_messages import type_store
 
 _CONFIGURATION_VARIABLE = "CYCLONEDDS_URI"
 _DOMAIN_VARIABLE = "ROS_DOMAIN_ID"

@@ -21,8 +21,8 @@ from ninedtact.atomic_write import create_folder_atomically
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.recording.export import ExportRefused, require_exportable
 from ninedtact.recording.reader import Recording
-from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.summary import median_rate_hz
+from ninedtact.recording.topics_and_messages import Topic
 
 CODEBASE_VERSION = "v3.0"
 IMAGE, TIME = "observation.images.tactile", "observation.time_s"

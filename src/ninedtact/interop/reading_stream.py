@@ -108,7 +108,7 @@ class StreamEndReason(msgspec.Struct, tag="error", tag_field="type"):
     message: str
 
 
-def stream_schema() -> dict[str, Any]:
+def reading_stream_json_schema() -> dict[str, Any]:
     """Return the JSON schema of the messages."""
     found = msgspec.json.schema(StreamedReading | StreamedStatus | StreamEndReason)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "ninedtact reading stream", **found}
@@ -279,7 +279,7 @@ def _answer_request(connection: ServerConnection, request: Request) -> Response 
     """Serve the schema, refuse unknown addresses, and let WebSockets through."""
     path = urlsplit(request.path).path
     if path == "/schema.json":
-        return connection.respond(200, json.dumps(stream_schema(), indent=2))
+        return connection.respond(200, json.dumps(reading_stream_json_schema(), indent=2))
     if path != "/" or _asked_images(request.path) is None:
         return connection.respond(404, "expected /, /?images=jpeg, /?images=png or /schema.json; correct the address\n")
     return None

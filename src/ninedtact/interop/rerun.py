@@ -35,7 +35,7 @@ from ninedtact.reading import Reading
 from ninedtact.recording.export import ExportRefused, require_exportable
 from ninedtact.recording.metadata import wall_minus_monotonic_ns
 from ninedtact.recording.reader import Recording
-from ninedtact.recording.ros_messages import Topic, ros_name
+from ninedtact.recording.topics_and_messages import Topic, ros_name
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.surface import point_cloud
 

@@ -1,7 +1,7 @@
 """The ROS 2 messages of a running sensor: a reading in, encoded messages (CDR) by topic out. Nothing here needs ROS or DDS.
 
-Topics, types and units are those of recordings (`recording.ros_messages`), with points, compressed images and camera information
-added. Lengths are in metres (REP 103). Frames of a sensor `my_sensor`, all right-handed:
+Topics, types and units are those of recordings (`recording.topics_and_messages`), with points, compressed images and camera
+information added. Lengths are in metres (REP 103). Frames of a sensor `my_sensor`, all right-handed:
 
     my_sensor_skin            origin in the middle of the untouched skin, x along image columns, y along rows, z outward
     my_sensor_gel             the same axes; origin where the gel is bonded to its base
@@ -25,7 +25,7 @@ from numpy import ndarray as Array
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
-from ninedtact.recording.ros_messages import (
+from ninedtact.recording.topics_and_messages import (
     MESSAGE_TYPES,
     Topic,
     encode_covariance,

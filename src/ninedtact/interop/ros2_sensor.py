@@ -37,7 +37,7 @@ from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingStopped
 from ninedtact.recording.metadata import RecordingMetadata, wall_minus_monotonic_ns
 from ninedtact.recording.recorder import new_reading_writer, report_kept_messages
-from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.sensor import Sensor
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot, StatusWatch

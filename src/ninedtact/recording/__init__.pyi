@@ -4,9 +4,9 @@ from .metadata import RecordingMetadata
 from .reader import Recording, sensor_addresses
 from .recorded_source import RecordedSource, RecordedWrenchSource
 from .recorder import SensorToRecord, record, record_several
-from .ros_messages import Topic
 from .saved_pairs import SavedPair, read_saved_pairs
 from .summary import RecordingSummary
+from .topics_and_messages import Topic
 from .writer import RecordingWriter
 
 __all__ = [

@@ -16,7 +16,7 @@ from ninedtact.atomic_write import create_folder_atomically, write_file_atomical
 from ninedtact.errors import OutputError
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.reader import SENSOR_FOLDER, Recording
-from ninedtact.recording.ros_messages import Topic
+from ninedtact.recording.topics_and_messages import Topic
 
 _WRENCH_COLUMNS = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
 _STD_COLUMNS = tuple(f"{name}_std" for name in _WRENCH_COLUMNS)

@@ -87,7 +87,9 @@ def index_mcap_records(file: BinaryIO, name: str) -> McapIndex:
 def _require_counted_messages(found: McapIndex, file: BinaryIO, name: str) -> None:
     """Compare a finished file with the counts of its own summary; raises `RecordingUnreadable` where something is missing."""
     spans = _iterate_records(file, found.end)
-    stated = next((Statistics.read(record_stream(file, one)) for one in spans if one.opcode == Opcode.STATISTICS), None)
+    stated = next(
+        (Statistics.read(open_record_content(file, one)) for one in spans if one.opcode == Opcode.STATISTICS), None
+    )
     messages = {channel: sum(map(len, parts)) for channel, parts in found.positions.items()}
     counts = len(found.chunks), len(found.attachments), len(found.metadata), messages
     if stated is not None and counts != (
@@ -193,7 +195,7 @@ def _positions(channel: int, chunk: int, stamp_ns: Array, offset: Array) -> Arra
 def read_chunk(file: BinaryIO, span: McapRecordSpan, name: str) -> Chunk:
     """Return a chunk, decompressed and checked; raises `RecordingUnreadable`."""
     try:
-        chunk = Chunk.read(record_stream(file, span))
+        chunk = Chunk.read(open_record_content(file, span))
         stream, size = get_chunk_data_stream(chunk, validate_crc=True)
         chunk.data, chunk.compression = stream.read(size), ""
     except Exception as trouble:  # every decompressor has errors of its own
@@ -223,6 +225,6 @@ def _read_content(file: BinaryIO, span: McapRecordSpan) -> bytes:
     return file.read(span.end - span.start - RECORD_PREFIX_BYTES)
 
 
-def record_stream(file: BinaryIO, span: McapRecordSpan) -> ReadDataStream:
+def open_record_content(file: BinaryIO, span: McapRecordSpan) -> ReadDataStream:
     """Return the content of a record as a stream for the readers of the mcap library."""
     return ReadDataStream(BytesIO(_read_content(file, span)))

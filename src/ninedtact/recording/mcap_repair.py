@@ -36,11 +36,11 @@ from ninedtact.recording.mcap_index import (
     RECORD_PREFIX_BYTES,
     McapIndex,
     McapRecordSpan,
+    open_record_content,
     read_attachment,
-    record_stream,
 )
 from ninedtact.recording.reader import SPANS_ATTACHMENT, Recording, sensor_addresses
-from ninedtact.recording.ros_messages import LabelledSpan, Topic
+from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 
 _WRITTEN_WITHIN_S = 5.0
 """Age below which an unfinished file counts as being written: its writer adds to it every half second."""
@@ -164,7 +164,7 @@ def _summary_records(found: McapIndex, file: BinaryIO) -> Iterator[McapRecord]:
     for span in found.attachments:
         yield _attachment_index(span, read_attachment(file, span, str(file.name)))
     for span in found.metadata:
-        yield MetadataIndex(span.start, span.end - span.start, Metadata.read(record_stream(file, span)).name)
+        yield MetadataIndex(span.start, span.end - span.start, Metadata.read(open_record_content(file, span)).name)
 
 
 def _statistics(found: McapIndex) -> Statistics:

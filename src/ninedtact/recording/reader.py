@@ -27,13 +27,14 @@ from ninedtact.recording.mcap_index import (
     damage_error,
     index_first_and_last_chunk,
     index_mcap_records,
+    open_record_content,
     parse_mcap_message,
     read_attachment,
     read_chunk,
-    record_stream,
 )
 from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, parse_recording_metadata
-from ninedtact.recording.ros_messages import (
+from ninedtact.recording.summary import RecordingSummary, summarise_recording
+from ninedtact.recording.topics_and_messages import (
     EventKind,
     LabelledSpan,
     PairLabel,
@@ -50,7 +51,6 @@ from ninedtact.recording.ros_messages import (
     decode_warnings,
     decode_wrench,
 )
-from ninedtact.recording.summary import RecordingSummary, summarise_recording
 
 SENSOR_FOLDER, SEVERAL_FOLDERS = "sensor", "sensors"
 """First part of the names of the attachments that hold the sensor folder; among several sensors, their name is the second."""
@@ -384,7 +384,7 @@ def _read_structure(file: BinaryIO, name: str) -> tuple[McapIndex, tuple[Recordi
 
 
 def _read_metadata(index: McapIndex, file: BinaryIO, name: str) -> tuple[RecordingMetadata, ...]:
-    records = [Metadata.read(record_stream(file, span)) for span in index.metadata]
+    records = [Metadata.read(open_record_content(file, span)) for span in index.metadata]
     found = [parse_recording_metadata(one.metadata, name) for one in records if one.name == METADATA_RECORD]
     if len({one.name for one in found}) < len(found):
         raise ValueError("two sensors of the same name")

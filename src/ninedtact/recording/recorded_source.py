@@ -17,8 +17,8 @@ from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, HeightSource, Rectified, Wrench
 from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefused
 from ninedtact.recording.reader import Recording
-from ninedtact.recording.ros_messages import Topic
 from ninedtact.recording.summary import median_rate_hz
+from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.shape.calibrated_shape import CalibratedShape, mean_rectified_image
 from ninedtact.shape.depth import DepthReader
 

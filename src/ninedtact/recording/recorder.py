@@ -24,7 +24,7 @@ from ninedtact.recording.errors import ReferenceMomentRefused
 from ninedtact.recording.merge_streams import BackgroundReader
 from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_addresses, sensor_folder_attachments
-from ninedtact.recording.ros_messages import EventKind, RecordingEvent, Topic
+from ninedtact.recording.topics_and_messages import EventKind, RecordingEvent, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import DepthReader

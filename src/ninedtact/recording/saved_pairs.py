@@ -55,7 +55,7 @@ def read_saved_pairs(recording: Path | str) -> Iterator[SavedPair]:
     Raises `CameraNotFound` where there is no file, and `RecordingUnreadable`.
     """
     from ninedtact.recording.reader import Recording
-    from ninedtact.recording.ros_messages import Topic
+    from ninedtact.recording.topics_and_messages import Topic
 
     with Recording(recording) as opened:
         stamps_ns = opened.stamps_ns(Topic.IMAGES).tolist()

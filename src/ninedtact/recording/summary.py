@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy import ndarray as Array
 
-from ninedtact.recording.ros_messages import LabelledSpan, Topic
+from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 
 if TYPE_CHECKING:
     from ninedtact.recording.reader import Recording

@@ -19,7 +19,7 @@ from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingRefused, RecordingStopped
 from ninedtact.recording.mcap_repair import repair_recording
 from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, wall_minus_monotonic_ns
-from ninedtact.recording.ros_messages import (
+from ninedtact.recording.topics_and_messages import (
     CAMERA_FRAME,
     SKIN_FRAME,
     EventKind,

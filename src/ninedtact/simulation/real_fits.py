@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from ninedtact.design import Gel, PinBoard, SensingArea, SensorDesign
 from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, CalibrationPresses
-from ninedtact.simulation.illumination import BrightnessModel
+from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.sensor_population import (
     SampledSensor,
     sample_sensor,

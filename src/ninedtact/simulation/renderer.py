@@ -16,7 +16,7 @@ from ninedtact.mechanics.array_namespace import array_namespace_of, forward_tran
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid
 from ninedtact.mechanics.shrinking_batch import expand_over_grid
-from ninedtact.simulation.illumination import BrightnessModel
+from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import (
     FIXED_POINT_STEPS,
     REFINEMENT,

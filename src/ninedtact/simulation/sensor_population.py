@@ -28,7 +28,7 @@ from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
 from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPresses
-from ninedtact.simulation.illumination import BrightnessModel, synthetic_reference_image
+from ninedtact.simulation.gel_brightness import BrightnessModel, synthetic_reference_image
 from ninedtact.simulation.pixel_to_skin_map import PixelMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import (

@@ -16,7 +16,7 @@ from ninedtact.design import ForceTorqueMount
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact.simulation.press_simulation import ObjectTrajectory, PressSimulation, SampleTimer
+from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSimulation, SampleTimer
 from ninedtact.simulation.trajectory import press_trajectory
 from ninedtact.simulation.twin import Twin
 

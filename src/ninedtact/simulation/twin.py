@@ -26,7 +26,7 @@ from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_laye
 from ninedtact.mechanics.periodic_grid import padded_grid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.surface_displacement import Skin
-from ninedtact.simulation.illumination import BrightnessModel, synthetic_reference_image
+from ninedtact.simulation.gel_brightness import BrightnessModel, synthetic_reference_image
 from ninedtact.simulation.pixel_to_skin_map import PixelMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 

@@ -17,7 +17,6 @@ from time import monotonic
 
 import numpy as np
 
-from ninedtact.calibration.brightness_change import BgrImage, require_same_image_size
 from ninedtact.calibration.guidance import (
     TOUCHED_LEVELS,
     CaptureStep,
@@ -27,6 +26,7 @@ from ninedtact.calibration.guidance import (
     locate_pins,
     max_brightness_change,
 )
+from ninedtact.calibration.press_brightness import BgrImage, require_same_image_size
 from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
 from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder

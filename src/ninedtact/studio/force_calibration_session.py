@@ -16,7 +16,6 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from ninedtact.calibration.brightness_change import BgrImage
 from ninedtact.calibration.guidance import (
     STILL,
     CalibrationStepAdvice,
@@ -24,6 +23,7 @@ from ninedtact.calibration.guidance import (
     watch_reference,
     watch_still_press,
 )
+from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.capture.frame_source import CameraExposure, FrameSource
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import ForceEstimator

@@ -10,8 +10,8 @@ from threading import Event, RLock
 
 import cv2
 
-from ninedtact.calibration.brightness_change import OVEREXPOSED, BgrImage, to_grey_float
 from ninedtact.calibration.guidance import exposure_advice
+from ninedtact.calibration.press_brightness import OVEREXPOSED, BgrImage, to_grey_float
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import CameraExposure, FrameSource, SourceEnded
 from ninedtact.errors import NinedtactError

@@ -23,7 +23,7 @@ from ninedtact.studio.sensor_panels import CurvesPanel, SensorPanel, StatusPanel
 from ninedtact.studio.socket_guard import SocketGuard
 from ninedtact.studio.view_panels import ImagePanel, ProfilePanel, ViewPanel
 from ninedtact.studio.viewer import LIGHT, PanelFactory, Viewer
-from ninedtact.studio.viser_guard import start_guarded_viser
+from ninedtact.studio.viser_server import start_guarded_viser
 
 LAST_WORDS_S = 0.1
 """Time to wait for the last messages, because viser drops unsent ones when it stops."""

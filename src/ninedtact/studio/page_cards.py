@@ -17,7 +17,7 @@ from ninedtact.studio.reading_view import HeightProfile
 from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, format_signed_tenths
 from ninedtact.studio.sensor_poller import HISTORY_S
 from ninedtact.studio.skin_fields import NO_CONTACT, SLIP, STICK
-from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSample, WrenchSnapshot
+from ninedtact.studio.wrench_history import WrenchHistory, WrenchSample, WrenchSnapshot
 
 TONES = {"live": "#2b8a3e", "busy": "#b7791f", "held": "#1c6fb7", "lost": "#c92a2a", "warned": "#c92a2a"}
 DIM = "color:var(--mantine-color-dimmed)"

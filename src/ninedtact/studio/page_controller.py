@@ -18,11 +18,11 @@ from ninedtact.reading import Reading
 from ninedtact.sensor import Stopwatch
 from ninedtact.shape.calibrated_shape import ReferenceUnusable
 from ninedtact.shape.coloured_height_map import ColourScale
-from ninedtact.simulation.press_simulation import TwinPress
+from ninedtact.simulation.press_sequence import TwinPress
 from ninedtact.studio.reading_view import ReadingView, render_reading, session_colour_scale
 from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_moment_files
 from ninedtact.studio.sensor_poller import RateMeter, SensorPhase, SensorPoller, SensorSnapshot
-from ninedtact.studio.wrench_poller import WrenchHistory, WrenchSnapshot
+from ninedtact.studio.wrench_history import WrenchHistory, WrenchSnapshot
 
 SILENT_AFTER_MS = 1000.0
 """Time without images after which the page no longer counts as current: ten images of the slowest camera in use."""
@@ -168,7 +168,7 @@ MAX_LOST_SHARE = 0.02
 MAX_SLOWDOWN = 3.0
 
 
-def adapt_slowdown(slowdown: float, moment: SensorSnapshot) -> float:
+def next_drawing_slowdown(slowdown: float, moment: SensorSnapshot) -> float:
     """Return the next factor, from 1 to `MAX_SLOWDOWN`, by which the page is drawn more rarely than it may be.
 
     The sensor comes first: drawing and sending for many browsers takes processor time, which grows with their number.
@@ -220,7 +220,7 @@ class PageController:
             while not until():
                 snapshots = self.refresh(display)
                 if self._loop.sensor.source.is_live:  # a folder of images is read faster than anybody needs
-                    slowdown = max(adapt_slowdown(slowdown, snapshot) for snapshot in snapshots)
+                    slowdown = max(next_drawing_slowdown(slowdown, snapshot) for snapshot in snapshots)
                 due_at = max(due_at + slowdown / display_hz, time.monotonic())
                 time.sleep(max(due_at - time.monotonic(), 0))
                 self._loop.wait_for_change(self.recheck_s)

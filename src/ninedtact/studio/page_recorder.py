@@ -19,10 +19,10 @@ from ninedtact.errors import InputError
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata
 from ninedtact.recording.recorder import new_reading_writer, report_kept_messages
-from ninedtact.recording.ros_messages import LabelledSpan, Topic
+from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.saved_files import SaveQuota
-from ninedtact.studio.wrench_poller import WrenchHistory
+from ninedtact.studio.wrench_history import WrenchHistory
 
 BUFFERED_READINGS = 48
 """Readings that wait to be written at most: about 150 MB."""
@@ -34,7 +34,7 @@ class NotRecording(InputError):
 
 
 @dataclass(frozen=True)
-class RecordedSensor:
+class SensorBeingRecorded:
     """One of the sensors of a page, as it is recorded."""
 
     sensor: SensorFolder
@@ -76,7 +76,7 @@ class RecorderState:
 class PageRecorder:
     """Writes one recording at a time into the page's folder, until it is stopped or nothing more may be written."""
 
-    def __init__(self, sensors: Sequence[RecordedSensor], out: Path, quota: SaveQuota) -> None:
+    def __init__(self, sensors: Sequence[SensorBeingRecorded], out: Path, quota: SaveQuota) -> None:
         """sensors: are all recorded into one file."""
         self.sensors, self.out, self._quota = tuple(sensors), out, quota
         self._queue: Queue[tuple[int, Reading]] = Queue(BUFFERED_READINGS * len(self.sensors))
@@ -223,7 +223,7 @@ class PageRecorder:
 class _MeasuredWrenchWriter:
     """Writes the measured wrenches of one sensor."""
 
-    def __init__(self, part: RecordedSensor, writer: RecordingWriter) -> None:
+    def __init__(self, part: SensorBeingRecorded, writer: RecordingWriter) -> None:
         self._writer, self._measured = writer, part.measured
         self._measured_ns = monotonic_ns()
 

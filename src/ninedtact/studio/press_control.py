@@ -27,7 +27,7 @@ from ninedtact.simulation.objects.mesh_objects import (
     MeshUnusable,
     load_mesh_object,
 )
-from ninedtact.simulation.press_simulation import PressSimulation, TwinPress
+from ninedtact.simulation.press_sequence import PressSimulation, TwinPress
 from ninedtact.simulation.trajectory import HOVER_MM
 
 OBJECTS_BY_KIND: dict[str, tuple[str, ...]] = {"primitives": tuple(PRIMITIVES)} | {

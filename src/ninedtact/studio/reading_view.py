@@ -23,7 +23,7 @@ from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.shape.surface import point_cloud, triangulate_view
 from ninedtact.simulation.pixel_to_skin_map import grid_coordinates, sample_periodic
-from ninedtact.simulation.press_simulation import TwinPress
+from ninedtact.simulation.press_sequence import TwinPress
 from ninedtact.studio.skin_fields import SkinTractions, colourise_magnitudes, estimated_tractions, true_tractions
 
 MAX_SURFACE_POINTS = 40_000

@@ -26,13 +26,13 @@ from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_repair import edit_spans
 from ninedtact.recording.reader import Recording
-from ninedtact.recording.ros_messages import (
+from ninedtact.recording.summary import median_rate_hz
+from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
     Topic,
     combine_estimate,
     decode_height,
 )
-from ninedtact.recording.summary import median_rate_hz
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.depth import DepthReader
@@ -41,7 +41,7 @@ from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
 from ninedtact.studio.page_controller import SILENT_AFTER_MS, WAITING_STATUS, PageMoment, SensorStatus
 from ninedtact.studio.reading_view import ReadingView, render_reading
 from ninedtact.studio.sensor_poller import HISTORY_S, NS_PER_S, SensorPhase, SensorSnapshot
-from ninedtact.studio.wrench_poller import MOST_HZ, WrenchHistory, WrenchSample, WrenchSnapshot
+from ninedtact.studio.wrench_history import MOST_HZ, WrenchHistory, WrenchSample, WrenchSnapshot
 
 REFERENCE_FRAMES = 10
 CURVE_IMAGES = 600

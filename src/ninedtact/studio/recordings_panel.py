@@ -22,7 +22,7 @@ from ninedtact.open_sensor import RECORDING_SUFFIX, load_named_sensor
 from ninedtact.reading import Reading
 from ninedtact.recording.export import export_recordings
 from ninedtact.recording.reader import Recording, sensor_addresses
-from ninedtact.recording.ros_messages import LabelledSpan, Topic
+from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.studio.page_cards import recorder_html, shape_summary_html, status_html, wrenches_html
 from ninedtact.studio.page_controller import WITHOUT_READING, NothingToSave, PageMoment

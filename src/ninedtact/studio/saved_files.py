@@ -33,7 +33,7 @@ from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.export import export_shape
 from ninedtact.studio.reading_view import ImageKind, ReadingView, SkinColouring, TractionSource
 from ninedtact.studio.scene_3d import GelBlock, SkinScene
-from ninedtact.studio.wrench_poller import WrenchSnapshot
+from ninedtact.studio.wrench_history import WrenchSnapshot
 
 if TYPE_CHECKING:
     from ninedtact.recording.reader import Recording  # whose libraries a page without recordings does not need

@@ -19,7 +19,7 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.quantities import Wrench
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.surface import triangulate_view
-from ninedtact.simulation.press_simulation import TwinPress
+from ninedtact.simulation.press_sequence import TwinPress
 from ninedtact.studio.reading_view import LIGHT_DIRECTION, SkinSurface
 
 Point = tuple[float, float, float]

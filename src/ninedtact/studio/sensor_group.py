@@ -28,7 +28,7 @@ from ninedtact.studio.page_cards import (
 from ninedtact.studio.page_controller import PageMoment
 from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.viewer import Side, Viewer, is_from_browser
-from ninedtact.studio.wrench_poller import WrenchSample, WrenchSnapshot
+from ninedtact.studio.wrench_history import WrenchSample, WrenchSnapshot
 
 SENSOR_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 """Blue, vermilion, green and purple of Okabe and Ito, one for each sensor; a fifth begins again."""

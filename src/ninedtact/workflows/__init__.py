@@ -3,7 +3,7 @@ a sensor's force.
 
 Data sets, sensor folders and images go in; predictions, trained models, model cards and force calibrations come out.
 
-dataset_sensors.py       `load_dataset_sensors`: the calibration of every sensor of a data set
+dataset_calibrations.py  `load_dataset_sensors`: the calibration of every sensor of a data set
 dataset_training.py      `train_on_dataset`: a force model from a data set
 dataset_evaluation.py    `predict_dataset`: an estimator's wrenches on a data set; the tables of a model card
 force_calibration.py     `calibrate_force`: the force scale of a sensor from presses with known loads, real or simulated

@@ -21,7 +21,7 @@ from ninedtact.force.evaluation import ErrorDistribution, WrenchPredictions, eva
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact.parallel_jobs import Cluster, Workers, run_jobs
 from ninedtact.simulation.sensor_population import SampledSensor
-from ninedtact.workflows.dataset_sensors import load_dataset_sensors, load_simulated_sensors
+from ninedtact.workflows.dataset_calibrations import load_dataset_sensors, load_simulated_sensors
 from ninedtact.workflows.force_calibration import calibrate_on_simulated_loads
 
 _Value = TypeVar("_Value")

@@ -29,13 +29,13 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names, indenter_from_name
-from ninedtact.simulation.press_simulation import ObjectTrajectory, PressSimulation
+from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSimulation
 from ninedtact.simulation.sensor_population import MechanicsShares, sample_sensor
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 from ninedtact.simulation.trajectory import press_trajectory
 from ninedtact.simulation.twin import Twin
+from ninedtact.workflows.dataset_calibrations import calibrate_simulated_sensor
 from ninedtact.workflows.dataset_evaluation import evaluate_per_mechanics_kind
-from ninedtact.workflows.dataset_sensors import calibrate_simulated_sensor
 from ninedtact.workflows.dataset_training import HeldOutSettings, fit_input_to_dataset, train_on_dataset
 
 _HELD_OUT_FAMILIES = frozenset(

@@ -19,7 +19,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.cli import main
 from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing
 from ninedtact.dataset.height_cache import load_height_pairs
-from ninedtact.dataset.parquet_files import write_pair_file, write_reference_images
+from ninedtact.dataset.parquet_files import write_pair_file, write_reference_image_file
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
@@ -37,7 +37,7 @@ from ninedtact.force.onnx_model import read_force_model
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.simulation.sensor_population import sample_sensor
-from ninedtact.workflows.dataset_sensors import DatasetSensors, calibrate_simulated_sensors, load_dataset_sensors
+from ninedtact.workflows.dataset_calibrations import DatasetSensors, calibrate_simulated_sensors, load_dataset_sensors
 
 MM_PER_PX = 0.0522
 GRID = NetworkInputSettings(InputChannels.HEIGHTS_AND_GEL, 16, 24, 1.0)
@@ -62,7 +62,7 @@ def data_set(
 ) -> Path:
     """Two files of presses by some objects on two sensors."""
     (folder / "data").mkdir(parents=True)
-    write_reference_images(
+    write_reference_image_file(
         folder / "references.parquet",
         [ReferenceImage(f"{name}/0", png(image_of(0, 99, size)), name) for name in "ab"],
     )
@@ -243,7 +243,7 @@ def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
         tried.append(sensor_id)
         raise NinedtactError("expected a ball, got none; press one")
 
-    monkeypatch.setattr("ninedtact.workflows.dataset_sensors.calibrate", refuse)
+    monkeypatch.setattr("ninedtact.workflows.dataset_calibrations.calibrate", refuse)
     twins = {"one": replace(sample_sensor(0), name="one")}
     for _ in range(2):
         refused = calibrate_simulated_sensors(twins, tmp_path, workers=1, progress=False)

@@ -2,7 +2,7 @@
 Out: `BallFit`, from `fit_ball`, by one of three methods.
 
 `physics`, the default, fits contact mechanics and light together to the whole image and needs no rule about where the ball's
-disc ends (`PhysicsDepthFit`). Its curve is the sensor's brightness model (`simulation.illumination`) for darkening and
+disc ends (`PhysicsDepthFit`). Its curve is the sensor's brightness model (`simulation.gel_brightness`) for darkening and
 brightening, so that it covers bulges too.
 
 `ratio` and `table` use the contact disc only. Inside it the skin lies on the ball, so the depth at which every line of sight
@@ -34,7 +34,7 @@ from ninedtact.calibration.ball.contact_circle import (
     require_usable_depth,
     spherical_cap_height_mm,
 )
-from ninedtact.calibration.brightness_change import (
+from ninedtact.calibration.press_brightness import (
     BgrImage,
     estimate_pixel_noise,
     relative_brightness_change,
@@ -59,7 +59,7 @@ from ninedtact.shape.depth import (
     Smoothing,
 )
 from ninedtact.shape.rectification import Rectification
-from ninedtact.simulation.illumination import BrightnessModel
+from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 
 KNOTS = 25

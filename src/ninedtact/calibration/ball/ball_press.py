@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 from scipy.optimize import isotonic_regression, minimize
 
 from ninedtact.calibration.ball.contact_circle import ContactCircle
-from ninedtact.calibration.brightness_change import smooth_gaussian
+from ninedtact.calibration.press_brightness import smooth_gaussian
 from ninedtact.design import BallGauge, CameraGeometry
 from ninedtact.quantities import HeightSource, Rectified
 from ninedtact.shape.depth import BrightnessSignal, DepthCurve, DepthReader, Smoothing

@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 from scipy import ndimage
 from scipy.optimize import least_squares
 
-from ninedtact.calibration.brightness_change import BgrImage, estimate_pixel_noise, smooth_gaussian
+from ninedtact.calibration.press_brightness import BgrImage, estimate_pixel_noise, smooth_gaussian
 from ninedtact.design import BallGauge
 from ninedtact.errors import CalibrationError
 

@@ -34,7 +34,7 @@ from ninedtact.calibration.board.lens_fit import (
     rms_vector_length,
 )
 from ninedtact.calibration.board.pin_imprint_centres import find_stray_pins, measure_pins
-from ninedtact.calibration.brightness_change import (
+from ninedtact.calibration.press_brightness import (
     BgrImage,
     estimate_pixel_noise,
     relative_brightness_change,

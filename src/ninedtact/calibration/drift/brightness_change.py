@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.brightness_change import MIN_REFERENCE_GREY
+from ninedtact.calibration.press_brightness import MIN_REFERENCE_GREY
 from ninedtact.quantities import Rectified, centred_axis_mm
 
 Field = Float32[Array, "rows cols"]

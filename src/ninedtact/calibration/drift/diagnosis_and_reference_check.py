@@ -19,7 +19,6 @@ import numpy as np
 from jaxtyping import Bool
 from numpy import ndarray as Array
 
-from ninedtact.calibration.brightness_change import estimate_pixel_noise, find_exposure_fault
 from ninedtact.calibration.drift.brightness_change import MAX_UNEVENNESS, SkinMark, separate_brightness_change
 from ninedtact.calibration.drift.drift_measurement import (
     CalibratedReference,
@@ -27,6 +26,7 @@ from ninedtact.calibration.drift.drift_measurement import (
     load_calibrated_reference,
     measure_drift,
 )
+from ninedtact.calibration.press_brightness import estimate_pixel_noise, find_exposure_fault
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import average_images, read_image
 from ninedtact.errors import InputError

@@ -22,7 +22,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.brightness_change import (
+from ninedtact.calibration.drift.brightness_change import BrightnessChange, separate_brightness_change
+from ninedtact.calibration.press_brightness import (
     MIN_REFERENCE_GREY,
     BgrImage,
     estimate_pixel_noise,
@@ -30,7 +31,6 @@ from ninedtact.calibration.brightness_change import (
     require_usable_exposure,
     to_grey_float,
 )
-from ninedtact.calibration.drift.brightness_change import BrightnessChange, separate_brightness_change
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import require_image_size
 from ninedtact.quantities import Frame, HeightSource, Rectified

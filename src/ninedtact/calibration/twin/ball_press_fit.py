@@ -33,7 +33,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import Rectified
 from ninedtact.shape.depth import mean_darkening
-from ninedtact.simulation.illumination import BrightnessModel
+from ninedtact.simulation.gel_brightness import BrightnessModel
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.brightness_change import smooth_gaussian
+from ninedtact.calibration.press_brightness import smooth_gaussian
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_model import ContactModel
@@ -26,7 +26,7 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.surface_displacement import Skin
 from ninedtact.quantities import Rectified
 from ninedtact.shape.rectification import skin_grid_mm
-from ninedtact.simulation.illumination import saturating_response_mm
+from ninedtact.simulation.gel_brightness import saturating_response_mm
 from ninedtact.simulation.pixel_to_skin_map import (
     REFINEMENT,
     SightlineGrid,

@@ -22,7 +22,7 @@ from ninedtact.calibration.ball.ball_fit import BallFit
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable
 from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.board.lens_fit import fit_lens, refine_lens, with_radial_terms
-from ninedtact.calibration.brightness_change import BgrImage
+from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, effective_observation_count
 from ninedtact.calibration.twin.ball_press_model import ParameterVector
 from ninedtact.calibration.twin.board_press_model import (

@@ -21,7 +21,7 @@ from ninedtact.capture.force_torque.driver_source import (
     ForceTorqueSample,
     counter_step,
 )
-from ninedtact.capture.opencv_capture import capture_output
+from ninedtact.capture.shared_video_capture import capture_output
 from ninedtact.capture.wrench_source import (
     ForceTorqueLibraryMissing,
     WrenchFaulty,

@@ -27,7 +27,7 @@ from ninedtact.checked_reading import CHECKSUM_KEY, values_checksum
 from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, to_json_bytes
 from ninedtact.dataset.generation.press_trajectory import SimulatedPressTrajectory
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings
-from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_images
+from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_image_file
 from ninedtact.dataset.schema import NO_OBJECT, DatasetRow, ReferenceImage
 from ninedtact.dataset.statistics_and_card import DatasetStatistics, compute_dataset_statistics, format_generation_card
 from ninedtact.mechanics.indenter import Indenter
@@ -265,7 +265,7 @@ def _begin_generation(folder: DatasetFolder, settings: GenerationSettings, devic
         with_checksums = [{**sensor, CHECKSUM_KEY: values_checksum(sensor)} for sensor in sensors]
         write_file_atomically(folder.sensors, to_json_bytes(with_checksums))
     if not folder.references.is_file():
-        write_reference_images(folder.references, _render_references(settings))
+        write_reference_image_file(folder.references, _render_references(settings))
 
 
 def _render_references(settings: GenerationSettings) -> Iterator[ReferenceImage]:

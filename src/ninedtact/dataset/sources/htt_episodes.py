@@ -18,8 +18,8 @@ from jaxtyping import Float64, Shaped, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.checked_reading import NPY_READ_ERRORS
+from ninedtact.dataset.fault_report import PairFault
 from ninedtact.dataset.parquet_files import encode_png
-from ninedtact.dataset.quality_report import PairFault
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
 from ninedtact.dataset.sources.source import Source, SourceConventions, SourcePart, find_source_files, relative_name
 from ninedtact.errors import FileFormatError, NinedtactError

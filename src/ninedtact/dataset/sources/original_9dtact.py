@@ -21,8 +21,8 @@ from numpy import ndarray as Array
 from ninedtact.capture.image_and_video_files import IMAGE_SUFFIXES, natural_sort_key
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.checked_reading import NPY_READ_ERRORS
+from ninedtact.dataset.fault_report import PairFault
 from ninedtact.dataset.parquet_files import encode_png
-from ninedtact.dataset.quality_report import PairFault
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
 from ninedtact.dataset.sources.source import Source, SourceConventions, SourcePart, SourceUnknown
 from ninedtact.errors import FileFormatError, NinedtactError

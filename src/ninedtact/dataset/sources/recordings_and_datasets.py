@@ -18,6 +18,7 @@ from jaxtyping import Float32
 from numpy import ndarray as Array
 
 from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.dataset.fault_report import PairFault
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files, read_dataset_settings
 from ninedtact.dataset.parquet_files import (
     StoredImageUnreadable,
@@ -27,7 +28,6 @@ from ninedtact.dataset.parquet_files import (
     stored_image_bytes,
     wrench_vector,
 )
-from ninedtact.dataset.quality_report import PairFault
 from ninedtact.dataset.schema import NO_OBJECT, DatasetRow, ReferenceImage, RejectedItem, SourceItem
 from ninedtact.dataset.sources.source import Source, SourcePart, find_source_files, relative_name
 from ninedtact.errors import NinedtactError

@@ -17,15 +17,20 @@ from numpy import ndarray as Array
 from ninedtact.design import Gel
 from ninedtact.force.contact_detection import ContactRegionSettings, find_contact_region, pressure_reaches_unseen
 from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench, zero_wrench
+from ninedtact.force.traction.brightness_from_traction import ForwardModel, identify_substrate
 from ninedtact.force.traction.cell_grid import MARGIN_CELLS, CellGrid, cell_grid_over_image
-from ninedtact.force.traction.forward_model import ForwardModel, identify_substrate
-from ninedtact.force.traction.inversion import InversionResult, SolverSettings, TractionInversion, UncertaintyModel
 from ninedtact.force.traction.linearisation import TractionPrior
 from ninedtact.force.traction.observation import (
     Observation,
     ObservationModel,
     TractionImpossible,
     build_brightness_observation_model,
+)
+from ninedtact.force.traction.traction_from_brightness import (
+    InversionResult,
+    SolverSettings,
+    TractionInversion,
+    UncertaintyModel,
 )
 from ninedtact.mechanics.finite_strain import finite_strain_traction_mpa
 from ninedtact.quantities import EstimateWarning, HeightMap, Traction, WrenchEstimate, independent_errors

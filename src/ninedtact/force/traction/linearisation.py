@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int
 from numpy import ndarray as Array
 
-from ninedtact.force.traction.cell_grid import CellGrid
-from ninedtact.force.traction.forward_model import (
+from ninedtact.force.traction.brightness_from_traction import (
     Bins,
     Indices,
     InfluenceKernels,
@@ -25,6 +24,7 @@ from ninedtact.force.traction.forward_model import (
     influence_windows,
     window_indices,
 )
+from ninedtact.force.traction.cell_grid import CellGrid
 from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, QPSolution
 
 _MIN_MODE_POWER = 0.01

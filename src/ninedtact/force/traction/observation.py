@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.errors import ForceError
+from ninedtact.errors import ForceEstimationError
 from ninedtact.force.contact_detection import estimate_cell_noise, largest_cell_noise
 from ninedtact.force.traction.cell_grid import CellGrid
 from ninedtact.quantities import HeightMap, HeightSource, Rectified
@@ -36,7 +36,7 @@ _LOCAL_FRACTION = 0.4
 of the wrench contains; were it assumed in every bin, the inversion would shrink forces. Found on simulated sensors."""
 
 
-class TractionImpossible(ForceError):
+class TractionImpossible(ForceEstimationError):
     """No traction can be estimated from this sensor or this reading."""
 
 

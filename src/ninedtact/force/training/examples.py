@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from ninedtact.design import Gel
-from ninedtact.errors import ForceError
+from ninedtact.errors import ForceEstimationError
 from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.network_input import (
     TYPICAL_FEATURES,
@@ -26,7 +26,7 @@ _AXES = 6
 _FEWEST_PAIRS = 2
 
 
-class ExamplesUnusable(ForceError):
+class ExamplesUnusable(ForceEstimationError):
     """The examples are too few, inconsistent, not finite, or do not fit the network's input."""
 
 

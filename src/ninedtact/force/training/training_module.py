@@ -27,7 +27,7 @@ from numpy import ndarray as Array
 from torch import Tensor
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.errors import FileFormatError, ForceError
+from ninedtact.errors import FileFormatError, ForceEstimationError
 from ninedtact.force.evaluation.predictions import AXES
 from ninedtact.force.networks import LabelScale, WrenchNetwork
 from ninedtact.force.training.examples import TrainingBatch
@@ -137,7 +137,7 @@ class CheckpointDamaged(FileFormatError):
     """The checkpoint of an earlier run cannot be read."""
 
 
-class TrainingStopped(ForceError):
+class TrainingStopped(ForceEstimationError):
     """Ctrl-C ended the training before its last epoch."""
 
 

@@ -26,7 +26,7 @@ from ninedtact.recording.merge_streams import MergedArrival, merge_live_streams,
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedSource, RecordedWrenchSource
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact.simulation.press_simulation import ObjectTrajectory, PressSimulation
+from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSimulation
 from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
 from ninedtact.simulation.trajectory import (
     HOVER_MM,
@@ -80,7 +80,7 @@ class CollectSetup:
         return merge_recorded_streams(self.camera, self.force_torque)
 
 
-def setup_with_devices(
+def collection_setup_from_devices(
     camera: FrameSource,
     force_torque: WrenchSource,
     folder: SensorFolder,
@@ -99,7 +99,7 @@ def setup_with_devices(
     return CollectSetup(camera, mounted, was_away=was_away, on_message=on_message)
 
 
-def setup_with_recordings(images: Path, wrenches: Path, checks: SampleCheckSettings) -> CollectSetup:
+def collection_setup_from_recordings(images: Path, wrenches: Path, checks: SampleCheckSettings) -> CollectSetup:
     """Return the setup of the images and the wrenches of recordings, with their own stamps."""
     with Recording(images) as recording:
         metadata = recording.metadata

@@ -31,8 +31,8 @@ from ninedtact.recording.collecting.pair_selection import (
 )
 from ninedtact.recording.collecting.tare_and_reference import TareInProgress, TareReference
 from ninedtact.recording.merge_streams import Arrival
-from ninedtact.recording.ros_messages import EventKind, PairLabel, RecordingEvent, Topic
 from ninedtact.recording.saved_pairs import NO_OBJECT
+from ninedtact.recording.topics_and_messages import EventKind, PairLabel, RecordingEvent, Topic
 from ninedtact.recording.writer import RecordingWriter
 
 COLLECTED_TOPICS = (Topic.IMAGES, Topic.REFERENCE, Topic.MEASURED, Topic.LABELS)

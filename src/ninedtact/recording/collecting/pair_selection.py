@@ -17,8 +17,8 @@ from ninedtact.capture.force_torque.tare import TareSettings
 from ninedtact.capture.training_pair_rule import SamplingRule, SamplingRuleSettings, SixFloats
 from ninedtact.errors import InputError
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.ros_messages import PairLabel
 from ninedtact.recording.saved_pairs import PairKind
+from ninedtact.recording.topics_and_messages import PairLabel
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 AXIS_UNITS = ("N", "N", "N", "N·mm", "N·mm", "N·mm")

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
-from ninedtact.force.traction.forward_model import ForwardModel, InfluenceKernels, SkinField, Tractions, View
+from ninedtact.force.traction.brightness_from_traction import ForwardModel, InfluenceKernels, SkinField, Tractions, View
 from ninedtact.force.traction.linearisation import DiscretePrior, LinearisedProblem, TractionPrior, Whitener
 from ninedtact.force.traction.nonnegative_qp import QPSolution, solve_nonnegative_qp
 from ninedtact.force.traction.observation import BrightnessLaw, Observation
