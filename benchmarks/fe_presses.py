@@ -27,7 +27,7 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.simulation.calibration_images import simulate_calibration_images
-from ninedtact.simulation.real_fits import twins_of_real_fits
+from ninedtact.simulation.real_sensor_twins import twins_of_real_fits
 from ninedtact.simulation.sensor_population import SampledSensor
 from ninedtact.simulation.twin import Twin
 

@@ -23,7 +23,7 @@ from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_images import simulate_calibration_images
-from ninedtact.simulation.real_fits import twins_of_real_fits
+from ninedtact.simulation.real_sensor_twins import twins_of_real_fits
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import Twin
 

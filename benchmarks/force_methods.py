@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 
 from ninedtact.dataset.generation.generate import generate_dataset
 from ninedtact.dataset.generation.settings import GenerationSettings
-from ninedtact.force.dataset_split import Kind, SplitLabels, SplitRows, SplitSettings, split_dataset
+from ninedtact.force.dataset_split import Kind, SplitKeys, SplitRows, SplitSettings, split_dataset
 from ninedtact.force.evaluation import WrenchPredictions, evaluate_predictions
 from ninedtact.force.evaluation.predictions import AXES
 from ninedtact.force.network_input import InputChannels, NetworkInputSettings, scale_network_input_width
@@ -95,7 +95,7 @@ def examples_of(data: Path, grid: NetworkInputSettings, workers: int) -> tuple[T
 
 def split_rows(examples: TrainingExamples, ids: list[str], kind: Kind) -> SplitRows:
     """Return the training and test rows of a split that holds out a fifth."""
-    labels = SplitLabels(ids, list(examples.objects), list(examples.sensors))
+    labels = SplitKeys(ids, list(examples.objects), list(examples.sensors))
     amount = SplitSettings(kind, pairs=HELD_OUT, objects=HELD_OUT, sensors=HELD_OUT)
     return split_dataset(labels, amount).rows(ids)
 

@@ -34,7 +34,7 @@ from ninedtact.reading import Reading
 from ninedtact.simulation.batched.session_requests import SimulatedSetup, run_on_processor
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generate_object, generated_object_names
-from ninedtact.simulation.real_fits import twins_of_real_fits
+from ninedtact.simulation.real_sensor_twins import twins_of_real_fits
 from ninedtact.simulation.rectified_renderer import rectified_renderer
 from ninedtact.simulation.sensor_population import SampledSensor, sample_transparent_layer
 

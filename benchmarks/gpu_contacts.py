@@ -24,8 +24,8 @@ from ninedtact.simulation.batched.executor import BatchExecutor, Device, choose_
 from ninedtact.simulation.batched.session_requests import (
     ContactSummary,
     RenderRequest,
-    SessionRequest,
     SimulatedSetup,
+    SimulationRequest,
     StepRequest,
     respond_on_processor,
 )
@@ -43,7 +43,7 @@ REACHED, LAUNCH_S = 0.6, 8e-6
 """Assumed: the part of it that plain operations on large arrays reach, and the time to ask for one operation from Python, with
 no overlap of the two."""
 
-Way = Callable[[Sequence[SessionRequest]], list[Any]]
+Way = Callable[[Sequence[SimulationRequest]], list[Any]]
 
 
 def gpu_contacts(
@@ -78,7 +78,7 @@ def torch_figures(device: Device, at_once: tuple[int, ...], batches: int, thread
         yield from extrapolated(on, max(at_once or ON_CPU))
 
 
-def one_by_one(asked: Sequence[SessionRequest]) -> list[Any]:
+def one_by_one(asked: Sequence[SimulationRequest]) -> list[Any]:
     return [respond_on_processor(one) for one in asked]
 
 
@@ -99,7 +99,7 @@ class Clock:
     others_s: float = 0.0
     """Hands, noise and PNG."""
 
-    def answers(self, asked: Sequence[SessionRequest]) -> list[Any]:
+    def answers(self, asked: Sequence[SimulationRequest]) -> list[Any]:
         kind, start = type(asked[0]), perf_counter()
         told = self.method(asked)
         self.seconds[kind] += perf_counter() - start

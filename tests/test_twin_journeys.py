@@ -135,7 +135,7 @@ def one_short_act() -> list[ObjectTrajectory]:
 def test_the_demo_ends_by_itself_without_a_terminal_and_leaves_what_it_showed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ninedtact.simulation.simulated_sources.demo_trajectories", one_short_act)
+    monkeypatch.setattr("ninedtact.simulation.simulated_sources.demo_press_sequence", one_short_act)
     monkeypatch.setattr("ninedtact.cli.sensor_page.has_screen", lambda: True)
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", opened.append)

@@ -175,7 +175,7 @@ def read_reference_of_recording(source: str, shape: "CalibratedShape") -> "Depth
     return read_recorded_reference(Path(source).expanduser(), shape)
 
 
-def live_source_for(text: str, settings: "CameraSettings | None" = None) -> "FrameSource":
+def source_in_real_time(text: str, settings: "CameraSettings | None" = None) -> "FrameSource":
     """Return the source that `text` names; files and recordings play at their own pace, stamped as their frames are read."""
     from ninedtact.capture.frame_pacing import LivePlayback
 

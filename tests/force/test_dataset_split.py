@@ -13,7 +13,7 @@ from ninedtact.force.dataset_split import (
     DatasetSplit,
     SplitFileUnusable,
     SplitImpossible,
-    SplitLabels,
+    SplitKeys,
     SplitSettings,
     read_split,
     split_dataset,
@@ -23,13 +23,13 @@ from ninedtact.force.dataset_split import (
 KINDS = ("standard", "object", "sensor", "sensor_and_object")
 
 
-def made(number: int = 400, objects: int = 20, sensors: int = 5, seed: int = 0) -> SplitLabels:
+def made(number: int = 400, objects: int = 20, sensors: int = 5, seed: int = 0) -> SplitKeys:
     """Contacts of four pairs each, one in twenty of them without contact."""
     draw = np.random.default_rng(seed)
     contacts = [f"c{row // 4}" for row in range(number)]
     object_of, sensor_of = (draw.integers(0, many, number // 4 + 1) for many in (objects, sensors))
     named = [("none" if (row // 4) % 20 == 0 else f"gear_{object_of[row // 4]:02d}") for row in range(number)]
-    return SplitLabels(
+    return SplitKeys(
         [f"p{row:05d}" for row in range(number)], named, [f"s{sensor_of[row // 4]}" for row in range(number)], contacts
     )
 
@@ -45,7 +45,7 @@ def made(number: int = 400, objects: int = 20, sensors: int = 5, seed: int = 0) 
 )
 def test_whatever_the_data_nothing_held_out_is_trained_on(kind, seed, part, by_contact, rows) -> None:
     objects, sensors, contacts = ([str(row[which]) for row in rows] for which in range(3))
-    pairs = SplitLabels([f"{row:02d}" for row in range(len(rows))], objects, sensors, contacts)
+    pairs = SplitKeys([f"{row:02d}" for row in range(len(rows))], objects, sensors, contacts)
     try:
         found = split_dataset(pairs, SplitSettings(kind, part, part, part, by_contact, seed))
     except SplitImpossible:
@@ -70,7 +70,7 @@ def test_whatever_the_data_nothing_held_out_is_trained_on(kind, seed, part, by_c
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_order_of_the_rows_does_not_matter_and_the_seed_does(kind) -> None:
     pairs = made()
-    backwards = SplitLabels(pairs.ids[::-1], pairs.objects[::-1], pairs.sensors[::-1], pairs.contacts[::-1])
+    backwards = SplitKeys(pairs.ids[::-1], pairs.objects[::-1], pairs.sensors[::-1], pairs.contacts[::-1])
     settings = SplitSettings(kind, pairs=0.1)
     assert split_dataset(pairs, settings) == split_dataset(backwards, settings)
     assert split_dataset(pairs, settings).test != split_dataset(pairs, SplitSettings(kind, pairs=0.1, seed=2)).test
@@ -78,7 +78,7 @@ def test_the_order_of_the_rows_does_not_matter_and_the_seed_does(kind) -> None:
 
 def test_a_split_is_the_same_in_every_version() -> None:
     ids = [f"p{row:02d}" for row in range(40)]
-    pairs = SplitLabels(ids, [f"gear_{row % 10}" for row in range(40)], [f"s{row // 8}" for row in range(40)])
+    pairs = SplitKeys(ids, [f"gear_{row % 10}" for row in range(40)], [f"s{row // 8}" for row in range(40)])
     found = split_dataset(pairs, SplitSettings("sensor_and_object", objects=3, sensors=2))
     assert (found.held_out_objects, found.held_out_sensors) == (("gear_3", "gear_6", "gear_7"), ("s2", "s4"))
     assert found.test == ("p16", "p17", "p23", "p33", "p36", "p37")
@@ -102,7 +102,7 @@ def test_where_nothing_touches_both_sides_have_some() -> None:
     assert "none" not in {pairs.objects[pairs.ids.index(name)] for name in both.left_out}
 
 
-REFUSED: dict[str, tuple[Callable[[], SplitLabels], SplitSettings, str]] = {
+REFUSED: dict[str, tuple[Callable[[], SplitKeys], SplitSettings, str]] = {
     "one pair": (lambda: made(1), SplitSettings(), "at least 2 pairs to divide, got 1"),
     "more pairs than there are": (made, SplitSettings(), "from 1 to 399 or a part between 0 and 1, got 10000 of 400"),
     "no part": (
@@ -117,11 +117,11 @@ REFUSED: dict[str, tuple[Callable[[], SplitLabels], SplitSettings, str]] = {
     "all objects": (made, SplitSettings("object", objects=20), "from 1 to 19"),
     "one object": (lambda: made(objects=1), SplitSettings("object"), "at least 2 different objects.*got 1"),
     "one sensor": (lambda: made(sensors=1), SplitSettings("sensor"), "at least 2 different sensors.*got 1"),
-    "no objects known": (lambda: SplitLabels(["a", "b"]), SplitSettings("object"), "object of every pair, got none"),
-    "no contacts known": (lambda: SplitLabels("abc"), SplitSettings(pairs=1, by_contact=True), "contact of every pair"),
+    "no objects known": (lambda: SplitKeys(["a", "b"]), SplitSettings("object"), "object of every pair, got none"),
+    "no contacts known": (lambda: SplitKeys("abc"), SplitSettings(pairs=1, by_contact=True), "contact of every pair"),
     "one contact": (lambda: made(4), SplitSettings(pairs=1, by_contact=True), "pairs to train with, got none of 4"),
-    "an id twice": (lambda: SplitLabels(["a", "b", "a"]), SplitSettings(), "every id once, got 'a' more often"),
-    "a column too short": (lambda: SplitLabels(["a", "b"], ["x"]), SplitSettings(), "objects of 2 pairs, got 1"),
+    "an id twice": (lambda: SplitKeys(["a", "b", "a"]), SplitSettings(), "every id once, got 'a' more often"),
+    "a column too short": (lambda: SplitKeys(["a", "b"], ["x"]), SplitSettings(), "objects of 2 pairs, got 1"),
 }
 
 
@@ -133,7 +133,7 @@ def test_what_cannot_be_divided_is_refused_in_one_sentence(case: str) -> None:
 
 
 def test_a_held_out_object_that_was_never_on_a_held_out_sensor_leaves_nothing_to_test() -> None:
-    pairs = SplitLabels([*"abcd"], ["o", "o", "q", "q"], ["s", "s", "t", "t"])
+    pairs = SplitKeys([*"abcd"], ["o", "o", "q", "q"], ["s", "s", "t", "t"])
     outcomes = set()
     for seed in range(20):
         try:

@@ -36,7 +36,7 @@ from ninedtact.cli import main
 from ninedtact.cli.collect import CollectScreen, open_key_reader, progress_line
 from ninedtact.cli.result_and_interrupt import stop_on_signal
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.open_sensor import live_source_for, load_named_sensor
+from ninedtact.open_sensor import load_named_sensor, source_in_real_time
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.collecting.collection_sources import collection_setup_from_recordings
@@ -272,7 +272,7 @@ def test_the_delay_of_another_camera_is_not_subtracted(
     write_camera_delay(copy, CameraDelay(delay_ms=20.0, error_ms=0.5, camera="camera usb:1-2"))
     options = ["--source", video, "--sensor", copy, "--out", out, "--camera-delay-ms", "saved"]
     (said,) = failure_lines(capsys, "record", *options)
-    name = live_source_for(str(video), DEFAULT_CAMERA).name
+    name = source_in_real_time(str(video), DEFAULT_CAMERA).name
     assert f"expected the delay of '{name}' in {copy / 'camera.toml'}, got that of 'camera usb:1-2'" in said
     assert not out.exists()
     write_camera_delay(copy, CameraDelay(delay_ms=20.0, error_ms=0.5, camera=name))
@@ -287,7 +287,7 @@ def test_a_recording_is_shown_live_with_the_sensor_that_it_carries(tmp_path: Pat
     recorded_hand(path, sensor, seconds=0.5)
     with (
         load_named_sensor(None, str(path)) as folder,
-        LatestFrameSource(live_source_for(str(path), DEFAULT_CAMERA)) as source,
+        LatestFrameSource(source_in_real_time(str(path), DEFAULT_CAMERA)) as source,
     ):
         assert folder.id == "twin" and folder.shape.rectify.raw_shape == (480, 640)
         frame = source.read()

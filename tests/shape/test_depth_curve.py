@@ -18,7 +18,7 @@ from ninedtact.shape.depth import (
     LightLoss,
     Smoothing,
     look_up_heights,
-    mean_darkening,
+    mean_view_darkening,
     sharpen,
 )
 
@@ -118,10 +118,12 @@ def test_the_light_that_dark_skin_takes_from_the_whole_image_is_known_from_the_i
     share = 0.3 * 30 * 50 / 15_000
     lost = -0.8 * share
     assert LightLoss(0.8)(reference * pressed * np.float32(1 + lost), reference) == pytest.approx(lost, rel=0.01)
-    assert mean_darkening(reference * pressed * np.float32(1 + lost), reference, lost) == pytest.approx(share, rel=1e-3)
+    assert mean_view_darkening(reference * pressed * np.float32(1 + lost), reference, lost) == pytest.approx(
+        share, rel=1e-3
+    )
     assert LightLoss(0.0)(reference * pressed, reference) == 0
     for dim, seen in ((0.981, False), (0.979, True)):  # drift and noise stay below two per cent
-        assert (mean_darkening(reference * np.float32(dim), reference, 0.0) > 0) == seen
+        assert (mean_view_darkening(reference * np.float32(dim), reference, 0.0) > 0) == seen
 
 
 def test_smoothing_is_that_of_the_paper_and_scales_with_the_grid() -> None:

@@ -15,7 +15,7 @@ from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.gel_brightness import BrightnessModel
-from ninedtact.simulation.real_fits import REAL_FITS
+from ninedtact.simulation.real_sensor_twins import REAL_FITS
 from ninedtact.simulation.rectified_renderer import (
     misaligned_positions_mm,
     raw_pixels_seeing,

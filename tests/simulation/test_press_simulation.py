@@ -12,8 +12,8 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.press_sequence import (
     KEPT_CONTACTS,
     ObjectTrajectory,
+    PressSequenceTimingInvalid,
     PressSimulation,
-    PressSimulationUnusable,
     SimulationStepNoLongerStored,
 )
 from ninedtact.simulation.trajectory import (
@@ -90,7 +90,7 @@ def test_rounds_end() -> None:
     with pytest.raises(SourceEnded, match="expected a time within the 2 rounds"):
         stage.require_time(2 * stage.round_s)
     for acts in ([], [ObjectTrajectory(Ball(4.0), Trajectory(Pose(), ()))]):
-        with pytest.raises(PressSimulationUnusable, match="add a trajectory"):
+        with pytest.raises(PressSequenceTimingInvalid, match="add a trajectory"):
             PressSimulation(TWIN, acts)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.simulation.real_fits import REAL_FITS, RealFit, twins_of_real_fits
+from ninedtact.simulation.real_sensor_twins import REAL_FITS, RealFit, twins_of_real_fits
 from ninedtact.simulation.trajectory import ScriptedPress
 
 

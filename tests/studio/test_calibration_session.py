@@ -15,7 +15,7 @@ from ninedtact.calibration.procedure import CalibrationSettings
 from ninedtact.capture.frame_source import CameraNotFound, FrameSource, SourceEnded
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
-from ninedtact.simulation.calibration_camera import SimulatedCalibrationPress
+from ninedtact.simulation.calibration_camera import HeldCalibrationObject
 from ninedtact.studio.calibration_page import draw_pins
 from ninedtact.studio.calibration_session import CalibrationSession, Phase, SensorWouldBeReplaced
 
@@ -48,7 +48,7 @@ def test_a_person_is_led_through_both_presses(session: CalibrationSession, camer
     session.start()  # two people press it
     at_step(session, 1)
 
-    camera.hold(SimulatedCalibrationPress("board", 0.4, tilt_deg=(4.0, 0.0)))
+    camera.hold(HeldCalibrationObject("board", 0.4, tilt_deg=(4.0, 0.0)))
     wait_until(lambda: "press the lower" in session.state.advice)
     pins = session.state.pins
     assert pins is not None and 31 < pins.found < 60 and len(pins.missing_px) > 3
@@ -62,14 +62,14 @@ def test_a_person_is_led_through_both_presses(session: CalibrationSession, camer
 
     camera.hold(camera.good_press("board"))
     at_step(session, 2)
-    camera.hold(SimulatedCalibrationPress())
+    camera.hold(HeldCalibrationObject())
     at_step(session, 3)
-    camera.hold(SimulatedCalibrationPress("ball", 0.6))
+    camera.hold(HeldCalibrationObject("ball", 0.6))
     wait_until(lambda: "press deeper" in session.state.advice)
     session.back()
     session.back()  # the same wish of a second person is not two steps
     assert session.state.step == 2
-    camera.hold(SimulatedCalibrationPress())
+    camera.hold(HeldCalibrationObject())
     at_step(session, 3)
     other = (sensor_folder(session.out) / "sensor.toml").read_bytes()  # somebody else calibrates there meanwhile
     camera.hold(camera.good_press("ball"))

@@ -34,7 +34,7 @@ from ninedtact.simulation.press_sequence import PressSimulation
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import PageController, PageMoment
-from ninedtact.studio.page_recorder import PageRecorder, SensorBeingRecorded
+from ninedtact.studio.page_recorder import PageRecorder, PageSensorRecording
 from ninedtact.studio.press_control import (
     MAX_DEPTH_MM,
     OBJECTS_BY_KIND,
@@ -115,7 +115,7 @@ def pressed_twin(
             studios = [one, *studios]
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
         recorded = [
-            SensorBeingRecorded(folder, "twin", one.wrenches, name) for one, name in zip(studios, names, strict=True)
+            PageSensorRecording(folder, "twin", one.wrenches, name) for one, name in zip(studios, names, strict=True)
         ]
         recorder = PageRecorder(recorded, out, studios[0].quota)
         opened.callback(recorder.stop)

@@ -133,7 +133,7 @@ def test_a_history_begins_anew_where_time_goes_back() -> None:
 def test_a_browser_shows_the_twin_move_and_its_true_and_estimated_wrench(
     browser: Browser, tmp_path: Path, twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ninedtact.simulation.simulated_sources.demo_trajectories", lambda: [PRESSED])
+    monkeypatch.setattr("ninedtact.simulation.simulated_sources.demo_press_sequence", lambda: [PRESSED])
     sensor, pollers = page_sources_of_twin(twin_sensor.shape, demo_sources(TWIN, rounds=12))
     sensor.estimator = TractionForce(HeightObservationModel(), Gel())
     estimated = WrenchHistory("estimated", "by physics", states_errors=True)

@@ -14,7 +14,7 @@ import tyro
 from ninedtact.cli.live import Live
 from ninedtact.cli.sensor_page import PageSensor, PageSettings, require_page_library, serve_sensor_page
 from ninedtact.force.estimator_loading import NONE, PHYSICS
-from ninedtact.open_sensor import SIMULATED, is_simulated, live_source_for
+from ninedtact.open_sensor import SIMULATED, is_simulated, source_in_real_time
 
 if TYPE_CHECKING:
     from ninedtact.calibration.procedure import CalibrationSettings
@@ -172,7 +172,7 @@ def _live_camera(address: str, automatic: bool) -> "FrameSource":
     """Return a camera or recording, its exposure fixed unless it is to stay automatic."""
     from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
 
-    return live_source_for(address, DEFAULT_CAMERA if automatic else FIXED_EXPOSURE)
+    return source_in_real_time(address, DEFAULT_CAMERA if automatic else FIXED_EXPOSURE)
 
 
 def serve_calibrated_sensor(

@@ -22,8 +22,8 @@ from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_
 from ninedtact.open_sensor import (
     is_recording,
     is_simulated,
-    live_source_for,
     require_same_source_kind,
+    source_in_real_time,
 )
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
 
@@ -219,7 +219,7 @@ class Collect:
         if is_recording(self.source):
             images, wrenches = Path(self.source).expanduser(), Path(self.force_torque).expanduser()
             return collection_setup_from_recordings(images, wrenches, checks)
-        camera = live_source_for(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
+        camera = source_in_real_time(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         device = force_torque_sensor_for(self.force_torque)
         return collection_setup_from_devices(camera, device, folder, checks, screen.show_message)
 

@@ -141,11 +141,11 @@ class Demo:
         from tqdm import tqdm
 
         from ninedtact.quantities import Frame
-        from ninedtact.simulation.simulated_sources import demo_trajectories
+        from ninedtact.simulation.simulated_sources import demo_press_sequence
 
         reader = folder.shape.depth_reader(*(Frame(self.twin.renderer(None, number)) for number in range(-10, 0)))
         progress = tqdm(
-            demo_trajectories(), desc="pressing and reconstructing", unit="object", disable=None, leave=False
+            demo_press_sequence(), desc="pressing and reconstructing", unit="object", disable=None, leave=False
         )
         return [self.compare_press(act, folder, reader) for act in progress]
 

@@ -27,8 +27,8 @@ from ninedtact.open_sensor import (
     RECORDING_SUFFIX,
     SIMULATED,
     is_recording,
-    live_source_for,
     read_reference_of_recording,
+    source_in_real_time,
 )
 from ninedtact.recording.errors import RecordingUnreadable, require_recording_libraries
 
@@ -171,7 +171,7 @@ class Live:
         from ninedtact.capture.frame_pacing import RepeatingSource
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
 
-        source = live_source_for(address, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
+        source = source_in_real_time(address, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         return RepeatingSource(source) if self.loop else source
 
 

@@ -15,8 +15,8 @@ from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_
 from ninedtact.open_sensor import (
     RECORDING_SUFFIX,
     is_simulated,
-    live_source_for,
     require_same_source_kind,
+    source_in_real_time,
 )
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
 
@@ -189,7 +189,7 @@ class Record:
 
         if is_simulated(address):
             return _twin_sources(folder, self.force_torque is not None)
-        camera = live_source_for(address, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
+        camera = source_in_real_time(address, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         return camera, None if self.force_torque is None else untared_wrench_source(self.force_torque, folder)
 
 
@@ -248,9 +248,9 @@ def _twin_sources(folder: "SensorFolder", force_torque: bool) -> "tuple[FrameSou
     """Return camera and force/torque sensor of the twin of a sensor, pressed by several objects in turn."""
     from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
     from ninedtact.simulation.press_sequence import PressSimulation
-    from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque, demo_trajectories
+    from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque, demo_press_sequence
 
-    simulation = PressSimulation(build_sensor_twin(folder), demo_trajectories())
+    simulation = PressSimulation(build_sensor_twin(folder), demo_press_sequence())
     return SimulatedCamera(simulation), SimulatedForceTorque(simulation) if force_torque else None
 
 

@@ -14,7 +14,7 @@ from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact.dataset.image_cache import DecodedImages, load_decoded_images
 from ninedtact.dataset.parquet_files import DatasetDamaged, read_columns, wrench_array
 from ninedtact.dataset.schema import NO_OBJECT, PAIR_COLUMNS
-from ninedtact.force.dataset_split import SplitLabels
+from ninedtact.force.dataset_split import SplitKeys
 
 _UNKNOWN_TIME = -1
 _Index = Int[Array, " b"]
@@ -112,10 +112,10 @@ class TactileDataset:
         selected: dict[str, Any] = {name: getattr(self, name).select(kept) for name in label_columns}
         return replace(self, **selected, **{name: getattr(self, name)[kept] for name in arrays})
 
-    def to_split_pairs(self) -> SplitLabels:
+    def to_split_pairs(self) -> SplitKeys:
         """Return the ids, objects, sensors and contacts by which `force.splits` divides the pairs."""
         labels = (self.objects, self.sensors, self.contacts)
-        return SplitLabels(self.ids.tolist(), *(column.values.tolist() for column in labels))
+        return SplitKeys(self.ids.tolist(), *(column.values.tolist() for column in labels))
 
 
 def load_dataset(

@@ -62,7 +62,7 @@ class SplitSettings:
 
 
 @dataclass(frozen=True)
-class SplitLabels:
+class SplitKeys:
     """Labels by which pairs are split: a unique id for every pair and, where known, its object, sensor and contact."""
 
     ids: Sequence[str]
@@ -128,7 +128,7 @@ class DatasetSplit:
         return SplitRows(train, test)
 
 
-def split_dataset(pairs: SplitLabels, settings: SplitSettings = SplitSettings()) -> DatasetSplit:
+def split_dataset(pairs: SplitKeys, settings: SplitSettings = SplitSettings()) -> DatasetSplit:
     """Split pairs into training and test pairs.
 
     Raises `SplitImpossible` where a part would be empty, or where there are too few objects, sensors or pairs to choose from.
@@ -152,7 +152,7 @@ def split_dataset(pairs: SplitLabels, settings: SplitSettings = SplitSettings())
 class HeldOut:
     """Computes which of the pairs a split with these settings holds out."""
 
-    pairs: SplitLabels
+    pairs: SplitKeys
     settings: SplitSettings
 
     @property

@@ -33,7 +33,7 @@ from ninedtact.recording.topics_and_messages import (
     encode_image,
     encode_message,
     encode_reference_grey,
-    encode_warnings,
+    encode_warnings_as_diagnostics,
     encode_wrench,
     header,
     ros_name,
@@ -269,7 +269,7 @@ class SensorMessages:
 
     def _warnings(self, reading: Reading, wall_ns: int) -> bytes | None:
         warnings = [warning.value for warning in reading.warnings]
-        return encode_warnings(warnings, self.name, wall_ns, self.frame("skin")) if warnings else None
+        return encode_warnings_as_diagnostics(warnings, self.name, wall_ns, self.frame("skin")) if warnings else None
 
 
 def encode_status(fields: Mapping[str, Any]) -> bytes:

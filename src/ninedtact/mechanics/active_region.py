@@ -1,7 +1,7 @@
 """The active region of the grid, in which a contact is solved: where the object can touch, rounded up so that few sizes occur.
 
 `CroppedRegion` is one rectangle for all contacts of a batch, cut out as a smaller grid: the cheapest for one contact.
-`ContactRectangles` is a rectangle for each contact of a batch; all are solved on the whole grid and kept at zero outside their own
+`ActiveRectangles` is a rectangle for each contact of a batch; all are solved on the whole grid and kept at zero outside their own
 rectangle.
 """
 
@@ -103,7 +103,7 @@ class CroppedRegion(ActiveRegion):
 
 
 @dataclass(frozen=True)
-class ContactRectangles(ActiveRegion):
+class ActiveRectangles(ActiveRegion):
     """A rectangle for each contact of a batch, as a mask on the whole grid."""
 
     inside: PointMask

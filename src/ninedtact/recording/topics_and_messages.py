@@ -201,7 +201,9 @@ def encode_covariance(covariance: Float64[Array, "6 6"]) -> bytes:
     return _encode(Topic.COVARIANCE, layout=layout, data=np.ascontiguousarray(covariance, np.float64).reshape(-1))
 
 
-def encode_warnings(warnings: Sequence[str], sensor: str, wall_ns: int, frame: str = SKIN_FRAME) -> bytes:
+def encode_warnings_as_diagnostics(
+    warnings: Sequence[str], sensor: str, wall_ns: int, frame: str = SKIN_FRAME
+) -> bytes:
     """Return a diagnostic message with one status of level WARN for each warning."""
     status = type_store().types["diagnostic_msgs/msg/DiagnosticStatus"]
     statuses = [

@@ -34,7 +34,7 @@ from ninedtact.recording.topics_and_messages import (
     encode_label,
     encode_reference_grey,
     encode_span,
-    encode_warnings,
+    encode_warnings_as_diagnostics,
     encode_wrench,
     message_definition,
 )
@@ -155,7 +155,10 @@ class RecordingWriter:
         if estimate.warnings:
             texts = [warning.value for warning in estimate.warnings]
             self._add(
-                Topic.WARNINGS, stamp_ns, encode_warnings(texts, self.metadata.topic_name, wall_ns, frame_id), index
+                Topic.WARNINGS,
+                stamp_ns,
+                encode_warnings_as_diagnostics(texts, self.metadata.topic_name, wall_ns, frame_id),
+                index,
             )
 
     def write_height(self, height: HeightMap, index: int) -> None:

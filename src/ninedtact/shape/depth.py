@@ -54,7 +54,9 @@ class LightLoss:
         return loss
 
 
-def mean_darkening(grey: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"], loss: float) -> float:
+def mean_view_darkening(
+    grey: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"], loss: float
+) -> float:
     """Return the mean darkening of the view relative to the reference image, after the loss is subtracted."""
     return _mean_noticed_darkening(_sample_relative_brightness(grey, reference), loss)
 

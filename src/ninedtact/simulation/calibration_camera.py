@@ -30,7 +30,7 @@ from ninedtact.simulation.twin import Twin
 
 
 @dataclass(frozen=True)
-class SimulatedCalibrationPress:
+class HeldCalibrationObject:
     """What is held on the skin, and how."""
 
     gauge: Literal["nothing", "board", "ball"] = "nothing"
@@ -57,9 +57,9 @@ class SimulatedCalibrationCamera(FrameSource):
         self.refusal = ""
         """Why the mechanics refused the last press, which is then not shown; empty where it did not."""
         self._twin, self._design, self._fine_twin = twin, design, twin_for_board(twin, design)
-        self._plays_by_itself, self._offered, self._rate_hz = plays_by_itself, SimulatedCalibrationPress(), rate_hz
+        self._plays_by_itself, self._offered, self._rate_hz = plays_by_itself, HeldCalibrationObject(), rate_hz
         self._lock, self._is_closed, self._due_at, self._number = Lock(), Event(), 0.0, 0
-        self._held = self._rendered = SimulatedCalibrationPress()
+        self._held = self._rendered = HeldCalibrationObject()
         self._clean: Float32[Array, "rows cols 3"] = twin.renderer.reference
         self._exposure_ms = _EXPOSURE.now_ms
         self._is_closed.set()
@@ -89,12 +89,12 @@ class SimulatedCalibrationCamera(FrameSource):
         self.offer(self._offered)
 
     @property
-    def held(self) -> SimulatedCalibrationPress:
+    def held(self) -> HeldCalibrationObject:
         """What is held on the skin."""
         with self._lock:
             return self._held
 
-    def hold(self, press: SimulatedCalibrationPress) -> None:
+    def hold(self, press: HeldCalibrationObject) -> None:
         """Hold a gauge on the skin from the next image on."""
         with self._lock:
             self._held = press
@@ -103,21 +103,21 @@ class SimulatedCalibrationCamera(FrameSource):
         """Press what a step needs ("board", "ball"; nothing in any other), where the camera plays by itself."""
         self.offer(self.good_press(step))
 
-    def offer(self, press: SimulatedCalibrationPress) -> None:
+    def offer(self, press: HeldCalibrationObject) -> None:
         """Hold a press where the camera plays by itself, now or once it does."""
         self._offered = press
         if self._plays_by_itself:
             self.hold(press)
 
-    def good_press(self, gauge: str) -> SimulatedCalibrationPress:
+    def good_press(self, gauge: str) -> HeldCalibrationObject:
         """Return a press of the board or the ball that calibrates well; nothing for any other name."""
         presses = GUIDED_PRESSES.for_gel(self._design.gel)
         if gauge == "board":
-            return SimulatedCalibrationPress("board", presses.board_depth_mm)
+            return HeldCalibrationObject("board", presses.board_depth_mm)
         return (
-            SimulatedCalibrationPress("ball", presses.ball_depth_mm, drag_mm=presses.ball_drag_mm)
+            HeldCalibrationObject("ball", presses.ball_depth_mm, drag_mm=presses.ball_drag_mm)
             if gauge == "ball"
-            else SimulatedCalibrationPress()
+            else HeldCalibrationObject()
         )
 
     def open(self) -> None:
@@ -142,7 +142,7 @@ class SimulatedCalibrationCamera(FrameSource):
         """Stop."""
         self._is_closed.set()
 
-    def _press(self, held: SimulatedCalibrationPress) -> None:
+    def _press(self, held: HeldCalibrationObject) -> None:
         """Solve the contact of a press and render it; a press that the mechanics refuse leaves the image as it was."""
         self.refusal = ""
         if held.gauge == "nothing" or (held.depth_mm <= 0 and not held.load_n):

@@ -85,7 +85,7 @@ KEPT_CONTACTS, KEPT_WRENCHES = 16, 1024
 """Number of the newest steps that are stored."""
 
 
-class PressSimulationUnusable(SimulationError):
+class PressSequenceTimingInvalid(SimulationError):
     """Raised for a simulation whose trajectories take no time, or that has no rate."""
 
 
@@ -148,7 +148,7 @@ class PressSimulation:
 
     def __post_init__(self) -> None:
         if not self.trajectories or not self.round_s > 0 or not self.hz > 0:
-            raise PressSimulationUnusable(
+            raise PressSequenceTimingInvalid(
                 f"expected trajectories that take time and a rate above zero, got {len(self.trajectories)} at {self.hz} Hz; "
                 "add a trajectory"
             )

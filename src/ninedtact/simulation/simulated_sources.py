@@ -138,7 +138,7 @@ def _wrench_from_six(six: Array, stamp_ns: int, about_mm: Array | None = None) -
     return Wrench(six[:3], six[3:], np.zeros(3) if about_mm is None else about_mm, stamp_ns)
 
 
-def demo_trajectories() -> list[ObjectTrajectory]:
+def demo_press_sequence() -> list[ObjectTrajectory]:
     """Return the press sequence of the demo: six objects, about half a minute."""
     trajectories = {
         "ball:4": press_trajectory(Pose(0.0, 0.0, 1.4), (1.5, 0.8)),
@@ -172,7 +172,7 @@ class DemoSources:
 
 def demo_sources(twin: Twin, rounds: int | None = None) -> DemoSources:
     """Return the sources of the demo, not yet opened."""
-    simulation = PressSimulation(twin, demo_trajectories(), rounds=rounds)
+    simulation = PressSimulation(twin, demo_press_sequence(), rounds=rounds)
     reference_frames = tuple(Frame(twin.renderer(None, number)) for number in range(-REFERENCE_FRAME_COUNT, 0))
     return DemoSources(
         SimulatedCamera(simulation),

@@ -19,7 +19,7 @@ from ninedtact.calibration.guidance import PinSighting
 from ninedtact.calibration.save import CERTIFICATE_FILE
 from ninedtact.calibration.sensor_toml_schema import Certificate
 from ninedtact.open_sensor import is_simulated
-from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera, SimulatedCalibrationPress
+from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
 from ninedtact.studio.calibration_session import CalibrationSession, CalibrationState, Phase
 from ninedtact.studio.guided_page import (
     BrowserImages,
@@ -251,7 +251,7 @@ def _result_html(state: CalibrationState) -> str:
     return f'<div style="overflow-wrap:anywhere">{"".join(lines)}</div>'
 
 
-def _held_html(held: SimulatedCalibrationPress, refusal: str) -> str:
+def _held_html(held: HeldCalibrationObject, refusal: str) -> str:
     """Return what is held on the simulated sensor, and why a press is refused, as HTML."""
     words = "nothing touches" if held.gauge == "nothing" else f"the {held.gauge} is held {held.depth_mm:.2f} mm deep"
     warning = f'<div role="alert" style="color:{TONES["lost"]}">{escape(refusal)}</div>' if refusal else ""

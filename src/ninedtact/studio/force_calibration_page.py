@@ -10,7 +10,7 @@ from viser import GuiEvent, Icon, ViserServer
 
 from ninedtact.force.known_load_scale import ForceScaleFit, weight_of_grams_n
 from ninedtact.open_sensor import is_simulated
-from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera, SimulatedCalibrationPress
+from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
 from ninedtact.studio.force_calibration_session import (
     ForceCalibrationSession,
     ForceCalibrationState,
@@ -201,12 +201,12 @@ class ForceCalibrationPage:
         self._start_over.visible = phase is not LoadPhase.PREVIEW
 
 
-def simulated_load(grams: float, x_mm: float = 0.0) -> SimulatedCalibrationPress:
+def simulated_load(grams: float, x_mm: float = 0.0) -> HeldCalibrationObject:
     """Return the press of the ball under a load; nothing for no load."""
     return (
-        SimulatedCalibrationPress("ball", load_n=weight_of_grams_n(grams), at_mm=(x_mm, 0.0))
+        HeldCalibrationObject("ball", load_n=weight_of_grams_n(grams), at_mm=(x_mm, 0.0))
         if grams > 0
-        else SimulatedCalibrationPress()
+        else HeldCalibrationObject()
     )
 
 

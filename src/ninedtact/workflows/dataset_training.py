@@ -13,7 +13,7 @@ import numpy as np
 from ninedtact.dataset.height_cache import load_height_pairs
 from ninedtact.dataset.reader import load_dataset
 from ninedtact.design import Gel
-from ninedtact.force.dataset_split import NO_OBJECT, SplitLabels, SplitRows, SplitSettings, read_split, split_dataset
+from ninedtact.force.dataset_split import NO_OBJECT, SplitKeys, SplitRows, SplitSettings, read_split, split_dataset
 from ninedtact.force.network_input import NetworkInputSettings, scale_network_input_width, sensor_features_of
 from ninedtact.force.training.examples import TrainingExamples
 from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
@@ -41,7 +41,7 @@ class HeldOutSettings:
             np.asarray(column)[train].tolist() for column in (ids, examples.objects, examples.sensors)
         )
         settings = self._split_settings(set(objects), set(sensors), len(names))
-        inner = split_dataset(SplitLabels(names, objects, sensors), settings).rows(names)
+        inner = split_dataset(SplitKeys(names, objects, sensors), settings).rows(names)
         return SplitRows(train[inner.train], train[inner.test])
 
     def _split_settings(self, objects: set[str], sensors: set[str], pairs: int) -> SplitSettings:

@@ -13,7 +13,7 @@ from ninedtact.force.training.augmentation import (
     NO_AUGMENTATION,
     Augmentation,
     GeometricAugmentation,
-    GeometricTransform,
+    GeometricTransforms,
     HeightPerturbations,
     PhotometricPerturbations,
     apply_transform,
@@ -63,11 +63,11 @@ def batch(n: int) -> TrainingBatch:
     return TrainingBatch(z_mm, law(z_mm), None, usual(n))
 
 
-def moves(**given: list[float] | list[list[float]]) -> GeometricTransform:
+def moves(**given: list[float] | list[list[float]]) -> GeometricTransforms:
     """As given for each of n images; nothing else is done to them."""
     n = len(next(iter(given.values())))
     nothing = {"mirror": torch.ones(n, 2), "rotation_rad": torch.zeros(n), "shift_mm": torch.zeros(n, 2)}
-    return GeometricTransform(
+    return GeometricTransforms(
         **{**nothing, "scale": torch.ones(n), **{name: torch.tensor(value) for name, value in given.items()}}
     )
 

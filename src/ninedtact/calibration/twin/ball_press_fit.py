@@ -32,7 +32,7 @@ from ninedtact.calibration.twin.ball_press_model import (
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import Rectified
-from ninedtact.shape.depth import mean_darkening
+from ninedtact.shape.depth import mean_view_darkening
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
 
@@ -96,7 +96,7 @@ def _autocorrelation_sums(field: Float[Array, "rows cols"]) -> Float[Array, "lag
 
 THICKNESS_SPREAD = 0.22
 """Relative standard deviation of the thickness with which moulded gels act, about the designed one: from fits to six real sensors
-(`simulation.real_fits`)."""
+(`simulation.real_sensor_twins`)."""
 FINITE_STRAIN, FINITE_STRAIN_SPREAD = 0.5, 0.5
 """Share of finite strain before the image is seen, and its standard deviation: from a linear layer to a neo-Hookean gel."""
 START = {
@@ -183,7 +183,7 @@ class TwinFit:
     @cached_property
     def light(self) -> BrightnessModel:
         """Return the brightness model of the sensor that the fit found."""
-        named, darkening = self.parameters, self.mean_darkening
+        named, darkening = self.parameters, self.mean_view_darkening
         return BrightnessModel(
             darkening_per_mm=max(named["darkening_per_mm"], 0.0),
             saturation=named["saturation"],
@@ -195,10 +195,10 @@ class TwinFit:
         )
 
     @cached_property
-    def mean_darkening(self) -> float:
+    def mean_view_darkening(self) -> float:
         """Mean darkening of the whole view, to which the loss of light is proportional."""
         observed = self.forward.observed
-        return mean_darkening(observed.after.grey, observed.before.grey, self.parameters["loss"])
+        return mean_view_darkening(observed.after.grey, observed.before.grey, self.parameters["loss"])
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ class GeometricAugmentation:
         """Return the batch with a random transform applied to each of its examples."""
         return apply_transform(batch, self.sample_transforms(len(batch.wrench), generator), mm_per_px)
 
-    def sample_transforms(self, n: int, generator: Generator) -> "GeometricTransform":
+    def sample_transforms(self, n: int, generator: Generator) -> "GeometricTransforms":
         """Sample n transforms from the generator."""
         device = generator.device
 
@@ -49,11 +49,11 @@ class GeometricAugmentation:
         rotation = chosen * uniform() * radians(self.max_rotation_deg)
         shift = chosen[:, None] * uniform(2) * self.max_shift_mm
         scale = 1 + chosen * self.scale_std * torch.randn(n, generator=generator, device=device)
-        return GeometricTransform(mirror, rotation, shift, scale)
+        return GeometricTransforms(mirror, rotation, shift, scale)
 
 
 @dataclass(frozen=True)
-class GeometricTransform:
+class GeometricTransforms:
     """Transforms of n images: signs (n, 2) along x and y, angles (n) from x to y, shifts (n, 2) in mm, scales (n)."""
 
     mirror: Tensor
@@ -69,7 +69,7 @@ class GeometricTransform:
         return rotation * self.mirror[:, None, :]
 
 
-def apply_transform(batch: TrainingBatch, transform: GeometricTransform, mm_per_px: float) -> TrainingBatch:
+def apply_transform(batch: TrainingBatch, transform: GeometricTransforms, mm_per_px: float) -> TrainingBatch:
     """Return the batch with images, references and wrenches transformed."""
     grid = _sampling_grid(transform, batch.images.shape, mm_per_px)
     references = None if batch.references is None else _resample(batch.references, grid)
@@ -83,14 +83,14 @@ def apply_transform(batch: TrainingBatch, transform: GeometricTransform, mm_per_
     )
 
 
-def _transform_tractions(transform: GeometricTransform, tractions: Tensor, grid: Tensor) -> Tensor:
+def _transform_tractions(transform: GeometricTransforms, tractions: Tensor, grid: Tensor) -> Tensor:
     """Return transformed tractions (n, 3, rows, cols): pressure moves with its place, shear also turns as a force does."""
     pressure, shear_x, shear_y = (_resample(field, grid) for field in tractions.unbind(1))
     shear = torch.einsum("nij,njrc->nirc", transform.linear_part, torch.stack([shear_x, shear_y], 1))
     return torch.cat([pressure[:, None], shear], 1)
 
 
-def _transform_wrench(transform: GeometricTransform, wrench: Tensor) -> Tensor:
+def _transform_wrench(transform: GeometricTransforms, wrench: Tensor) -> Tensor:
     """Return the transformed wrenches (n, 6), N and N·m about the skin's centre."""
     sign = transform.mirror.prod(1, keepdim=True)
     linear = transform.linear_part
@@ -103,7 +103,7 @@ def _transform_wrench(transform: GeometricTransform, wrench: Tensor) -> Tensor:
     return torch.cat([force, torque + torch.linalg.cross(arm_m, force)], 1)
 
 
-def _sampling_grid(transform: GeometricTransform, shape: torch.Size, mm_per_px: float) -> Tensor:
+def _sampling_grid(transform: GeometricTransforms, shape: torch.Size, mm_per_px: float) -> Tensor:
     """Return where each pixel of the transformed images lies in the original ones, (n, rows, cols, 2) for `grid_sample`."""
     n, rows, cols = shape
     # Distance from the image's centre to the centre of the last pixel.

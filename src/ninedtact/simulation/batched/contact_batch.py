@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.active_region import (
-    ContactRectangles,
+    ActiveRectangles,
     GridRectangle,
     find_active_rectangles,
     rectangle_masks,
@@ -77,7 +77,7 @@ class SkinStack:
 
     def regions(
         self, sensors: Sequence[int], rectangles: Sequence[GridRectangle], like: ScalarField
-    ) -> ContactRectangles:
+    ) -> ActiveRectangles:
         """Return the region of each contact of a batch, given its sensor's position in the stack and its rectangle."""
         inside, xp, shape = rectangle_masks(rectangles, like), array_namespace_of(self.like), self.skins[0].grid.shape
         indices = xp.asarray(np.array(sensors), device=device(self.like))
@@ -88,7 +88,7 @@ class SkinStack:
             max_shear_compliance_mm_per_mpa=expand_over_grid(np.array(softest), self.like)[..., None],
             inside=xp.astype(inside, self.like.dtype),
         )
-        return ContactRectangles(inside, operators)
+        return ActiveRectangles(inside, operators)
 
     @cached_property
     def _symbols(self) -> tuple[Any, Any, Any, Any]:
@@ -147,7 +147,7 @@ class ContactBatch:
         return pose_contact_problem(last, indenter, pose, ContactConstraint(), friction)
 
     @cached_property
-    def regions(self) -> ContactRectangles:
+    def regions(self) -> ActiveRectangles:
         """The region of each contact."""
         overlap = self.problem.overlap_mm
         whole = whole_grid_rectangle((overlap.shape[1], overlap.shape[2]))
