@@ -19,7 +19,7 @@ from ninedtact import SensorDesign, read_image
 from ninedtact.calibration.board.board_fit import (
     BoardFit,
     fit_board,
-    published_leave_one_out_rms_mm,
+    pin_map_leave_one_out_rms_mm,
 )
 from ninedtact.calibration.board.lens_fit import LensFit, fit_lens_with_terms, rms_vector_length
 
@@ -70,7 +70,7 @@ def dented(image: np.ndarray, dent: tuple[float, float, float, float]) -> np.nda
 
 def original_mm(board: BoardFit) -> float:
     """The original's way on the same board, and on the same pins."""
-    return published_leave_one_out_rms_mm(board)
+    return pin_map_leave_one_out_rms_mm(board)
 
 
 def refitted_mm(fit: LensFit) -> np.ndarray:

@@ -18,7 +18,7 @@ from figures import Figure, answer, at_least
 from tallied import Tally
 
 from ninedtact.capture.training_pair_rule import SamplingRuleSettings
-from ninedtact.dataset.generation.generate import GenerationSession, make_setup
+from ninedtact.dataset.generation.generate import GenerationSession, make_simulated_sensor
 from ninedtact.dataset.generation.settings import GenerationSettings, KindShares
 from ninedtact.simulation.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
 from ninedtact.simulation.batched.session_requests import (
@@ -27,7 +27,7 @@ from ninedtact.simulation.batched.session_requests import (
     SimulatedSetup,
     SimulationRequest,
     StepRequest,
-    respond_on_processor,
+    respond_on_cpu,
 )
 
 WANTED_PER_S = 500.0
@@ -79,7 +79,7 @@ def torch_figures(device: Device, at_once: tuple[int, ...], batches: int, thread
 
 
 def one_by_one(asked: Sequence[SimulationRequest]) -> list[Any]:
-    return [respond_on_processor(one) for one in asked]
+    return [respond_on_cpu(one) for one in asked]
 
 
 def room(benches: Sequence[SimulatedSetup], device: Device, many: int) -> BatchExecutor:
@@ -126,7 +126,7 @@ def run(way_of: Callable[[list[SimulatedSetup]], Way], many: int, batches: int, 
     settings = GenerationSettings(
         1000 * many, sensors=min(SENSORS, many), session_pairs=1000, shares=KindShares(0, 0), rule=EVERY
     )
-    benches = [make_setup(number, settings) for number in range(settings.sensors)]
+    benches = [make_simulated_sensor(number, settings) for number in range(settings.sensors)]
     clock = Clock(way_of(benches))
     sessions = [GenerationSession(number, settings, benches[number % len(benches)]) for number in range(many)]
     going = run_sessions(sessions, clock, threads)  # type: ignore[arg-type]
@@ -145,7 +145,7 @@ def extrapolated(device: Device, many: int) -> Iterator[Figure]:
     tally = Tally()
     run(lambda benches: tally.of(room(benches, device, many).execute), many, 1, 1)
     step, look = tally.last(StepRequest), tally.last(RenderRequest)
-    patch_points = make_setup(0, GenerationSettings()).twin.model.skin.grid.positions_mm[0].size
+    patch_points = make_simulated_sensor(0, GenerationSettings()).twin.model.skin.grid.positions_mm[0].size
     bytes_each = step.bytes / step.execute + look.bytes / look.execute
     operations = step.operations + look.operations
     yield Figure("operations of one batch, solved and drawn", operations)

@@ -32,9 +32,9 @@ from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.press_control import PressControl
-from ninedtact.studio.press_panel import HANDLE_LIFT_MM
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
+from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM
 from ninedtact.studio.wrench_history import WrenchHistory
 
 DISPLAY_HZ = 30.0

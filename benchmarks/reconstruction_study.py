@@ -23,7 +23,7 @@ from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.depth import DepthReader, Smoothing
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, GUIDED_PRESSES, simulate_calibration_images
 from ninedtact.simulation.ground_truth import true_height_map_like
-from ninedtact.simulation.sensor_population import MechanicsShares, SampledSensor, sample_sensor
+from ninedtact.simulation.sensor_population import NonidealMechanicsShares, SampledSensor, sample_sensor
 from ninedtact.simulation.trajectory import ScriptedPress
 
 READINGS = ("physics", "physics, fast", "ratio", "table")
@@ -31,10 +31,10 @@ OTHER_BALL = Ball(5.0)
 DEEPER_THAN_MM = 0.05
 LIMIT_MM = 0.020
 PUBLISHED = {"MAE": 0.0462, "Std": 0.0304}
-KINDS: dict[str, MechanicsShares] = {
-    "as the estimator assumes": MechanicsShares(compliant_base=0.0, finite_strain=0.0),
-    "compliant base": MechanicsShares(compliant_base=1.0, finite_strain=0.0),
-    "finite strain": MechanicsShares(compliant_base=0.0, finite_strain=1.0),
+KINDS: dict[str, NonidealMechanicsShares] = {
+    "as the estimator assumes": NonidealMechanicsShares(compliant_base=0.0, finite_strain=0.0),
+    "compliant base": NonidealMechanicsShares(compliant_base=1.0, finite_strain=0.0),
+    "finite strain": NonidealMechanicsShares(compliant_base=0.0, finite_strain=1.0),
 }
 
 

@@ -6,7 +6,7 @@ from math import radians
 from ninedtact import (
     ObjectTrajectory,
     Pose,
-    PressSimulation,
+    PressSequence,
     SimulatedCamera,
     SimulatedForceTorque,
     default_twin,
@@ -21,7 +21,7 @@ options = parser.parse_args()
 
 # Everything that takes a camera takes this one; load_sensor(folder).twin() is the twin of a sensor that you have.
 motion = press_trajectory(Pose(depth_mm=options.depth_mm), drag_mm=(0.8, 0.0), twist_rad=radians(10))
-stage = PressSimulation(
+stage = PressSequence(
     default_twin(), [ObjectTrajectory(indenter_from_name(options.object), motion)], hz=20.0, real_time=False, rounds=1
 )
 

@@ -9,7 +9,7 @@ from ninedtact import (
     Frame,
     ObjectTrajectory,
     Pose,
-    PressSimulation,
+    PressSequence,
     Sensor,
     SimulatedCamera,
     calibrate,
@@ -37,7 +37,7 @@ folder = load_sensor(options.sensor)
 shape, estimator = folder.shape, load_estimator(options.force, folder)
 
 motion = press_trajectory(Pose(depth_mm=1.2), drag_mm=(0.8, 0.0))
-stage = PressSimulation(
+stage = PressSequence(
     twin, [ObjectTrajectory(indenter_from_name(options.object), motion)], hz=20.0, real_time=False, rounds=1
 )
 untouched = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-8, 0)))

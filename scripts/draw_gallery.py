@@ -19,7 +19,7 @@ import numpy as np
 import ninedtact
 from ninedtact import CalibrationImages, Frame, HeightMap, ScriptedPress, SensorFolder, Twin
 from ninedtact.cli import main as run_ninedtact
-from ninedtact.hardware.complete_design import CompleteDesign
+from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import read_hardware_design
 from ninedtact.hardware.part_and_assembly_images import render_exploded_view
 from ninedtact.shape.coloured_height_map import colourise_heights, fit_colour_scale
@@ -89,7 +89,7 @@ def draw_twelve_objects() -> None:
 
 def draw_hardware() -> None:
     """Write the exploded view of the published design, as `ninedtact hardware export` does."""
-    sensor = CompleteDesign(read_hardware_design(None, "default"))
+    sensor = BuildableDesign(read_hardware_design(None, "default"))
     cv2.imwrite(str(IMAGES / DRAWN["hardware"][0]), render_exploded_view(sensor.bodies))
 
 

@@ -176,9 +176,9 @@ def test_paths_of_sources_are_absolute_on_a_cluster(tmp_path: Path, monkeypatch:
 def test_a_source_that_a_worker_does_not_find_is_named(tmp_path: Path) -> None:
     from ninedtact.dataset.build import _make_part
     from ninedtact.dataset.checks import CheckSettings
-    from ninedtact.dataset.sources.source import SourceItem, SourcePart, SourceUnknown
+    from ninedtact.dataset.sources.source import SourceChunk, SourceItem, SourceUnknown
 
-    class EmptyPart(SourcePart):
+    class EmptyPart(SourceChunk):
         def items(self) -> Iterator[SourceItem]:
             return iter(())
 

@@ -37,7 +37,7 @@ from .shape.orthorectification import orthorectify
 from .shape.relief_image import render_relief
 from .shape.surface import point_cloud, surface_mesh
 from .simulation.objects.catalogue import indenter_from_name
-from .simulation.press_sequence import ObjectTrajectory, PressSimulation
+from .simulation.press_sequence import ObjectTrajectory, PressSequence
 from .simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
 from .simulation.trajectory import ScriptedPress, press_trajectory
 from .simulation.twin import Twin, default_twin
@@ -60,7 +60,7 @@ __all__ = [
     "ObjectTrajectory",
     "PointCloud",
     "Pose",
-    "PressSimulation",
+    "PressSequence",
     "Reading",
     "Recording",
     "Rectified",

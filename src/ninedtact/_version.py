@@ -5,7 +5,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 __version__ = version("ninedtact")
 
 
-def library_of_other_version(extra: str) -> str:
+def find_mismatched_library(extra: str) -> str:
     """Return which installed library of an extra has a version that `ninedtact` does not declare, empty where all are right.
 
     "expected cyclonedds>=11,<12, got 0.10.5", for the sentence of an error.

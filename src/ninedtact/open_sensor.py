@@ -18,7 +18,7 @@ from ninedtact.recording.errors import (
 )
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceCheck
+    from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceChecker
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import CameraSettings, FrameSource
     from ninedtact.quantities import Frame, Rectified
@@ -145,7 +145,7 @@ def later_references(
     source: "str | FrameSource",
     moments_s: Sequence[float],
     shape: "CalibratedShape",
-    check: "ReferenceCheck",
+    check: "ReferenceChecker",
     before: "Rectified | None" = None,
 ) -> "Sequence[Sequence[Frame]]":
     """Return the references that a recording gives at moments, in s after its first image (`Sensor.later_references`).

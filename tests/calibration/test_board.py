@@ -12,8 +12,8 @@ from ninedtact.calibration.board.board_fit import (
     fit_board,
     fit_published_pin_map,
     integer_pin_centres_px,
+    pin_map_leave_one_out_rms_mm,
     published_leave_one_out_errors_mm,
-    published_leave_one_out_rms_mm,
 )
 from ninedtact.calibration.board.detection import BoardNotFound, find_board_candidate
 from ninedtact.calibration.board.lens_fit import fit_lens_with_terms, rms_vector_length
@@ -217,7 +217,7 @@ def test_a_smooth_correction_follows_what_no_lens_model_does(tmp_path: Path) -> 
     fit, folder = made.board, save_sensor(tmp_path / "sensor", made)
     assert fit.correction is not None
     left_out_mm = rms_vector_length(fit.leave_one_out_errors_mm)
-    assert left_out_mm < published_leave_one_out_rms_mm(fit) and left_out_mm < 0.6 * fit.lens_fit.leave_one_out_rms_mm
+    assert left_out_mm < pin_map_leave_one_out_rms_mm(fit) and left_out_mm < 0.6 * fit.lens_fit.leave_one_out_rms_mm
     # Between the pins as well, the corrected lens is nearer to what is known.
     points_mm = np.stack(np.meshgrid(np.linspace(-9, 9, 25), np.linspace(-7, 7, 25)), axis=-1).reshape(-1, 2)
     straight_px = sensor.lens.to_px(points_mm)
@@ -240,7 +240,7 @@ def test_real_boards_need_no_correction_until_they_are_dented(
     plain = fit_board(images.board_reference, images.board, BOARD)
     assert plain.correction is None
     fit = fit_board(dented(images.board_reference), dented(images.board), BOARD)
-    original_mm, left_out_mm = published_leave_one_out_rms_mm(fit), rms_vector_length(fit.leave_one_out_errors_mm)
+    original_mm, left_out_mm = pin_map_leave_one_out_rms_mm(fit), rms_vector_length(fit.leave_one_out_errors_mm)
     assert left_out_mm < 0.95 * original_mm < original_mm < fit.lens_fit.leave_one_out_rms_mm
 
 

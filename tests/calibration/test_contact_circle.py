@@ -9,8 +9,8 @@ from ninedtact.calibration.ball.contact_circle import (
     ContactCircle,
     _is_glare,
     asymmetry_warnings,
+    board_ball_reference_warnings,
     find_contact_circle,
-    reference_drift_warnings,
     require_disc_above_black,
     require_explained_by_ball,
     require_usable_depth,
@@ -184,9 +184,9 @@ def test_what_a_ball_leaves_unexplained_is_at_most_a_part_of_the_darkening() -> 
 @pytest.mark.parametrize(("by", "warned"), [(3, False), (4, True)])
 def test_reference_images_may_drift_by_three_grey_levels(by: int, warned: bool) -> None:
     before = np.full((20, 30, 3), 120, np.uint8)
-    assert bool(reference_drift_warnings(before, before + np.uint8(by))) == warned
-    assert bool(reference_drift_warnings(before, before - np.uint8(by))) == warned
-    assert reference_drift_warnings(before, before[:10] + np.uint8(9)) == ()
+    assert bool(board_ball_reference_warnings(before, before + np.uint8(by))) == warned
+    assert bool(board_ball_reference_warnings(before, before - np.uint8(by))) == warned
+    assert board_ball_reference_warnings(before, before[:10] + np.uint8(9)) == ()
 
 
 def test_changes_are_relative_to_the_reference_at_its_mean_brightness() -> None:

@@ -25,7 +25,7 @@ from ninedtact.dataset.fault_report import NoUsablePairs
 from ninedtact.dataset.folder import DatasetFolderTaken, DatasetUnfinished
 from ninedtact.dataset.parquet_files import DatasetDamaged
 from ninedtact.dataset.sources.source import SourceUnknown
-from ninedtact.dataset.statistics_and_card import LicenceImpossible
+from ninedtact.dataset.statistics_and_card import UnknownLicence
 from ninedtact.parallel_jobs import WorkersImpossible
 from ninedtact.simulation.rectified_renderer import rectified_mm_per_px
 
@@ -111,7 +111,7 @@ def test_a_card_says_what_a_person_needs(tree: LittleTree, twins: Path, tmp_path
     assert "\nlicense: cc-by-4.0\n" in card
     for said in ("35 mm below the skin", "seed 0", "24 pairs (", "Fz", "no faults found", "skin's\ncentre"):
         assert said.replace("\n", " ") in card.replace("\n", " ")
-    with pytest.raises(LicenceImpossible, match="mit"):
+    with pytest.raises(UnknownLicence, match="mit"):
         BuildSettings(licence="do what you like\nsplit: none")
 
 

@@ -17,7 +17,7 @@ import tyro
 from ninedtact.checked_reading import values_checksum
 from ninedtact.cli.simulate import SimulateDatasetCommand
 from ninedtact.dataset.folder import DatasetFolderTaken
-from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset, make_setup
+from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
 from ninedtact.dataset.generation.press_trajectory import PressSettings, PressTarget, SimulatedPressTrajectory
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings, KindShares
 from ninedtact.dataset.schema import arrow_schema
@@ -32,7 +32,7 @@ from ninedtact.mechanics.indenter import Ball
 from ninedtact.parallel_jobs import WorkersImpossible
 from ninedtact.simulation.batched.session_requests import run_on_processor
 from ninedtact.simulation.objects.catalogue import UnknownObject
-from ninedtact.simulation.sensor_population import MechanicsShares, sample_sensor, sampled_sensor_from_json
+from ninedtact.simulation.sensor_population import NonidealMechanicsShares, sample_sensor, sampled_sensor_from_json
 
 SMALL = GenerationSettings(
     pairs=24,
@@ -242,9 +242,9 @@ def test_hopeless_hands_give_up(tmp_path: Path) -> None:
 
 
 def test_a_hand_reaches_its_load_and_leans_as_it_wants() -> None:
-    for kinds in (MechanicsShares(0, 0), MechanicsShares(1, 0), MechanicsShares(0, 1)):
+    for kinds in (NonidealMechanicsShares(0, 0), NonidealMechanicsShares(1, 0), NonidealMechanicsShares(0, 1)):
         touch = SimulatedPressTrajectory(
-            make_setup(6, replace(SMALL, pitch_mm=0.3, mechanics=kinds)),
+            make_simulated_sensor(6, replace(SMALL, pitch_mm=0.3, mechanics=kinds)),
             Ball(),
             PressSettings(),
             np.random.default_rng(0),
@@ -257,7 +257,7 @@ def test_a_hand_reaches_its_load_and_leans_as_it_wants() -> None:
 
 
 def test_a_hand_stops_before_the_base() -> None:
-    sensor = make_setup(6, replace(SMALL, pitch_mm=0.3, mechanics=MechanicsShares(0, 0)))
+    sensor = make_simulated_sensor(6, replace(SMALL, pitch_mm=0.3, mechanics=NonidealMechanicsShares(0, 0)))
     felt = run_on_processor(
         SimulatedPressTrajectory(sensor, Ball(1.5), PressSettings(), np.random.default_rng(0)).step_towards(HARD)
     )

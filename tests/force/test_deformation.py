@@ -14,10 +14,10 @@ from ninedtact.force.brightness_channels import (
     decode_mixed_image,
     deformation_channels,
     encode_mixed_image,
-    rectified_from_stored_image,
     render_deformation,
     split_darker_brighter,
     stack_deformation_channels,
+    to_whole_grey_levels,
 )
 from ninedtact.quantities import Rectified
 
@@ -33,9 +33,7 @@ def noise(seed: int, shape: tuple[int, int] = (345, 460), mm_per_px: float = 0.0
 def test_the_original_channels_are_those_of_a_float32_put_into_a_byte() -> None:
     image, reference = EVERY_PAIR
     made = encode_mixed_image(
-        compute_image_deformation(
-            rectified_from_stored_image(image, 0.05), rectified_from_stored_image(reference, 0.05)
-        )
+        compute_image_deformation(to_whole_grey_levels(image, 0.05), to_whole_grey_levels(reference, 0.05))
     )
     change = reference.astype(np.float32) - image.astype(np.float32)
     expected = np.zeros((256, 256, 3), np.uint8)
@@ -48,7 +46,7 @@ def test_the_original_channels_are_those_of_a_float32_put_into_a_byte() -> None:
 
 
 def test_what_the_original_channels_were_made_of_comes_back_exactly() -> None:
-    image, reference = (rectified_from_stored_image(grey, 0.05) for grey in EVERY_PAIR)
+    image, reference = (to_whole_grey_levels(grey, 0.05) for grey in EVERY_PAIR)
     made = compute_image_deformation(image, reference)
     back = decode_mixed_image(encode_mixed_image(made), 0.05, stamp_ns=7)
     for name in ("darker", "brighter", "reference"):
@@ -60,9 +58,7 @@ def test_what_the_original_channels_were_made_of_comes_back_exactly() -> None:
 def test_a_image_that_lost_bits_is_no_mixed_image() -> None:
     image, reference = (cv2.GaussianBlur(grey, (5, 5), 0) for grey in EVERY_PAIR)
     made = encode_mixed_image(
-        compute_image_deformation(
-            rectified_from_stored_image(image, 0.05), rectified_from_stored_image(reference, 0.05)
-        )
+        compute_image_deformation(to_whole_grey_levels(image, 0.05), to_whole_grey_levels(reference, 0.05))
     )
     squeezed = cv2.imdecode(cv2.imencode(".jpg", made)[1], cv2.IMREAD_COLOR)
     with pytest.raises(NotAMixedImage, match=r"expected blue the reference.*got \d+\.\d% of the pixels.*give the PNG"):
@@ -71,7 +67,7 @@ def test_a_image_that_lost_bits_is_no_mixed_image() -> None:
 
 def test_colours_become_the_grey_that_the_original_takes() -> None:
     colour = np.random.default_rng(0).integers(0, 256, (30, 40, 3), dtype=np.uint8)
-    assert (rectified_from_stored_image(colour, 0.05).grey == cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)).all()
+    assert (to_whole_grey_levels(colour, 0.05).grey == cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)).all()
 
 
 @pytest.mark.parametrize("library", [np.asarray, torch.from_numpy])

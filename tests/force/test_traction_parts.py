@@ -19,7 +19,7 @@ from ninedtact.force.traction.brightness_from_traction import (
 from ninedtact.force.traction.cell_grid import CellGrid, _averaging_weights, cell_grid_over_image
 from ninedtact.force.traction.linearisation import (
     DiscretePrior,
-    LinearisedProblem,
+    LinearisedTractionProblem,
     TractionPrior,
     Whitener,
     pressure_precision_spectrum,
@@ -31,7 +31,7 @@ from ninedtact.mechanics.layer_compliance import layered_compliance
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.surface_displacement import Skin, gel_skin
 from ninedtact.quantities import Rectified, Traction
-from ninedtact.shape.depth import DepthCurve, LightLoss
+from ninedtact.shape.depth import DepthCurve, WholeImageLightLoss
 
 CELLS = CellGrid(20, 26, 0.5)
 FORWARD = ForwardModel(CELLS, 2.5, 0.5, 0.6)
@@ -127,12 +127,12 @@ def full_waves() -> list[np.ndarray]:
     return list(np.meshgrid(*(2 * np.pi * np.fft.fftfreq(side, CELLS.pitch_mm) for side in CELLS.patch.shape[::-1])))
 
 
-def linearised() -> LinearisedProblem:
+def linearised() -> LinearisedTractionProblem:
     """A touch on a sloping law, its errors uneven."""
     touched = np.zeros(CELLS.shape, np.float32)
     touched[6:13, 8:17] = 1
     slope, weigh = np.abs(drawn(*CELLS.patch.shape)), Whitener(1 + np.abs(drawn(15, 19)), 0.3)
-    return LinearisedProblem(
+    return LinearisedTractionProblem(
         InfluenceKernels(FORWARD),
         DiscretePrior(CELLS, TractionPrior()),
         touched,
@@ -205,7 +205,9 @@ def test_shear_on_pressed_skin_has_an_arm() -> None:
 
 
 RIGID = BrightnessObservationModel(
-    DepthCurve("ratio", (0.0, 0.15, 0.3), (0.0, 1.0, 2.0), (0.01,) * 3, (0.0, 0.33), (0.0, 1.0)), LightLoss(0.5), 0.6
+    DepthCurve("ratio", (0.0, 0.15, 0.3), (0.0, 1.0, 2.0), (0.01,) * 3, (0.0, 0.33), (0.0, 1.0)),
+    WholeImageLightLoss(0.5),
+    0.6,
 )
 
 
@@ -282,7 +284,7 @@ def test_the_slopes_of_bulges_and_dents_decide_the_base(ratio: float, base: Gel 
 
 
 def test_every_image_is_compared_with_its_own_reference() -> None:
-    cells, model = cell_grid_over_image((90, 120), 0.2, 3.0), replace(RIGID, loss=LightLoss())
+    cells, model = cell_grid_over_image((90, 120), 0.2, 3.0), replace(RIGID, loss=WholeImageLightLoss())
     one, two = (Rectified(np.full((90, 120), grey, np.float32), 0.2) for grey in (100, 150))
     for reference, expected in ((one, 0.2), (two, -0.2), (two, -0.2), (one, 0.2)):
         image = Rectified(np.full((90, 120), 120, np.float32), 0.2)

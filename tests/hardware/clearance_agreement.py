@@ -2,7 +2,7 @@
 
 import pytest
 
-from ninedtact.hardware.complete_design import CompleteDesign
+from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.sensor_assembly import measure_body_pair
 
 NEAREST = (
@@ -17,7 +17,7 @@ LED_AND_RING = ("led_board", "isolation_ring", "LED, isolation ring")
 """Only in the published size; in larger ones the ring is nearest to the board below it."""
 
 
-def require_agreement(sensor: CompleteDesign, pairs: tuple[tuple[str, str, str], ...] = NEAREST) -> None:
+def require_agreement(sensor: BuildableDesign, pairs: tuple[tuple[str, str, str], ...] = NEAREST) -> None:
     bodies = {body.name: body for body in sensor.bodies}
     told = {clearance.faces: clearance.clearance_mm for clearance in sensor.clearances}
     for first, second, between in pairs:

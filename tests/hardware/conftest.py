@@ -1,16 +1,16 @@
 import pytest
 
-from ninedtact.hardware.complete_design import CompleteDesign
+from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import default_hardware_design, original_hardware_design
 
 
 @pytest.fixture(scope="session")
-def original() -> CompleteDesign:
+def original() -> BuildableDesign:
     """The original's dimensions, built once."""
-    return CompleteDesign(original_hardware_design())
+    return BuildableDesign(original_hardware_design())
 
 
 @pytest.fixture(scope="session")
-def default() -> CompleteDesign:
+def default() -> BuildableDesign:
     """Ours."""
-    return CompleteDesign(default_hardware_design())
+    return BuildableDesign(default_hardware_design())

@@ -5,8 +5,8 @@ import pytest
 from clearance_agreement import LED_AND_RING, NEAREST, require_agreement
 
 from ninedtact.hardware.buildability import find_broken_rules
+from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.clearances import list_clearances
-from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import HardwareDesign, default_hardware_design
 from ninedtact.hardware.part_dimensions import BaseDimensions, ShellDimensions
 from ninedtact.hardware.published_specifications import OTHER_PUBLISHED_SENSORS, PUBLISHED_9DTACT
@@ -40,11 +40,11 @@ LEVELS = {
 
 
 @pytest.mark.parametrize(("name", "z_mm"), LEVELS.items())
-def test_levels(original: CompleteDesign, name: str, z_mm: float) -> None:
+def test_levels(original: BuildableDesign, name: str, z_mm: float) -> None:
     assert getattr(original.design.heights, name) == pytest.approx(z_mm, abs=1e-9)
 
 
-def test_bodies_lie_at_their_levels(original: CompleteDesign) -> None:
+def test_bodies_lie_at_their_levels(original: BuildableDesign) -> None:
     boxes = {body.name: body.solid.bounding_box() for body in original.bodies}
     levels = original.design.heights
     assert float(boxes["sensor_shell"].min.Z) == pytest.approx(levels.plate_top)
@@ -53,18 +53,18 @@ def test_bodies_lie_at_their_levels(original: CompleteDesign) -> None:
     assert float(boxes["black_gel"].max.Z) == pytest.approx(levels.top)
 
 
-def test_nothing_interferes_in_the_default(default: CompleteDesign) -> None:
+def test_nothing_interferes_in_the_default(default: BuildableDesign) -> None:
     assert len(default.bodies) == 21
     assert default.interferences == []
     assert [clearance for clearance in default.clearances if clearance.is_tight] == []
 
 
-def test_the_original_overlaps_where_its_files_do(original: CompleteDesign) -> None:
+def test_the_original_overlaps_where_its_files_do(original: BuildableDesign) -> None:
     assert [(pair.first, pair.second) for pair in original.interferences] == [("sensor_base", "camera")]
     assert {clearance.faces for clearance in original.clearances if clearance.is_tight} == TIGHT_IN_THE_ORIGINAL
 
 
-def test_clearances_told_are_clearances_of_the_solids(default: CompleteDesign) -> None:
+def test_clearances_told_are_clearances_of_the_solids(default: BuildableDesign) -> None:
     require_agreement(default, (*NEAREST, LED_AND_RING))
 
 
@@ -93,7 +93,7 @@ def test_what_overlaps_is_told_and_refused(design: HardwareDesign, between: str,
     assert any(between in broken.message for broken in find_broken_rules(design)) == (mm < 0)
 
 
-def test_figures_beside_the_paper(default: CompleteDesign) -> None:
+def test_figures_beside_the_paper(default: BuildableDesign) -> None:
     figures = default.specification
     assert figures.size_mm == pytest.approx((32.5, 25.5, 25.3))
     assert figures.ratio_mm == pytest.approx(PUBLISHED_9DTACT.ratio_mm, abs=0.5)
@@ -103,7 +103,7 @@ def test_figures_beside_the_paper(default: CompleteDesign) -> None:
     assert figures.cost_usd == pytest.approx(PUBLISHED_9DTACT.cost_usd, rel=0.3)
 
 
-def test_the_report_says_all(default: CompleteDesign) -> None:
+def test_the_report_says_all(default: BuildableDesign) -> None:
     text = "\n".join(default.check_report_lines())
     for each in (
         "0 pairs interfere",

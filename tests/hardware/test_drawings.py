@@ -7,7 +7,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.text import Annotation
 
 from ninedtact.design import Gel, SensingArea, SensorDesign
-from ninedtact.hardware.complete_design import CompleteDesign
+from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import default_hardware_design
 from ninedtact.hardware.drawings.drawing_sheet import INK, DrawingSheet, NoteLine, build_drawing_notes
 from ninedtact.hardware.drawings.part_geometry import Polyline, project_section
@@ -23,7 +23,7 @@ BARE_MM2 = {
 
 
 @pytest.mark.parametrize("name", BARE_MM2)
-def test_a_cut_lays_bare_what_the_plane_meets(original: CompleteDesign, name: str) -> None:
+def test_a_cut_lays_bare_what_the_plane_meets(original: BuildableDesign, name: str) -> None:
     cut = project_section(original.parts[name].solid).cut
     assert sum(map(area_mm2, cut)) == pytest.approx(BARE_MM2[name], abs=0.01)
 
@@ -51,14 +51,14 @@ def enclosed_mm2(line: Polyline) -> float:
     return abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
 
 
-def test_cutting_the_shell_shows_its_window_hole_and_its_usb_slot(default: CompleteDesign) -> None:
+def test_cutting_the_shell_shows_its_window_hole_and_its_usb_slot(default: BuildableDesign) -> None:
     view = project_section(default.parts["sensor_shell"].solid)
     assert len(view.cut) == 3, "wall at +y with half a floor, floor and wall above the slot, wall below the slot"
     (low_y, low_z), (high_y, high_z) = view.box
     assert (high_y - low_y, high_z - low_z) == pytest.approx(default.parts["sensor_shell"].size_mm[1:], abs=1e-6)
 
 
-def test_a_sheet_says_how_exact_a_part_must_be(default: CompleteDesign) -> None:
+def test_a_sheet_says_how_exact_a_part_must_be(default: BuildableDesign) -> None:
     part = default.parts["isolation_ring"]
     svg = dict(DrawingSheet(part, build_drawing_notes(default.design, part)).to_svg_and_pdf())["svg"].decode()
     for text in (
@@ -71,7 +71,7 @@ def test_a_sheet_says_how_exact_a_part_must_be(default: CompleteDesign) -> None:
         assert text in svg
 
 
-def test_the_table_stays_on_the_sheet_however_long_it_is(default: CompleteDesign) -> None:
+def test_the_table_stays_on_the_sheet_however_long_it_is(default: BuildableDesign) -> None:
     rows = [NoteLine(f"row {number}") for number in range(90)]
     (axes,) = DrawingSheet(default.parts["acrylic_window"], rows).draw_figure().axes
     heights = [text.get_position()[1] for text in axes.texts if text.get_text().startswith("row ")]
@@ -92,24 +92,24 @@ def test_the_table_stays_on_the_sheet_however_long_it_is(default: CompleteDesign
         ("base_board", ("moulds.base_mm  3", "4 x ⌀2.20")),
     ],
 )
-def test_a_sheet_tells_all_that_shapes_a_part(default: CompleteDesign, name: str, words: tuple[str, ...]) -> None:
+def test_a_sheet_tells_all_that_shapes_a_part(default: BuildableDesign, name: str, words: tuple[str, ...]) -> None:
     svg = sheet_svg(default, name)
     for text in words:
         assert text in svg
 
 
-def test_a_sheet_tells_nothing_else(default: CompleteDesign) -> None:
+def test_a_sheet_tells_nothing_else(default: BuildableDesign) -> None:
     assert "base_mm" not in sheet_svg(default, "first_mould") and "round, about" not in sheet_svg(
         default, "acrylic_window"
     )
 
 
-def sheet_svg(sensor: CompleteDesign, name: str) -> str:
+def sheet_svg(sensor: BuildableDesign, name: str) -> str:
     part = sensor.parts[name]
     return dict(DrawingSheet(part, build_drawing_notes(sensor.design, part)).to_svg_and_pdf())["svg"].decode()
 
 
-def test_arrows_of_the_cut_look_towards_the_half_that_is_shown(default: CompleteDesign) -> None:
+def test_arrows_of_the_cut_look_towards_the_half_that_is_shown(default: BuildableDesign) -> None:
     part = default.parts["first_mould"]
     (axes,) = DrawingSheet(part, build_drawing_notes(default.design, part)).draw_figure().axes
     looks = [text for text in axes.texts if isinstance(text, Annotation) and text.xy[1] == text.xyann[1]]

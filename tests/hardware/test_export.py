@@ -20,7 +20,7 @@ from ezdxf.entitydb import EntityDB
 from ninedtact.cli import main
 from ninedtact.cli.hardware import format_export_warnings
 from ninedtact.design import SensingArea, SensorDesign
-from ninedtact.hardware.complete_design import CompleteDesign
+from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import default_hardware_design
 from ninedtact.hardware.export.design_folder import ExportFolderRefused, require_replaceable_parts_folder
 from ninedtact.hardware.export.part_files import STL_HEADER_BYTES, STL_RECORD, part_to_dxf, part_to_step, part_to_stl
@@ -66,7 +66,7 @@ def test_everything_is_there(folder: Path) -> None:
     assert any(name.startswith("led_board/") and name.endswith(".zip") for name in found)
 
 
-def test_step_read_back_equals_the_model(folder: Path, default: CompleteDesign) -> None:
+def test_step_read_back_equals_the_model(folder: Path, default: BuildableDesign) -> None:
     manifest = json.loads((folder / "manifest.json").read_text())
     assert len(import_step(folder / "assembly" / "sensor.step").solids()) == 21
     for name, told in manifest["parts"].items():
@@ -79,7 +79,7 @@ def test_step_read_back_equals_the_model(folder: Path, default: CompleteDesign) 
 
 
 @pytest.mark.parametrize("name", NET_AREA_MM2)
-def test_dxf_is_closed_at_scale_and_without_duplicates(original: CompleteDesign, tmp_path: Path, name: str) -> None:
+def test_dxf_is_closed_at_scale_and_without_duplicates(original: BuildableDesign, tmp_path: Path, name: str) -> None:
     path = tmp_path / "part.dxf"
     path.write_bytes(part_to_dxf(original.parts[name].solid))
     drawing = ezdxf.readfile(path)
@@ -95,7 +95,7 @@ def test_dxf_is_closed_at_scale_and_without_duplicates(original: CompleteDesign,
 
 
 def test_a_design_that_should_not_be_made_is_not_announced_as_one(
-    original: CompleteDesign, default: CompleteDesign
+    original: BuildableDesign, default: BuildableDesign
 ) -> None:
     said = "\n".join(format_export_warnings(original.to_json_dict()))
     assert "DO NOT ORDER led_board/" in said and "sensor_base and camera" in said
@@ -171,7 +171,7 @@ def enclosed_mm2(entity: ezdxf.entities.DXFGraphic) -> float:
     return abs(area)
 
 
-def test_the_same_design_gives_the_same_bytes(default: CompleteDesign, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_same_design_gives_the_same_bytes(default: BuildableDesign, monkeypatch: pytest.MonkeyPatch) -> None:
     part = default.parts["first_mould"]
     once, types_in_use = part_to_dxf(part.solid), EntityDB.dxf_types_in_use
     # A set: its order is another in every process.
@@ -193,7 +193,7 @@ def test_drawings_and_images_open(folder: Path) -> None:
         assert text in base
 
 
-def test_larger_sensors_are_pulled_apart_further(default: CompleteDesign) -> None:
+def test_larger_sensors_are_pulled_apart_further(default: BuildableDesign) -> None:
     assert explosion_scale(default.bodies) == pytest.approx(1.0, abs=1e-6)
     wide = build_sensor_shell(default_hardware_design(SensorDesign(sensing_area=SensingArea(60.0, 45.0))))
     assert explosion_scale([AssemblyBody("sensor_shell", wide)]) > 2

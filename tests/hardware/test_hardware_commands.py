@@ -9,9 +9,9 @@ import pytest
 
 from ninedtact.cli import main
 from ninedtact.cli.hardware import ExploreCommand, format_bill_of_materials
-from ninedtact.hardware.complete_design import CompleteDesign
+from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import default_hardware_design, read_hardware_design
-from ninedtact.hardware.fabrication_guide import format_guide
+from ninedtact.hardware.fabrication_guide import format_fabrication_guide
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -37,7 +37,7 @@ def test_check_names_the_broken_rule(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "(rule wall_too_thin)" in capsys.readouterr().err and not (tmp_path / "parts").exists()
 
 
-def test_bom(default: CompleteDesign, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bom(default: BuildableDesign, capsys: pytest.CaptureFixture[str]) -> None:
     code, found = told(capsys, "bom")
     cents = {
         kind: sum(round(100 * item["count"] * item["each_usd"]) for item in found["items"] if item["kind"] == kind)
@@ -104,9 +104,9 @@ def test_explore_refuses_in_one_sentence(arguments: list[str], words: str, capsy
     assert said.count("\n") == 1 and "expected" in said and words in said
 
 
-def test_the_guide_in_the_docs_is_that_of_the_default(default: CompleteDesign) -> None:
+def test_the_guide_in_the_docs_is_that_of_the_default(default: BuildableDesign) -> None:
     """`ninedtact hardware guide --out docs` makes it again."""
-    text = format_guide(default)
+    text = format_fabrication_guide(default)
     assert (DOCS / "fabrication.md").read_text(encoding="utf-8") == text
     for line in text.splitlines():
         if line.startswith("!["):

@@ -3,7 +3,7 @@
 import pytest
 from build123d import Plane
 
-from ninedtact.hardware.complete_design import CompleteDesign
+from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.parts.part_catalogue import PART_CATALOGUE
 
 REFERENCE = {
@@ -44,7 +44,7 @@ def test_the_reference_covers_every_part() -> None:
 
 
 @pytest.mark.parametrize("name", REFERENCE)
-def test_original_agrees_with_its_files(original: CompleteDesign, name: str) -> None:
+def test_original_agrees_with_its_files(original: BuildableDesign, name: str) -> None:
     box_mm, volume_mm3, surface_mm2 = REFERENCE[name]
     part = original.parts[name]
     assert part.size_mm == pytest.approx(box_mm, abs=0.01)
@@ -55,7 +55,7 @@ def test_original_agrees_with_its_files(original: CompleteDesign, name: str) -> 
 
 
 @pytest.mark.parametrize("name", SECTIONS)
-def test_original_agrees_section_by_section(original: CompleteDesign, name: str) -> None:
+def test_original_agrees_section_by_section(original: BuildableDesign, name: str) -> None:
     solid = original.parts[name].solid
     for z_mm, area_mm2 in SECTIONS[name]:
         cut = solid.intersect(Plane.XY.offset(z_mm))
@@ -64,13 +64,13 @@ def test_original_agrees_section_by_section(original: CompleteDesign, name: str)
 
 
 @pytest.mark.parametrize("name", REFERENCE)
-def test_every_part_is_one_valid_solid(original: CompleteDesign, default: CompleteDesign, name: str) -> None:
+def test_every_part_is_one_valid_solid(original: BuildableDesign, default: BuildableDesign, name: str) -> None:
     for sensor in (original, default):
         solid = sensor.parts[name].solid
         assert len(solid.solids()) == 1 and solid.is_valid
 
 
-def test_centres_of_mass(original: CompleteDesign) -> None:
+def test_centres_of_mass(original: BuildableDesign) -> None:
     base, shell = original.parts["sensor_base"].solid.center(), original.parts["sensor_shell"].solid.center()
     assert tuple(base) == pytest.approx((0, 0.33, 1.94), abs=0.01)
     assert tuple(shell) == pytest.approx((0, 0.10, 12.21), abs=0.01)

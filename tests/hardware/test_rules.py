@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ninedtact.design import CameraGeometry, DesignImpossible, Gel, PinBoard, SensingArea, SensorDesign
 from ninedtact.hardware.buildability import DESIGN_RULES, DesignRulesBroken, find_broken_rules, require_buildable_design
-from ninedtact.hardware.complete_design import CompleteDesign
+from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import (
     PART_TABLES,
     HardwareDesign,
@@ -101,7 +101,7 @@ def test_an_impossible_design_is_refused_by_its_rule(rule: str) -> None:
 def test_a_design_without_a_circuit_board_is_refused() -> None:
     beyond_the_edge = replace(default_hardware_design(), board=LedBoardDimensions(driver_at_mm=(3.49, 8.0)))
     with pytest.raises(LedBoardImpossible, match=r"expected .*, got .*; "):
-        CompleteDesign(beyond_the_edge)
+        BuildableDesign(beyond_the_edge)
 
 
 def test_every_rule_has_a_design_that_breaks_it() -> None:
@@ -172,7 +172,7 @@ def test_a_swept_area_is_given_all_the_pins_that_it_shows(width: float, height: 
 
 def built_or_refused(design: HardwareDesign) -> None:
     try:
-        sensor = CompleteDesign(design)
+        sensor = BuildableDesign(design)
     except DesignRulesBroken as refused:
         assert refused.broken
         return
@@ -204,7 +204,7 @@ def test_a_dimension_at_the_end_of_its_range_is_built_or_refused(end: tuple[str,
     part, field, value = end
     design = default_hardware_design()
     try:
-        sensor = CompleteDesign(replace(design, **{part: replace(getattr(design, part), **{field: value})}))
+        sensor = BuildableDesign(replace(design, **{part: replace(getattr(design, part), **{field: value})}))
     except DesignImpossible as refused:
         assert "expected" in str(refused) and "got" in str(refused)
         return

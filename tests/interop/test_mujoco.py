@@ -20,7 +20,7 @@ from ninedtact.interop.mujoco import (  # noqa: E402
     TactileSensor,
 )
 from ninedtact.interop.mujoco_batch import TactileSensorBatch  # noqa: E402
-from ninedtact.interop.mujoco_scene import MujocoBodyUnusable  # noqa: E402
+from ninedtact.interop.mujoco_contacts import MujocoBodyUnusable  # noqa: E402
 from ninedtact.mechanics.contact_result import Contact  # noqa: E402
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain  # noqa: E402
 from ninedtact.mechanics.indenter import Indenter  # noqa: E402

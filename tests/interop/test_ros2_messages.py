@@ -11,7 +11,7 @@ import pytest
 from small_sensor import RECORDED, SHAPE, SkinCamera, skin
 
 from ninedtact import cli
-from ninedtact._version import library_of_other_version
+from ninedtact._version import find_mismatched_library
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import LensModelTable
 from ninedtact.interop.ros2_messages import (
@@ -199,4 +199,4 @@ def test_a_library_of_another_version_is_refused(
     assert cli.main([command, "--source", "0"]) == 1
     assert f"expected {library}, got 0.1; run pip install 'ninedtact[{extra}]'" in capsys.readouterr().err
     monkeypatch.setattr("ninedtact._version.version", lambda name: library.rpartition("=")[2])
-    assert library_of_other_version(extra) == ""
+    assert find_mismatched_library(extra) == ""

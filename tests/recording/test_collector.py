@@ -21,14 +21,14 @@ from ninedtact.capture.training_pair_rule import SamplingRuleSettings
 from ninedtact.cli.collect import CollectScreen, handle_keys, histogram_lines, progress_line
 from ninedtact.cli.option_parser import CollectOptions
 from ninedtact.quantities import Frame
+from ninedtact.recording.collected_pairs import NO_OBJECT, SavedPair, read_saved_pairs
 from ninedtact.recording.collecting.collection_sources import setup_with_twin
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings, CollectSettingsInvalid
 from ninedtact.recording.merge_streams import MergedArrival, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
-from ninedtact.recording.saved_pairs import NO_OBJECT, SavedPair, read_saved_pairs
-from ninedtact.recording.topics_and_messages import EventKind
+from ninedtact.recording.topics_and_messages import RecordingEventKind
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 
@@ -143,7 +143,7 @@ def test_a_sensor_that_errs_is_told_and_nothing_untrue_is_saved(what: str, tmp_p
     require_true([pair for pair in pairs if what != "drifts" or at_s(pair.time_ns) < REST_S])
     assert collector.rejected[fault] > 0
     with Recording(tmp_path / "e.mcap") as episode:
-        told = [event for event in episode.events() if event.kind is EventKind.REMARK]
+        told = [event for event in episode.events() if event.kind is RecordingEventKind.REMARK]
     stamps_ns = [event.stamp_ns for event in told if event.subject == fault.name.lower() and event.text]
     if what in ("shifts", "drifts"):
         assert not [pair for pair in pairs if pair.time_ns > stamps_ns[0]]

@@ -36,7 +36,7 @@ from ninedtact.recording.metadata import (
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import _first_image_at
 from ninedtact.recording.summary import median_rate_hz
-from ninedtact.recording.topics_and_messages import EventKind, PairLabel, RecordingEvent, Topic
+from ninedtact.recording.topics_and_messages import PairLabel, RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingRefused, RecordingStopped, RecordingWriter
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
@@ -49,7 +49,7 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
     source = np.full((3, 4), HeightSource.MEASURED.value, np.uint8)
     source[0, 0] = HeightSource.OUT_OF_VIEW
     mark = PairLabel(BEGAN_NS, 7, 2, "ball:4", "s-00001", "rule", Wrench(SIX[:3], SIX[3:], stamp_ns=BEGAN_NS))
-    event = RecordingEvent(BEGAN_NS + 1, EventKind.REMARK, "Größe", "3 N·m")
+    event = RecordingEvent(BEGAN_NS + 1, RecordingEventKind.REMARK, "Größe", "3 N·m")
     with RecordingWriter(tmp_path / "all.mcap", session, attachments={"sensor/images/ball.png": b"\0\1"}) as episode:
         for number in (0, 1, 5):
             episode.write_image(frame(number))
@@ -90,7 +90,7 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
         assert untouched.index == 2 and np.array_equal(untouched.image, noise(3))
         (pair,) = read.labels()
         assert np.array_equal(pair.wrench.six, SIX) and vars(pair) | {"wrench": 0} == vars(mark) | {"wrench": 0}
-        assert read.events() == [RecordingEvent(BEGAN_NS + 5 * FRAME_NS, EventKind.DROPPED, "3"), event]
+        assert read.events() == [RecordingEvent(BEGAN_NS + 5 * FRAME_NS, RecordingEventKind.DROPPED, "3"), event]
         (attachment,) = read.attachments()
         assert (attachment.name, attachment.data) == ("sensor/images/ball.png", b"\0\1")
 

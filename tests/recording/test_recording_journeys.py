@@ -39,6 +39,7 @@ from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.open_sensor import load_named_sensor, source_in_real_time
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
+from ninedtact.recording.collected_pairs import read_saved_pairs
 from ninedtact.recording.collecting.collection_sources import collection_setup_from_recordings
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings
@@ -49,7 +50,6 @@ from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, read_folder, sensor_addresses, sensor_folder_attachments
 from ninedtact.recording.recorded_source import RecordedSource
 from ninedtact.recording.recorder import RecordedEstimates, Recorder, SensorToRecord, record, record_several
-from ninedtact.recording.saved_pairs import read_saved_pairs
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera

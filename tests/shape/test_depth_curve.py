@@ -15,8 +15,8 @@ from ninedtact.shape.depth import (
     DepthCurve,
     DepthCurveImpossible,
     DepthReader,
-    LightLoss,
     Smoothing,
+    WholeImageLightLoss,
     look_up_heights,
     mean_view_darkening,
     sharpen,
@@ -117,11 +117,13 @@ def test_the_light_that_dark_skin_takes_from_the_whole_image_is_known_from_the_i
     pressed[20:50, 30:80] = 0.7
     share = 0.3 * 30 * 50 / 15_000
     lost = -0.8 * share
-    assert LightLoss(0.8)(reference * pressed * np.float32(1 + lost), reference) == pytest.approx(lost, rel=0.01)
+    assert WholeImageLightLoss(0.8)(reference * pressed * np.float32(1 + lost), reference) == pytest.approx(
+        lost, rel=0.01
+    )
     assert mean_view_darkening(reference * pressed * np.float32(1 + lost), reference, lost) == pytest.approx(
         share, rel=1e-3
     )
-    assert LightLoss(0.0)(reference * pressed, reference) == 0
+    assert WholeImageLightLoss(0.0)(reference * pressed, reference) == 0
     for dim, seen in ((0.981, False), (0.979, True)):  # drift and noise stay below two per cent
         assert (mean_view_darkening(reference * np.float32(dim), reference, 0.0) > 0) == seen
 
@@ -166,7 +168,7 @@ def test_the_light_that_is_lost_is_restored_before_depths_are_read() -> None:
     reference = Rectified(np.full(spot.shape, 200, np.float32), 0.05)
     seen = Rectified((200 * spot * np.float32(1 - 0.8 * share)), 0.05)
     source = np.full(spot.shape, HeightSource.MEASURED, np.uint8)
-    read = DepthReader(CURVE, reference, source, Smoothing(0, 0), loss=LightLoss(0.8))(seen).z_mm
+    read = DepthReader(CURVE, reference, source, Smoothing(0, 0), loss=WholeImageLightLoss(0.8))(seen).z_mm
     np.testing.assert_allclose(read[10:30, 20:40], -0.75, atol=0.01)
     assert np.abs(read[spot == 1]).max() < 0.01
 

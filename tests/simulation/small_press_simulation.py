@@ -4,7 +4,7 @@ from math import radians
 
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSimulation
+from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSequence
 from ninedtact.simulation.trajectory import press_trajectory
 from ninedtact.simulation.twin import default_twin
 
@@ -16,6 +16,6 @@ PRESSED = ObjectTrajectory(
 
 def small_press_simulation(
     *, hz: float = 10.0, real_time: bool = False, rounds: int | None = None, acts: int = 1
-) -> PressSimulation:
+) -> PressSequence:
     """Two and a half seconds for each act."""
-    return PressSimulation(TWIN, [PRESSED] * acts, hz, real_time, rounds)
+    return PressSequence(TWIN, [PRESSED] * acts, hz, real_time, rounds)

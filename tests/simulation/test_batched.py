@@ -16,7 +16,7 @@ import torch
 
 from ninedtact.cli import main
 from ninedtact.dataset.folder import DatasetFolderTaken
-from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset, make_setup
+from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
 from ninedtact.dataset.generation.press_trajectory import PressSettings
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings, KindShares
 from ninedtact.errors import NinedtactError
@@ -28,7 +28,7 @@ from ninedtact.simulation.batched import executor
 from ninedtact.simulation.batched.executor import BatchExecutor, Device, DeviceMissing, choose_compute_device
 from ninedtact.simulation.batched.session_requests import ContactSummary, RenderRequest, StepRequest
 from ninedtact.simulation.objects.catalogue import generate_object
-from ninedtact.simulation.sensor_population import MechanicsShares
+from ninedtact.simulation.sensor_population import NonidealMechanicsShares
 from ninedtact.simulation.twin import PoseOutOfView
 
 SMALL = GenerationSettings(
@@ -37,7 +37,7 @@ SMALL = GenerationSettings(
     sensors=3,
     object_names=("ball:3", "gear_07", "cylinder:2,5", "screw_02"),
     shares=KindShares(0.1, 0.15),
-    mechanics=MechanicsShares(0.34, 0.33),
+    mechanics=NonidealMechanicsShares(0.34, 0.33),
     pitch_mm=0.5,
     session_pairs=3,
     sessions_per_file=2,
@@ -67,7 +67,7 @@ def together(tmp_path_factory: pytest.TempPathFactory) -> GenerationResult:
 
 @pytest.fixture(scope="module")
 def room() -> BatchExecutor:
-    benches = [make_setup(number, SMALL) for number in range(SMALL.sensors)]
+    benches = [make_simulated_sensor(number, SMALL) for number in range(SMALL.sensors)]
     return BatchExecutor(range(SMALL.sensors), benches, Device("torch-cpu"), 8, print)
 
 

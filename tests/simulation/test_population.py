@@ -26,7 +26,7 @@ from ninedtact.simulation.sensor_population import (
     FITTED_PARAMETERS,
     CalibrationMisalignment,
     InvalidPopulation,
-    MechanicsShares,
+    NonidealMechanicsShares,
     SampledSensor,
     fit_deviation,
     sample_sensor,
@@ -35,7 +35,7 @@ from ninedtact.simulation.sensor_population import (
 )
 
 MANY = 300
-ALL_BONDED, ALL_BASED = MechanicsShares(0, 0), MechanicsShares(1, 0)
+ALL_BONDED, ALL_BASED = NonidealMechanicsShares(0, 0), NonidealMechanicsShares(1, 0)
 
 
 @pytest.fixture(scope="module")
@@ -194,8 +194,8 @@ def test_noise_is_new_in_every_image_and_as_strong_as_it_is_said_to_be() -> None
     [
         lambda: sample_sensor(-1),
         lambda: sample_sensor(0, -1),
-        lambda: MechanicsShares(0.7, 0.6),
-        lambda: MechanicsShares(-0.1),
+        lambda: NonidealMechanicsShares(0.7, 0.6),
+        lambda: NonidealMechanicsShares(-0.1),
     ],
 )
 def test_members_that_cannot_be_drawn_are_refused(wrong: object) -> None:

@@ -12,8 +12,8 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.press_sequence import (
     KEPT_CONTACTS,
     ObjectTrajectory,
+    PressSequence,
     PressSequenceTimingInvalid,
-    PressSimulation,
     SimulationStepNoLongerStored,
 )
 from ninedtact.simulation.trajectory import (
@@ -91,7 +91,7 @@ def test_rounds_end() -> None:
         stage.require_time(2 * stage.round_s)
     for acts in ([], [ObjectTrajectory(Ball(4.0), Trajectory(Pose(), ()))]):
         with pytest.raises(PressSequenceTimingInvalid, match="add a trajectory"):
-            PressSimulation(TWIN, acts)
+            PressSequence(TWIN, acts)
 
 
 def test_a_touch_comes_down_drags_twists_and_lifts() -> None:

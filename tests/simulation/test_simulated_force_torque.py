@@ -7,7 +7,7 @@ from small_press_simulation import small_press_simulation
 from ninedtact.simulation.simulated_sources import (
     NO_FORCE_TORQUE_ERRORS,
     NO_OFFSET,
-    ForceTorqueErrors,
+    ForceTorqueSensorNoise,
     SimulatedForceTorque,
 )
 
@@ -34,18 +34,20 @@ def test_between_steps_it_goes_straight() -> None:
 
 
 def test_noise_and_bias_are_as_asked_and_a_tare_takes_the_bias_off() -> None:
-    with SimulatedForceTorque(small_press_simulation(), hz=20_000.0, errors=ForceTorqueErrors(bias=BIAS)) as sensor:
+    with SimulatedForceTorque(
+        small_press_simulation(), hz=20_000.0, errors=ForceTorqueSensorNoise(bias=BIAS)
+    ) as sensor:
         untouched = np.array([sensor.read().six for _ in range(4000)])
-    assert np.allclose(untouched.std(axis=0), ForceTorqueErrors().noise, rtol=0.06)
+    assert np.allclose(untouched.std(axis=0), ForceTorqueSensorNoise().noise, rtol=0.06)
     tare = untouched.mean(axis=0)
-    assert (np.abs(tare - BIAS) < 4 * np.array(ForceTorqueErrors().noise) / np.sqrt(4000)).all()
+    assert (np.abs(tare - BIAS) < 4 * np.array(ForceTorqueSensorNoise().noise) / np.sqrt(4000)).all()
     assert np.abs(np.corrcoef(untouched.T) - np.eye(6)).max() < 0.07
 
 
 def test_the_same_seed_gives_the_same_samples() -> None:
     def samples(seed: int) -> list[list[float]]:
         with SimulatedForceTorque(
-            small_press_simulation(), hz=50.0, errors=ForceTorqueErrors(bias=NO_OFFSET), seed=seed
+            small_press_simulation(), hz=50.0, errors=ForceTorqueSensorNoise(bias=NO_OFFSET), seed=seed
         ) as sensor:
             return [sensor.read().six.tolist() for _ in range(20)]
 

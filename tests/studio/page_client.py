@@ -49,6 +49,18 @@ class PageClient:
         self.send({"type": "FileTransferStartUpload", "filename": name, "mime_type": "model/stl"} | ids | size)
         self.send({"type": "FileTransferPart", "part_index": 0, "content": content} | ids)
 
+    def downloaded(self, name: str) -> bytes:
+        """Wait until a file is offered to the browser, and return its content."""
+        uuid, size, parts = "", -1, dict[int, bytes]()
+        for message in received_messages(self.socket):
+            if message["type"] == "FileTransferStartDownload" and message["filename"] == name:
+                uuid, size = message["transfer_uuid"], message["size_bytes"]
+            elif message["type"] == "FileTransferPart" and message["transfer_uuid"] == uuid:
+                parts[message["part_index"]] = message["content"]
+            if sum(map(len, parts.values())) == size:
+                return b"".join(parts[number] for number in sorted(parts))
+        raise EOFError(f"expected {name}, got the end of the connection")
+
     def give_command(self, label: str) -> None:
         """Press the key of a command."""
         commands = self.viewer.client.gui._command_handle_from_uuid.items()

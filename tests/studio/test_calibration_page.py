@@ -55,9 +55,9 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
         browser.new_page(viewport={"width": w, "height": h}, accept_downloads=True)
         for w, h in ((1280, 800), (390, 844))
     )
-    errors = page_errors(desk), page_errors(phone)
+    errors, cameras = (page_errors(desk), page_errors(phone)), {"sim": "simulated sensor"}
     with page_server("127.0.0.1", 0) as server, session:
-        page = CalibrationPage(server, session, {"sim": "simulated sensor"}, camera)
+        page = CalibrationPage(server, session, lambda: cameras, camera)
 
         def wait(is_true: Callable[[], bool]) -> None:
             wait_until(lambda: page.refresh() or is_true(), PATIENCE_S, pause_s=0.05)
@@ -72,6 +72,12 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
         assert phone.evaluate("document.documentElement.scrollWidth") == 390
         box = phone.get_by_role("button", name="Start").bounding_box()
         assert box is not None and box["width"] > 330  # the controls fill the phone
+
+        menu = page._camera._camera
+        cameras["/dev/video9"] = "a camera"  # is plugged in
+        wait(lambda: menu.options == ("sim: simulated sensor", "/dev/video9: a camera"))
+        cameras.clear()  # the one that is shown stays, even if it was unplugged
+        wait(lambda: menu.options == ("sim: simulated sensor",) and menu.value == menu.options[0])
 
         run_callbacks_late(server, monkeypatch)  # the page must not set the box back meanwhile
         desk.get_by_role("button", name="brighter").click()

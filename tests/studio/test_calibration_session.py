@@ -16,7 +16,7 @@ from ninedtact.capture.frame_source import CameraNotFound, FrameSource, SourceEn
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject
-from ninedtact.studio.calibration_page import draw_pins
+from ninedtact.studio.calibration_page import draw_found_pins
 from ninedtact.studio.calibration_session import CalibrationSession, Phase, SensorWouldBeReplaced
 
 SETTINGS = CalibrationSettings(method="ratio")
@@ -121,7 +121,9 @@ def test_a_refused_press_of_the_simulation_keeps_its_image(camera: PluggedCamera
 
 def test_pins_are_drawn_where_they_are() -> None:
     grey = np.full((100, 200, 3), 120, np.uint8)
-    drawn = draw_pins(grey, PinSighting(2, np.array([[50.0, 50.0]]), np.array([[150.0, 30.0]]), True, "upper right"))
+    drawn = draw_found_pins(
+        grey, PinSighting(2, np.array([[50.0, 50.0]]), np.array([[150.0, 30.0]]), True, "upper right")
+    )
     changed = np.argwhere((drawn != grey).any(axis=2))
     assert {(row // 50, column // 100) for row, column in changed.tolist()} >= {(0, 1)}
     assert tuple(drawn[30, 150]) == (0, 94, 213) and (drawn[50, 50] == 120).all() and (grey == 120).all()

@@ -71,7 +71,7 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
     withheld_g = {400.0}  # until a person has taken over: otherwise this load may be captured before
     session.on_load = lambda grams: camera.offer(simulated_load(0.0 if grams in withheld_g else grams))
     with page_server("127.0.0.1", 0) as server:
-        page = ForceCalibrationPage(server, session, {"sim": "simulated sensor"}, 4.0, camera, STIFFNESS)
+        page = ForceCalibrationPage(server, session, lambda: {"sim": "simulated sensor"}, 4.0, camera, STIFFNESS)
 
         def wait(is_true: Callable[[], bool]) -> None:
             wait_until(lambda: page.refresh() or is_true(), PATIENCE_S, pause_s=0.05)

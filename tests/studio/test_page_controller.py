@@ -21,7 +21,7 @@ from ninedtact.studio.page_controller import (
     PageMoment,
     next_drawing_slowdown,
 )
-from ninedtact.studio.reading_view import ImageKind, ReadingView, SkinColouring, TractionSource
+from ninedtact.studio.reading_view import ImageKind, ReadingView, ShownTraction, SkinColouring
 from ninedtact.studio.saved_files import SaveLimits, SaveRefused
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.wrench_history import WrenchHistory, WrenchSample
@@ -116,7 +116,7 @@ def test_what_is_not_the_present_is_faded_until_the_camera_is_back(stage: Stage)
         faded = stage.screen.views[-1]
         assert faded.is_past and len(stage.losses) == 1
         assert faded.image(ImageKind.HEIGHT).mean() < 0.5 * bright.image(ImageKind.HEIGHT).mean()
-        points = [view.surface(SkinColouring.HEIGHT, 1, TractionSource.ESTIMATED).colours for view in (bright, faded)]
+        points = [view.surface(SkinColouring.HEIGHT, 1, ShownTraction.ESTIMATED).colours for view in (bright, faded)]
         assert points[1].mean() < 0.5 * points[0].mean()
         stage.camera.plugged_in = True
         wait_until(lambda: stage.says("live"))

@@ -30,7 +30,7 @@ from ninedtact.reading import Reading
 from ninedtact.simulation.ground_truth import true_height_map_like
 from ninedtact.simulation.hand_motion import HandMotion, HandTarget
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact.simulation.press_sequence import PressSimulation
+from ninedtact.simulation.press_sequence import PressSequence
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import PageController, PageMoment
@@ -43,12 +43,12 @@ from ninedtact.studio.press_control import (
     read_uploaded_mesh,
     state_from_rotation,
 )
-from ninedtact.studio.press_panel import HANDLE_LIFT_MM, THUMBNAIL_PX, thumbnails_of_kind
-from ninedtact.studio.reading_view import ImageKind, SkinColouring, TractionSource
+from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
 from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
 from ninedtact.studio.sensor_poller import SensorPoller
+from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM, THUMBNAIL_PX, thumbnails_of_kind
 from ninedtact.studio.wrench_history import WrenchHistory
 
 PATIENCE_S = 120.0
@@ -99,7 +99,7 @@ def pressed_twin(
     with page_server("127.0.0.1", 0) as server, ExitStack() as opened:
         for name in reversed(names):
             sources = demo_sources(TWIN)
-            simulation = PressSimulation(TWIN, [PRESSED], steps_hz)
+            simulation = PressSequence(TWIN, [PRESSED], steps_hz)
             sources.camera.simulation = sources.force_torque.simulation = simulation
             sources.camera.__post_init__()
             sources.force_torque.__post_init__()
@@ -189,7 +189,7 @@ def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
         # Its force is off by a third, which the stated error, that of a sensor calibrated by physics, does not include.
         assert -float(estimate) == pytest.approx(force_n, abs=4 * float(std) + 0.4 * abs(force_n))
         surfaces = [
-            each.view.surface(SkinColouring.HEIGHT, 4, TractionSource.TRUE) for each in (shallow, moment) if each.view
+            each.view.surface(SkinColouring.HEIGHT, 4, ShownTraction.TRUE) for each in (shallow, moment) if each.view
         ]
         assert surfaces[1].points_mm[:, 2].min() < surfaces[0].points_mm[:, 2].min() - 0.4
         # The thumbnails of the objects are the one image that stays.
@@ -381,7 +381,7 @@ def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_v
         assert frozen is not None and frozen.reading is kept.reading and frozen.wrenches is kept.wrenches
         assert frozen.sensor is kept.sensor and frozen.status.sentence.startswith("frozen, what is shown is ")
         assert moment.status.tone == "live"
-        second.choose(images=(ImageKind.GEL_FLOW, ImageKind.STICKING), source=TractionSource.TRUE, pressure_arrows=True)
+        second.choose(images=(ImageKind.GEL_FLOW, ImageKind.STICKING), source=ShownTraction.TRUE, pressure_arrows=True)
         twin.studio.refresh(twin.page)
         assert second.moment is not None and second.moment.reading is kept.reading
         assert first.options.images != second.options.images
@@ -396,7 +396,7 @@ def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_v
 
 def test_a_hand_holds_depth_load_and_place_and_a_refused_step_leaves_the_object() -> None:
     hand = HandMotion()
-    stage = PressSimulation(TWIN, [PRESSED], 10.0, real_time=False, hand=hand)
+    stage = PressSequence(TWIN, [PRESSED], 10.0, real_time=False, hand=hand)
     hand.take(indenter_from_name("ball:4"))
     hand.aim(HandTarget(Pose(0.0, 0.0, 0.8)))
     pressed = stage.contact(8)
@@ -419,7 +419,7 @@ def test_a_hand_holds_depth_load_and_place_and_a_refused_step_leaves_the_object(
 
 
 def test_controls_stay_within_their_limits_and_rotations_come_back() -> None:
-    control = PressControl(PressSimulation(TWIN, [PRESSED]))
+    control = PressControl(PressSequence(TWIN, [PRESSED]))
     control.move(depth_mm=99.0, x_mm=-99.0, tilt_x_deg=99.0)
     assert control.state.depth_mm == MAX_DEPTH_MM and control.state.x_mm == -control.reach_mm[0]
     assert not control.state.is_playing and control.simulation.hand.held_object is not None
@@ -445,7 +445,7 @@ def test_names_under_objects_are_whole_and_within_their_tiles() -> None:
 
 
 def test_the_side_of_a_mesh_that_faces_the_skin_is_chosen_on_the_page(tmp_path: Path) -> None:
-    control = PressControl(PressSimulation(TWIN, [PRESSED]))
+    control = PressControl(PressSequence(TWIN, [PRESSED]))
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         page = SensorPage(server, PageController(loop, tmp_path), gel_block_under_skin(SHAPE, Gel()), "twin", control)
         with page_client(page, server.get_port()) as client:
@@ -500,7 +500,7 @@ def test_a_mesh_that_cannot_be_pressed_is_refused_in_one_sentence(name: str, con
 
 
 def test_a_mesh_of_ones_own_is_pressed() -> None:
-    control = PressControl(PressSimulation(TWIN, [PRESSED]))
+    control = PressControl(PressSequence(TWIN, [PRESSED]))
     said = control.upload("../../my part.obj", trimesh.creation.box((6, 4, 3)).export(file_type="obj").encode())
     assert said == "my_part: 6.0 x 4.0 x 3.0 mm, 12 triangles" and control.own_mesh_name == "my_part"
     assert control.simulation.hand.held_object is not None

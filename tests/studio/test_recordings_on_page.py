@@ -554,6 +554,8 @@ def test_a_page_exports_into_the_formats_that_its_program_hands_in(recorded: tup
                 wait_until(lambda number=number: len(client.notices) == number)
                 (written,) = path.parent.glob(f"{path.stem}_{exporter.word}_*{exporter.ending}")
                 assert client.notices[-1] == f"Exported: {written.name}"
+                if written.is_file():  # the browser may be on another computer
+                    assert client.downloaded(written.name) == written.read_bytes()
     assert set(exporters) == {"LeRobot data set", "Rerun (RRD)", "Stamps"}
     assert written.read_text().split() == [str(kept.stamp_ns) for kept in bench.kept]
     (data_set,) = path.parent.glob("*_lerobot_*")

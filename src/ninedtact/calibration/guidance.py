@@ -185,7 +185,7 @@ def watch_reference(like: BgrImage | None) -> ImageWatcher:
     return watch
 
 
-def watch_still_press(reference: BgrImage, hold_s: float) -> ImageWatcher:
+def make_still_press_watcher(reference: BgrImage, hold_s: float) -> ImageWatcher:
     """Return a watcher for anything that is pressed on the skin and held still for a time."""
     still, began_s = _StillFrameAverager(), 0.0
 
@@ -249,7 +249,7 @@ class _BoardPressWatcher:
         self.patience -= pins.has_lens
         if not pins.has_lens or (pins.found < pins.expected and self.patience > 0):
             self.still.images.clear()
-            where = f"press the {pins.side} of the image harder" if pins.side else "press harder"
+            where = f"press harder in the {pins.side} part of the image" if pins.side else "press harder"
             flat = "" if pins.has_lens else " and hold the board flat"
             self.count = f"pins {pins.found} of {pins.expected}: {where}{flat}; "
             return CalibrationStepAdvice(self.count, pins=pins)

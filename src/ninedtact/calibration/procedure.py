@@ -13,7 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ninedtact.calibration.ball.ball_fit import BallFit, PhysicsDepthFit, fit_ball
-from ninedtact.calibration.ball.contact_circle import reference_drift_warnings
+from ninedtact.calibration.ball.contact_circle import board_ball_reference_warnings
 from ninedtact.calibration.board.board_fit import (
     BoardFit,
     anchored_mm_per_px_std,
@@ -264,7 +264,7 @@ def _make_certificate(
     warnings = [IMPORTED_LENS_WARNING] if board is None else _board_warnings(board)
     warnings += [BALL_MISSING_WARNING] if ball is None else [*ball.warnings, *_fit_warnings(ball.physical)]
     if images.board_pair is not None and images.ball_pair is not None:
-        warnings += reference_drift_warnings(images.board_pair[0], images.ball_pair[0])
+        warnings += board_ball_reference_warnings(images.board_pair[0], images.ball_pair[0])
     return Certificate(
         None if board is None else _board_quality(board, rectify, settings.lens),
         None if ball is None or images.ball_pair is None else _ball_quality(images.ball_pair[0], ball),

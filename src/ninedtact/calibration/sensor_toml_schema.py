@@ -11,7 +11,7 @@ from typing import Annotated
 from msgspec import Meta, Struct, field
 
 from ninedtact.design import Gel, SensorDesign, require_possible_dimension
-from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, LightLoss, Smoothing
+from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, Smoothing, WholeImageLightLoss
 from ninedtact.shape.lens import LensCorrection
 from ninedtact.shape.rectification import CameraRotation
 from ninedtact.simulation.gel_brightness import BrightnessModel
@@ -187,7 +187,7 @@ class DepthTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     noise_mm: _DepthMm
     smoothing: Smoothing
     curve: DepthCurve
-    dimming: LightLoss = LightLoss()
+    dimming: WholeImageLightLoss = WholeImageLightLoss()
     """The loss of light of the whole image when a part of the skin is dark."""
     deblurring: Deblurring | None = None
     """The point spread that a fine reconstruction removes, where it is known."""

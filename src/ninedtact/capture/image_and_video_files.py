@@ -23,7 +23,7 @@ from ninedtact.capture.strict_image_reading import (
     read_image,
     require_image_size,
 )
-from ninedtact.capture.video_decoding import DecodedImage, VideoDecoder, VideoTimeline
+from ninedtact.capture.video_decoding import DecodedImage, VideoFileDecoder, VideoTimeline
 from ninedtact.quantities import Frame
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
@@ -45,7 +45,7 @@ class VideoFile(CameraBackend):
         self.name = f"video {path}"
         self.damaged = 0
         """Images left out since the file was opened because they are damaged; they count in the indices of the frames."""
-        self._decoder: VideoDecoder | None = None
+        self._decoder: VideoFileDecoder | None = None
         self._size: tuple[int, int] | None = None
         self._next_index = 0
         self._is_over = False
@@ -62,7 +62,7 @@ class VideoFile(CameraBackend):
             return
         if not self.path.is_file():
             raise CameraNotFound(f"expected a video file at {self.path}, got none; check the path")
-        decoder = VideoDecoder(self.path)
+        decoder = VideoFileDecoder(self.path)
         if not decoder.is_video:
             decoder.close()
             raise ImageUnreadable(
@@ -107,7 +107,7 @@ class VideoFile(CameraBackend):
                 f"{self._next_index} images; use what was read before, or record it again at one size"
             )
 
-    def _require_all_images(self, decoder: VideoDecoder) -> None:
+    def _require_all_images(self, decoder: VideoFileDecoder) -> None:
         """Raise `VideoDamaged` where images are missing or damaged."""
         missing = self._timeline.missing_count()
         if decoder.undecoded is None:

@@ -6,8 +6,8 @@ own keeps these messages apart from those of the program. The stored images (pac
 number and sizes are compared. Positions in time and the duration in the file's header show what the file lacks. Damage that leaves
 a video decodable is found in the decoded images, as steps along the borders of blocks that no optical image has.
 
-`VideoDecoder` starts `python -m ninedtact.capture.video_decoding FILE` and reads its standard output: a `_HEADER`, then for every
-image an `_IMAGE` and its pixels (BGR), then an `_IMAGE` without pixels.
+`VideoFileDecoder` starts `python -m ninedtact.capture.video_decoding FILE` and reads its standard output: a `_HEADER`, then for
+every image an `_IMAGE` and its pixels (BGR), then an `_IMAGE` without pixels.
 """
 
 import os
@@ -52,7 +52,7 @@ class DecodedImage(NamedTuple):
     """Rows and columns as stored, before OpenCV scaled the image; None where only the decoder knows them."""
 
 
-class VideoDecoder:
+class VideoFileDecoder:
     """A running decoder of one video file. One thread reads; any thread may close."""
 
     def __init__(self, path: Path) -> None:

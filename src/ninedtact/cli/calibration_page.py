@@ -70,8 +70,11 @@ class GuidedCalibration:
 
         guard = SocketGuard.for_host(self.options.host, self.options.allow_origin)
         port = find_default_port(self.options.host) if self.options.port is None else self.options.port
-        cameras, simulated = list_calibration_cameras(self.source), simulated_calibration_camera(self.design)
-        source = self.source or next(iter(cameras))
+        list_cameras, simulated = (
+            partial(list_calibration_cameras, self.source),
+            simulated_calibration_camera(self.design),
+        )
+        source = self.source or next(iter(list_cameras()))
         session = CalibrationSession(
             self.out,
             lambda address: simulated if is_simulated(address) else self._camera(address),
@@ -85,7 +88,7 @@ class GuidedCalibration:
             with ExitStack() as opened:
                 server = opened.enter_context(page_server(self.options.host, port, guard))
                 opened.enter_context(session)
-                page, port = CalibrationPage(server, session, cameras, simulated), server.get_port()
+                page, port = CalibrationPage(server, session, list_cameras, simulated), server.get_port()
                 print(f"calibration: open {guard.page_address(port)} in a browser; Ctrl-C ends", flush=True)
                 while not (session.live_requested.is_set() or session.force_requested.is_set()):
                     page.refresh()
@@ -130,9 +133,8 @@ class GuidedForceCalibration:
 
         reader, folder, options = LoadPressReader(self.folder, self.force), self.folder, self.options
         simulated, stiffness = self._simulated_camera()
-        cameras = list_calibration_cameras(self.source)
-        if simulated is None:
-            del cameras[SIMULATED]
+        list_cameras = partial(list_calibration_cameras, self.source, simulated is not None)
+        cameras = list_cameras()
         if not cameras:
             raise CameraNotFound("expected a camera, got none; plug it in, or name a stream or recording with --source")
         guard = guard or SocketGuard.for_host(options.host, options.allow_origin)
@@ -154,7 +156,7 @@ class GuidedForceCalibration:
                 server = opened.enter_context(page_server(options.host, port, guard))
                 opened.enter_context(session)
                 radius_mm, port = folder.record.design.ball.radius_mm, server.get_port()
-                page = ForceCalibrationPage(server, session, cameras, radius_mm, simulated, stiffness)
+                page = ForceCalibrationPage(server, session, list_cameras, radius_mm, simulated, stiffness)
                 print(f"force calibration: open {guard.page_address(port)} in a browser; Ctrl-C ends", flush=True)
                 while not session.live_requested.is_set():
                     page.refresh()
@@ -186,13 +188,13 @@ def serve_calibrated_sensor(
     serve_sensor_page([part], settings, ends=False)
 
 
-def list_calibration_cameras(source: str | None = None) -> dict[str, str]:
+def list_calibration_cameras(source: str | None = None, simulated: bool = True) -> dict[str, str]:
     """Return the address and the name of each source that the page offers: the named one, all cameras, and the simulated sensor."""
     from ninedtact.capture.uvc_camera import list_cameras
 
     named = {} if source is None or is_simulated(source) else {source: ""}
     found = {device.path: device.name for device in list_cameras()}
-    return named | found | {SIMULATED: "simulated sensor"}
+    return named | found | ({SIMULATED: "simulated sensor"} if simulated else {})
 
 
 def simulated_calibration_camera(design: "SensorDesign") -> "SimulatedCalibrationCamera":

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, require_sensor_or_design
+from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, refuse_design_beside_sensor
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices
 from ninedtact.cli.sensor_page import (
     PageSensor,
@@ -71,7 +71,7 @@ class Demo:
         from ninedtact.simulation.simulated_sources import demo_sources
 
         self.require_rounds()
-        require_sensor_or_design(self.sensor, self.design_file)
+        refuse_design_beside_sensor(self.sensor, self.design_file)
         require_display_rate(self.display_hz)
         require_page_library()
         self.out.mkdir(parents=True, exist_ok=True)
@@ -154,9 +154,9 @@ class Demo:
         from ninedtact.quantities import Frame
         from ninedtact.simulation.ground_truth import true_height_map_like
         from ninedtact.simulation.press_figures import ReconstructedPress
-        from ninedtact.simulation.press_sequence import PressSimulation
+        from ninedtact.simulation.press_sequence import PressSequence
 
-        stage = PressSimulation(self.twin, [act], STEPS_HZ, real_time=False)
+        stage = PressSequence(self.twin, [act], STEPS_HZ, real_time=False)
         contact = stage.contact(int(act.trajectory.lift_start_s * STEPS_HZ - 1e-6))
         image = self.twin.renderer(contact, 1)
         seen = reader(folder.shape.rectify(Frame(image)))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ninedtact.workflows.force_calibration import ForceCalibration
 
 
-class PressesMissing(InputError):
+class LoadedPressesMissing(InputError):
     """The command was given neither images with their loads, nor a page that takes them."""
 
 
@@ -66,7 +66,7 @@ class Adapt:
         return print_result(self.json, figures, _format_force_calibration(found))
 
     def _require_one_way(self) -> None:
-        """Refuse images beside the page, and neither of both; raises `PressesMissing`."""
+        """Refuse images beside the page, and neither of both; raises `LoadedPressesMissing`."""
         given = {
             "--reference": self.reference,
             "--press": self.press,
@@ -78,7 +78,7 @@ class Adapt:
         takes_images = bool(self.reference and self.press) and not (self.on_page.page or self.source)
         takes_page = self.on_page.page and not (self.reference or self.press or self.dry_run)
         if not (takes_images or takes_page):
-            raise PressesMissing(
+            raise LoadedPressesMissing(
                 f"expected --reference and --press with images, or --page alone or with --source, got {got}; give the images, or "
                 "let the page take them"
             )

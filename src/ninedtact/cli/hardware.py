@@ -16,7 +16,7 @@ from ninedtact.errors import InputError, MissingLibraryError
 if TYPE_CHECKING:
     from ninedtact.hardware.bill_of_materials import BillItem
     from ninedtact.hardware.buildability import BrokenRule
-    from ninedtact.hardware.complete_design import CompleteDesign
+    from ninedtact.hardware.buildable_design import BuildableDesign
     from ninedtact.hardware.design import HardwareDesign
     from ninedtact.hardware.design_sweep import DesignSweep, ExploredDesign
 
@@ -40,13 +40,13 @@ class DesignOptions:
 
         return read_hardware_design(self.design, self.variant)
 
-    def build_sensor(self) -> "CompleteDesign":
+    def build_sensor(self) -> "BuildableDesign":
         """Return the design with its solids; raises `DesignRulesBroken`, `LedBoardImpossible`, `Build123dMissing`."""
         design = self.read_hardware()
         _require_build123d()
-        from ninedtact.hardware.complete_design import CompleteDesign
+        from ninedtact.hardware.buildable_design import BuildableDesign
 
-        return CompleteDesign(design)
+        return BuildableDesign(design)
 
 
 def _require_build123d() -> None:
@@ -163,7 +163,7 @@ class ExploreCommand:
         _require_build123d()
         from tqdm import tqdm
 
-        from ninedtact.hardware.design_sweep import explore_designs, format_comparison_table
+        from ninedtact.hardware.design_sweep import explore_designs, format_design_comparison
         from ninedtact.parallel_jobs import connect_workers
 
         basis = self.design_options.read_hardware()
@@ -173,7 +173,7 @@ class ExploreCommand:
             explored = explore_designs(choices, self.calibrated, workers)
             found = list(tqdm(explored, total=len(choices), unit="design", disable=None, leave=False))
         table: dict[str, Any] = {"designs": [each.to_json_dict() for each in found], "files": self._write_files(found)}
-        return print_result(self.json, table, format_comparison_table(found))
+        return print_result(self.json, table, format_design_comparison(found))
 
     @property
     def design_sweep(self) -> "DesignSweep":

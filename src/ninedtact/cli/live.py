@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.record import is_named, named_sensors
+from ninedtact.cli.record import is_named, parse_named_sources
 from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice
 from ninedtact.cli.sensor_page import (
     InvalidLiveOption,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ninedtact.quantities import Frame
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
-    from ninedtact.simulation.press_sequence import PressSimulation
+    from ninedtact.simulation.press_sequence import PressSequence
     from ninedtact.studio.wrench_history import WrenchPoller
 
 MAX_SENSORS = 4
@@ -87,7 +87,7 @@ class Live:
         require_display_rate(self.display_hz)
         if self.rerun:
             require_rerun()
-        named = self.named_sensors()
+        named = self.parse_named_sources()
         with ExitStack() as opened:
             parts = []
             for name, (address, path) in named.items():
@@ -103,7 +103,7 @@ class Live:
         print(f"stopped after {', '.join(counts)}")
         return 0
 
-    def named_sensors(self) -> dict[str, tuple[str, Path | None]]:
+    def parse_named_sources(self) -> dict[str, tuple[str, Path | None]]:
         """Return address and sensor folder of all sources by their names; a single one needs none.
 
         Raises `RecordingRefused` for missing or repeated names, and `InvalidLiveOption`.
@@ -114,7 +114,7 @@ class Live:
                     f"expected one --sensor with one --source, got {len(self.sensor)}; drop the others"
                 )
             return {"": (self.source[0], Path(self.sensor[0]).expanduser() if self.sensor else None)}
-        named = named_sensors(self.source, self.sensor)
+        named = parse_named_sources(self.source, self.sensor)
         if len(named) > MAX_SENSORS:
             raise InvalidLiveOption(f"expected at most {MAX_SENSORS} sources on one page, got {len(named)}; drop some")
         if self.reference:
@@ -126,7 +126,7 @@ class Live:
 
     def sensor_and_wrenches(
         self, folder: "SensorFolder", name: str = ""
-    ) -> "tuple[Sensor, list[WrenchPoller], PressSimulation | None]":
+    ) -> "tuple[Sensor, list[WrenchPoller], PressSequence | None]":
         """Return the sensor on its source, not yet opened, and for a twin the source of its true wrench and its simulation.
 
         name: of the sensor among several.
@@ -134,7 +134,7 @@ class Live:
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
         from ninedtact.reference_following import following_settings_for
 
-        check, pressed, source = load_reference_check(folder), None, self.named_sensors()[name][0]
+        check, pressed, source = load_reference_check(folder), None, self.parse_named_sources()[name][0]
         if source == SIMULATED:
             from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
             from ninedtact.simulation.simulated_sources import demo_sources

@@ -40,7 +40,7 @@ def read_design_or_default(path: Path | None) -> SensorDesign:
     return read_design_file(path)
 
 
-def require_sensor_or_design(sensor: Path | None, design: Path | None) -> None:
+def refuse_design_beside_sensor(sensor: Path | None, design: Path | None) -> None:
     """Refuse a calibrated sensor, whose folder has its design, beside a design file; raises `DesignGivenTwice`."""
     if sensor is not None and design is not None:
         raise DesignGivenTwice(

@@ -98,7 +98,7 @@ class Record:
 
     def _record_several(self) -> int:
         """Record all named sources into one file; where one fails, the others go on. Returns 1 then."""
-        named = named_sensors(self.source, self.sensor)
+        named = parse_named_sources(self.source, self.sensor)
         if self.force_torque is not None:
             raise RecordingRefused("expected one --source with --force-torque, got several; record them one by one")
         with ExitStack() as opened:
@@ -211,7 +211,7 @@ def split_named(option: str, named: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
-def named_sensors(source: tuple[str, ...], sensor: tuple[str, ...]) -> dict[str, tuple[str, Path | None]]:
+def parse_named_sources(source: tuple[str, ...], sensor: tuple[str, ...]) -> dict[str, tuple[str, Path | None]]:
     """Return address and sensor folder of several sources by their names; raises `RecordingRefused`."""
     sources, sensors = split_named("--source", source), split_named("--sensor", sensor)
     if strangers := sensors.keys() - sources.keys():
@@ -247,10 +247,10 @@ def run_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]
 def _twin_sources(folder: "SensorFolder", force_torque: bool) -> "tuple[FrameSource, WrenchSource | None]":
     """Return camera and force/torque sensor of the twin of a sensor, pressed by several objects in turn."""
     from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
-    from ninedtact.simulation.press_sequence import PressSimulation
+    from ninedtact.simulation.press_sequence import PressSequence
     from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque, demo_press_sequence
 
-    simulation = PressSimulation(build_sensor_twin(folder), demo_press_sequence())
+    simulation = PressSequence(build_sensor_twin(folder), demo_press_sequence())
     return SimulatedCamera(simulation), SimulatedForceTorque(simulation) if force_torque else None
 
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact._version import library_of_other_version
+from ninedtact._version import find_mismatched_library
 from ninedtact.cli.live import Live
-from ninedtact.cli.record import is_named, named_sensors, require_duration, run_together, untared_wrench_source
+from ninedtact.cli.record import is_named, parse_named_sources, require_duration, run_together, untared_wrench_source
 from ninedtact.cli.result_and_interrupt import (
     load_sensor_with_notices,
     named_sensor_with_notices,
@@ -142,7 +142,7 @@ class Ros2:
         """Publish every named source in a process of its own; where one fails, the others are ended too. Returns 1 then."""
         if self.force_torque is not None:
             raise RecordingRefused("expected one --source with --force-torque, got several; start one command for each")
-        named = named_sensors(self.source, self.sensor)
+        named = parse_named_sources(self.source, self.sensor)
         common: dict[str, object] = {"--force": self.force, "--points-every": self.points_every, "--out": self.out}
         common |= {"--domain": self.domain, "--interface": self.interface, "--seconds": self.seconds}
         options = [f"{key}={value}" for key, value in common.items() if value is not None]
@@ -294,14 +294,14 @@ def _require_libraries(extra: str, *names: str) -> None:
             f"expected {' and '.join(names)}, which this command needs, got no {' and no '.join(absent)}; run "
             f"pip install 'ninedtact[{extra}]'"
         )
-    if other := library_of_other_version(extra):
+    if other := find_mismatched_library(extra):
         raise InteropLibrariesMissing(f"{other}; run pip install 'ninedtact[{extra}]'")
 
 
 @contextmanager
 def _sensor_to_share(live: Live) -> "Iterator[tuple[SensorFolder, Sensor, WrenchPoller | None]]":
     """Yield a sensor's folder, the sensor on its source with its estimator, and a twin's true wrench; neither is open yet."""
-    source, path = live.named_sensors()[""]
+    source, path = live.parse_named_sources()[""]
     with _folder_or_demo_twin(path, source) as folder:
         sensor, wrenches, _ = live.sensor_and_wrenches(folder)
         if live.force != NONE:

@@ -13,7 +13,7 @@ from threading import Event
 from time import monotonic_ns
 from typing import TYPE_CHECKING, Any
 
-from ninedtact._version import library_of_other_version
+from ninedtact._version import find_mismatched_library
 from ninedtact.cli.result_and_interrupt import print_notice
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ninedtact.recording.reader import Recording
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
-    from ninedtact.simulation.press_sequence import PressSimulation
+    from ninedtact.simulation.press_sequence import PressSequence
     from ninedtact.simulation.simulated_sources import DemoSources
     from ninedtact.studio.page_controller import PageController
     from ninedtact.studio.saved_files import Exporter
@@ -78,7 +78,7 @@ class PageSensor:
     folder: "SensorFolder"
     sensor: "Sensor"
     wrenches: "list[WrenchPoller]"
-    pressed: "PressSimulation | None" = None
+    pressed: "PressSequence | None" = None
     """The simulation of a twin, which is then pressed by hand on the page."""
     name: str = ""
     """Name among several sensors."""
@@ -256,7 +256,7 @@ def require_rerun() -> None:
     """Refuse what needs Rerun without it, or with another version; raises `RerunMissing`."""
     if find_spec("rerun") is None:
         raise RerunMissing("expected rerun-sdk, got no such package; run pip install 'ninedtact[rerun]' (740 MB)")
-    if other := library_of_other_version("rerun"):
+    if other := find_mismatched_library("rerun"):
         raise RerunMissing(f"{other}; run pip install 'ninedtact[rerun]'")
 
 

@@ -15,7 +15,7 @@ import msgspec
 import tyro
 
 from ninedtact.cli.dataset import DatasetStopped
-from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, require_sensor_or_design
+from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, refuse_design_beside_sensor
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
 from ninedtact.design import SensingArea
 
@@ -166,7 +166,7 @@ class _Press:
 
         if self.sensor is None:
             return twin_from_design(read_design_or_default(self.design_file), self.seed)
-        require_sensor_or_design(self.sensor, self.design_file)
+        refuse_design_beside_sensor(self.sensor, self.design_file)
         from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
 
         return build_sensor_twin(load_sensor_with_notices(self.sensor))
@@ -346,7 +346,7 @@ class SimulateDatasetCommand:
     def _settings(self) -> "GenerationSettings":
         """Return the settings; raises `GenerationImpossible`, `PopulationImpossible`, and what `read_design_file` raises."""
         from ninedtact.dataset.generation.settings import GenerationSettings, KindShares
-        from ninedtact.simulation.sensor_population import MechanicsShares
+        from ninedtact.simulation.sensor_population import NonidealMechanicsShares
 
         return GenerationSettings(
             pairs=self.pairs,
@@ -357,7 +357,7 @@ class SimulateDatasetCommand:
             seed=self.seed,
             objects_seed=self.objects_seed,
             shares=KindShares(self.no_contact, self.light_touch),
-            mechanics=MechanicsShares(self.compliant_base, self.finite_strain),
+            mechanics=NonidealMechanicsShares(self.compliant_base, self.finite_strain),
             design=read_design_or_default(self.design_file),
             pitch_mm=self.pitch_mm,
         )

@@ -30,14 +30,14 @@ from ninedtact.dataset.fault_report import (
 from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, make_folder
 from ninedtact.dataset.parquet_files import (
     DatasetDamaged,
-    copy_pair_file,
+    copy_pairs_without_rows,
     iterate_rows,
     stored_image_bytes,
     write_pair_file,
     write_reference_image_file,
 )
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, to_utf8
-from ninedtact.dataset.sources.source import Source, SourcePart, SourceUnknown
+from ninedtact.dataset.sources.source import Source, SourceChunk, SourceUnknown
 from ninedtact.dataset.statistics_and_card import (
     DatasetStatistics,
     compute_dataset_statistics,
@@ -55,7 +55,7 @@ class BuildSettings:
     drop: bool = False
     """Leave out the pairs that have faults."""
     licence: str | None = None
-    """Licence of the data, as Hugging Face names it; raises `LicenceImpossible`."""
+    """Licence of the data, as Hugging Face names it; raises `UnknownLicence`."""
 
     def __post_init__(self) -> None:
         require_licence(self.licence)
@@ -111,7 +111,7 @@ def _identify_build(sources: Sequence[Source], settings: BuildSettings) -> dict[
 def _make_missing_parts(
     folder: DatasetFolder,
     sources: Sequence[Source],
-    parts: Sequence[SourcePart],
+    parts: Sequence[SourceChunk],
     settings: BuildSettings,
     workers: Workers,
     progress: bool,
@@ -169,7 +169,7 @@ class _PartFiles:
 class _PartReader:
     """Separates the rows of a part from its reference images and from what is rejected."""
 
-    part: SourcePart
+    part: SourceChunk
     file: str
     references: dict[str, ReferenceImage] = field(default_factory=dict)
     findings: list[PairFinding] = field(default_factory=list)
@@ -206,7 +206,7 @@ def _require_absolute_paths(sources: Sequence[Source]) -> None:
             )
 
 
-def _make_part(folder: Path, part: SourcePart, paths: tuple[Path, ...], number: int, settings: CheckSettings) -> int:
+def _make_part(folder: Path, part: SourceChunk, paths: tuple[Path, ...], number: int, settings: CheckSettings) -> int:
     """Write the files of one part and return its number of pairs; raises `FileNotWritten`, `SourceUnknown`."""
     for path in paths:
         if not path.exists():  # on a worker; a reader would list every pair as missing
@@ -279,7 +279,7 @@ def _move_pair_file(part: Path, target: Path, unwanted: set[int]) -> None:
     if target.is_file():
         return
     if unwanted:
-        copy_pair_file(part, target, unwanted)
+        copy_pairs_without_rows(part, target, unwanted)
     else:
         part.replace(target)
 

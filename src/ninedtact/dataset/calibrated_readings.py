@@ -83,7 +83,7 @@ class StoredRows:
             yield LabelledReading(reading, wrench, object_name, row["sensor"] or "", str(row["kind"] or ""))
 
 
-def iterate_stored_rows(folder: Path, every: int = 1, left_out: Collection[str] = ()) -> Iterator[StoredRows]:
+def iterate_row_groups(folder: Path, every: int = 1, left_out: Collection[str] = ()) -> Iterator[StoredRows]:
     """Yield every n-th pair of a data set in groups of at most `_ROWS_PER_GROUP`, without those of some sensors.
 
     Raises `DatasetDamaged`.

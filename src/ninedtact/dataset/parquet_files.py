@@ -58,7 +58,7 @@ def write_reference_image_file(path: Path, references: Iterable[ReferenceImage])
     _write_parquet_file(path, map(reference_to_columns, references), REFERENCE_COLUMNS)
 
 
-def copy_pair_file(path: Path, target: Path, unwanted_rows: Container[int]) -> None:
+def copy_pairs_without_rows(path: Path, target: Path, unwanted_rows: Container[int]) -> None:
     """Copy a file of pairs without some of its rows; raises `FileNotWritten`, `DatasetDamaged`."""
     kept = (row for number, row in enumerate(iterate_rows(path)) if number not in unwanted_rows)
     _write_parquet_file(target, kept, PAIR_COLUMNS)

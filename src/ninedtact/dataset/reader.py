@@ -21,7 +21,7 @@ _Index = Int[Array, " b"]
 
 
 @dataclass(frozen=True)
-class LabelColumn:
+class CategoricalColumn:
     """A column of names with few different values."""
 
     names: tuple[str, ...]
@@ -36,9 +36,9 @@ class LabelColumn:
     def __len__(self) -> int:
         return len(self.codes)
 
-    def select(self, rows: Shaped[Array, " m"]) -> "LabelColumn":
+    def select(self, rows: Shaped[Array, " m"]) -> "CategoricalColumn":
         """Return the column of some pairs, by index or by mask."""
-        return LabelColumn(self.names, self.codes[rows])
+        return CategoricalColumn(self.names, self.codes[rows])
 
 
 @dataclass(frozen=True)
@@ -67,12 +67,12 @@ class TactileDataset:
     ids: Shaped[Array, " n"]
     wrenches: Float32[Array, "n 6"]
     """Wrenches, N and N·m about the skin's centre."""
-    objects: LabelColumn
-    contacts: LabelColumn
-    sensors: LabelColumn
-    kinds: LabelColumn
-    sources: LabelColumn
-    references: LabelColumn
+    objects: CategoricalColumn
+    contacts: CategoricalColumn
+    sensors: CategoricalColumn
+    kinds: CategoricalColumn
+    sources: CategoricalColumn
+    references: CategoricalColumn
     """Ids of the reference images, in the order of `decoded.references`."""
     times_ns: Int64[Array, " n"]
     """Time of every image; −1 if unknown."""
@@ -192,16 +192,16 @@ def read_name_column(table: Any, column: str, missing: str = "") -> list[str]:
     return [name or missing for name in table[column].to_pylist()]
 
 
-def _label_column(table: Any, column: str, missing: str = "") -> LabelColumn:
+def _label_column(table: Any, column: str, missing: str = "") -> CategoricalColumn:
     """Return a column of names with its sorted different values."""
     values = read_name_column(table, column, missing or (NO_OBJECT if column == "object" else ""))
     names, codes = np.unique(np.array(values, dtype=np.str_), return_inverse=True)
-    return LabelColumn(tuple(names.tolist()), codes.astype(np.int64).ravel())
+    return CategoricalColumn(tuple(names.tolist()), codes.astype(np.int64).ravel())
 
 
-def _reference_column(folder: Path, table: Any) -> LabelColumn:
+def _reference_column(folder: Path, table: Any) -> CategoricalColumn:
     """Return the reference ids of the pairs, in the order of the file of reference images."""
     ids: Sequence[str] = read_columns([folder / REFERENCES_FILE], ["reference_id"])["reference_id"].to_pylist()
     index = {name: number for number, name in enumerate(ids)}
     codes = [-1 if name is None else index.get(name, -1) for name in table["reference_id"].to_pylist()]
-    return LabelColumn(tuple(ids), np.array(codes, np.int64))
+    return CategoricalColumn(tuple(ids), np.array(codes, np.int64))

@@ -135,14 +135,14 @@ _FRAME = (
 )
 
 
-class LicenceImpossible(InputError):
+class UnknownLicence(InputError):
     """Raised for text that is not the name of a licence."""
 
 
 def require_licence(licence: str | None) -> None:
-    """Raise `LicenceImpossible` for text that cannot be the name of a licence."""
+    """Raise `UnknownLicence` for text that cannot be the name of a licence."""
     if licence is not None and not _LICENCE.fullmatch(licence):
-        raise LicenceImpossible(
+        raise UnknownLicence(
             f"expected a licence as Hugging Face names it, such as mit or cc-by-nc-4.0, got {licence!r}; correct it"
         )
 

@@ -129,7 +129,7 @@ def encode_mixed_image(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
     """Return the original project's mixed image (BGR): blue is the reference, green 3·brighter, red 3·darker, modulo 256.
 
     The result is identical bit for bit where the deformation has whole grey levels and was not resized
-    (`rectified_from_stored_image`).
+    (`to_whole_grey_levels`).
     """
     return np.ascontiguousarray(
         deformation_channels(deformation, ChannelLayout.ORIGINAL).transpose(1, 2, 0).astype(np.uint8)
@@ -150,9 +150,7 @@ def decode_mixed_image(mixed: UInt8[Array, "rows cols 3"], mm_per_px: float, sta
     return Deformation(darker, brighter, reference, mm_per_px, stamp_ns)
 
 
-def rectified_from_stored_image(
-    image: UInt8[Array, "rows cols *bgr"], mm_per_px: float, stamp_ns: int = 0
-) -> Rectified:
+def to_whole_grey_levels(image: UInt8[Array, "rows cols *bgr"], mm_per_px: float, stamp_ns: int = 0) -> Rectified:
     """Return a stored rectified image, BGR or grey, in whole grey levels as in the original project."""
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     return Rectified(np.asarray(grey, np.float32), mm_per_px, stamp_ns)

@@ -61,7 +61,7 @@ def _format_card(card: ModelCard) -> Iterator[str]:
         + ", ".join(f"{package} {version}" for package, version in training.versions.items())
         + "."
     )
-    yield from ("", "## Limits", "", format_limits_section(card))
+    yield from ("", "## Limits", "", format_model_limits(card))
 
 
 def _evaluations_to_show(card: ModelCard) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -111,7 +111,7 @@ def _markdown_row(words: str, six: Any, written: str) -> str:
     return f"| {words} | {' | '.join(cells)} |"
 
 
-def format_limits_section(card: ModelCard) -> str:
+def format_model_limits(card: ModelCard) -> str:
     """Return the section on the model's limits."""
     low, high = (", ".join(f"{value:.3g}" for value in six) for six in (card.wrench_min, card.wrench_max))
     return LIMITS.format(modulus=card.modulus_mpa, low=f"({low})", high=f"({high})")

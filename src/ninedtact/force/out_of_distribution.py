@@ -65,7 +65,7 @@ def means_of_nine(fields: Float32[Array, "n rows cols"]) -> Float32[Array, "n fe
     return (across[:, :-2] + across[:, 1:-1] + across[:, 2:]) / 9
 
 
-def statistic_ranges(found: dict[str, Float64[Array, " n"]]) -> dict[str, StatisticRange]:
+def in_distribution_ranges(found: dict[str, Float64[Array, " n"]]) -> dict[str, StatisticRange]:
     """Return the range of each statistic without a few outliers, as it is stored in the model's card."""
     both = {name: np.percentile(values, SHARES).tolist() for name, values in found.items()}
     return {name: (low, high) for name, (low, high) in both.items()}

@@ -225,7 +225,7 @@ def _columns_of(found: Sequence[ExploredDesign]) -> tuple[tuple[str, str, str], 
     )
 
 
-def format_comparison_table(found: Sequence[ExploredDesign]) -> Iterator[str]:
+def format_design_comparison(found: Sequence[ExploredDesign]) -> Iterator[str]:
     """Yield the comparison as lines of text."""
     shown = _columns_of(found)
     yield f"{'design':{NAME_WIDE}}" + "".join(f"{heading:>9}" for _, heading, _ in shown) + "  size mm"

@@ -1,4 +1,4 @@
-"""The fabrication guide: a `CompleteDesign` goes in, a Markdown page with an image of the parts after each step comes out.
+"""The fabrication guide: a `BuildableDesign` goes in, a Markdown page with an image of the parts after each step comes out.
 
 First the steps in their order, each with what to do and how to check that it worked; then the page and its images.
 """
@@ -14,7 +14,7 @@ from build123d import Axis, Part, Pos, Rot
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.design import SensorDesign
 from ninedtact.hardware.bill_of_materials import clamp_screw_length_mm
-from ninedtact.hardware.complete_design import CompleteDesign
+from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import HardwareDesign, hardware_design_of_variant
 from ninedtact.hardware.materials import BLACK_GEL_SILICONE, TRANSLUCENT_SILICONE, TRANSPARENT_SILICONE, Silicone
 from ninedtact.hardware.part_and_assembly_images import (
@@ -27,7 +27,7 @@ from ninedtact.hardware.part_and_assembly_images import (
     render_solids,
 )
 from ninedtact.hardware.sensor_assembly import AssemblyBody
-from ninedtact.simulation.twin import radius_mm_per_rad
+from ninedtact.simulation.twin import paraxial_radius_mm_per_rad
 
 _AssemblyState = Literal[
     "inserts",
@@ -62,14 +62,14 @@ class _GuideStep:
     """How to check that it worked, before the next step makes it hard to repair."""
 
 
-def _list_guide_steps(sensor: CompleteDesign) -> Iterator[_GuideStep]:
+def _list_guide_steps(sensor: BuildableDesign) -> Iterator[_GuideStep]:
     """Yield all steps with the dimensions of this design."""
     yield from _preparation_steps(sensor)
     yield from _casting_steps(sensor)
     yield from _assembly_steps(sensor)
 
 
-def _preparation_steps(sensor: CompleteDesign) -> Iterator[_GuideStep]:
+def _preparation_steps(sensor: BuildableDesign) -> Iterator[_GuideStep]:
     """Yield the steps before any silicone is poured."""
     design = sensor.design
     yield _GuideStep(
@@ -91,7 +91,7 @@ def _preparation_steps(sensor: CompleteDesign) -> Iterator[_GuideStep]:
     )
 
 
-def _casting_steps(sensor: CompleteDesign) -> Iterator[_GuideStep]:
+def _casting_steps(sensor: BuildableDesign) -> Iterator[_GuideStep]:
     """Yield the steps that cast the three layers."""
     design = sensor.design
     rim = design.heights.rim - design.heights.floor_top
@@ -137,11 +137,14 @@ def _casting_steps(sensor: CompleteDesign) -> Iterator[_GuideStep]:
     )
 
 
-def _assembly_steps(sensor: CompleteDesign) -> Iterator[_GuideStep]:
+def _assembly_steps(sensor: BuildableDesign) -> Iterator[_GuideStep]:
     """Yield the steps that mount camera, light and screws, and calibrate."""
     design = sensor.design
     own = "" if design.sensor == SensorDesign() else OWN_DESIGN
-    nearest_mm, farthest_mm = radius_mm_per_rad(design.sensor), design.sensor.camera.distance_mm + FOCUS_BEYOND_MM
+    nearest_mm, farthest_mm = (
+        paraxial_radius_mm_per_rad(design.sensor),
+        design.sensor.camera.distance_mm + FOCUS_BEYOND_MM,
+    )
     yield _GuideStep(
         "camera",
         "Lay in the camera",
@@ -183,7 +186,7 @@ def _assembly_steps(sensor: CompleteDesign) -> Iterator[_GuideStep]:
     )
 
 
-def _mixture(sensor: CompleteDesign, silicone: Silicone) -> str:
+def _mixture(sensor: BuildableDesign, silicone: Silicone) -> str:
     """State the mass to mix for one layer, the product and the ratio of its components."""
     mass_g = silicone.grams(sensor.parts[silicone.part].volume_mm3)
     return f"{mass_g:.1f} g of {silicone.product}, {silicone.ratio} by weight"
@@ -215,7 +218,7 @@ class _AssemblyScene:
 class _AssemblyScenes:
     """The scenes of all states of one sensor's parts."""
 
-    sensor: CompleteDesign
+    sensor: BuildableDesign
 
     def scene(self, state: _AssemblyState) -> _AssemblyScene:
         """Return the scene of a state."""
@@ -314,7 +317,7 @@ prints and UV glue that are not fully cured. Before you pour, let a drop of each
 DAYS = 2
 
 
-def format_guide(sensor: CompleteDesign) -> str:
+def format_fabrication_guide(sensor: BuildableDesign) -> str:
     """Return the fabrication guide of a design as Markdown."""
     design = sensor.design
     area = f"{design.sensor.sensing_area.width_mm:g} x {design.sensor.sensing_area.height_mm:g}"
@@ -346,7 +349,7 @@ def _image_name(number: int, step: _GuideStep) -> str:
     return f"fabrication_{number:02d}_{step.state}.png"
 
 
-def write_fabrication_guide(sensor: CompleteDesign, out: Path) -> Iterator[Path]:
+def write_fabrication_guide(sensor: BuildableDesign, out: Path) -> Iterator[Path]:
     """Write the page and its images, yielding each path once it is written; raises `FileNotWritten`."""
     (out / IMAGES).mkdir(parents=True, exist_ok=True)
     states = _AssemblyScenes(sensor)
@@ -354,5 +357,5 @@ def write_fabrication_guide(sensor: CompleteDesign, out: Path) -> Iterator[Path]
         path = out / IMAGES / _image_name(number, step)
         write_file_atomically(path, cv2.imencode(".png", states.scene(step.state).image())[1].tobytes())
         yield path
-    write_file_atomically(out / PAGE, format_guide(sensor).encode())
+    write_file_atomically(out / PAGE, format_fabrication_guide(sensor).encode())
     yield out / PAGE

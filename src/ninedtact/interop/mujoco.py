@@ -19,11 +19,11 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact._version import library_of_other_version
+from ninedtact._version import find_mismatched_library
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
 from ninedtact.errors import MissingLibraryError, SimulationError
 from ninedtact.interop.geom_undersides import SolidsInPlace, Vector
-from ninedtact.interop.mujoco_scene import BodyContact, MujocoScene
+from ninedtact.interop.mujoco_contacts import BodyContact, MujocoScene
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, HeightMap, Wrench
@@ -66,7 +66,7 @@ def require_mujoco(*packages: str) -> None:
         raise MujocoMissing(
             f"expected {' and '.join(absent)}, got no such package; run pip install 'ninedtact[mujoco]'"
         )
-    if other := library_of_other_version("mujoco"):
+    if other := find_mismatched_library("mujoco"):
         raise MujocoMissing(f"{other}; run pip install 'ninedtact[mujoco]'")
 
 

@@ -27,7 +27,13 @@ from ninedtact.mechanics.contact_result import (
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.normal_contact import ContactConstraint
 from ninedtact.mechanics.pose import Pose, rigid_displacement_mm
-from ninedtact.mechanics.shrinking_batch import PerContact, ScalarPerContact, expand_over_grid, to_counts, to_scalars
+from ninedtact.mechanics.shrinking_batch import (
+    PerContact,
+    ScalarPerContact,
+    drop_grid_axes,
+    expand_over_grid,
+    to_counts,
+)
 from ninedtact.mechanics.surface_displacement import PointMask, ScalarField, Skin, VectorField
 
 
@@ -74,11 +80,11 @@ class ContactProblem:
         tractions = region.embed(pressure.pressure_mpa), region.embed(shear.shear_mpa)
         contact = Contact(
             self.last.skin,
-            replace(self.pose, depth_mm=self.pose.depth_mm + to_scalars(pressure.depth_increase_mm)),
+            replace(self.pose, depth_mm=self.pose.depth_mm + drop_grid_axes(pressure.depth_increase_mm)),
             *tractions,
             *region.whole_grid_operators.displacement_mm(*tractions),
             self.friction,
-            to_scalars(result.residual_mm),
+            drop_grid_axes(result.residual_mm),
             to_counts(result.iterations),
         )
         deeper = pressure.depth_increase_mm

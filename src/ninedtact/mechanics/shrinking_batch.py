@@ -58,7 +58,7 @@ def expand_over_grid(number: float | Float[Any, "*batch"], field: Any) -> Any:
     return xp.asarray(values, dtype=field.dtype, device=device(field))[..., None, None]
 
 
-def to_scalars(numbers: PerContact) -> ScalarPerContact:
+def drop_grid_axes(numbers: PerContact) -> ScalarPerContact:
     """Return numbers without the grid's axes: a float, or a NumPy array (batch,)."""
     values = to_numpy(numbers)[..., 0, 0]
     return float(values) if values.ndim == 0 else values
@@ -66,7 +66,7 @@ def to_scalars(numbers: PerContact) -> ScalarPerContact:
 
 def to_counts(numbers: PerContact) -> CountPerContact:
     """Return whole numbers without the grid's axes: an int, or a NumPy array (batch,)."""
-    values = to_scalars(numbers)
+    values = drop_grid_axes(numbers)
     return int(values) if isinstance(values, float) else np.asarray(values).astype(int)
 
 

@@ -161,7 +161,7 @@ def _message_offsets(chunk: Chunk) -> dict[int, list[tuple[int, int]]]:
     while at < len(chunk.data):
         length = int.from_bytes(chunk.data[at + 1 : at + RECORD_PREFIX_BYTES], "little")
         if chunk.data[at] == Opcode.MESSAGE:
-            message = parse_mcap_message(chunk.data, at)
+            message = parse_message_record(chunk.data, at)
             entries[message.channel].append((message.stamp_ns, at))
         at += RECORD_PREFIX_BYTES + length
     return entries
@@ -176,7 +176,7 @@ class StoredMessage(NamedTuple):
     data: bytes
 
 
-def parse_mcap_message(chunk: bytes, at: int) -> StoredMessage:
+def parse_message_record(chunk: bytes, at: int) -> StoredMessage:
     """Return the message at this offset of a decompressed chunk; raises `ValueError` where there is none."""
     if chunk[at] != Opcode.MESSAGE:
         raise ValueError(f"expected a message, got opcode {chunk[at]}")

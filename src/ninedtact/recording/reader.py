@@ -28,26 +28,26 @@ from ninedtact.recording.mcap_index import (
     index_first_and_last_chunk,
     index_mcap_records,
     open_record_content,
-    parse_mcap_message,
+    parse_message_record,
     read_attachment,
     read_chunk,
 )
 from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, parse_recording_metadata
 from ninedtact.recording.summary import RecordingSummary, summarise_recording
 from ninedtact.recording.topics_and_messages import (
-    EventKind,
     LabelledSpan,
     PairLabel,
     RecordingEvent,
+    RecordingEventKind,
     Topic,
     combine_estimate,
     decode_covariance_message,
     decode_event,
     decode_height,
     decode_image,
+    decode_labelled_span,
     decode_pair_label_message,
     decode_reference_grey,
-    decode_span,
     decode_warnings,
     decode_wrench,
 )
@@ -111,7 +111,7 @@ class Recording:
     @cached_property
     def dropped_count(self) -> int:
         """Images that the source counted and that were not written."""
-        return sum(int(event.subject) for event in self.events() if event.kind is EventKind.DROPPED)
+        return sum(int(event.subject) for event in self.events() if event.kind is RecordingEventKind.DROPPED)
 
     @cached_property
     def _channels(self) -> dict[str, int]:
@@ -146,7 +146,7 @@ class Recording:
         if self._chunk[0] != number:
             self._chunk = number, read_chunk(self._file, span, str(self.path)).data
         try:
-            message = parse_mcap_message(self._chunk[1], int(position["offset"]))
+            message = parse_message_record(self._chunk[1], int(position["offset"]))
         except (ValueError, IndexError, struct.error) as error:
             raise damage_error(str(self.path), span.end) from error
         if message.stamp_ns != position["stamp_ns"] or message.channel != position["channel"]:
@@ -223,7 +223,7 @@ class Recording:
 
     def kept_labels(self) -> list[PairLabel]:
         """Return the labels of all saved pairs, undone contacts excluded."""
-        undone = {event.subject for event in self.events() if event.kind is EventKind.CONTACT_UNDONE}
+        undone = {event.subject for event in self.events() if event.kind is RecordingEventKind.CONTACT_UNDONE}
         return [label for label in self.labels() if label.contact not in undone]
 
     def events(self) -> list[RecordingEvent]:
@@ -242,7 +242,7 @@ class Recording:
             else:
                 paths = [Topic.SPANS.path(metadata.topic_name) for metadata in self.all_metadata]
                 positions = np.concatenate([self._positions_on(path) for path in paths])
-                spans = [decode_span(message.data) for message in map(self.message, positions)]
+                spans = [decode_labelled_span(message.data) for message in map(self.message, positions)]
             return sorted(spans, key=lambda span: (span.begin_ns, span.end_ns))
         except (ValueError, TypeError) as error:
             raise RecordingUnreadable(

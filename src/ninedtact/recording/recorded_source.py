@@ -11,7 +11,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy import ndarray as Array
 
-from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceCheck, describe_new_contact
+from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceChecker, describe_new_contact
 from ninedtact.capture.frame_source import FrameSource, Openable, SourceEnded, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, HeightSource, Rectified, Wrench
@@ -108,7 +108,7 @@ def read_references_at(
     path: Path | str,
     moments_s: Sequence[float],
     shape: CalibratedShape,
-    check: ReferenceCheck,
+    check: ReferenceChecker,
     before: Rectified | None = None,
 ) -> list[list[Frame]]:
     """Read the reference images (no contact) at moments of a recording, ten at each, for `Sensor.later_references`.
@@ -166,7 +166,7 @@ def _read_frames(recording: Recording, positions: Array) -> list[Frame]:
 
 
 def _require_no_contact(
-    where: str, frames: list[Frame], before: Rectified, shape: CalibratedShape, check: ReferenceCheck
+    where: str, frames: list[Frame], before: Rectified, shape: CalibratedShape, check: ReferenceChecker
 ) -> Rectified:
     """Return the rectified mean of reference images; raises `ReferenceMomentRefused` where they cannot be a reference."""
     fault = next(iter(check.find_faults(frames)), None)

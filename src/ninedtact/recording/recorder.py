@@ -24,7 +24,7 @@ from ninedtact.recording.errors import ReferenceMomentRefused
 from ninedtact.recording.merge_streams import BackgroundReader
 from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_addresses, sensor_folder_attachments
-from ninedtact.recording.topics_and_messages import EventKind, RecordingEvent, Topic
+from ninedtact.recording.topics_and_messages import RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import DepthReader
@@ -131,7 +131,9 @@ def record_several(
             errors[name] = error
             recorder.notify(f"{error}; the others go on")
             with suppress(NinedtactError):
-                recorder.writer.write_event(RecordingEvent(monotonic_ns(), EventKind.REMARK, "lost", str(error)))
+                recorder.writer.write_event(
+                    RecordingEvent(monotonic_ns(), RecordingEventKind.REMARK, "lost", str(error))
+                )
 
     with report_kept_messages(Path(out), notify), next(iter(writers.values())), ExitStack() as opened:
         streams = {name: opened.enter_context(recorder.opened()) for name, recorder in recorders.items()}
@@ -310,7 +312,7 @@ class RecordedEstimates:
             return
         self._has_reported = True
         for fault in self._computer.reference_faults:
-            writer.write_event(RecordingEvent(stamp_ns, EventKind.REMARK, "reference image", fault))
+            writer.write_event(RecordingEvent(stamp_ns, RecordingEventKind.REMARK, "reference image", fault))
             self.notify(f"the reference image is doubtful; {fault}")
 
 

@@ -95,7 +95,7 @@ MESSAGE_TYPES = {
 }
 
 
-class EventKind(StrEnum):
+class RecordingEventKind(StrEnum):
     """What happened beside images and wrenches."""
 
     DROPPED = "dropped"
@@ -115,7 +115,7 @@ class RecordingEvent:
     """An event beside images and wrenches: lost images, a tare, a new object, an undone contact, a remark."""
 
     stamp_ns: int
-    kind: EventKind
+    kind: RecordingEventKind
     subject: str = ""
     text: str = ""
 
@@ -218,7 +218,7 @@ def encode_label(label: PairLabel) -> bytes:
     return _encode_json(Topic.LABELS, {**_without_stamp(label), "wrench": wrench})
 
 
-def encode_span(span: LabelledSpan) -> bytes:
+def encode_labelled_span(span: LabelledSpan) -> bytes:
     """Return a labelled span as a JSON message."""
     return _encode_json(Topic.SPANS, vars(span))
 
@@ -288,7 +288,7 @@ def decode_pair_label_message(data: bytes, stamp_ns: int) -> PairLabel:
     return PairLabel(stamp_ns, **fields, wrench=Wrench(force_n, torque_nm, stamp_ns=stamp_ns))
 
 
-def decode_span(data: bytes) -> LabelledSpan:
+def decode_labelled_span(data: bytes) -> LabelledSpan:
     """Return the labelled span of a message."""
     return LabelledSpan(**json.loads(_decode(Topic.SPANS, data).data))
 
@@ -302,7 +302,7 @@ def decode_reference_grey(data: bytes) -> Float32[Array, "rows cols"]:
 def decode_event(data: bytes, stamp_ns: int) -> RecordingEvent:
     """Return the event of a message."""
     fields = json.loads(_decode(Topic.EVENTS, data).data)
-    return RecordingEvent(stamp_ns, EventKind(fields["kind"]), fields["subject"], fields["text"])
+    return RecordingEvent(stamp_ns, RecordingEventKind(fields["kind"]), fields["subject"], fields["text"])
 
 
 def encode_message(message_type: str, **fields: Any) -> bytes:

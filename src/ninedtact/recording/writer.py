@@ -22,18 +22,18 @@ from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, wal
 from ninedtact.recording.topics_and_messages import (
     CAMERA_FRAME,
     SKIN_FRAME,
-    EventKind,
     LabelledSpan,
     PairLabel,
     RecordingEvent,
+    RecordingEventKind,
     Topic,
     encode_covariance,
     encode_event,
     encode_height,
     encode_image,
     encode_label,
+    encode_labelled_span,
     encode_reference_grey,
-    encode_span,
     encode_warnings_as_diagnostics,
     encode_wrench,
     message_definition,
@@ -121,7 +121,7 @@ class RecordingWriter:
         self._next_index = frame.index + 1
         if missing > 0:
             self.dropped += missing
-            self.write_event(RecordingEvent(frame.stamp_ns, EventKind.DROPPED, str(missing)))
+            self.write_event(RecordingEvent(frame.stamp_ns, RecordingEventKind.DROPPED, str(missing)))
         self.write_selected_image(frame)
 
     def write_selected_image(self, frame: Frame) -> None:
@@ -175,7 +175,7 @@ class RecordingWriter:
 
     def write_span(self, span: LabelledSpan) -> None:
         """Write a labelled span; it is on disk when this returns."""
-        self._add(Topic.SPANS, span.begin_ns, encode_span(span))
+        self._add(Topic.SPANS, span.begin_ns, encode_labelled_span(span))
         self.flush()
 
     def write_event(self, event: RecordingEvent) -> None:
@@ -200,7 +200,7 @@ class RecordingWriter:
             f"the clock of the computer moved by {(ahead_ns - before_ns) / 1e9:+.1f} s during the recording (it was set, or the "
             "computer slept); all stamps continue with the clock as it was at the beginning"
         )
-        self.write_event(RecordingEvent(monotonic_ns(), EventKind.REMARK, "clock", text))
+        self.write_event(RecordingEvent(monotonic_ns(), RecordingEventKind.REMARK, "clock", text))
         self._notify(text)
 
     def _add(self, topic: Topic, stamp_ns: int, data: bytes, sequence: int = 0) -> None:

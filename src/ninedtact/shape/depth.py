@@ -4,9 +4,9 @@ Thinner gel is darker and thicker gel is brighter. The brightness signal is eith
 docs/references.md) or the *ratio* to the reference image, which is uniform over an image even where the light is not. The signal is
 quantised finely and converted to height by one look-up table.
 
-Where the calibration provides them, two corrections precede the look-up. `LightLoss` estimates, from the image itself, the light
-that the whole image loses when a part of the skin is dark, and adds it back. `Deblurring` sharpens the brightness field by the
-known point spread (Wiener 1949, docs/references.md).
+Where the calibration provides them, two corrections precede the look-up. `WholeImageLightLoss` estimates, from the image itself,
+the light that the whole image loses when a part of the skin is dark, and adds it back. `Deblurring` sharpens the brightness field
+by the known point spread (Wiener 1949, docs/references.md).
 """
 
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class LightLoss:
+class WholeImageLightLoss:
     """The model of the relative loss of light c of a whole image, in which a part of the skin is dark."""
 
     global_dimming: Annotated[float, Meta(ge=0, le=10)] = 0.0
@@ -297,7 +297,7 @@ class DepthReader:
     smoothing: Smoothing = Smoothing()
     noise_mm: float = 0.0
     camera_distance_mm: float = np.inf
-    loss: LightLoss = LightLoss()
+    loss: WholeImageLightLoss = WholeImageLightLoss()
     deblurring: Deblurring | None = None
     """Given for `fine` reading; without it, reading is `fast`."""
 

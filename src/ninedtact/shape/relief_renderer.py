@@ -99,7 +99,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class SightlineGrid:
+class VisiblePointGrid:
     """The point that each pixel of an image shows: a place on the block (columns and rows of the skin, height) or nothing."""
 
     col: PixelField
@@ -109,7 +109,7 @@ class SightlineGrid:
     on_wall: Bool[Array, "rows cols"]
 
 
-def trace_sightlines(block: Block, view: Viewpoint, rows: int, cols: int) -> SightlineGrid:
+def trace_sightlines(block: Block, view: Viewpoint, rows: int, cols: int) -> VisiblePointGrid:
     """Return the intersection of every line of sight with the block."""
     rays = view.rays(rows, cols)
     near, far = through_box(block, view, rays)
@@ -127,7 +127,7 @@ def trace_sightlines(block: Block, view: Viewpoint, rows: int, cols: int) -> Sig
     wall = hit & (above(near) < -AT_THE_EDGE)
     ahead = first_crossing(above, near, far)
     skin = hit & ~wall & np.isfinite(ahead)
-    return SightlineGrid(*place(np.where(skin, ahead, near)), skin, wall)
+    return VisiblePointGrid(*place(np.where(skin, ahead, near)), skin, wall)
 
 
 def through_box(block: Block, view: Viewpoint, rays: Float32[Array, "3 rows cols"]) -> tuple[PixelField, PixelField]:
@@ -232,7 +232,7 @@ BASE_SHADE = 0.16
 
 
 def render_block(
-    block: Block, colours: UInt8[Array, "fine_rows fine_cols 3"], sight: SightlineGrid
+    block: Block, colours: UInt8[Array, "fine_rows fine_cols 3"], sight: VisiblePointGrid
 ) -> UInt8[Array, "rows cols 3"]:
     """Return the shaded image, white where no line of sight meets the block; `colours` cover the whole skin, at any resolution."""
     finer, half = np.float32(colours.shape[1] / block.skin.shape[1]), np.float32(0.5)
@@ -253,7 +253,7 @@ def shading(block: Block) -> Float32[Array, "skin_rows skin_cols"]:
     return np.asarray(AMBIENT + (1 - AMBIENT) * np.maximum(facing, 0) / LIGHT[2], np.float32)
 
 
-def gel_block_wall_greys(block: Block, sight: SightlineGrid) -> Float32[Array, "rows cols 3"]:
+def gel_block_wall_greys(block: Block, sight: VisiblePointGrid) -> Float32[Array, "rows cols 3"]:
     """Return the grey of the walls, darker on the side and towards the base."""
     brightness = np.where(sight.row < AT_THE_EDGE, np.float32(1), SIDE_WALL)
     depth = (block.high[2] - sight.z) / (block.high[2] - block.low[2])

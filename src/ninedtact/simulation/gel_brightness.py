@@ -25,7 +25,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import require_positive
 from ninedtact.errors import InputError
-from ninedtact.simulation.pixel_to_skin_map import PixelMap
+from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap
 
 
 class InvalidBrightnessModel(InputError):
@@ -88,7 +88,7 @@ WAVE_PX = 200.0
 
 
 def synthetic_reference_image(
-    pixel_map: PixelMap,
+    pixel_map: PixelToSkinMap,
     mean_grey: float = 160.0,
     unevenness: float = 0.02,
     cast: tuple[float, float, float] = (1.0, 1.0, 1.0),
@@ -110,7 +110,7 @@ def synthetic_reference_image(
     return np.clip(image * (mean_grey / image.mean()), 0, 250).astype(np.float32)
 
 
-def _led_illumination(pixel_map: PixelMap, rng: np.random.Generator) -> Float[Array, "rows cols"]:
+def _led_illumination(pixel_map: PixelToSkinMap, rng: np.random.Generator) -> Float[Array, "rows cols"]:
     """Return the light of all LEDs on the skin, with mean one; the LEDs differ a little in strength."""
     x, y = pixel_map.plane_mm[..., 0].astype(float), pixel_map.plane_mm[..., 1].astype(float)
     strengths = rng.normal(1, 0.08, len(LED_POSITIONS_MM))

@@ -1,6 +1,6 @@
 """The pixel map and the lines of sight: which point of the skin each pixel of the raw image sees.
 
-`PixelMap` holds the position on the undeformed skin that each raw pixel sees, which is the inverse of the rectification;
+`PixelToSkinMap` holds the position on the undeformed skin that each raw pixel sees, which is the inverse of the rectification;
 `WideAngleLens` computes it from a lens model.
 
 `SightlineGrid` follows the lines of sight to skin that is not flat. A line of sight through P on the undeformed plane meets
@@ -28,7 +28,7 @@ STEP_PX = 8
 
 
 @dataclass(frozen=True)
-class PixelMap:
+class PixelToSkinMap:
     """The position (x, y) in mm on the undeformed skin that each raw pixel sees."""
 
     plane_mm: Float32[Array, "raw_rows raw_cols 2"]
@@ -67,7 +67,7 @@ class WideAngleLens:
     offset_mm: tuple[float, float] = (0.0, 0.0)
     """Position of the skin's centre."""
 
-    def pixel_map(self, raw_shape: tuple[int, int] = (480, 640)) -> PixelMap:
+    def pixel_map(self, raw_shape: tuple[int, int] = (480, 640)) -> PixelToSkinMap:
         """Return the position that every pixel of an image of this (rows, cols) sees."""
         x, y = _normalised_pixel_coordinates(raw_shape)
         x, y = x - self.centre[0], y - self.centre[1]
@@ -76,7 +76,7 @@ class WideAngleLens:
         grown = grown / (1 + self.tilt[0] * x + self.tilt[1] * y)
         cos, sin = np.cos(self.turn_rad), np.sin(self.turn_rad)
         plane = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1) * grown[..., None] + self.offset_mm
-        return PixelMap(plane.astype(np.float32))
+        return PixelToSkinMap(plane.astype(np.float32))
 
 
 def _normalised_pixel_coordinates(
@@ -95,7 +95,7 @@ def coarse_pixel_grid(raw_shape: tuple[int, int]) -> Float[Array, "n 2"]:
     return np.column_stack([x.ravel(), y.ravel()]).astype(float)
 
 
-def interpolate_pixel_map(plane_mm: Float[Array, "n 2"], raw_shape: tuple[int, int]) -> PixelMap:
+def interpolate_pixel_map(plane_mm: Float[Array, "n 2"], raw_shape: tuple[int, int]) -> PixelToSkinMap:
     """Return the pixel map of a raw image of (rows, cols) from the positions of its `coarse_pixel_grid`."""
     from scipy.ndimage import map_coordinates  # slow to import
 
@@ -103,7 +103,7 @@ def interpolate_pixel_map(plane_mm: Float[Array, "n 2"], raw_shape: tuple[int, i
     coarse = plane_mm.reshape(rows, cols, 2)
     pixel = np.mgrid[0 : raw_shape[0], 0 : raw_shape[1]] / STEP_PX
     axes = [map_coordinates(coarse[..., axis], pixel, order=3, mode="nearest") for axis in range(2)]
-    return PixelMap(np.stack(axes, axis=-1).astype(np.float32))
+    return PixelToSkinMap(np.stack(axes, axis=-1).astype(np.float32))
 
 
 FIXED_POINT_STEPS = 3
@@ -172,11 +172,11 @@ def blur_and_refine_fields(grid: PeriodicGrid, sigma_mm: float, *fields: Field) 
     if sigma_mm:
         kx, ky = grid.wave_vectors
         wave = wave * np.exp(-(sigma_mm**2) / 2 * (kx**2 + ky**2)).astype(np.float32)
-    fine = pad_spectrum(wave, grid)
+    fine = zero_pad_spectrum(wave, grid)
     return np.asarray(irfft2(fine, s=(grid.rows * REFINEMENT, grid.cols * REFINEMENT)), np.float32)
 
 
-def pad_spectrum(wave: Any, grid: PeriodicGrid) -> Any:
+def zero_pad_spectrum(wave: Any, grid: PeriodicGrid) -> Any:
     """Return a transform with zeros for the waves that only the finer grid has, in the library of the transform."""
     upper, half = (grid.rows + 1) // 2, wave.shape[-1]
     shape = (*wave.shape[:-2], grid.rows * REFINEMENT, grid.cols * REFINEMENT // 2 + 1)

@@ -1,6 +1,6 @@
 """A twin that objects press one after the other, and the clock that its simulated sources share.
 
-`PressSimulation` solves its steps when a source needs them: the camera, the force/torque sensor and the ground truth of one
+`PressSequence` solves its steps when a source needs them: the camera, the force/torque sensor and the ground truth of one
 simulation agree with each other. `SampleTimer` gives the moments at which a source samples.
 """
 
@@ -118,7 +118,7 @@ class TwinPress:
 
 
 @dataclass
-class PressSimulation:
+class PressSequence:
     """A twin on which trajectories follow each other, round after round, solved step by step when a step is needed.
 
     Sources may read from several threads; each step is solved once. In real time, steps that no source waited for are skipped,

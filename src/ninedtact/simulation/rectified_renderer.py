@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import centred_axis_mm
-from ninedtact.simulation.pixel_to_skin_map import PixelMap
+from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.sensor_population import CalibrationMisalignment, SampledSensor
 
@@ -65,7 +65,7 @@ def rectified_renderer(member: SampledSensor, size: tuple[int, int]) -> Rectifie
     calmer = member.noise_grey_levels * min(1.0, size[0] / _PUBLISHED_COLS)
     rows, cols = plane.shape[:2]
     noise = CameraNoise(calmer, (rows, cols))
-    return RectifiedRenderer(Renderer(PixelMap(plane), untouched, raw.light, noise))
+    return RectifiedRenderer(Renderer(PixelToSkinMap(plane), untouched, raw.light, noise))
 
 
 def misaligned_positions_mm(size: tuple[int, int], mm_per_px: float, misreading: CalibrationMisalignment) -> Plane:
@@ -76,7 +76,7 @@ def misaligned_positions_mm(size: tuple[int, int], mm_per_px: float, misreading:
     return (misreading.scale * turned + misreading.offset_mm).astype(np.float32)
 
 
-def raw_pixels_seeing(view: PixelMap, plane_mm: Plane) -> Plane:
+def raw_pixels_seeing(view: PixelToSkinMap, plane_mm: Plane) -> Plane:
     """Return the pixels (x, y) of the raw image that see these positions: the inverse of the view, by fixed-point iteration."""
     rows, cols = view.raw_shape
     across = (view.plane_mm[rows // 2, -1, 0] - view.plane_mm[rows // 2, 0, 0]) / (cols - 1)

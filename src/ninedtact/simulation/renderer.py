@@ -20,11 +20,11 @@ from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import (
     FIXED_POINT_STEPS,
     REFINEMENT,
-    PixelMap,
+    PixelToSkinMap,
     SightlineGrid,
     blur_and_refine_fields,
     grid_coordinates,
-    pad_spectrum,
+    zero_pad_spectrum,
 )
 
 NOISE_MARGIN_PX = 61
@@ -66,7 +66,7 @@ class CameraNoise:
 class Renderer:
     """Renders the raw images of one sensor."""
 
-    pixel_map: PixelMap
+    pixel_map: PixelToSkinMap
     reference: Float32[Array, "raw_rows raw_cols 3"]
     """The reference image (no contact) without noise, BGR, 0 to 255."""
     light: BrightnessModel
@@ -147,7 +147,7 @@ class BatchRenderer:
         dark = xp.clip(-change, min=0.0) * self._sensing_weights
         lost = light.global_dimming * xp.sum(dark, axis=(-2, -1), keepdims=True)
         wave = forward_transform(change, self.renderer.plane.shape) * self._point_spread
-        diffuse = inverse_transform(pad_spectrum(wave, self.renderer.plane), fine, fine)
+        diffuse = inverse_transform(zero_pad_spectrum(wave, self.renderer.plane), fine, fine)
         return self._lens_lookup.sample((1 + diffuse) * (1 - lost))
 
     def images(self, contacts: Contact) -> Float[Any, "batch raw_rows raw_cols 3"]:

@@ -29,7 +29,7 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
 from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPresses
 from ninedtact.simulation.gel_brightness import BrightnessModel, synthetic_reference_image
-from ninedtact.simulation.pixel_to_skin_map import PixelMap, WideAngleLens
+from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import (
     PITCH_MM,
@@ -183,7 +183,7 @@ class InvalidPopulation(InputError):
 
 
 @dataclass(frozen=True)
-class MechanicsShares:
+class NonidealMechanicsShares:
     """Shares of sensors whose mechanics differ from the gel on a rigid base that estimators assume."""
 
     compliant_base: float = 0.15
@@ -264,7 +264,7 @@ class SampledSensor:
     """The presses with which it is calibrated."""
 
     @property
-    def pixel_map(self) -> PixelMap:
+    def pixel_map(self) -> PixelToSkinMap:
         """The pixel map of the raw image."""
         return self.lens.pixel_map(RAW_SHAPE)
 
@@ -304,7 +304,10 @@ def sampled_sensor_from_json(table: dict[str, Any]) -> SampledSensor:
 
 
 def sample_sensor(
-    number: int, seed: int = 0, kinds: MechanicsShares = MechanicsShares(), design: SensorDesign = SensorDesign()
+    number: int,
+    seed: int = 0,
+    kinds: NonidealMechanicsShares = NonidealMechanicsShares(),
+    design: SensorDesign = SensorDesign(),
 ) -> SampledSensor:
     """Sample sensor `number` of a seed, which does not depend on other numbers; raises `InvalidPopulation` below zero."""
     if number < 0 or seed < 0:
@@ -329,7 +332,9 @@ def sample_sensor(
     )
 
 
-def sample_sensors(seed: int = 0, kinds: MechanicsShares = MechanicsShares()) -> Iterator[SampledSensor]:
+def sample_sensors(
+    seed: int = 0, kinds: NonidealMechanicsShares = NonidealMechanicsShares()
+) -> Iterator[SampledSensor]:
     """Sample all sensors of a seed, without end."""
     number = 0
     while True:

@@ -1,6 +1,6 @@
 """Simulated sources: the camera and the force/torque sensor of a twin, and the press sequence of the demo.
 
-Both are sources like those of real hardware (`FrameSource`, `WrenchSource`) and follow one `PressSimulation`.
+Both are sources like those of real hardware (`FrameSource`, `WrenchSource`) and follow one `PressSequence`.
 """
 
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from ninedtact.design import ForceTorqueMount
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSimulation, SampleTimer
+from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSequence, SampleTimer
 from ninedtact.simulation.trajectory import press_trajectory
 from ninedtact.simulation.twin import Twin
 
@@ -25,7 +25,7 @@ from ninedtact.simulation.twin import Twin
 class SimulatedCamera(FrameSource):
     """A frame source of rendered images, one per step of a simulation; it ends after the last round, if there is one."""
 
-    simulation: PressSimulation
+    simulation: PressSequence
     is_open: bool = field(default=False, init=False)
     first: int = field(default=-1, init=False)
     """Step number of the first image."""
@@ -71,7 +71,7 @@ NO_OFFSET: SixComponents = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class ForceTorqueErrors:
+class ForceTorqueSensorNoise:
     """Noise and offset of a force/torque sensor; defaults are those of a small six-axis one."""
 
     noise: SixComponents = (0.02, 0.02, 0.03, 5e-4, 5e-4, 3e-4)
@@ -80,7 +80,7 @@ class ForceTorqueErrors:
     """Constant offset about the sensor's own origin, which a tare removes."""
 
 
-NO_FORCE_TORQUE_ERRORS = ForceTorqueErrors(NO_OFFSET, NO_OFFSET)
+NO_FORCE_TORQUE_ERRORS = ForceTorqueSensorNoise(NO_OFFSET, NO_OFFSET)
 """An exact force/torque sensor."""
 
 
@@ -88,9 +88,9 @@ NO_FORCE_TORQUE_ERRORS = ForceTorqueErrors(NO_OFFSET, NO_OFFSET)
 class SimulatedForceTorque(WrenchSource):
     """A source of the true wrench on the skin with noise and offset, at its own rate; the torque is about the sensor's origin."""
 
-    simulation: PressSimulation
+    simulation: PressSequence
     hz: float = 500.0
-    errors: ForceTorqueErrors = ForceTorqueErrors()
+    errors: ForceTorqueSensorNoise = ForceTorqueSensorNoise()
     about_mm: tuple[float, float, float] = (0.0, 0.0, -FORCE_TORQUE_BELOW_SKIN_MM)
     seed: int = 0
     is_open: bool = field(default=False, init=False)
@@ -165,14 +165,14 @@ class DemoSources:
     reference_frames: tuple[Frame, ...]
 
     @property
-    def simulation(self) -> PressSimulation:
+    def simulation(self) -> PressSequence:
         """The motion that both sources follow; its `hand` lets a person press."""
         return self.camera.simulation
 
 
 def demo_sources(twin: Twin, rounds: int | None = None) -> DemoSources:
     """Return the sources of the demo, not yet opened."""
-    simulation = PressSimulation(twin, demo_press_sequence(), rounds=rounds)
+    simulation = PressSequence(twin, demo_press_sequence(), rounds=rounds)
     reference_frames = tuple(Frame(twin.renderer(None, number)) for number in range(-REFERENCE_FRAME_COUNT, 0))
     return DemoSources(
         SimulatedCamera(simulation),

@@ -27,7 +27,7 @@ from ninedtact.mechanics.periodic_grid import padded_grid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.surface_displacement import Skin
 from ninedtact.simulation.gel_brightness import BrightnessModel, synthetic_reference_image
-from ninedtact.simulation.pixel_to_skin_map import PixelMap, WideAngleLens
+from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 
 PITCH_MM = 0.2
@@ -237,18 +237,18 @@ def _reflectance_slope_per_mm(thickness_mm: float, model: BrightnessModel) -> fl
 def lens_for_design(design: SensorDesign) -> WideAngleLens:
     """Return the average lens at the design's camera distance; a lens of smaller angle sees less skin."""
     lens = WideAngleLens()
-    nearer = radius_mm_per_rad(design) / radius_mm_per_rad(PUBLISHED_DESIGN)
+    nearer = paraxial_radius_mm_per_rad(design) / paraxial_radius_mm_per_rad(PUBLISHED_DESIGN)
     narrower = design.camera.lens_angle_deg / PUBLISHED_DESIGN.camera.lens_angle_deg
     return replace(lens, mm_per_unit=lens.mm_per_unit * nearer * narrower)
 
 
-def radius_mm_per_rad(design: SensorDesign) -> float:
+def paraxial_radius_mm_per_rad(design: SensorDesign) -> float:
     """Return the paraxial radius in mm per radian of ray angle, through air, acrylic and silicone."""
     silicone = max(design.camera.distance_mm - AIR_MM - ACRYLIC_MM, 0.0)
     return AIR_MM + ACRYLIC_MM / ACRYLIC_REFRACTIVE_INDEX + silicone / SILICONE_REFRACTIVE_INDEX
 
 
-def illumination_pixel_map(pixel_map: PixelMap, design: SensorDesign) -> PixelMap:
+def illumination_pixel_map(pixel_map: PixelToSkinMap, design: SensorDesign) -> PixelToSkinMap:
     """Return the pixel map that shows the same illumination on the published sensor.
 
     LEDs stand around the sensing area whatever its size, so positions scale with the area.
@@ -257,4 +257,4 @@ def illumination_pixel_map(pixel_map: PixelMap, design: SensorDesign) -> PixelMa
     if area == average:
         return pixel_map
     smaller = np.array([average.width_mm / area.width_mm, average.height_mm / area.height_mm], np.float32)
-    return PixelMap(pixel_map.plane_mm * smaller)
+    return PixelToSkinMap(pixel_map.plane_mm * smaller)

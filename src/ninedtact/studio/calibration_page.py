@@ -23,7 +23,8 @@ from ninedtact.simulation.calibration_camera import HeldCalibrationObject, Simul
 from ninedtact.studio.calibration_session import CalibrationSession, CalibrationState, Phase
 from ninedtact.studio.guided_page import (
     BrowserImages,
-    CameraControls,
+    CameraChoiceControls,
+    ListCameras,
     advice_html,
     attempt,
     quality_rows,
@@ -54,17 +55,17 @@ class CalibrationPage:
         self,
         server: ViserServer,
         session: CalibrationSession,
-        cameras: dict[str, str],
+        list_cameras: ListCameras,
         simulated: SimulatedCalibrationCamera | None = None,
     ) -> None:
-        """cameras: address and name of each camera that can be chosen. simulated: the camera that is pressed on the page."""
+        """list_cameras: returns the cameras that can be chosen. simulated: the camera that is pressed on the page."""
         self._server, self._session, self._simulated = server, session, simulated
         self._drawn: tuple[int, int] | None = None
         gui, self._images = server.gui, BrowserImages(server, "Calibration")
         self._follower = ControlFollower()
         self._steps, self._advice = gui.add_html(""), gui.add_html("")
         self._progress = gui.add_progress_bar(0.0, visible=False)
-        self._camera = CameraControls(gui, session, cameras)
+        self._camera = CameraChoiceControls(gui, session, list_cameras)
         self._build_buttons()
         self._figures, self._result = gui.add_html(""), gui.add_html("")
         if simulated is not None:
@@ -167,7 +168,7 @@ class CalibrationPage:
         drawn = id(state.image), id(state.pins)
         if state.image is not None and drawn != self._drawn:
             self._drawn = drawn
-            self._images.show(draw_pins(state.image, state.pins)[..., ::-1])
+            self._images.show(draw_found_pins(state.image, state.pins)[..., ::-1])
 
     def _show_buttons(self, state: CalibrationState) -> None:
         """Show the buttons that do something now."""
@@ -184,7 +185,9 @@ class CalibrationPage:
         self._start_over.visible = phase not in (Phase.PREVIEW, Phase.FIT)
 
 
-def draw_pins(image: UInt8[Array, "rows cols 3"], pins: PinSighting | None) -> UInt8[Array, "few_rows few_cols 3"]:
+def draw_found_pins(
+    image: UInt8[Array, "rows cols 3"], pins: PinSighting | None
+) -> UInt8[Array, "few_rows few_cols 3"]:
     """Return an image with the pins that were found circled and the missing ones crossed, BGR, at most 640 columns wide."""
     scale = min(1.0, _IMAGE_PX / image.shape[1])
     canvas = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image.copy()

@@ -20,7 +20,8 @@ from ninedtact.studio.force_calibration_session import (
 )
 from ninedtact.studio.guided_page import (
     BrowserImages,
-    CameraControls,
+    CameraChoiceControls,
+    ListCameras,
     advice_html,
     attempt,
     quality_rows,
@@ -46,12 +47,12 @@ class ForceCalibrationPage:
         self,
         server: ViserServer,
         session: ForceCalibrationSession,
-        cameras: dict[str, str],
+        list_cameras: ListCameras,
         ball_radius_mm: float,
         simulated: SimulatedCalibrationCamera | None = None,
         stiffness: float | None = None,
     ) -> None:
-        """cameras: address and name of each camera that can be chosen. simulated: the camera that is pressed on the page.
+        """list_cameras: returns the cameras that can be chosen. simulated: the camera that is pressed on the page.
 
         stiffness: true factor between the simulated gel's modulus and the assumed one, which is told at the end.
         """
@@ -61,7 +62,7 @@ class ForceCalibrationPage:
         self._follower = ControlFollower()
         gui, self._images = server.gui, BrowserImages(server, "Force calibration")
         self._steps, self._advice = gui.add_html(""), gui.add_html("")
-        self._camera = CameraControls(gui, session, cameras)
+        self._camera = CameraChoiceControls(gui, session, list_cameras)
         self._build_buttons()
         self._presses, self._figures = gui.add_html(""), gui.add_html("")
         if simulated is not None:

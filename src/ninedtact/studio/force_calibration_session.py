@@ -20,8 +20,8 @@ from ninedtact.calibration.guidance import (
     STILL,
     CalibrationStepAdvice,
     ImageWatcher,
+    make_still_press_watcher,
     watch_reference,
-    watch_still_press,
 )
 from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.capture.frame_source import CameraExposure, FrameSource
@@ -335,7 +335,7 @@ class ForceCalibrationSession:
         """Return the watcher of a phase."""
         if phase is LoadPhase.PRESS:
             assert self._reference is not None
-            return watch_still_press(self._reference, self.hold_s)
+            return make_still_press_watcher(self._reference, self.hold_s)
         return watch_reference(self._reference)
 
     def _done_with(self, before: ForceCalibrationState, image: BgrImage) -> Callable[[], None]:

@@ -4,8 +4,9 @@ All controls of such a page are shared by all browsers, so that everybody, and a
 Only the place of the image is each browser's own (beside the controls, or on a phone among them), and whether the page is dark.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
+from time import monotonic
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -84,6 +85,11 @@ class BrowserImages:
         ThemeChoice(client)
 
 
+ListCameras = Callable[[], Mapping[str, str]]
+"""Returns the address and the name of each camera that can be chosen."""
+_LIST_EVERY_S = 2.0
+
+
 @runtime_checkable
 class _CameraSession(Protocol):
     """A guided procedure whose camera can be chosen and exposed."""
@@ -97,13 +103,13 @@ class _CameraSession(Protocol):
         """Set the exposure; raises `CameraSettingRefused`."""
 
 
-class CameraControls:
+class CameraChoiceControls:
     """The choice of the camera and its exposure, which are shown until the procedure begins."""
 
-    def __init__(self, gui: GuiApi, session: _CameraSession, cameras: dict[str, str]) -> None:
-        """cameras: address and name of each camera that can be chosen."""
-        self._session = session
-        self._labels = {address: f"{address}: {name}" if name else address for address, name in cameras.items()}
+    def __init__(self, gui: GuiApi, session: _CameraSession, list_cameras: ListCameras) -> None:
+        """list_cameras: is called again and again, so that a camera that is plugged in later can be chosen."""
+        self._session, self._list_cameras = session, list_cameras
+        self._labels, self._listed_at = self._present_labels(), monotonic()
         self._camera = gui.add_dropdown(
             "camera", tuple(self._labels.values()), initial_value=self._labels[session.source]
         )
@@ -120,6 +126,8 @@ class CameraControls:
         """Show the camera and its exposure, or nothing of them."""
         self._limits = exposure
         self._camera.visible = is_shown
+        if is_shown and monotonic() - self._listed_at > _LIST_EVERY_S:
+            self._list_again(source)
         self._follower.follow((self._camera, self._labels[source]))
         self._exposure.visible = self._brighter.visible = is_shown and exposure is not None
         if exposure is not None:
@@ -131,6 +139,19 @@ class CameraControls:
             if is_shown and has_image and exposure is None
             else ""
         )
+
+    def _present_labels(self) -> dict[str, str]:
+        """Return what the menu says of each camera, by its address."""
+        cameras = self._list_cameras()
+        return {address: f"{address}: {name}" if name else address for address, name in cameras.items()}
+
+    def _list_again(self, source: str) -> None:
+        """Offer the cameras that are there now; the one that is shown stays, even if it was unplugged."""
+        found = self._present_labels()
+        self._labels, self._listed_at = {source: self._labels[source], **found}, monotonic()
+        shown = tuple(self._labels[address] for address in sorted(self._labels, key=[*found, source].index))
+        if shown != self._camera.options:
+            self._camera.options = shown
 
     def _choose_camera(self, event: GuiEvent[Any]) -> None:
         """Show the chosen camera."""

@@ -16,11 +16,11 @@ from viser._messages import RunJavascriptMessage
 from ninedtact.errors import DeviceError
 from ninedtact.studio.page_controller import PageController, PageMoment
 from ninedtact.studio.press_control import PressControl
-from ninedtact.studio.press_panel import PressPanel
 from ninedtact.studio.scene_3d import GelBlock, set_up_view
-from ninedtact.studio.sensor_group import GroupCurvesPanel
+from ninedtact.studio.sensor_group import SensorGroupCurvesPanel
 from ninedtact.studio.sensor_panels import CurvesPanel, SensorPanel, StatusPanel, WrenchPanel
 from ninedtact.studio.socket_guard import SocketGuard
+from ninedtact.studio.twin_press_panel import TwinPressPanel
 from ninedtact.studio.view_panels import ImagePanel, ProfilePanel, ViewPanel
 from ninedtact.studio.viewer import LIGHT, PanelFactory, Viewer
 from ninedtact.studio.viser_server import start_guarded_viser
@@ -114,9 +114,9 @@ class SensorPage:
         self._viewers: dict[int, Viewer] = {}
         self._lock = Lock()
         presses = (press,) if isinstance(press, PressControl) else tuple(press or ())
-        press_panels: list[PanelFactory] = [partial(PressPanel, controls=presses)] if presses else []
+        press_panels: list[PanelFactory] = [partial(TwinPressPanel, controls=presses)] if presses else []
         several = len(controller.sensors) > 1
-        curves: list[PanelFactory] = [GroupCurvesPanel if several else CurvesPanel] if controller.wrenches else []
+        curves: list[PanelFactory] = [SensorGroupCurvesPanel if several else CurvesPanel] if controller.wrenches else []
         self._panels: tuple[PanelFactory, ...] = (
             ImagePanel,
             StatusPanel,

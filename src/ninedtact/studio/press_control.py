@@ -27,7 +27,7 @@ from ninedtact.simulation.objects.mesh_objects import (
     MeshUnusable,
     load_mesh_object,
 )
-from ninedtact.simulation.press_sequence import PressSimulation, TwinPress
+from ninedtact.simulation.press_sequence import PressSequence, TwinPress
 from ninedtact.simulation.trajectory import HOVER_MM
 
 OBJECTS_BY_KIND: dict[str, tuple[str, ...]] = {"primitives": tuple(PRIMITIVES)} | {
@@ -85,7 +85,7 @@ class HeldObject:
 class PressControl:
     """Presses one twin for all viewers; safe to use from different threads."""
 
-    def __init__(self, simulation: PressSimulation) -> None:
+    def __init__(self, simulation: PressSequence) -> None:
         self.simulation = simulation
         reach_mm = simulation.twin.renderer.pixel_map.reach_mm
         self.reach_mm = float(int(reach_mm[0])), float(int(reach_mm[1]))

@@ -67,7 +67,7 @@ class SkinColouring(StrEnum):
     PLAIN = "plain shaded surface"
 
 
-class TractionSource(StrEnum):
+class ShownTraction(StrEnum):
     """Which pressure and shear are shown."""
 
     ESTIMATED = "estimated"
@@ -179,11 +179,11 @@ class ReadingView:
         """Return the view in full brightness."""
         return replace(self, is_past=False, _drawn={}) if self.is_past else self
 
-    def image(self, kind: ImageKind, with_outline: bool = False, source: TractionSource = TractionSource.TRUE) -> Image:
+    def image(self, kind: ImageKind, with_outline: bool = False, source: ShownTraction = ShownTraction.TRUE) -> Image:
         """Return an image in BGR; where something is not known, the image is grey."""
         return self._draw(("image", kind, with_outline, source), lambda: self._draw_image(kind, with_outline, source))
 
-    def jpeg(self, kind: ImageKind, with_outline: bool = False, source: TractionSource = TractionSource.TRUE) -> bytes:
+    def jpeg(self, kind: ImageKind, with_outline: bool = False, source: ShownTraction = ShownTraction.TRUE) -> bytes:
         """Return an image as JPEG, which is encoded once for all viewers."""
         options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
         encode: Callable[[], bytes] = lambda: cv2.imencode(  # noqa: E731
@@ -191,16 +191,16 @@ class ReadingView:
         )[1].tobytes()
         return self._draw(("jpeg", kind, with_outline, source), encode)
 
-    def scale_end_mpa(self, kind: ImageKind, source: TractionSource) -> float | None:
+    def scale_end_mpa(self, kind: ImageKind, source: ShownTraction) -> float | None:
         """Return the pressure or shear at the end of the colours; None for other images and where nothing is known."""
         tractions = self.tractions(source)
         if tractions is None or kind not in (ImageKind.PRESSURE, ImageKind.SHEAR):
             return None
         return self._coloured_field(kind, tractions, source)[1]
 
-    def tractions(self, source: TractionSource) -> SkinTractions | None:
+    def tractions(self, source: ShownTraction) -> SkinTractions | None:
         """Return pressure and shear of the twin or of the estimate; None where they are not known."""
-        if source is TractionSource.TRUE:
+        if source is ShownTraction.TRUE:
             press = self.press
             return None if press is None else self._draw("true", lambda: true_tractions(press, self.reading.height))
         traction = None if self.reading.force is None else self.reading.force.traction
@@ -208,7 +208,7 @@ class ReadingView:
             return None
         return self._draw("estimated", lambda: estimated_tractions(traction, self.reading.height))
 
-    def surface(self, colouring: SkinColouring, coarser: int, source: TractionSource) -> SkinSurface:
+    def surface(self, colouring: SkinColouring, coarser: int, source: ShownTraction) -> SkinSurface:
         """Return the surface in these colours."""
         return self._draw(
             ("surface", colouring, coarser, source), lambda: self._draw_surface(colouring, coarser, source)
@@ -250,7 +250,7 @@ class ReadingView:
             self._drawn[key] = draw()
         return cast(T, self._drawn[key])
 
-    def _draw_image(self, kind: ImageKind, with_outline: bool, source: TractionSource) -> Image:
+    def _draw_image(self, kind: ImageKind, with_outline: bool, source: ShownTraction) -> Image:
         height = self.reading.height
         image = self._full_image(kind, source)
         if with_outline and kind is not ImageKind.CAMERA:
@@ -261,13 +261,13 @@ class ReadingView:
             image = cv2.polylines(image.copy(), self.contact_outlines_px, True, colour, 1, cv2.LINE_AA)
         return _darken(image) if self.is_past else image
 
-    def _full_image(self, kind: ImageKind, source: TractionSource) -> Image:
+    def _full_image(self, kind: ImageKind, source: ShownTraction) -> Image:
         """Return an image in full brightness, without the edge of the contact."""
         if kind is ImageKind.CAMERA:
             return self.reading.frame.image
         if kind is ImageKind.HEIGHT:
             return self._draw(("colours", kind), lambda: colourise_heights(self.reading.height, self.scale))
-        tractions = self.tractions(TractionSource.TRUE if kind is ImageKind.STICKING else source)
+        tractions = self.tractions(ShownTraction.TRUE if kind is ImageKind.STICKING else source)
         if kind in (ImageKind.GEL_FLOW, ImageKind.GEL_FLOW_SAFE) and self.reading.reference is not None:
             flow = render_deformation(compute_image_deformation(self.reading.rectified, self.reading.reference))
             return flow if kind is ImageKind.GEL_FLOW else _to_orange_and_blue(flow)
@@ -277,12 +277,12 @@ class ReadingView:
             return self._coloured_field(kind, tractions, source)[0]
         return np.full((*self.reading.height.z_mm.shape, 3), 90, np.uint8)
 
-    def _coloured_field(self, kind: ImageKind, tractions: SkinTractions, source: TractionSource) -> tuple[Image, float]:
+    def _coloured_field(self, kind: ImageKind, tractions: SkinTractions, source: ShownTraction) -> tuple[Image, float]:
         """Return pressure or shear in colours, and the end of their scale in MPa."""
         values = tractions.pressure_mpa if kind is ImageKind.PRESSURE else tractions.shear_magnitude_mpa
         return self._draw(("field", kind, source), lambda: colourise_magnitudes(values))
 
-    def _draw_surface(self, colouring: SkinColouring, coarser: int, source: TractionSource) -> SkinSurface:
+    def _draw_surface(self, colouring: SkinColouring, coarser: int, source: ShownTraction) -> SkinSurface:
         height = self.reading.height
         image: Image | None = None
         if colouring is not SkinColouring.NORMALS:
@@ -300,7 +300,7 @@ def render_reading(reading: Reading, scale: ColourScale, press: TwinPress | None
 
 
 def tiles_jpeg(
-    views: Sequence[ReadingView], names: Sequence[str], kind: ImageKind, with_outline: bool, source: TractionSource
+    views: Sequence[ReadingView], names: Sequence[str], kind: ImageKind, with_outline: bool, source: ShownTraction
 ) -> bytes:
     """Return the same image of several sensors in one JPEG, with their names, encoded once for all viewers."""
     key = ("tiles", kind, with_outline, source, *((view.reading.stamp_ns, view.is_past) for view in views))
@@ -308,7 +308,7 @@ def tiles_jpeg(
 
 
 def _encode_tiles(
-    views: Sequence[ReadingView], names: Sequence[str], kind: ImageKind, with_outline: bool, source: TractionSource
+    views: Sequence[ReadingView], names: Sequence[str], kind: ImageKind, with_outline: bool, source: ShownTraction
 ) -> bytes:
     images = [view.image(kind, with_outline, source) for view in views]
     rows, cols = images[0].shape[0] * TILE_WIDTH_PX // images[0].shape[1], TILE_WIDTH_PX

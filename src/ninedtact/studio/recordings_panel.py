@@ -118,7 +118,7 @@ class RecordingsPanel:
             gui.add_button("Remove label", icon=Icon.TRASH).on_click(lambda event: self._edit(self._remove_label))
         with gui.add_folder("export"):
             page = gui.add_button("This moment as a web page", icon=Icon.HTML, hint=f"one HTML file in {self._out}")
-            page.on_click(lambda event: self._export(self._export_page))
+            page.on_click(partial(self._export, self._export_page))
             exports: dict[str, tuple[IconName, str, Export]] = {
                 "Images and tables": (Icon.TABLE, _TABLES.hint, partial(self._export_with, _TABLES)),
                 "Surfaces (PLY)": (Icon.STACK_2, f"every surface, {_OF_CHOICE}", self._export_surfaces),
@@ -129,7 +129,7 @@ class RecordingsPanel:
             self._exports: list[GuiButtonHandle] = []
             for name, (icon, hint, export) in exports.items():
                 self._exports.append(gui.add_button(name, icon=icon, visible=False, hint=hint))
-                self._exports[-1].on_click(partial(self._export_on_click, export))
+                self._exports[-1].on_click(partial(self._export, export))
             self._progress = gui.add_html("")
         gui.add_command("Frame back", hotkey="J").on_trigger(lambda event: self._step(-1))
         gui.add_command("Play or pause", hotkey="K").on_trigger(lambda event: self._step(0))
@@ -287,17 +287,15 @@ class RecordingsPanel:
             begin_s, end_s = self._marks_s
             self._marked.content = f'<div style="{_SMALL}">marked: {begin_s:.2f} to {end_s:.2f} s</div>'
 
-    def _export_on_click(self, export: "Export", event: GuiEvent[Any]) -> None:
-        self._export(export)
-
-    def _export(self, export: "Export") -> None:
-        """Write into a new file or folder, one export at a time."""
+    def _export(self, export: "Export", event: GuiEvent[Any]) -> None:
+        """Write into a new file or folder, one export at a time, and offer a file to the browser too."""
         with self._viewer.notify_refusal("Not exported"):
             with self._quota.one_export():
                 self._quota.count_save(0, self._out, "an export")
                 self._out.mkdir(parents=True, exist_ok=True)
                 path = export(f"{datetime.now():%Y%m%d_%H%M%S_%f}")
             self._viewer.notify("Exported", path.name, "green")
+            self._viewer.offer_download(path)
         self._progress.content = ""
 
     def _export_page(self, time: str) -> Path:

@@ -31,7 +31,7 @@ from ninedtact.errors import OutputError
 from ninedtact.reading import Reading
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.export import export_shape
-from ninedtact.studio.reading_view import ImageKind, ReadingView, SkinColouring, TractionSource
+from ninedtact.studio.reading_view import ImageKind, ReadingView, ShownTraction, SkinColouring
 from ninedtact.studio.scene_3d import GelBlock, SkinScene
 from ninedtact.studio.wrench_history import WrenchSnapshot
 
@@ -314,7 +314,7 @@ def _scene_page(view: ReadingView, server: ViserServer, block: GelBlock, wrench:
     for message in messages:  # light, camera and background
         serializer._insert_message(message)
     scene = SkinScene(SceneApi(owner, server._thread_executor, server._event_loop), block)
-    scene.show_surface(view.surface(SkinColouring.HEIGHT, 1, TractionSource.ESTIMATED), True, False)
+    scene.show_surface(view.surface(SkinColouring.HEIGHT, 1, ShownTraction.ESTIMATED), True, False)
     scene.show_lines(view.outline_mm(), None)
     scene.show_wrench(wrench)
     return str(serializer.as_html())

@@ -256,7 +256,7 @@ class SkinScene:
             return
         if press.indenter is not self._indenter:
             self._indenter = press.indenter
-            vertices, faces = object_underside(press.indenter)
+            vertices, faces = underside_mesh(press.indenter)
             self._object = self._scene.add_mesh_simple(
                 f"{self._at}/object", vertices, faces, color=OBJECT, wireframe=True, opacity=0.35, side="double"
             )
@@ -300,7 +300,7 @@ OBJECT_PITCH_MM, OBJECT_HALF_MM, OBJECT_HEIGHT_MM = 0.4, 14.0, 3.0
 drawn."""
 
 
-def object_underside(indenter: Indenter) -> tuple[Float32[Array, "n 3"], UInt32[Array, "m 3"]]:
+def underside_mesh(indenter: Indenter) -> tuple[Float32[Array, "n 3"], UInt32[Array, "m 3"]]:
     """Return the lowest part of the underside of an object as vertices in mm in its own frame, and triangles."""
     axis = np.arange(-OBJECT_HALF_MM, OBJECT_HALF_MM + OBJECT_PITCH_MM, OBJECT_PITCH_MM)
     x, y = np.meshgrid(axis, axis)

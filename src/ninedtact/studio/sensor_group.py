@@ -189,7 +189,7 @@ def may_plot(viewer: Viewer, moment: PageMoment, moments: int) -> bool:
     return not viewer.is_frozen and (moments % PLOT_EVERY == 0 or moment.sensor.phase is SensorPhase.RECORDED)
 
 
-class GroupCurvesPanel:
+class SensorGroupCurvesPanel:
     """One component of the wrench of all sensors over the last seconds, with the grip force beside the normal forces."""
 
     title, icon = "Wrenches, last seconds", Icon.CHART_LINE

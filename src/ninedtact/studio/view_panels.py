@@ -14,8 +14,8 @@ from ninedtact.studio.reading_view import (
     PROFILE_POINTS,
     ImageKind,
     ReadingView,
+    ShownTraction,
     SkinColouring,
-    TractionSource,
     tiles_jpeg,
 )
 from ninedtact.studio.scene_3d import SkinScene
@@ -105,7 +105,7 @@ class ViewPanel:
         outline = gui.add_checkbox("contact outline", options.with_outline)
         source = gui.add_dropdown(
             "pressure and shear",
-            [str(each) for each in TractionSource],
+            [str(each) for each in ShownTraction],
             initial_value=str(options.source),
             hint="of the estimate, or on a twin of the simulation",
         )
@@ -116,7 +116,7 @@ class ViewPanel:
         density.on_update(lambda event: viewer.choose(coarser=_DENSITIES[event.target.value]))
         times.on_update(lambda event: viewer.choose(exaggeration=_exaggeration(event.target.value)))
         outline.on_update(lambda event: viewer.choose(with_outline=event.target.value))
-        source.on_update(lambda event: viewer.choose(source=TractionSource(event.target.value)))
+        source.on_update(lambda event: viewer.choose(source=ShownTraction(event.target.value)))
         pressure.on_update(lambda event: viewer.choose(pressure_arrows=event.target.value))
         shear.on_update(lambda event: viewer.choose(shear_arrows=event.target.value))
 
@@ -244,7 +244,7 @@ class ProfilePanel:
         self._viewer.choose(profile_mm=(self._start.value, self._end.value), with_profile=True)
 
 
-def _legend_html(view: ReadingView, kind: ImageKind, scale: ColourScale, source: TractionSource) -> str:
+def _legend_html(view: ReadingView, kind: ImageKind, scale: ColourScale, source: ShownTraction) -> str:
     """Return the meaning of the colours of an image as HTML."""
     if kind is ImageKind.HEIGHT:
         return colour_legend_html(scale)

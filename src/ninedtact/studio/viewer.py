@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 from threading import RLock, Thread
 from time import monotonic, monotonic_ns, time
 from typing import Any, Literal, Protocol, runtime_checkable
@@ -17,10 +18,12 @@ from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, P
 
 from ninedtact.errors import NinedtactError
 from ninedtact.studio.page_controller import PageController, PageMoment
-from ninedtact.studio.reading_view import ImageKind, SkinColouring, TractionSource
+from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
 from ninedtact.studio.scene_3d import GelBlock, SideBySide
 
 NOTICE_S = 8.0
+MOST_DOWNLOAD_BYTES = 32_000_000
+"""Larger files are only written on the sensor's computer."""
 """Time for which a notification stays."""
 NARROW_PX = 600
 """Width of a browser below which the surface is sent coarser from the start: a phone."""
@@ -91,7 +94,7 @@ class ViewOptions:
     """Factor by which points of the surface are farther apart than in the finest one."""
     exaggeration: float = 1.0
     """Vertical exaggeration: factor by which heights are enlarged in 3D."""
-    source: TractionSource = TractionSource.ESTIMATED
+    source: ShownTraction = ShownTraction.ESTIMATED
     pressure_arrows: bool = False
     shear_arrows: bool = False
     profile_mm: tuple[tuple[float, float], tuple[float, float]] = ((-8.0, 0.0), (8.0, 0.0))
@@ -274,6 +277,14 @@ class Viewer:
     def notify(self, title: str, body: str, colour: Literal["red", "green"]) -> None:
         """Show a notification to this viewer."""
         self.client.add_notification(title, body, color=colour, auto_close_seconds=NOTICE_S)
+
+    def offer_download(self, path: Path) -> None:
+        """Offer a file that was written on the sensor's computer to the browser, which may be on another one.
+
+        Folders and files of more than `MOST_DOWNLOAD_BYTES` are not sent.
+        """
+        if path.is_file() and path.stat().st_size <= MOST_DOWNLOAD_BYTES:
+            self.client.send_file_download(path.name, path.read_bytes())
 
     @contextmanager
     def notify_refusal(self, title: str) -> Iterator[None]:

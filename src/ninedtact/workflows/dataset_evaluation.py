@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from tqdm import tqdm
 
-from ninedtact.dataset.calibrated_readings import CalibratedSensor, StoredRows, iterate_stored_rows
+from ninedtact.dataset.calibrated_readings import CalibratedSensor, StoredRows, iterate_row_groups
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file, without_contact_detection
 from ninedtact.force.evaluation import ErrorDistribution, WrenchPredictions, evaluate_predictions
@@ -75,7 +75,7 @@ def predict_dataset(
         sensors = {name: _with_true_modulus(sensor, members.get(name)) for name, sensor in sensors.items()}
     jobs = (
         (rows, _select(rows.sensors, sensors), _select(rows.sensors, members), settings, _read_model(settings, workers))
-        for rows in iterate_stored_rows(data, settings.every, known.refused)
+        for rows in iterate_row_groups(data, settings.every, known.refused)
     )
     groups: dict[int, list[_EstimatedPair]] = {}
     with tqdm(unit="pair", disable=not progress) as bar:

@@ -29,8 +29,8 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names, indenter_from_name
-from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSimulation
-from ninedtact.simulation.sensor_population import MechanicsShares, sample_sensor
+from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSequence
+from ninedtact.simulation.sensor_population import NonidealMechanicsShares, sample_sensor
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 from ninedtact.simulation.trajectory import press_trajectory
 from ninedtact.simulation.twin import Twin
@@ -98,7 +98,7 @@ class ForceModelRecipe:
             sensors=self.validation_sensors,
             object_names=_object_names(held_out=True),
             seed=_VALIDATION_SEED,
-            mechanics=MechanicsShares(compliant_base=0.15, finite_strain=0.15),
+            mechanics=NonidealMechanicsShares(compliant_base=0.15, finite_strain=0.15),
             pitch_mm=self.validation_pitch_mm,
             design=self.design,
         )
@@ -210,9 +210,9 @@ def _demonstrate_force_model(
                 yield TrueAndEstimatedWrench(reading.frame.index / _RATE_HZ, true, reading.force.wrench.six)
 
 
-def _simulate_press(twin: Twin, depth_mm: float) -> PressSimulation:
+def _simulate_press(twin: Twin, depth_mm: float) -> PressSequence:
     """Return a simulation of one press, drag and twist of a ball, in which no step is skipped."""
     motion = press_trajectory(Pose(depth_mm=depth_mm), drag_mm=_DRAG_MM, twist_rad=radians(_TWIST_DEG))
-    return PressSimulation(
+    return PressSequence(
         twin, [ObjectTrajectory(indenter_from_name(_OBJECT), motion)], hz=_RATE_HZ, real_time=False, rounds=1
     )

@@ -16,7 +16,7 @@ from ninedtact.force.training.augmentation import (
     GeometricTransforms,
     HeightPerturbations,
     PhotometricPerturbations,
-    apply_transform,
+    transform_training_batch,
 )
 from ninedtact.force.training.examples import TrainingBatch
 
@@ -84,7 +84,7 @@ MOVES = {
 @pytest.mark.parametrize("name", MOVES)
 def test_moving_the_image_and_moving_the_wrench_come_to_the_same(name: str) -> None:
     before = batch(3)
-    after = apply_transform(before, MOVES[name], MM_PER_PX)
+    after = transform_training_batch(before, MOVES[name], MM_PER_PX)
     size = before.wrench.abs().amax(0)
     assert (size > 0).all() and ((after.wrench - before.wrench).abs() / size).amax() > 0.1
     # Between pixels, interpolation itself moves a dent by up to a hundredth of a mm.
@@ -96,7 +96,7 @@ def test_tractions_move_with_the_wrench_that_they_add_up_to(name: str) -> None:
     pressed = batch(3)
     p, q = -pressed.images, 0.2 * pressed.images
     tractions = torch.stack([p, q, -0.5 * q], 1)
-    moved = apply_transform(
+    moved = transform_training_batch(
         replace(pressed, tractions=tractions, wrench=wrench_of_tractions(tractions)), MOVES[name], MM_PER_PX
     )
     assert moved.tractions is not None
@@ -116,8 +116,8 @@ def wrench_of_tractions(tractions: Tensor) -> Tensor:
 
 def test_signs_of_a_mirrored_wrench() -> None:
     one = replace(batch(1), wrench=torch.arange(1.0, 7.0)[None])
-    along_x = apply_transform(one, moves(mirror=[[-1.0, 1.0]]), MM_PER_PX)
-    along_y = apply_transform(one, moves(mirror=[[1.0, -1.0]]), MM_PER_PX)
+    along_x = transform_training_batch(one, moves(mirror=[[-1.0, 1.0]]), MM_PER_PX)
+    along_y = transform_training_batch(one, moves(mirror=[[1.0, -1.0]]), MM_PER_PX)
     assert along_x.wrench[0].tolist() == [-1, 2, 3, 4, -5, -6]
     assert along_y.wrench[0].tolist() == [1, -2, 3, -4, 5, -6]
     assert torch.allclose(along_x.images, one.images.flip(2), atol=1e-6)
@@ -125,7 +125,7 @@ def test_signs_of_a_mirrored_wrench() -> None:
 
 def test_a_scaled_image_has_a_wider_dent_and_the_same_wrench() -> None:
     one = batch(1)
-    wider = apply_transform(one, moves(scale=[1.1]), MM_PER_PX)
+    wider = transform_training_batch(one, moves(scale=[1.1]), MM_PER_PX)
     assert torch.equal(wider.wrench, one.wrench)
     assert float(wider.images.sum() / one.images.sum()) == pytest.approx(1.21, rel=0.01)
 

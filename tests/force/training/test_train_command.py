@@ -23,7 +23,7 @@ from ninedtact.dataset.parquet_files import write_pair_file, write_reference_ima
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
-from ninedtact.force.brightness_channels import rectified_from_stored_image
+from ninedtact.force.brightness_channels import to_whole_grey_levels
 from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.force.network_input import (
     InputChannels,
@@ -110,8 +110,8 @@ def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_se
     pairs = load_height_pairs(folder, load_dataset_sensors(folder, sensors, 1, progress=False).by_name, GRID.grid)
     assert sorted(pairs.ids.tolist()) == [f"{number:03d}" for number in range(24)]
     row = pairs.ids.tolist().index("005")
-    reader = twin_sensor.shape.reader_against(rectified_from_stored_image(image_of(0, 99), MM_PER_PX))
-    height = reader(rectified_from_stored_image(image_of(0.5 + 5 / 4, 5), MM_PER_PX))
+    reader = twin_sensor.shape.reader_against(to_whole_grey_levels(image_of(0, 99), MM_PER_PX))
+    height = reader(to_whole_grey_levels(image_of(0.5 + 5 / 4, 5), MM_PER_PX))
     live = NetworkInputBuilder(GRID, SensorFeatures(2.2)).of_height(height)
     kept = stack_height_channels(pairs.z_mm[row].astype(np.float32), SensorFeatures(2.2).row, GRID.channels)
     np.testing.assert_allclose(kept, live, atol=1e-3)
@@ -126,8 +126,8 @@ def test_what_physics_finds_is_kept_beside_the_heights(folder: Path, physics_sen
     row = pairs.ids.tolist().index("005")
     design = replace(sensor.gel, shear_modulus_mpa=Gel().shear_modulus_mpa)
     estimator = build_estimator("physics", sensor.shape, design)
-    reader = sensor.shape.reader_against(rectified_from_stored_image(image_of(0, 99), MM_PER_PX))
-    image = rectified_from_stored_image(image_of(0.5 + 5 / 4, 5), MM_PER_PX)
+    reader = sensor.shape.reader_against(to_whole_grey_levels(image_of(0, 99), MM_PER_PX))
+    image = to_whole_grey_levels(image_of(0.5 + 5 / 4, 5), MM_PER_PX)
     reading = Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, reader(image), reference=reader.reference)
     estimate = estimator.estimate(reading)
     assert estimate.traction is not None and estimate.wrench.force_n[2] < -0.05
@@ -151,8 +151,8 @@ def test_a_corrector_of_physics_is_trained_and_used(
     sensor = load_sensor(physics_sensors / "a")
     estimator = build_estimator(str(tmp_path / "out" / "model.onnx"), sensor.shape, sensor.gel)
     assert estimator.name == "physics corrected by network"
-    reader = sensor.shape.reader_against(rectified_from_stored_image(image_of(0, 99), MM_PER_PX))
-    image = rectified_from_stored_image(image_of(2.0, 5), MM_PER_PX)
+    reader = sensor.shape.reader_against(to_whole_grey_levels(image_of(0, 99), MM_PER_PX))
+    image = to_whole_grey_levels(image_of(2.0, 5), MM_PER_PX)
     reading = Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, reader(image), reference=reader.reference)
     assert estimator.estimate(reading).touching
 

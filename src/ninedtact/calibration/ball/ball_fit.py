@@ -55,8 +55,8 @@ from ninedtact.shape.depth import (
     DepthCurve,
     DepthMethod,
     DepthReader,
-    LightLoss,
     Smoothing,
+    WholeImageLightLoss,
 )
 from ninedtact.shape.rectification import Rectification
 from ninedtact.simulation.gel_brightness import BrightnessModel
@@ -200,7 +200,7 @@ class PhysicsDepthFit:
     def reader(self, curve: DepthCurve, deblurring: Deblurring) -> DepthReader:
         """Return the depth reader of the calibrated sensor."""
         everywhere = np.full(self.seen_mm.shape, HeightSource.MEASURED, np.uint8)
-        before, loss = self.fit.forward.observed.before, LightLoss(self.fit.light.global_dimming)
+        before, loss = self.fit.forward.observed.before, WholeImageLightLoss(self.fit.light.global_dimming)
         return DepthReader(curve, before, everywhere, FINE_SMOOTHING, loss=loss, deblurring=deblurring)
 
     def cross_validation_mae_mm(self) -> float:
@@ -249,9 +249,13 @@ class BallFit:
         return self.press.disc if self.physical is None else self.physical.disc
 
     @property
-    def loss(self) -> LightLoss:
+    def loss(self) -> WholeImageLightLoss:
         """The loss of light of the whole image; none where the method does not determine it."""
-        return LightLoss() if self.physical is None else LightLoss(self.physical.fit.light.global_dimming)
+        return (
+            WholeImageLightLoss()
+            if self.physical is None
+            else WholeImageLightLoss(self.physical.fit.light.global_dimming)
+        )
 
     @property
     def deblurring(self) -> Deblurring | None:
@@ -362,5 +366,5 @@ def simulate_height_noise_mm(
     pressed = raw - half_way if curve.signal == "difference" else raw * (1 - half_way)
     noisy = pressed + np.random.default_rng(seed).normal(0, noise, raw.shape).astype(np.float32)
     before, after = (Rectified(rectify.resample(image), rectify.mm_per_px) for image in (raw, noisy))
-    height = replace(reader(before), loss=LightLoss())(after)
+    height = replace(reader(before), loss=WholeImageLightLoss())(after)
     return float(np.std(height.z_mm[height.in_view]))

@@ -140,7 +140,7 @@ def _add_correction(fit: BoardFit) -> BoardFit:
     """
     error_mm, correction = fit.lens_fit.leave_one_out_rms_mm, fit_lens_correction(fit.lens_fit, fit.board.pitch_mm)
     if correction is None or not (
-        error_mm > MIN_CORRECTED_ERROR * fit.board.pitch_mm or error_mm > published_leave_one_out_rms_mm(fit)
+        error_mm > MIN_CORRECTED_ERROR * fit.board.pitch_mm or error_mm > pin_map_leave_one_out_rms_mm(fit)
     ):
         return fit
     return replace(fit, correction=correction)
@@ -164,14 +164,14 @@ def _require_enough_pins(
 Point = Float[Array, "2"]
 
 
-class CentralPinMissing(InputError):
+class BoardWithoutCentralPin(InputError):
     """The paper's method needs a board with a pin in the centre."""
 
 
 def fit_published_pin_map(fit: BoardFit) -> tuple[PinMap, float]:
     """Return the paper's map through integer pin centres, and its mm per pixel from the five central anchors."""
     if not (fit.board.rows % 2 and fit.board.cols % 2):
-        raise CentralPinMissing(
+        raise BoardWithoutCentralPin(
             f"expected a board with a pin in the middle for the paper's way, got {fit.board.cols} x {fit.board.rows} pins; "
             "use the lens model, which needs none"
         )
@@ -216,7 +216,7 @@ def _integer_spot_centre(image: Float32[Array, "rows cols"], point_px: Point, re
     return np.floor([left + columns.mean(), top + rows.mean()])
 
 
-def published_leave_one_out_rms_mm(fit: BoardFit) -> float:
+def pin_map_leave_one_out_rms_mm(fit: BoardFit) -> float:
     """Return the root mean square of the leave-one-out errors of the paper's map through the found pins."""
     centres_px = integer_pin_centres_px(fit)[fit.found]
     return rms_vector_length(published_leave_one_out_errors_mm(fit.points_mm[fit.found], centres_px))

@@ -24,7 +24,7 @@ from ninedtact.calibration.twin.ball_press_model import (
     BallPressModel,
     ObservedBallPress,
     ParameterVector,
-    ball_press_of,
+    ball_press_from_parameters,
     parameter_bounds,
     parameter_scales,
     step_parameter,
@@ -153,7 +153,7 @@ class TwinFit:
     @property
     def contact(self) -> Contact:
         """The solved contact of the skin under the ball, with pressures in shear moduli."""
-        return self.forward.contact(ball_press_of(self.parameters))
+        return self.forward.contact(ball_press_from_parameters(self.parameters))
 
     @property
     def image_rmse_grey_levels(self) -> float:

@@ -255,7 +255,7 @@ class BallPressModel:
 
     def seen_mm(self, named: dict[str, float]) -> Float32[Array, "rows cols"]:
         """Return the height of the skin on every line of sight, on a grid around the centre of the observed press."""
-        height = np.asarray(self.contact(ball_press_of(named)).height_mm, np.float32)
+        height = np.asarray(self.contact(ball_press_from_parameters(named)).height_mm, np.float32)
         x, y = (
             np.ascontiguousarray(axis + middle, np.float32)
             for axis, middle in zip(self.patch.positions_mm, self.observed.middle_mm, strict=True)
@@ -279,7 +279,7 @@ class BallPressModel:
         return slopes, (seen - columns @ slopes) * self.observed.mean_grey
 
 
-def ball_press_of(named: dict[str, float]) -> _BallPress:
+def ball_press_from_parameters(named: dict[str, float]) -> _BallPress:
     """Return the press that the mechanical parameters describe."""
     drag_mm = named["drag_x_mm"], named["drag_y_mm"]
     return _BallPress(named["depth_mm"], drag_mm, named["thickness_mm"], named["finite_strain"])

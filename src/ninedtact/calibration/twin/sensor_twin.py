@@ -27,7 +27,7 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.shape.rectification import Rectification, skin_grid_mm
 from ninedtact.simulation.gel_brightness import BrightnessModel
-from ninedtact.simulation.pixel_to_skin_map import PixelMap, coarse_pixel_grid, interpolate_pixel_map
+from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, coarse_pixel_grid, interpolate_pixel_map
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import Twin
 
@@ -69,7 +69,7 @@ def build_twin(
     return replace(linear, correct_contact=correct_contact) if gel.finite_strain else linear
 
 
-def _invert_rectification(rectify: Rectification) -> PixelMap:
+def _invert_rectification(rectify: Rectification) -> PixelToSkinMap:
     """Return the inverse of the rectification: the point on the skin of each raw pixel, extrapolated smoothly beyond the grid."""
     shape, every = rectify.source_px.shape[:2], np.s_[::EVERY_PX, ::EVERY_PX]
     place = np.column_stack([axis[every].ravel() for axis in skin_grid_mm(shape, rectify.mm_per_px)])

@@ -149,7 +149,7 @@ class GenerationSession:
         return f"train-{file:05d}-{session_in_file * self.settings.pairs_per_session + index:05d}"
 
 
-def make_setup(number: int, settings: GenerationSettings) -> SimulatedSetup:
+def make_simulated_sensor(number: int, settings: GenerationSettings) -> SimulatedSetup:
     """Return the simulated sensor of this number, ready for contact steps and renders."""
     parameters = settings.sensor_parameters(number)
     return SimulatedSetup(parameters, parameters.twin(settings.pitch_mm), rectified_renderer(parameters, settings.size))
@@ -158,7 +158,7 @@ def make_setup(number: int, settings: GenerationSettings) -> SimulatedSetup:
 @lru_cache(maxsize=2)
 def _cached_setup(number: int, settings: GenerationSettings) -> SimulatedSetup:
     """Return the simulated sensor of this number, kept while the next one is in use."""
-    return make_setup(number, settings)
+    return make_simulated_sensor(number, settings)
 
 
 @lru_cache(maxsize=64)
@@ -357,7 +357,7 @@ class _BatchedGeneration:
         before = dict(zip(self.executor.sensor_numbers, self.executor.setups, strict=True)) if self.executor else {}
         sessions = (session for number in batch for session in self.settings.sessions_of_file(number))
         numbers = sorted({session % self.settings.sensors for session in sessions})
-        setups = [before.get(number) or make_setup(number, self.settings) for number in numbers]
+        setups = [before.get(number) or make_simulated_sensor(number, self.settings) for number in numbers]
         batch_size = self.executor.batch_size if self.executor else self.sessions_per_batch
         return BatchExecutor(numbers, setups, self.device, batch_size, self.notify)
 

@@ -8,7 +8,7 @@ from ninedtact.dataset.generation.press_trajectory import PressSettings
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names
-from ninedtact.simulation.sensor_population import MechanicsShares, SampledSensor, sample_sensor
+from ninedtact.simulation.sensor_population import NonidealMechanicsShares, SampledSensor, sample_sensor
 from ninedtact.simulation.twin import PITCH_MM
 
 _SMALLEST_PX = 16
@@ -53,7 +53,7 @@ class GenerationSettings:
     objects_seed: int = 0
     """Of generated objects: a name and a seed are one shape in every data set."""
     shares: KindShares = KindShares()
-    mechanics: MechanicsShares = MechanicsShares()
+    mechanics: NonidealMechanicsShares = NonidealMechanicsShares()
     """Shares of sensors whose gel is not linear on a rigid base."""
     light_below_n: float = 0.3
     pitch_mm: float = PITCH_MM

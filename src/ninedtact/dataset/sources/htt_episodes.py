@@ -21,7 +21,7 @@ from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.dataset.fault_report import PairFault
 from ninedtact.dataset.parquet_files import encode_png
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
-from ninedtact.dataset.sources.source import Source, SourceConventions, SourcePart, find_source_files, relative_name
+from ninedtact.dataset.sources.source import Source, SourceChunk, SourceConventions, find_source_files, relative_name
 from ninedtact.errors import FileFormatError, NinedtactError
 
 EPISODE_SUFFIX = ".npz"
@@ -124,7 +124,7 @@ def _open_npz(path: Path) -> Iterator[_NpzArchive]:
 
 
 @dataclass(frozen=True)
-class _EpisodePart(SourcePart):
+class _EpisodePart(SourceChunk):
     """One episode."""
 
     file: Path
@@ -233,7 +233,7 @@ class HttSource(Source):
         """Return the .npz files of all episodes."""
         return find_source_files(self.path, EPISODE_SUFFIX)
 
-    def parts(self) -> list[SourcePart]:
+    def parts(self) -> list[SourceChunk]:
         """Return one part for each episode."""
         return [
             _EpisodePart(self.name, file, relative_name(file, self.root), self.conventions) for file in self.files()

@@ -29,10 +29,10 @@ from ninedtact.dataset.parquet_files import (
     wrench_vector,
 )
 from ninedtact.dataset.schema import NO_OBJECT, DatasetRow, ReferenceImage, RejectedItem, SourceItem
-from ninedtact.dataset.sources.source import Source, SourcePart, find_source_files, relative_name
+from ninedtact.dataset.sources.source import Source, SourceChunk, find_source_files, relative_name
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame
-from ninedtact.recording.saved_pairs import SavedPair, TareReferenceImages
+from ninedtact.recording.collected_pairs import SavedPair, TareReferenceImages
 from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.rectification import Rectification
 
@@ -40,7 +40,7 @@ RECORDING_SUFFIX = ".mcap"
 
 
 @dataclass(frozen=True)
-class _RecordingPart(SourcePart):
+class _RecordingPart(SourceChunk):
     """One recording."""
 
     file: Path
@@ -57,7 +57,7 @@ class _RecordingPart(SourcePart):
 
     def _pairs(self) -> Iterator[SourceItem]:
         """Yield the saved pairs and their reference images; raises what reading raises."""
-        from ninedtact.recording.saved_pairs import read_saved_pairs
+        from ninedtact.recording.collected_pairs import read_saved_pairs
 
         rectify = self._load_rectification()
         known: set[str] = set()
@@ -127,14 +127,14 @@ class RecordingsSource(Source):
             with suppress(NinedtactError), Recording(file) as recording:  # one that cannot be read is in the report
                 yield recording.sensor, recording.sensor_files() if given is None else read_folder(given)
 
-    def parts(self) -> list[SourcePart]:
+    def parts(self) -> list[SourceChunk]:
         """Return one part for each recording."""
         folder = self.conventions.sensor_folder
         return [_RecordingPart(self.name, file, relative_name(file, self.root), folder) for file in self.files()]
 
 
 @dataclass(frozen=True)
-class _FilePart(SourcePart):
+class _FilePart(SourceChunk):
     """One file of pairs."""
 
     file: Path
@@ -209,7 +209,7 @@ class ExistingDatasetSource(Source):
         """Return the files of pairs and of reference images."""
         return [*find_pair_files(self.path), self.path / REFERENCES_FILE]
 
-    def parts(self) -> list[SourcePart]:
+    def parts(self) -> list[SourceChunk]:
         """Return one part for each file of pairs."""
         references = self.path / REFERENCES_FILE
         return [

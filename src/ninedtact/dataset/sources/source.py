@@ -92,7 +92,7 @@ def _require_axes(axes: tuple[str, ...]) -> None:
 
 
 @dataclass(frozen=True)
-class SourcePart(ABC):
+class SourceChunk(ABC):
     """A piece of a source that becomes one file."""
 
     source: str
@@ -119,7 +119,7 @@ class Source(ABC):
         """Return all files that the source is read from."""
 
     @abstractmethod
-    def parts(self) -> list[SourcePart]:
+    def parts(self) -> list[SourceChunk]:
         """Return the parts in order."""
 
     def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes]]]:

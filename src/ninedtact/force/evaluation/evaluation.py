@@ -259,10 +259,10 @@ def _interval_coverage(predictions: WrenchPredictions) -> tuple[IntervalCoverage
     """Return the coverage of each interval; nothing where no standard deviations are claimed."""
     if predictions.std is None:
         return ()
-    return tuple(IntervalCoverage(share, covered_fraction(predictions, share)) for share in _COVERAGE_SHARES)
+    return tuple(IntervalCoverage(share, interval_coverage(predictions, share)) for share in _COVERAGE_SHARES)
 
 
-def covered_fraction(predictions: WrenchPredictions, share: float) -> Six:
+def interval_coverage(predictions: WrenchPredictions, share: float) -> Six:
     """Return the part of the pairs whose truth lies in the central interval of this share, by axis.
 
     Pairs without contact for which exactly zero is predicted are left out, because they are always covered.

@@ -22,8 +22,8 @@ from ninedtact.force.evaluation.evaluation import (
     PAPER_OBJECT_SPLIT_STD,
     GroupScores,
     WrenchEvaluation,
-    covered_fraction,
     force_torque_means,
+    interval_coverage,
     published_scores_about_torque_point,
 )
 from ninedtact.force.evaluation.predictions import AXES, FORCES, TORQUES, Six
@@ -105,7 +105,7 @@ def _plot_interval_coverage(evaluation: WrenchEvaluation) -> bytes:
     """Plot the share of pairs inside each interval against the share that it claims."""
     figure = _new_figure(5.2, 5.0)
     axes = figure.subplots()
-    found = np.array([covered_fraction(evaluation.predictions, share) for share in _SHARES]).T
+    found = np.array([interval_coverage(evaluation.predictions, share) for share in _SHARES]).T
     axes.plot([0, 1], [0, 1], color=_PALE_INK, linewidth=0.8, linestyle=(0, (4, 3)))
     for axis, (name, inside) in enumerate(zip(AXES, found, strict=True)):
         style = "-" if axis < 3 else "--"

@@ -21,8 +21,8 @@ from ninedtact.force.traction.brightness_from_traction import (
     SkinField,
     Tractions,
     View,
+    cell_window_indices,
     influence_windows,
-    window_indices,
 )
 from ninedtact.force.traction.cell_grid import CellGrid
 from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, QPSolution
@@ -69,7 +69,7 @@ class DiscretePrior:
 
     def pressure_precision(self, row: Indices, col: Indices) -> Float32[Array, "n rows cols"]:
         """Return the precision of pressure between each of these cells and all of the view, for a strain of one."""
-        return self._precision_windows[window_indices(self.cells, row, col)]
+        return self._precision_windows[cell_window_indices(self.cells, row, col)]
 
     @cached_property
     def _precision_windows(self) -> Float32[Array, "rows cols rows cols"]:
@@ -116,7 +116,7 @@ class Whitener:
 
 
 @dataclass(frozen=True)
-class LinearisedProblem:
+class LinearisedTractionProblem:
     """The quadratic programme ½ xᵀHx − bᵀx that results from linearising about guessed heights of the skin.
 
     The unknowns x are the pressure on each cell of the contact region, then the weights of the shear modes along x and along y.

@@ -20,7 +20,7 @@ from ninedtact.force.traction.cell_grid import CellGrid
 from ninedtact.quantities import HeightMap, HeightSource, Rectified
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.depth import DepthCurve, LightLoss
+from ninedtact.shape.depth import DepthCurve, WholeImageLightLoss
 from ninedtact.shape.orthorectification import find_sightline_pixels, sample_field
 
 View = Float32[Array, "rows cols"]
@@ -114,7 +114,7 @@ class BrightnessObservationModel(ObservationModel):
     """Observes the image itself, by the sensor's brightness law."""
 
     curve: DepthCurve
-    loss: LightLoss
+    loss: WholeImageLightLoss
     point_spread_mm: float
     _reference: list[tuple[Rectified, View]] = field(default_factory=list, init=False, repr=False, compare=False)
     """The last reference averaged over the cells, cached because it changes only once a session."""

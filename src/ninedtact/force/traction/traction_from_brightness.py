@@ -18,7 +18,7 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
 from ninedtact.force.traction.brightness_from_traction import ForwardModel, InfluenceKernels, SkinField, Tractions, View
-from ninedtact.force.traction.linearisation import DiscretePrior, LinearisedProblem, TractionPrior, Whitener
+from ninedtact.force.traction.linearisation import DiscretePrior, LinearisedTractionProblem, TractionPrior, Whitener
 from ninedtact.force.traction.nonnegative_qp import QPSolution, solve_nonnegative_qp
 from ninedtact.force.traction.observation import BrightnessLaw, Observation
 
@@ -72,7 +72,7 @@ class InversionResult:
     """Height of all skin under these tractions."""
     linearised_mm: SkinField
     """Height of all skin about which the problem was linearised."""
-    problem: LinearisedProblem
+    problem: LinearisedTractionProblem
     """The problem as linearised in the last iteration."""
     solution: QPSolution
     misfit: float
@@ -148,7 +148,7 @@ class TractionInversion:
             tractions, skin_mm, guess.skin_mm, problem, solution, misfit, decrement, guess.iterations + 1
         )
 
-    def _linearise(self, observation: Observation, region: View, guess: InitialGuess) -> LinearisedProblem:
+    def _linearise(self, observation: Observation, region: View, guess: InitialGuess) -> LinearisedTractionProblem:
         """Return the problem linearised about the guessed skin."""
         depth_mm = max(float(np.sqrt((observation.z_mm[region > 0] ** 2).mean())), _MIN_PRIOR_DEPTH_MM)
         strain = depth_mm / self.forward.thickness_mm
@@ -156,7 +156,7 @@ class TractionInversion:
         carries = np.asarray(cv2.GaussianBlur(guess.tractions[0] * region, (0, 0), width_px) * region)
         slope = self.law.slope_per_mm(guess.skin_mm)
         whitener = self._whitener(observation, guess.misfit)
-        return LinearisedProblem(self._kernels, self._discrete_prior, region, carries, slope, whitener, strain)
+        return LinearisedTractionProblem(self._kernels, self._discrete_prior, region, carries, slope, whitener, strain)
 
     def _guess_from_heights(self, observation: Observation, region: View) -> InitialGuess:
         """Return an initial guess with pressure in proportion to the observed indentation, and no shear."""
@@ -281,7 +281,7 @@ def _wrench_covariance(result: InversionResult) -> Float64[Array, "6 6"]:
     return np.asarray(whitened @ whitened.T)
 
 
-def _wrench_operator(problem: LinearisedProblem) -> Float64[Array, "6 unknowns"]:
+def _wrench_operator(problem: LinearisedTractionProblem) -> Float64[Array, "6 unknowns"]:
     """Return S: the force and torque due to a unit of each unknown, N and N·m per MPa."""
     cells, carried = problem.kernels.forward.cells, problem.carried_shear
     x, y = (coordinate[problem.contact_cells].astype(float) for coordinate in cells.coordinates_mm)

@@ -35,7 +35,7 @@ class GeometricAugmentation:
 
     def __call__(self, batch: TrainingBatch, mm_per_px: float, generator: Generator) -> TrainingBatch:
         """Return the batch with a random transform applied to each of its examples."""
-        return apply_transform(batch, self.sample_transforms(len(batch.wrench), generator), mm_per_px)
+        return transform_training_batch(batch, self.sample_transforms(len(batch.wrench), generator), mm_per_px)
 
     def sample_transforms(self, n: int, generator: Generator) -> "GeometricTransforms":
         """Sample n transforms from the generator."""
@@ -69,7 +69,7 @@ class GeometricTransforms:
         return rotation * self.mirror[:, None, :]
 
 
-def apply_transform(batch: TrainingBatch, transform: GeometricTransforms, mm_per_px: float) -> TrainingBatch:
+def transform_training_batch(batch: TrainingBatch, transform: GeometricTransforms, mm_per_px: float) -> TrainingBatch:
     """Return the batch with images, references and wrenches transformed."""
     grid = _sampling_grid(transform, batch.images.shape, mm_per_px)
     references = None if batch.references is None else _resample(batch.references, grid)

@@ -21,7 +21,7 @@ from ninedtact.force.evaluation import ErrorDistribution, WrenchEvaluation, Wren
 from ninedtact.force.network_force import STD_PER_LAPLACE_SCALE, move_prediction_to_skin_centre
 from ninedtact.force.networks import WrenchNetwork
 from ninedtact.force.onnx_model import MODEL_FORMAT, ModelCard, TrainingSummary, WrenchPrediction
-from ninedtact.force.out_of_distribution import StatisticRange, input_statistics, statistic_ranges
+from ninedtact.force.out_of_distribution import StatisticRange, in_distribution_ranges, input_statistics
 from ninedtact.force.training.examples import BatchDataset, TrainingExamples, move_torque_reference
 from ninedtact.force.training.settings import TrainingSettings
 from ninedtact.force.training.training_module import MetricsHistory
@@ -167,7 +167,7 @@ class NetworkWithExamples:
         each = [
             input_statistics(shown.cpu().numpy(), channels) for shown in self._network_inputs(chosen, augmented=True)
         ]
-        return statistic_ranges({name: np.concatenate([one[name] for one in each]) for name in each[0]})
+        return in_distribution_ranges({name: np.concatenate([one[name] for one in each]) for name in each[0]})
 
     @property
     def _examples_at_skin_centre(self) -> TrainingExamples:

@@ -15,8 +15,8 @@ from ninedtact.atomic_write import create_folder_atomically, list_foreign_files,
 from ninedtact.checked_reading import read_json_table
 from ninedtact.errors import OutputError
 from ninedtact.hardware.bill_of_materials import bill_to_csv, bill_to_html
+from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.clearances import fits_of_part
-from ninedtact.hardware.complete_design import CompleteDesign
 from ninedtact.hardware.design import hardware_design_to_toml
 from ninedtact.hardware.drawings.drawing_sheet import TOLERANCES, DrawingSheet, build_drawing_notes
 from ninedtact.hardware.export.part_files import assembly_to_step, part_to_dxf, part_to_step, part_to_stl
@@ -60,7 +60,7 @@ def _sheet_thickness_mm(part: BuiltPart) -> float:
     return part.size_mm[2]
 
 
-def format_shop_notes(sensor: CompleteDesign) -> Iterator[tuple[str, bytes]]:
+def format_shop_notes(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
     """Yield path within the folder and content of every text."""
     for method, format_part, instructions in (
         ("cut", _format_cut_part, CUTTING_INSTRUCTIONS),
@@ -71,21 +71,21 @@ def format_shop_notes(sensor: CompleteDesign) -> Iterator[tuple[str, bytes]]:
         yield f"{method}/README.txt", text.encode()
 
 
-def _format_cut_part(sensor: CompleteDesign, part: BuiltPart) -> Iterator[str]:
+def _format_cut_part(sensor: BuildableDesign, part: BuiltPart) -> Iterator[str]:
     """Yield the line of one plate."""
     shelf = "" if round(_sheet_thickness_mm(part), 3) in STOCK_THICKNESSES_MM else "; not on every shelf: measure"
     material = MATERIAL_OF_PART[part.name].name
     yield f"{part.name}: {_sheet_thickness_mm(part):.2f} mm, {_part_count(sensor, part)} x, {material}{shelf}"
 
 
-def _format_printed_part(sensor: CompleteDesign, part: BuiltPart) -> Iterator[str]:
+def _format_printed_part(sensor: BuildableDesign, part: BuiltPart) -> Iterator[str]:
     """Yield the line of one printed part, and what has to fit it."""
     made, cm3 = MATERIAL_OF_PART[part.name].name, part.volume_mm3 / 1000
     yield f"{part.name}: {made}, {_part_count(sensor, part)} x, {cm3:.2f} cm³"
     yield from (f"    {fit.clearance_mm:.3f}  {fit.faces}" for fit in fits_of_part(sensor.design, part.name))
 
 
-def _part_count(sensor: CompleteDesign, part: BuiltPart) -> int:
+def _part_count(sensor: BuildableDesign, part: BuiltPart) -> int:
     """Return how many of a part the bill of materials has."""
     return next(item.count for item in sensor.bill if item.name == part.name)
 
@@ -118,7 +118,7 @@ def _list_exported_files(manifest: Path) -> frozenset[str]:
 
 
 def export_parts(
-    sensor: CompleteDesign, out: Path, report_progress: Callable[[str], None] = lambda path: None
+    sensor: BuildableDesign, out: Path, report_progress: Callable[[str], None] = lambda path: None
 ) -> dict[str, Any]:
     """Write the folder, whole or not at all, and return its manifest.
 
@@ -138,7 +138,7 @@ def export_parts(
     return manifest
 
 
-def _folder_files(sensor: CompleteDesign) -> Iterator[tuple[str, bytes]]:
+def _folder_files(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
     """Yield path and content of every file but the circuit board's and the manifest."""
     for part in sensor.parts.values():
         yield from _part_files(sensor, part)
@@ -151,7 +151,7 @@ def _folder_files(sensor: CompleteDesign) -> Iterator[tuple[str, bytes]]:
     yield "design.toml", hardware_design_to_toml(sensor.design).encode()
 
 
-def _part_files(sensor: CompleteDesign, part: BuiltPart) -> Iterator[tuple[str, bytes]]:
+def _part_files(sensor: BuildableDesign, part: BuiltPart) -> Iterator[tuple[str, bytes]]:
     """Yield the files of one part: STEP, STL or DXF, image and drawing."""
     yield f"{part.method}/{part.name}.step", part_to_step(part.name, part.solid)
     if part.method == "printed":
@@ -165,14 +165,14 @@ def _part_files(sensor: CompleteDesign, part: BuiltPart) -> Iterator[tuple[str, 
         yield from ((f"drawings/{part.name}.{ending}", content) for ending, content in sheet.to_svg_and_pdf())
 
 
-def _assembly_files(sensor: CompleteDesign) -> Iterator[tuple[str, bytes]]:
+def _assembly_files(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
     """Yield the files of the assembled sensor."""
     yield "assembly/sensor.step", assembly_to_step(sensor.bodies)
     for name, drawn in (("sensor", render_sensor), ("exploded", render_exploded_view), ("section", render_section)):
         yield f"images/{name}.png", _encode_png(drawn(sensor.bodies))
 
 
-def _build_manifest(sensor: CompleteDesign, folder: Path) -> dict[str, Any]:
+def _build_manifest(sensor: BuildableDesign, folder: Path) -> dict[str, Any]:
     """Return what is in the folder, and volume and box of every part."""
     parts = {
         part.name: {

@@ -26,7 +26,7 @@ from ninedtact.recording.merge_streams import MergedArrival, merge_live_streams,
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedSource, RecordedWrenchSource
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSimulation
+from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSequence
 from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
 from ninedtact.simulation.trajectory import (
     HOVER_MM,
@@ -127,7 +127,7 @@ def setup_with_twin(
     return CollectSetup(SimulatedCamera(simulation), force_torque, is_live=False, object_at=object_at)
 
 
-def _simulate_script(twin: Twin, names: Sequence[str], touches: int, seed: int) -> PressSimulation:
+def _simulate_script(twin: Twin, names: Sequence[str], touches: int, seed: int) -> PressSequence:
     rng = np.random.default_rng(seed)
     above = Pose(depth_mm=-HOVER_MM)
     presses: list[ObjectTrajectory] = []
@@ -137,7 +137,7 @@ def _simulate_script(twin: Twin, names: Sequence[str], touches: int, seed: int) 
         if not presses:
             trajectories.insert(0, Trajectory(above, (TrajectorySegment(above, _UNTOUCHED_S),)))
         presses.append(ObjectTrajectory(indenter, concatenate_trajectories(trajectories)))
-    return PressSimulation(twin, presses, _IMAGE_HZ, real_time=False, rounds=1)
+    return PressSequence(twin, presses, _IMAGE_HZ, real_time=False, rounds=1)
 
 
 def _random_touch(twin: Twin, indenter: Indenter, rng: np.random.Generator) -> Trajectory:

@@ -22,6 +22,7 @@ from ninedtact.capture.force_torque.sample_checks import (
 from ninedtact.capture.training_pair_rule import SamplingRule
 from ninedtact.capture.wrench_source import WrenchSampleRejected
 from ninedtact.quantities import Frame, Wrench
+from ninedtact.recording.collected_pairs import NO_OBJECT
 from ninedtact.recording.collecting.pair_selection import (
     CollectSettings,
     ImageWrenchCandidate,
@@ -29,10 +30,9 @@ from ninedtact.recording.collecting.pair_selection import (
     PairSelector,
     ZeroDriftMonitor,
 )
-from ninedtact.recording.collecting.tare_and_reference import TareInProgress, TareReference
+from ninedtact.recording.collecting.tare_and_reference import TareInProgress, TareResult
 from ninedtact.recording.merge_streams import Arrival
-from ninedtact.recording.saved_pairs import NO_OBJECT
-from ninedtact.recording.topics_and_messages import EventKind, PairLabel, RecordingEvent, Topic
+from ninedtact.recording.topics_and_messages import PairLabel, RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
 
 COLLECTED_TOPICS = (Topic.IMAGES, Topic.REFERENCE, Topic.MEASURED, Topic.LABELS)
@@ -116,7 +116,7 @@ class Collector:
         self.sample_faults = SampleFaultTracker(int(self.settings.checks.frozen_ms * 1e6))
         self.clocks = ClockDriftMonitor(self.settings.tolerance_ms), ClockDriftMonitor(self.settings.tolerance_ms)
         self.tare_in_progress: TareInProgress | None = TareInProgress(0, self.settings)
-        self.reference: TareReference | None = None
+        self.reference: TareResult | None = None
         self.object = ""
         self._rejection_text = ""
         self._history = _WrenchHistory()
@@ -166,7 +166,7 @@ class Collector:
     def begin_object(self, name: str | None = None, at_ns: int | None = None) -> None:
         """Continue with another object: the named one, else the next in turn. at_ns: since when, if not now."""
         self.object = name or next(self.objects)
-        self.writer.write_event(RecordingEvent(at_ns or self._newest_ns, EventKind.OBJECT, self.object))
+        self.writer.write_event(RecordingEvent(at_ns or self._newest_ns, RecordingEventKind.OBJECT, self.object))
 
     def undo_last_contact(self) -> str:
         """Remove the newest contact that has pairs; return what was done as text."""
@@ -175,7 +175,7 @@ class Collector:
             return "nothing to undo"
         pairs = self.counts.undo(contact)
         self.selector.begin_contact()
-        self.writer.write_event(RecordingEvent(self._newest_ns, EventKind.CONTACT_UNDONE, contact))
+        self.writer.write_event(RecordingEvent(self._newest_ns, RecordingEventKind.CONTACT_UNDONE, contact))
         return f"undone: the last contact with its {pairs} pairs"
 
     def finish(self) -> None:
@@ -200,10 +200,12 @@ class Collector:
         for frame in reference.frames:
             self.writer.write_reference(frame, reference.number)
         for fault in self.find_reference_faults(reference.frames):
-            self.writer.write_event(RecordingEvent(self._newest_ns, EventKind.REMARK, "reference image", fault))
+            self.writer.write_event(
+                RecordingEvent(self._newest_ns, RecordingEventKind.REMARK, "reference image", fault)
+            )
             self.notify(f"the reference image is doubtful; {fault}")
         zero = " ".join(f"{number:.6g}" for number in reference.zero)
-        self.writer.write_event(RecordingEvent(self._newest_ns, EventKind.TARED, str(reference.number), zero))
+        self.writer.write_event(RecordingEvent(self._newest_ns, RecordingEventKind.TARED, str(reference.number), zero))
         self.sample_faults.confirm_zero()
         self.zero_drift.reset()
         if not self.object:
@@ -268,5 +270,5 @@ class Collector:
             self.rejected[fault] += 1
             if fault is not self.fault:
                 name, text = fault.name.lower(), self.fault_text(fault)
-                self.writer.write_event(RecordingEvent(self._newest_ns, EventKind.REMARK, name, text))
+                self.writer.write_event(RecordingEvent(self._newest_ns, RecordingEventKind.REMARK, name, text))
         self.fault = fault

@@ -17,7 +17,7 @@ from ninedtact.capture.force_torque.tare import TareSettings
 from ninedtact.capture.training_pair_rule import SamplingRule, SamplingRuleSettings, SixFloats
 from ninedtact.errors import InputError
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.saved_pairs import PairKind
+from ninedtact.recording.collected_pairs import PairKind
 from ninedtact.recording.topics_and_messages import PairLabel
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")

@@ -45,7 +45,7 @@ def _block_means(image: UInt8[Array, "rows cols 3"]) -> Float32[Array, "_ _"]:
 
 
 @dataclass(frozen=True)
-class TareReference:
+class TareResult:
     """The result of a tare."""
 
     number: int
@@ -66,7 +66,7 @@ class TareInProgress:
 
     number: int
     settings: CollectSettings
-    last: TareReference | None = None
+    last: TareResult | None = None
     """The previous tare."""
     frames: list[Frame] = field(default_factory=list)
     wrenches: list[Wrench] = field(default_factory=list)
@@ -86,7 +86,7 @@ class TareInProgress:
         if self.advice == _NO_SAMPLES:
             self.advice = _KEEP_OFF
 
-    def finish(self) -> TareReference | None:
+    def finish(self) -> TareResult | None:
         """Return the tare when there are enough samples at rest, else None; start over if something moved."""
         if not self._has_enough:
             return None
@@ -107,12 +107,12 @@ class TareInProgress:
         duration_ns = self.wrenches[-1].stamp_ns - self.wrenches[0].stamp_ns if self.wrenches else 0
         return len(self.frames) >= self.settings.reference_images and duration_ns >= self.settings.tare.seconds * 1e9
 
-    def _compute(self) -> TareReference:
+    def _compute(self) -> TareResult:
         zero = compute_tare(self.wrenches, self.settings.tare).mean
         detector = ContactImageDetector([frame.image for frame in self.frames])
-        return TareReference(self.number, tuple(self.frames), zero, detector)
+        return TareResult(self.number, tuple(self.frames), zero, detector)
 
-    def _objection(self, tare: TareReference) -> str:
+    def _objection(self, tare: TareResult) -> str:
         """Return why this cannot be a tare without contact; empty if it can."""
         limit = self.settings.contact_levels
         if any(tare.detector.change_levels(frame.image) > limit for frame in tare.frames):

@@ -36,7 +36,7 @@ from ninedtact.mechanics.contact_result import (
 from ninedtact.mechanics.height_grid_indenter import HeightGridStore
 from ninedtact.mechanics.normal_contact import ContactConstraint
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.shrinking_batch import expand_over_grid, max_over_grid, to_scalars
+from ninedtact.mechanics.shrinking_batch import drop_grid_axes, expand_over_grid, max_over_grid
 from ninedtact.mechanics.surface_displacement import DisplacementOperators, PointMask, ScalarField, Skin
 from ninedtact.simulation.batched.session_requests import (
     ContactSummary,
@@ -229,7 +229,7 @@ class ContactBatch:
     @cached_property
     def _max_overlap_mm(self) -> Float64[Array, " batch"]:
         """The largest overlap of each object."""
-        return np.asarray(to_scalars(max_over_grid(self.problem.overlap_mm)))
+        return np.asarray(drop_grid_axes(max_over_grid(self.problem.overlap_mm)))
 
     @cached_property
     def _overlap_at_border(self) -> _Flags:

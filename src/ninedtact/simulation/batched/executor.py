@@ -29,7 +29,7 @@ from ninedtact.simulation.batched.session_requests import (
     SimulatedSetup,
     SimulationRequest,
     StepRequest,
-    resume_session,
+    send_to_session,
 )
 from ninedtact.simulation.renderer import BatchRenderer
 
@@ -279,6 +279,6 @@ class _SessionRunner:
             self.pending = response
             return
         try:
-            self.pending = resume_session(self.requests, response)
+            self.pending = send_to_session(self.requests, response)
         except StopIteration:
             self.pending = None

@@ -116,12 +116,12 @@ def run_on_processor(requests: RequestGenerator[Result]) -> Result:
     try:
         request = next(requests)
         while True:
-            request = resume_session(requests, respond_on_processor(request))
+            request = send_to_session(requests, respond_on_cpu(request))
     except StopIteration as end:
         return end.value
 
 
-def respond_on_processor(request: SimulationRequest) -> Any:
+def respond_on_cpu(request: SimulationRequest) -> Any:
     """Return the response computed on the processor; a refusal is returned rather than raised."""
     try:
         return request.respond()
@@ -129,7 +129,7 @@ def respond_on_processor(request: SimulationRequest) -> Any:
         return refusal
 
 
-def resume_session(requests: RequestGenerator[Any], response: Any) -> SimulationRequest:
+def send_to_session(requests: RequestGenerator[Any], response: Any) -> SimulationRequest:
     """Send a response to a session, or throw a refusal into it, and return its next request.
 
     Raises `StopIteration` where the session has ended.

@@ -26,7 +26,7 @@ from ninedtact.hardware.sensor_assembly import AssemblyBody, BodyPair, find_adja
 
 
 @dataclass(frozen=True)
-class CompleteDesign:
+class BuildableDesign:
     """A design that keeps all rules and has a valid LED board. Its solids are built on first access.
 
     Raises `DesignRulesBroken`, `LedBoardImpossible`.
@@ -114,7 +114,7 @@ class CompleteDesign:
             yield f"  {each.feature}: paper {each.paper or 'states nothing'}; files {each.files}; here {each.here}"
 
 
-def _format_interferences(sensor: CompleteDesign) -> Iterator[str]:
+def _format_interferences(sensor: BuildableDesign) -> Iterator[str]:
     """Yield a line for each interference, and their number."""
     for pair in sensor.interferences:
         yield f"  INTERFERES: {pair.first} and {pair.second} overlap by {pair.overlap_mm3:.3f} mm³"

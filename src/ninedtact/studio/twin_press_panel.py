@@ -59,7 +59,7 @@ _LINE_PX, _LETTER_SIZE = 26, 0.75
 _THUMBNAIL_HALF_MM, _THUMBNAIL_HEIGHT_MM = 9.0, 3.0
 
 
-class PressPanel:
+class TwinPressPanel:
     """Presses the twin by hand."""
 
     title, icon = "Press", Icon.HAND_FINGER
