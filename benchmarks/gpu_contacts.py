@@ -22,10 +22,10 @@ from ninedtact.dataset.generation.generate import GenerationSession, make_simula
 from ninedtact.dataset.generation.settings import GenerationSettings, KindShares
 from ninedtact.simulation.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
 from ninedtact.simulation.batched.session_requests import (
+    BatchedSimulationRequest,
     ContactSummary,
     RenderRequest,
     SimulatedSetup,
-    SimulationRequest,
     StepRequest,
     respond_on_cpu,
 )
@@ -43,7 +43,7 @@ REACHED, LAUNCH_S = 0.6, 8e-6
 """Assumed: the part of it that plain operations on large arrays reach, and the time to ask for one operation from Python, with
 no overlap of the two."""
 
-Way = Callable[[Sequence[SimulationRequest]], list[Any]]
+Way = Callable[[Sequence[BatchedSimulationRequest]], list[Any]]
 
 
 def gpu_contacts(
@@ -78,7 +78,7 @@ def torch_figures(device: Device, at_once: tuple[int, ...], batches: int, thread
         yield from extrapolated(on, max(at_once or ON_CPU))
 
 
-def one_by_one(asked: Sequence[SimulationRequest]) -> list[Any]:
+def one_by_one(asked: Sequence[BatchedSimulationRequest]) -> list[Any]:
     return [respond_on_cpu(one) for one in asked]
 
 
@@ -99,7 +99,7 @@ class Clock:
     others_s: float = 0.0
     """Hands, noise and PNG."""
 
-    def answers(self, asked: Sequence[SimulationRequest]) -> list[Any]:
+    def answers(self, asked: Sequence[BatchedSimulationRequest]) -> list[Any]:
         kind, start = type(asked[0]), perf_counter()
         told = self.method(asked)
         self.seconds[kind] += perf_counter() - start

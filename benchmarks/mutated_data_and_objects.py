@@ -159,7 +159,7 @@ def meshes(sensor: Path, folder: Path, count: dict[str, int], seed: int) -> list
     """Return a pyramid in five formats, and meshes that no sensor can be pressed with."""
     each = count["mesh"] // 6
     pyramid = trimesh.creation.cone(5, 6, sections=5)
-    pyramid.transform_training_batch(trimesh.transformations.rotation_matrix(np.pi, [1, 0, 0]))
+    pyramid.apply_transform(trimesh.transformations.rotation_matrix(np.pi, [1, 0, 0]))
     kinds = []
     for ending in ("stl", "obj", "ply", "off", "glb"):
         path = folder / f"pyramid.{ending}"

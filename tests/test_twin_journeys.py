@@ -51,7 +51,7 @@ def test_a_press_leaves_images_heights_tractions_and_a_wrench(
 
 def test_a_press_to_a_load_and_with_a_mesh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     mesh = tmp_path / "part.stl"
-    trimesh.creation.capsule(height=6, radius=3).transform_training_batch(
+    trimesh.creation.capsule(height=6, radius=3).apply_transform(
         trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0])
     ).export(mesh)
     told = told_by_press(tmp_path / "out", capsys, "--object", str(mesh), "--load-n", "5")

@@ -63,7 +63,7 @@ def read_text_file(path: Path | str, accepts_pipe: bool = False) -> str:
     return read_regular_file(path, MOST_TEXT_BYTES).decode()
 
 
-def read_json_table(path: Path | str, most_bytes: int | None = MOST_TEXT_BYTES) -> dict[str, Any]:
+def read_json_object(path: Path | str, most_bytes: int | None = MOST_TEXT_BYTES) -> dict[str, Any]:
     """Return the object of a JSON file as a dictionary; raises `OSError` as `read_regular_file`, and `ValueError`."""
     try:
         found = json.loads(read_regular_file(path, most_bytes).decode())

@@ -32,7 +32,7 @@ from ninedtact.hardware.design import (
     original_hardware_design,
     read_hardware_design,
 )
-from ninedtact.hardware.led_board.bare_board import LedBoardImpossible
+from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
 from ninedtact.hardware.led_board.board_parameters import LedBoard, led_board_for_design
 from ninedtact.simulation.calibration_images import SimulatedCalibrationImages, simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel

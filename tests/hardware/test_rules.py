@@ -20,7 +20,7 @@ from ninedtact.hardware.design import (
     required_camera_distance_mm,
 )
 from ninedtact.hardware.design_sweep import DesignChoice
-from ninedtact.hardware.led_board.bare_board import LedBoardImpossible
+from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
 from ninedtact.hardware.led_board.design_rule_check import find_violations
 from ninedtact.hardware.part_dimensions import (
     BaseDimensions,

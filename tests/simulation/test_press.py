@@ -19,7 +19,7 @@ from ninedtact.simulation.ground_truth import (
     true_pressure_map_mpa,
     true_shear_map_mpa,
 )
-from ninedtact.simulation.hand_motion import HandMotion, HandTarget
+from ninedtact.simulation.hand_moved_object import HandMotion, HandTarget
 from ninedtact.simulation.trajectory import InvalidPress, ScriptedPress
 from ninedtact.simulation.twin import LOAD_TOLERANCE, ObjectTooLarge, PoseOutOfView
 

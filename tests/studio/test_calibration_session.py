@@ -49,7 +49,7 @@ def test_a_person_is_led_through_both_presses(session: CalibrationSession, camer
     at_step(session, 1)
 
     camera.hold(HeldCalibrationObject("board", 0.4, tilt_deg=(4.0, 0.0)))
-    wait_until(lambda: "press the lower" in session.state.advice)
+    wait_until(lambda: "harder in the lower part" in session.state.advice)
     pins = session.state.pins
     assert pins is not None and 31 < pins.found < 60 and len(pins.missing_px) > 3
     assert np.median(pins.missing_px[:, 1]) > 160 and np.median(pins.found_px[:, 1]) < 120  # of 240 rows

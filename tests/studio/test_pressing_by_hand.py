@@ -28,13 +28,13 @@ from ninedtact.mechanics.height_grid_indenter import indenter_from_heights
 from ninedtact.mechanics.pose import Pose
 from ninedtact.reading import Reading
 from ninedtact.simulation.ground_truth import true_height_map_like
-from ninedtact.simulation.hand_motion import HandMotion, HandTarget
+from ninedtact.simulation.hand_moved_object import HandMotion, HandTarget
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press_sequence import PressSequence
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import PageController, PageMoment
-from ninedtact.studio.page_recorder import PageRecorder, PageSensorRecording
+from ninedtact.studio.page_recorder import PageRecorder, RecordedPageSensor
 from ninedtact.studio.press_control import (
     MAX_DEPTH_MM,
     OBJECTS_BY_KIND,
@@ -115,7 +115,7 @@ def pressed_twin(
             studios = [one, *studios]
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
         recorded = [
-            PageSensorRecording(folder, "twin", one.wrenches, name) for one, name in zip(studios, names, strict=True)
+            RecordedPageSensor(folder, "twin", one.wrenches, name) for one, name in zip(studios, names, strict=True)
         ]
         recorder = PageRecorder(recorded, out, studios[0].quota)
         opened.callback(recorder.stop)

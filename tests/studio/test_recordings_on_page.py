@@ -40,7 +40,7 @@ from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import PageController, PageMoment, SensorStatus
-from ninedtact.studio.page_recorder import NotRecording, PageRecorder, PageSensorRecording, RecorderState
+from ninedtact.studio.page_recorder import NotRecording, PageRecorder, RecordedPageSensor, RecorderState
 from ninedtact.studio.reading_view import session_colour_scale
 from ninedtact.studio.recording_player import RecordedReadings, RecordingPlayer, SpanRefused, recorded_wrench_columns
 from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel, _slider_marks
@@ -78,7 +78,7 @@ class Bench:
         )
         self.quota = SaveQuota(SaveLimits(per_minute=100, disk_share=share))
         self.recorder = PageRecorder(
-            [PageSensorRecording(self.folder, "bench", [self.true, self.estimated])], out, self.quota
+            [RecordedPageSensor(self.folder, "bench", [self.true, self.estimated])], out, self.quota
         )
         self.sensor = sensor_on(SkinCamera())
         self.sensor.estimator = ScaledForce()
@@ -435,7 +435,7 @@ def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp
     tab.set_default_timeout(PATIENCE_S * 200)
     sensor.estimator = ScaledForce()
     estimated, limits = WrenchHistory("estimated", "by the bench", states_errors=True), SaveLimits(per_minute=100)
-    recorder = PageRecorder([PageSensorRecording(folder, "bench", [estimated])], out, SaveQuota(limits))
+    recorder = PageRecorder([RecordedPageSensor(folder, "bench", [estimated])], out, SaveQuota(limits))
 
     def keep(reading: Reading) -> None:
         estimated.add_estimate(scaled_force(reading))
@@ -481,7 +481,7 @@ def test_a_browser_says_why_a_recording_cannot_be_opened_and_goes_on_after_a_rel
     sensor = sensor_on(SkinCamera())
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
         controller = PageController(loop, out)
-        recorder = PageRecorder([PageSensorRecording(bench.folder, "bench", [])], out, controller.quota)
+        recorder = PageRecorder([RecordedPageSensor(bench.folder, "bench", [])], out, controller.quota)
         panel = partial(RecordingsPanel, desk=RecordingDesk(server, bench.folder, recorder))
         block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
         page = SensorPage(server, controller, block, "small", None, [panel])

@@ -33,7 +33,7 @@ from ninedtact.recording.reader import Recording, sensor_addresses
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import PageController, PageMoment, SensorStatus
-from ninedtact.studio.page_recorder import PageRecorder, PageSensorRecording
+from ninedtact.studio.page_recorder import PageRecorder, RecordedPageSensor
 from ninedtact.studio.recording_player import RecordingPlayer
 from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
 from ninedtact.studio.saved_files import SaveLimits
@@ -101,7 +101,7 @@ def gripper(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Gripper]
             limits, others = SaveLimits(per_minute=100), () if number else tuple(controllers)
             one = PageController(loop, out, [histories[name]], limits, name=name, others=others)
             controllers.insert(0, one)
-        recorded = [PageSensorRecording(folder, "bench", [histories[name]], name) for name in names]
+        recorded = [RecordedPageSensor(folder, "bench", [histories[name]], name) for name in names]
         recorders.append(PageRecorder(recorded, out, controllers[0].quota))
         panel = partial(RecordingsPanel, desk=RecordingDesk(server, folder, recorders[0]))
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)

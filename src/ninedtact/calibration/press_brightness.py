@@ -49,7 +49,7 @@ def estimate_pixel_noise(change: Float32[Array, "rows cols"]) -> float:
 
 
 @dataclass(frozen=True)
-class ExposureFault:
+class PressExposureFault:
     """Why the exposure of an image makes it unusable."""
 
     kind: Literal["dark", "overexposed"]
@@ -59,18 +59,18 @@ class ExposureFault:
     """What was found, and what to do."""
 
 
-def find_exposure_fault(image: BgrImage) -> ExposureFault | None:
+def find_exposure_fault(image: BgrImage) -> PressExposureFault | None:
     """Return why an image is too dark or too bright to be measured, or None."""
     grey = to_grey_float(image)
     if grey.mean() < MIN_LIT_GREY_LEVEL:
-        return ExposureFault(
+        return PressExposureFault(
             "dark",
             "a lit image",
             f"a mean grey level of {grey.mean():.0f} of 255; switch the sensor's light on and raise the exposure",
         )
     overexposed_share = float((grey >= OVEREXPOSED).mean())
     if overexposed_share > _MAX_OVEREXPOSED_SHARE:
-        return ExposureFault(
+        return PressExposureFault(
             "overexposed",
             f"grey levels below {OVEREXPOSED}",
             f"{overexposed_share:.0%} of the image overexposed; lower exposure or gain",

@@ -230,13 +230,13 @@ class ExportHardwareCommand:
         _require_build123d()
         from tqdm import tqdm
 
-        from ninedtact.hardware.export.design_folder import export_parts, require_replaceable_parts_folder
+        from ninedtact.hardware.export.design_folder import require_replaceable_parts_folder, write_design_folder
 
         require_replaceable_parts_folder(self.out)
         sensor = self.design_options.build_sensor()
         began = time.monotonic()
         with tqdm(desc="writing parts", unit="file", disable=None, leave=False) as progress:
-            manifest = export_parts(sensor, self.out, lambda _: progress.update() and None)
+            manifest = write_design_folder(sensor, self.out, lambda _: progress.update() and None)
         return print_result(self.json, manifest, _format_export_report(self.out, manifest, time.monotonic() - began))
 
 

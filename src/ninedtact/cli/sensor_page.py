@@ -174,11 +174,11 @@ def recordings_panels(
     except RecordingLibrariesMissing as missing:
         print_notice(f"the page cannot record; {missing}")
         return []
-    from ninedtact.studio.page_recorder import PageRecorder, PageSensorRecording
+    from ninedtact.studio.page_recorder import PageRecorder, RecordedPageSensor
     from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
 
     recorded = [
-        PageSensorRecording(part.folder, part.sensor.source.name, one.wrenches, part.name)
+        RecordedPageSensor(part.folder, part.sensor.source.name, one.wrenches, part.name)
         for part, one in zip(parts, controller.sensors, strict=True)
     ]
     recorder = PageRecorder(recorded, controller.out, controller.quota)

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.checked_reading import CHECKSUM_KEY, read_json_table, values_checksum
+from ninedtact.checked_reading import CHECKSUM_KEY, read_json_object, values_checksum
 from ninedtact.errors import DatasetError, FileFormatError
 
 
@@ -126,7 +126,7 @@ def write_quality_report(path: Path, report: QualityReport) -> None:
 def read_quality_report(path: Path) -> QualityReport:
     """Read a report that `write_quality_report` wrote; raises `ReportDamaged`."""
     try:
-        values = read_json_table(path, most_bytes=None)
+        values = read_json_object(path, most_bytes=None)
         if values.get(CHECKSUM_KEY) not in (None, values_checksum(values)):
             raise ValueError("other values than its checksum")
         return msgspec.convert(values, QualityReport)

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ninedtact.atomic_write import FileNotWritten, write_file_atomically
-from ninedtact.checked_reading import CHECKSUM_KEY, read_json_table, values_checksum
+from ninedtact.checked_reading import CHECKSUM_KEY, read_json_object, values_checksum
 from ninedtact.dataset.parquet_files import DatasetDamaged, require_pair_columns
 from ninedtact.dataset.schema import DATASET_FORMAT
 from ninedtact.errors import OutputError
@@ -140,7 +140,7 @@ def read_dataset_settings(folder: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     try:
-        found = read_json_table(path)
+        found = read_json_object(path)
     except (OSError, ValueError) as trouble:
         raise DatasetDamaged(f"expected settings in {path}, got: {trouble}; copy the whole data set again") from trouble
     if found.get(CHECKSUM_KEY) not in (None, values_checksum(found)):
@@ -178,7 +178,7 @@ def _require_free_folder(path: Path, source_paths: Iterable[Path]) -> None:
 def _require_same_settings(kept: Path, resolved: dict[str, Any]) -> None:
     """Refuse to mix two data sets in one folder."""
     try:
-        found = read_json_table(kept)
+        found = read_json_object(kept)
     except (OSError, ValueError):
         found = {}
     names = {*found, *resolved} - {CHECKSUM_KEY}

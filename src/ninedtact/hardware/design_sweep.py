@@ -17,7 +17,7 @@ from ninedtact.hardware.performance_prediction import (
     PerformancePrediction,
     SimulatedCalibrationErrors,
     predict_performance,
-    simulate_calibration_errors,
+    simulate_calibration_and_press,
 )
 from ninedtact.parallel_jobs import Workers, run_jobs
 
@@ -191,7 +191,7 @@ def _simulate_calibration(found: ExploredDesign) -> ExploredDesign:
     if found.prediction is None:
         return found
     try:
-        return replace(found, calibration_errors=simulate_calibration_errors(found.design.sensor))
+        return replace(found, calibration_errors=simulate_calibration_and_press(found.design.sensor))
     except NinedtactError as refusal:
         return replace(found, calibration_failure=str(refusal))
 

@@ -122,7 +122,7 @@ class SimulatedCalibrationErrors:
     """Error of the load estimated by physics, over the load; the shear modulus is taken as designed."""
 
 
-def simulate_calibration_errors(design: SensorDesign) -> SimulatedCalibrationErrors:
+def simulate_calibration_and_press(design: SensorDesign) -> SimulatedCalibrationErrors:
     """Calibrate the twin of a design by its board and ball and read a press of another ball; takes some ten seconds.
 
     Raises `BoardNotFound`, `BallPressUnusable` where the design cannot be calibrated, and what pressing raises.

@@ -23,7 +23,7 @@ from websockets.exceptions import ConnectionClosed
 from ninedtact.errors import DeviceError
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot, StatusWatch
+from ninedtact.studio.sensor_poller import DeliveryWatch, SensorPhase, SensorPoller, SensorSnapshot
 
 _POLL_S = 0.1
 
@@ -188,7 +188,7 @@ def serve_sensor(
     Returns the number of readings. notify: receives a sentence where no readings arrive any more, and where they do again.
     Raises what the sensor raises.
     """
-    served, watch = 0, StatusWatch(notify)
+    served, watch = 0, DeliveryWatch(notify)
 
     def count_and_publish(reading: Reading) -> None:
         nonlocal served

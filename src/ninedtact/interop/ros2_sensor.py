@@ -40,7 +40,7 @@ from ninedtact.recording.recorder import new_reading_writer, report_kept_message
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot, StatusWatch
+from ninedtact.studio.sensor_poller import DeliveryWatch, SensorPhase, SensorPoller, SensorSnapshot
 
 _COMMAND_WAIT_S = 0.05
 _STATUS_S = 1.0
@@ -194,7 +194,7 @@ class SensorOnRos2:
         transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
         transforms.write(self.messages.encode_static_transforms(monotonic_ns() + wall_minus_monotonic_ns()))
         commands = self.participant.reader(self.messages.path(COMMAND), STRING_TYPE, QosProfile.RELIABLE)
-        last, status_at, watch = None, 0.0, StatusWatch(self.notify)
+        last, status_at, watch = None, 0.0, DeliveryWatch(self.notify)
         try:
             with self._measuring(), SensorPoller(self.sensor, self._recorder.add) as poller:
                 while not should_stop():

@@ -141,14 +141,14 @@ def index_first_and_last_chunk(found: McapIndex, file: BinaryIO, name: str) -> N
     """Add schemas and channels from the first chunk, and positions from a last chunk whose index was cut off."""
     if not found.chunks:
         return
-    for record in breakup_chunk(read_chunk(file, found.chunks[0], name)):
+    for record in breakup_chunk(read_mcap_chunk(file, found.chunks[0], name)):
         if isinstance(record, Schema):
             found.schemas[record.id] = record
         elif isinstance(record, Channel):
             found.channels[record.id] = record
     last = len(found.chunks) - 1
     if not found.finished:
-        for channel, entries in _message_offsets(read_chunk(file, found.chunks[last], name)).items():
+        for channel, entries in _message_offsets(read_mcap_chunk(file, found.chunks[last], name)).items():
             if channel not in found.indexes[last]:
                 stamp_ns, offset = np.array(entries).T
                 found.positions[channel].append(_positions(channel, last, stamp_ns, offset))
@@ -192,7 +192,7 @@ def _positions(channel: int, chunk: int, stamp_ns: Array, offset: Array) -> Arra
     return found
 
 
-def read_chunk(file: BinaryIO, span: McapRecordSpan, name: str) -> Chunk:
+def read_mcap_chunk(file: BinaryIO, span: McapRecordSpan, name: str) -> Chunk:
     """Return a chunk, decompressed and checked; raises `RecordingUnreadable`."""
     try:
         chunk = Chunk.read(open_record_content(file, span))

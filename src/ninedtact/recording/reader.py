@@ -30,7 +30,7 @@ from ninedtact.recording.mcap_index import (
     open_record_content,
     parse_message_record,
     read_attachment,
-    read_chunk,
+    read_mcap_chunk,
 )
 from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, parse_recording_metadata
 from ninedtact.recording.summary import RecordingSummary, summarise_recording
@@ -144,7 +144,7 @@ class Recording:
         number = int(position["chunk"])
         span = self.index.chunks[number]
         if self._chunk[0] != number:
-            self._chunk = number, read_chunk(self._file, span, str(self.path)).data
+            self._chunk = number, read_mcap_chunk(self._file, span, str(self.path)).data
         try:
             message = parse_message_record(self._chunk[1], int(position["offset"]))
         except (ValueError, IndexError, struct.error) as error:

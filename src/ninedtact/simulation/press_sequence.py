@@ -21,7 +21,7 @@ from ninedtact.errors import SimulationError
 from ninedtact.mechanics.array_namespace import to_numpy
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.simulation.hand_motion import HandMotion, hover_contact
+from ninedtact.simulation.hand_moved_object import HandMotion, hover_contact
 from ninedtact.simulation.trajectory import Trajectory
 from ninedtact.simulation.twin import Twin
 

@@ -34,7 +34,7 @@ class NotRecording(InputError):
 
 
 @dataclass(frozen=True)
-class PageSensorRecording:
+class RecordedPageSensor:
     """One of the sensors of a page, as it is recorded."""
 
     sensor: SensorFolder
@@ -76,7 +76,7 @@ class RecorderState:
 class PageRecorder:
     """Writes one recording at a time into the page's folder, until it is stopped or nothing more may be written."""
 
-    def __init__(self, sensors: Sequence[PageSensorRecording], out: Path, quota: SaveQuota) -> None:
+    def __init__(self, sensors: Sequence[RecordedPageSensor], out: Path, quota: SaveQuota) -> None:
         """sensors: are all recorded into one file."""
         self.sensors, self.out, self._quota = tuple(sensors), out, quota
         self._queue: Queue[tuple[int, Reading]] = Queue(BUFFERED_READINGS * len(self.sensors))
@@ -223,7 +223,7 @@ class PageRecorder:
 class _MeasuredWrenchWriter:
     """Writes the measured wrenches of one sensor."""
 
-    def __init__(self, part: PageSensorRecording, writer: RecordingWriter) -> None:
+    def __init__(self, part: RecordedPageSensor, writer: RecordingWriter) -> None:
         self._writer, self._measured = writer, part.measured
         self._measured_ns = monotonic_ns()
 

@@ -17,7 +17,7 @@ import numpy as np
 from ninedtact.errors import FileFormatError
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.hand_motion import HandTarget
+from ninedtact.simulation.hand_moved_object import HandTarget
 from ninedtact.simulation.objects.catalogue import FAMILIES_BY_KIND, PRIMITIVES, indenter_from_name
 from ninedtact.simulation.objects.mesh_objects import (
     FITTING,

@@ -123,7 +123,7 @@ class SensorSnapshot:
         return self.phase.value
 
 
-class StatusWatch:
+class DeliveryWatch:
     """Notices when a sensor begins or ceases to deliver readings. notify: receives a sentence about it, for a terminal."""
 
     def __init__(self, notify: Callable[[str], None]) -> None:

@@ -10,7 +10,7 @@ from gerbonara import LayerStack
 from read_back import edge_of, hits_of, shape_of, slots_of
 from shapely import LineString, Point, union_all
 
-from ninedtact.hardware.led_board.bare_board import BoardOutline, LedBoardImpossible
+from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, LedBoardImpossible
 from ninedtact.hardware.led_board.board_parameters import LedBoard
 from ninedtact.hardware.led_board.complete_layout import (
     BoardLayout,
@@ -44,7 +44,7 @@ def test_the_outline_read_back_is_the_boards(folder: Path, improved: BoardLayout
 
 @pytest.mark.parametrize("outline", [BoardOutline(40, 30), BoardOutline(64, 48, notch_radius_mm=3.5)])
 def test_other_outlines_read_back(outline: BoardOutline, tmp_path: Path) -> None:
-    from ninedtact.hardware.led_board.bare_board import outline_segments
+    from ninedtact.hardware.led_board.board_outline_and_holes import outline_segments
     from ninedtact.hardware.led_board.gerber_and_drill import format_gerber_outline
 
     (tmp_path / "edge.gbr").write_text(format_gerber_outline(outline_segments(outline)))

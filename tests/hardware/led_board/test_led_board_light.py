@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from ninedtact.design import DesignImpossible
 from ninedtact.hardware.design import read_hardware_design
-from ninedtact.hardware.led_board.bare_board import LedBoardImpossible
+from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
 from ninedtact.hardware.led_board.board_parameters import compute_operating_point, led_board_for_design
 from ninedtact.hardware.led_board.complete_layout import lay_out_board
 from ninedtact.hardware.led_board.fabrication_files import format_fabrication_notes

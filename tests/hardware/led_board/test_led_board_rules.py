@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from shapely import LineString
 
 from ninedtact.design import DesignImpossible
-from ninedtact.hardware.led_board.bare_board import BoardOutline, LedBoardImpossible
+from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, LedBoardImpossible
 from ninedtact.hardware.led_board.board_parameters import BoardDesignRules, CopperWidths, LedBoard
 from ninedtact.hardware.led_board.complete_layout import BoardLayout, lay_out_board
 from ninedtact.hardware.led_board.design_rule_check import (

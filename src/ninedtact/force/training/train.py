@@ -23,7 +23,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from torch.utils.data import DataLoader
 
 from ninedtact.atomic_write import FileNotWritten, is_partial_file, write_file_atomically
-from ninedtact.checked_reading import read_json_table
+from ninedtact.checked_reading import read_json_object
 from ninedtact.errors import OutputError
 from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.evaluation import WrenchEvaluation
@@ -143,7 +143,7 @@ def _open_training_folder(out: Path, description: dict[str, Any]) -> None:
 def _require_same_training(out: Path, wanted: dict[str, Any]) -> None:
     """Raise `TrainingFolderTaken` where the folder was begun with other data or settings."""
     try:
-        found = read_json_table(out / _SETTINGS_FILE)
+        found = read_json_object(out / _SETTINGS_FILE)
     except (OSError, ValueError):
         found = {}
     differing = sorted(name for name in {*found, *wanted} if found.get(name) != wanted.get(name))

@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 
 from ninedtact.atomic_write import create_folder_atomically, list_foreign_files, write_file_atomically
-from ninedtact.checked_reading import read_json_table
+from ninedtact.checked_reading import read_json_object
 from ninedtact.errors import OutputError
 from ninedtact.hardware.bill_of_materials import bill_to_csv, bill_to_html
 from ninedtact.hardware.buildable_design import BuildableDesign
@@ -110,14 +110,14 @@ def require_replaceable_parts_folder(out: Path) -> None:
 def _list_exported_files(manifest: Path) -> frozenset[str]:
     """Return the files that an earlier export lists; none if this is not one of our manifests."""
     try:
-        content = read_json_table(manifest)
+        content = read_json_object(manifest)
     except (OSError, ValueError):
         return frozenset()
     listed = content.get("files") if "variant" in content else None
     return frozenset(map(str, listed)) if isinstance(listed, list) else frozenset()
 
 
-def export_parts(
+def write_design_folder(
     sensor: BuildableDesign, out: Path, report_progress: Callable[[str], None] = lambda path: None
 ) -> dict[str, Any]:
     """Write the folder, whole or not at all, and return its manifest.

@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import Annotated
 
 from ninedtact.hardware.design import HardwareDesign
-from ninedtact.hardware.led_board.bare_board import BoardOutline, LedBoardImpossible, PointMm
+from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, LedBoardImpossible, PointMm
 from ninedtact.hardware.led_board.footprints import led_2835_footprint, micro_usb_footprint, soic_8_ep_footprint
 from ninedtact.hardware.part_dimensions import BoundedDimensions, Bounds, LedBoardDimensions
 

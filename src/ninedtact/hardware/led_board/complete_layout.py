@@ -9,7 +9,7 @@ from itertools import pairwise
 from shapely import LinearRing, LineString, MultiPoint, Point, Polygon, box, union_all
 from shapely.geometry.base import BaseGeometry
 
-from ninedtact.hardware.led_board.bare_board import BoardOutline, PointMm
+from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, PointMm
 from ninedtact.hardware.led_board.board_parameters import LedBoard
 from ninedtact.hardware.led_board.components import (
     GROUND,

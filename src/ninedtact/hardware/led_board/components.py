@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from math import cos, radians, sin
 from typing import Literal
 
-from ninedtact.hardware.led_board.bare_board import PointMm
+from ninedtact.hardware.led_board.board_outline_and_holes import PointMm
 from ninedtact.hardware.led_board.board_parameters import LedBoard
 from ninedtact.hardware.led_board.footprints import (
     Footprint,

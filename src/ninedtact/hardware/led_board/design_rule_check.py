@@ -8,7 +8,7 @@ from itertools import combinations
 from shapely import Point, union_all
 from shapely.geometry.base import BaseGeometry
 
-from ninedtact.hardware.led_board.bare_board import LedBoardImpossible, PointMm
+from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible, PointMm
 from ninedtact.hardware.led_board.board_parameters import LedBoard, operating_point_of_board
 from ninedtact.hardware.led_board.complete_layout import (
     SIDES,

@@ -15,7 +15,7 @@ from shapely import Polygon, union_all
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.hardware.led_board.bare_board import PointMm, outline_segments
+from ninedtact.hardware.led_board.board_outline_and_holes import PointMm, outline_segments
 from ninedtact.hardware.led_board.board_parameters import LedBoard, operating_point_of_board
 from ninedtact.hardware.led_board.complete_layout import (
     SIDES,

@@ -3,7 +3,7 @@ docs/led_board.md."""
 
 from dataclasses import dataclass
 
-from ninedtact.hardware.led_board.bare_board import PointMm
+from ninedtact.hardware.led_board.board_outline_and_holes import PointMm
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Literal
 from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
-from ninedtact.hardware.led_board.bare_board import OutlineSegment, PointMm
+from ninedtact.hardware.led_board.board_outline_and_holes import OutlineSegment, PointMm
 from ninedtact.hardware.led_board.complete_layout import (
     BoardLayout,
     merge_polygon_holes,

@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Any, NewType
 from uuid import NAMESPACE_URL, uuid5
 
-from ninedtact.hardware.led_board.bare_board import BoardOutline, PointMm, outline_segments
+from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, PointMm, outline_segments
 from ninedtact.hardware.led_board.board_parameters import LedBoard
 from ninedtact.hardware.led_board.complete_layout import SIDES, BoardLayout, merge_polygon_holes
 from ninedtact.hardware.led_board.components import GROUND, BoardPad, BoardSide, PlacedComponent

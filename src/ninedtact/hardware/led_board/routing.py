@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import dist, hypot
 
-from ninedtact.hardware.led_board.bare_board import PointMm
+from ninedtact.hardware.led_board.board_outline_and_holes import PointMm
 from ninedtact.hardware.led_board.board_parameters import LedBoard
 from ninedtact.hardware.led_board.components import GROUND, LED_LINE, SETTING, SUPPLY, BoardPad, BoardSide, pad_position
 

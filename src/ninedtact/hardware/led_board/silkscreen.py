@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from shapely import LineString, union_all
 from shapely.geometry.base import BaseGeometry
 
-from ninedtact.hardware.led_board.bare_board import PointMm
+from ninedtact.hardware.led_board.board_outline_and_holes import PointMm
 from ninedtact.hardware.led_board.complete_layout import (
     BoardLayout,
     bare_board_polygon,

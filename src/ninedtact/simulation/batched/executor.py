@@ -23,11 +23,11 @@ from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.height_grid_indenter import HeightGridStore
 from ninedtact.simulation.batched.contact_batch import ContactBatch, SkinStack, StepResponse, refusal_before_solving
 from ninedtact.simulation.batched.session_requests import (
+    BatchedSimulationRequest,
     BrightnessFactor,
     RenderRequest,
     RequestGenerator,
     SimulatedSetup,
-    SimulationRequest,
     StepRequest,
     send_to_session,
 )
@@ -162,7 +162,7 @@ class BatchExecutor:
         """Return the simulated sensor of this number in the population."""
         return self.setups[self.sensor_numbers.index(sensor_number)]
 
-    def execute(self, requests: Sequence[SimulationRequest]) -> list[Any]:
+    def execute(self, requests: Sequence[BatchedSimulationRequest]) -> list[Any]:
         """Return the responses to requests that are all steps or all renders.
 
         A response that is itself a request must be computed in place of the first one. Raises `DeviceMemoryExhausted`.
@@ -177,7 +177,7 @@ class BatchExecutor:
                 responses += found
         return responses
 
-    def _execute_unless_memory_runs_out(self, requests: Sequence[SimulationRequest]) -> list[Any] | None:
+    def _execute_unless_memory_runs_out(self, requests: Sequence[BatchedSimulationRequest]) -> list[Any] | None:
         """Return the responses, or None where memory ran out.
 
         The error is not passed on, because it keeps all arrays that led to it alive.
@@ -266,7 +266,7 @@ class _SessionRunner:
 
     session: Session
     requests: RequestGenerator[Any] = field(init=False)
-    pending: SimulationRequest | None = field(init=False)
+    pending: BatchedSimulationRequest | None = field(init=False)
     """The pending request; None when the session has ended."""
 
     def __post_init__(self) -> None:
@@ -275,7 +275,7 @@ class _SessionRunner:
 
     def resume(self, response: Any) -> None:
         """Send a response to the session and keep its next request; a response that is a request becomes the pending one."""
-        if isinstance(response, SimulationRequest):
+        if isinstance(response, BatchedSimulationRequest):
             self.pending = response
             return
         try:

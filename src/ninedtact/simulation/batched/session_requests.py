@@ -61,7 +61,7 @@ class ContactSummary:
         return self.contact.pose
 
 
-class SimulationRequest(ABC):
+class BatchedSimulationRequest(ABC):
     """One request of a session, which waits for its response."""
 
     @abstractmethod
@@ -70,7 +70,7 @@ class SimulationRequest(ABC):
 
 
 @dataclass(frozen=True)
-class StepRequest(SimulationRequest):
+class StepRequest(BatchedSimulationRequest):
     """A move of an object to a pose, or to a load of the linear layer near it; the response is a `ContactSummary`."""
 
     setup: SimulatedSetup
@@ -94,7 +94,7 @@ class StepRequest(SimulationRequest):
 
 
 @dataclass(frozen=True)
-class RenderRequest(SimulationRequest):
+class RenderRequest(BatchedSimulationRequest):
     """An image of the sensor; the response is a `BrightnessFactor`, or None without contact."""
 
     setup: SimulatedSetup
@@ -107,7 +107,7 @@ class RenderRequest(SimulationRequest):
 
 
 Result = TypeVar("Result")
-RequestGenerator = Generator[SimulationRequest, Any, Result]
+RequestGenerator = Generator[BatchedSimulationRequest, Any, Result]
 """A generator that yields requests, receives their responses or has refusals thrown into it, and returns a result."""
 
 
@@ -121,7 +121,7 @@ def run_on_processor(requests: RequestGenerator[Result]) -> Result:
         return end.value
 
 
-def respond_on_cpu(request: SimulationRequest) -> Any:
+def respond_on_cpu(request: BatchedSimulationRequest) -> Any:
     """Return the response computed on the processor; a refusal is returned rather than raised."""
     try:
         return request.respond()
@@ -129,7 +129,7 @@ def respond_on_cpu(request: SimulationRequest) -> Any:
         return refusal
 
 
-def send_to_session(requests: RequestGenerator[Any], response: Any) -> SimulationRequest:
+def send_to_session(requests: RequestGenerator[Any], response: Any) -> BatchedSimulationRequest:
     """Send a response to a session, or throw a refusal into it, and return its next request.
 
     Raises `StopIteration` where the session has ended.
