@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from argparse import ArgumentParser
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,8 +18,15 @@ from pathlib import Path
 from subprocess import PIPE
 from tempfile import TemporaryDirectory
 
+import cv2
+import trimesh
 from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
+
+import ninedtact
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "capture"))
+from mjpeg_camera import MjpegCamera
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 MOST_BYTES = 150_000
@@ -163,6 +171,62 @@ def take_live_pages(browser: Browser, folder: Path) -> None:
         desk.tab.close()
 
 
+def take_state_pages(browser: Browser, folder: Path) -> None:
+    """A page that is frozen, dark with a profile, pressed with one's own mesh, exported, and one whose camera is lost."""
+    mesh = folder / "hex_nut.stl"
+    trimesh.creation.annulus(3.0, 6.0, 4.0, sections=6).export(mesh)
+    with page_of(folder, "live", "--sensor", "my_sensor", "--source", "sim", "--force", "physics") as address:
+        desk = Visitor(browser, address)
+        desk.until_shown("estimated")
+        desk.tab.locator("input[type=file]").first.set_input_files(mesh)
+        desk.until_shown("hex_nut, 0.60 mm deep")
+        desk.take("page_own_mesh", "live, ")
+        desk.press("Freeze")
+        desk.type("depth (mm)", "0.2")  # the object moves, what is shown does not
+        desk.take("page_frozen", "frozen, ")
+        desk.press("Resume")
+        desk.until_shown("0.20 mm deep")
+        desk.type("depth (mm)", "0.7")
+        desk.until_shown("0.70 mm deep")
+        desk.open_tab("Record")
+        desk.press("This moment as a web page")
+        desk.tab.wait_for_timeout(SETTLE_MS)
+        desk.open_tab("View")
+        desk.tab.get_by_role("checkbox", name="dark", exact=True).check()
+        desk.open_tab("Profile")
+        desk.tab.get_by_role("checkbox", name="line on the skin", exact=True).check()
+        desk.take("page_dark_profile", "live, ")
+        desk.tab.close()
+    (moment,) = (folder / "readings").glob("moment_*.html")
+    exported = Visitor(browser, moment.as_uri())
+    exported.until_shown("indentation")
+    exported.take("exported_moment")
+    exported.tab.close()
+    live = ("live", "--sensor", "my_sensor", "--force", "physics", "--source")
+    with TwinOnNetwork(folder / "my_sensor") as camera, page_of(folder, *live, camera.url) as address:
+        desk = Visitor(browser, address)
+        desk.until_shown("live, ")
+        camera.unplug()
+        desk.take("page_camera_lost", "no image for ")
+        desk.tab.close()
+
+
+class TwinOnNetwork(MjpegCamera):
+    """A network camera that sends images of a sensor's untouched twin until it is unplugged."""
+
+    def __init__(self, sensor: Path) -> None:
+        super().__init__(period_s=0.05)
+        self._render = ninedtact.load_sensor(sensor).twin().renderer
+
+    def jpegs(self) -> Iterator[bytes]:
+        """Yield images that differ by their noise."""
+        while self.plugged_in.is_set():
+            image = self._render(None, self.served)
+            yield cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, 98))[1].tobytes()
+            self.served += 1
+            time.sleep(self.period_s)
+
+
 def take_gripper_page(browser: Browser, folder: Path) -> None:
     """Close two twins on a ball, which is dragged."""
     sensors = ("--sensor", "left=my_sensor", "right=my_sensor", "--source", "left=sim", "right=sim")
@@ -197,6 +261,11 @@ def take_calibration_pages(browser: Browser, folder: Path) -> None:
         desk.tab.get_by_label("presses by itself").check()
         desk.until_shown("Press the ball")
         phone.take("calibration_page_phone")
+        shutil.copytree(folder / "my_sensor", folder / "new_sensor")  # another sensor appears at the folder to write
+        desk.until_shown("This calibration is refused.")
+        desk.take("calibration_page_refused")
+        desk.tab.get_by_label("replace the sensor").check()
+        desk.press("Calibrate again from the images")
         desk.until_shown("Saved in")
         desk.take("calibration_result_page")
         desk.tab.close()
@@ -228,7 +297,9 @@ def main() -> None:
     """Take all pictures, or those that are named."""
     parser = ArgumentParser(description=__doc__)
     parser.add_argument("--sensor", type=Path, help="sensor folder whose twin is pressed")
-    parser.add_argument("--only", choices=("live", "gripper", "calibrate", "adapt"), help="take these pictures alone")
+    parser.add_argument(
+        "--only", choices=("live", "states", "gripper", "calibrate", "adapt"), help="take these pictures alone"
+    )
     options = parser.parse_args()
     names = ("chromium", "chromium-browser", "google-chrome")
     found = next(filter(None, map(shutil.which, names)), None)
@@ -240,6 +311,8 @@ def main() -> None:
         shutil.copytree(sensor, Path(scratch) / "my_sensor")
         if options.only in (None, "live"):
             take_live_pages(browser, Path(scratch))
+        if options.only in (None, "states"):
+            take_state_pages(browser, Path(scratch))
         if options.only in (None, "gripper"):
             take_gripper_page(browser, Path(scratch))
         if options.only in (None, "calibrate"):
