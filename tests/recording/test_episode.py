@@ -379,6 +379,10 @@ def test_a_recording_never_overwrites_and_is_missed_in_words(tmp_path: Path) -> 
         with pytest.raises(RecordingRefused, match=r"expected .* got"), RecordingWriter(taken, RecordingMetadata("x")):
             pass
     assert path.read_bytes() == before
+    os.mkfifo(tmp_path / "pipe.mcap")
+    for path, kind in ((tmp_path / "pipe.mcap", "a pipe or device"), (tmp_path, "a folder")):
+        with pytest.raises(CameraNotFound, match=f"got {kind}; give a file"):
+            Recording(path)
     with pytest.raises(CameraNotFound, match="no such file"):
         Recording(tmp_path / "none.mcap")
 

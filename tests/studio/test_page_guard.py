@@ -131,6 +131,8 @@ def test_on_a_network_the_address_has_a_secret() -> None:
     assert SocketGuard.for_host("0.0.0.0").token != token
     assert {SocketGuard.for_host(host).token for host in ("127.0.0.1", "::1", "localhost", "127.9.9.9")} == {""}
     assert SocketGuard.for_host("::1").page_address(80) == "http://[::1]:80"
+    # A server at "::" is not reached over IPv4.
+    assert re.fullmatch(r"http://\[[0-9a-f:]+\]:80/[\w-]{22}/", SocketGuard.for_host("::").page_address(80))
 
 
 @pytest.mark.parametrize("origin", ["*", "robot", "http://", "ftp://robot", "http://robot/page", "http://u@robot"])

@@ -363,7 +363,9 @@ def _open_file(path: Path) -> BinaryIO:
         raise CameraNotFound(f"expected a recording at {path}, got no such file; check the path")
     if not path.is_file():
         kind = "a folder" if path.is_dir() else "a pipe or device"
-        raise CameraNotFound(f"expected a recording at {path}, got {kind}; name the file, which is read more than once")
+        raise CameraNotFound(
+            f"expected a recording at {path}, got {kind}; give a file, because it is read more than once"
+        )
     try:
         return path.open("rb")
     except OSError as error:

@@ -250,3 +250,12 @@ def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
     assert tried == ["one"] and refused == {"one": "expected a ball, got none; press one"}
     (notice,) = DatasetSensors({}, refused).exclusion_notices()
     assert "pairs of one are left out" in notice
+
+
+def test_a_folder_without_data_is_refused_before_torch_is_imported(tmp_path: Path) -> None:
+    program = (
+        "import sys; from ninedtact.cli import main; code = main(sys.argv[1:]); print(code, 'torch' in sys.modules)"
+    )
+    words = ["train", "--data", str(tmp_path), "--out", str(tmp_path / "model")]
+    ran = subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True)
+    assert ran.stdout.split() == ["1", "False"] and "expected a data set, got" in ran.stderr
