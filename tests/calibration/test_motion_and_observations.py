@@ -13,7 +13,6 @@ from ninedtact.calibration.drift.brightness_change import BrightnessChange
 from ninedtact.calibration.drift.drift_measurement import (
     DriftMeasurement,
     _jackknife_error,
-    _pearson_correlation,
     _undo_motion,
 )
 from ninedtact.calibration.twin.ball_press_fit import _autocorrelation_sums, effective_observation_count
@@ -23,6 +22,7 @@ from ninedtact.design import PinBoard
 from ninedtact.quantities import Rectified
 from ninedtact.shape.lens import LensModel
 from ninedtact.shape.rectification import skin_grid_mm
+from ninedtact.shape.skin_structure import _pearson_correlation
 
 RNG = np.random.default_rng(0)
 STRAIGHT = LensModel((0.0625, 0.0, 0.0, 0.0, 0.0625, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0), (480, 640))

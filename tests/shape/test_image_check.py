@@ -1,11 +1,13 @@
-"""Images that cannot be a press: dark, white, without structure, exchanged, with a failed LED."""
+"""Images that cannot be a press: dark, white, without structure, exchanged, with a failed LED, of another sensor."""
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImplausible, load_reference_check
+from ninedtact.calibration.press_brightness import to_grey_float
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder
@@ -15,6 +17,7 @@ from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.quantities import EstimateWarning, Frame
 from ninedtact.reading import Reading
 from ninedtact.shape.image_check import ImageImplausible, find_image_warnings, require_plausible_image
+from ninedtact.shape.skin_structure import shows_another_skin
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin
 
@@ -26,6 +29,12 @@ def warnings_of(sensor: SensorFolder, reference: Image, image: Image) -> tuple[E
     depth_reader = sensor.shape.depth_reader(Frame(reference))
     rectified = sensor.shape.rectify(Frame(image))
     return find_image_warnings(rectified, depth_reader.reference, depth_reader(rectified))
+
+
+def require_plausible(sensor: SensorFolder, reference: Image, image: Image) -> None:
+    depth_reader = sensor.shape.depth_reader(Frame(reference))
+    rectified = sensor.shape.rectify(Frame(image))
+    require_plausible_image("press.png", rectified, depth_reader.reference, depth_reader(rectified))
 
 
 def with_failed_led(image: Image, part: float) -> Image:
@@ -53,7 +62,7 @@ def test_an_image_that_is_no_press_is_named(name: str, twin_sensor: SensorFolder
     reference = default_twin().renderer(None, 1)
     assert warnings_of(twin_sensor, reference, spoil(reference)) == (expected,)
     with pytest.raises(ImageImplausible, match=r"^press.png: expected .*, got .*; "):
-        require_plausible_image("press.png", (expected,))
+        require_plausible(twin_sensor, reference, spoil(reference))
 
 
 @pytest.mark.parametrize("spec", ["physics", "corrected"])
@@ -77,8 +86,9 @@ def test_a_press_is_plausible_and_exchanged_images_are_not(press: tuple, twin_se
     twin = default_twin()
     reference = twin.renderer(None, 1)
     pressed = twin.renderer(ScriptedPress(press[1]).simulate(twin, press[0]), 2)
-    assert warnings_of(twin_sensor, reference, pressed) == ()
-    assert warnings_of(twin_sensor, reference, twin.renderer(None, 3)) == ()
+    for image in (pressed, twin.renderer(None, 3)):
+        assert warnings_of(twin_sensor, reference, image) == ()
+        require_plausible(twin_sensor, reference, image)
     if press[1] > 1.5:
         assert warnings_of(twin_sensor, pressed, reference) == (UNLIKE,)
 
@@ -99,3 +109,30 @@ def test_real_presses_are_plausible_and_exchanged_ones_are_not(
     for letter in "ij":
         with pytest.raises(ReferenceImplausible, match="another sensor's gel"):
             check.require_faultless([Frame(real_images[letter].ball_reference)])
+
+
+def test_an_image_of_another_real_sensor_is_refused(
+    calibrated_a: Calibration, real_images: dict[str, CalibrationImages], tmp_path: Path
+) -> None:
+    """Nothing but the fine structure of the skin tells them apart: all pass the comparison of the light."""
+    sensor, own = save_sensor(tmp_path / "a", calibrated_a), real_images["a"]
+    for reference in (own.ball_reference, own.board_reference):
+        for image in (own.ball, own.board, own.ball_reference, own.board_reference):
+            require_plausible(sensor, reference, image)
+        for letter in "ij":
+            other = real_images[letter]
+            for image in (other.ball, other.ball_reference, other.board_reference):
+                assert warnings_of(sensor, reference, image) == ()
+                with pytest.raises(ImageImplausible, match="without the fine structure of that skin"):
+                    require_plausible(sensor, reference, image)
+
+
+def test_a_skin_is_the_same_under_other_light_noise_and_compression(real_images: dict[str, CalibrationImages]) -> None:
+    noise = np.random.default_rng(0).normal(0, 1.5, real_images["a"].ball.shape)
+    for letter in "aij":
+        own = real_images[letter]
+        reference, press = own.ball_reference, own.ball
+        jpeg = cv2.imdecode(cv2.imencode(".jpg", press, [cv2.IMWRITE_JPEG_QUALITY, 85])[1], cv2.IMREAD_COLOR)
+        for image in (press, jpeg, 0.9 * press, press + noise):
+            seen = np.clip(image, 0, 255).astype(np.uint8)
+            assert not shows_another_skin(to_grey_float(seen), to_grey_float(reference))

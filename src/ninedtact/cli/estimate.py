@@ -108,8 +108,8 @@ class Estimate:
             for fault in sensor.reference_faults:
                 print_notice(f"the reference image is doubtful; {fault}")
             for name, reading in _iterate_named_readings(self.source, sensor):
-                if self.images_are_separate:
-                    require_plausible_image(name, reading.image_warnings)
+                if self.images_are_separate and reading.reference is not None:
+                    require_plausible_image(name, reading.rectified, reading.reference, reading.height)
                 yield name, reading
                 if self.images_are_separate:
                     estimator.forget()

@@ -45,7 +45,7 @@ class ReconstructCommand:
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
         from ninedtact.capture.strict_image_reading import read_image
         from ninedtact.quantities import Frame
-        from ninedtact.shape.image_check import find_image_warnings, require_plausible_image
+        from ninedtact.shape.image_check import require_plausible_image
 
         if not self.images:
             raise NoImageToReconstruct(
@@ -58,7 +58,7 @@ class ReconstructCommand:
         for path, name in zip(self.images, _output_names(self.images), strict=True):
             rectified = shape.rectify(Frame(read_image(path)))
             height = depth(rectified)
-            require_plausible_image(str(path), find_image_warnings(rectified, depth.reference, height))
+            require_plausible_image(str(path), rectified, depth.reference, height)
             results.append(self.result(path, name, height, depth))
         found: dict[str, Any] = {"sensor": str(self.sensor), "images": results}
         return print_result(self.json, found, _format_results(results))

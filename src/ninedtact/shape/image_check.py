@@ -3,8 +3,8 @@
 Light is lost or gained as a whole where an LED fails, a lamp shines in or the exposure changes. A press changes it locally: gel
 keeps its volume, so dents and bulges balance over the view, and half of the view keeps nearly the brightness of the reference
 image. The limits leave a factor of two or more around 600 simulated presses of up to 12 N on six sensors and the images of real
-ones. An image of another sensor of the same make, under the same light, is not recognised by this check; `ninedtact check` compares
-the fine structure of the skin.
+ones. An image of another sensor of the same make may have the same light. Where one image is asked about
+(`require_plausible_image`), the fine structure of its skin is therefore compared with that of the reference image as well.
 """
 
 import cv2
@@ -14,6 +14,7 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import InputError
 from ninedtact.quantities import EstimateWarning, HeightMap, HeightSource, Rectified
+from ninedtact.shape.skin_structure import shows_another_skin
 
 _COLS, _ROWS = 32, 24
 """Number of cells of the coarse image on which light is compared."""
@@ -58,11 +59,18 @@ class ImageImplausible(InputError):
     """An image cannot be a press on the sensor that its reference image shows."""
 
 
-def require_plausible_image(name: str, warnings: tuple[EstimateWarning, ...]) -> None:
-    """Raise `ImageImplausible` for the first reason that `find_image_warnings` found, if any."""
-    for warning in warnings:
-        if warning in _ADVICE:
-            raise ImageImplausible(f"{name}: expected {_ADVICE[warning]}")
+def require_plausible_image(name: str, image: Rectified, reference: Rectified, height: HeightMap) -> None:
+    """Raise `ImageImplausible`, with the name of the image, where it cannot be a press on this sensor.
+
+    height: the height map read from the image against the reference image.
+    """
+    for warning in find_image_warnings(image, reference, height):
+        raise ImageImplausible(f"{name}: expected {_ADVICE[warning]}")
+    if shows_another_skin(image.grey, reference.grey):
+        raise ImageImplausible(
+            f"{name}: expected a press on the skin of the reference image, got an image without the fine structure of that skin; "
+            "give images of one sensor, and a reference image of the same gel, camera and exposure"
+        )
 
 
 def find_image_warnings(image: Rectified, reference: Rectified, height: HeightMap) -> tuple[EstimateWarning, ...]:

@@ -96,9 +96,9 @@ class LoadPressReader:
     def read(self, name: str, frame: Frame) -> Reading:
         """Return the reading of an image with its estimate; raises `ImageImplausible`, which names the image."""
         assert self._depth_reader is not None
-        rectified = self._shape.rectify(frame)
-        reading = Reading(frame, rectified, self._depth_reader(rectified), reference=self._depth_reader.reference)
-        require_plausible_image(name, reading.image_warnings)
+        rectified, reference = self._shape.rectify(frame), self._depth_reader.reference
+        reading = Reading(frame, rectified, self._depth_reader(rectified), reference=reference)
+        require_plausible_image(name, rectified, reference, reading.height)
         self.estimator.forget()
         return reading.with_force(self.estimator.estimate(reading))
 

@@ -19,12 +19,11 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 from ninedtact.calibration.drift.brightness_change import BrightnessChange, separate_brightness_change
 from ninedtact.calibration.press_brightness import (
-    MIN_REFERENCE_GREY,
     BgrImage,
     estimate_pixel_noise,
     relative_brightness_change,
@@ -36,13 +35,19 @@ from ninedtact.capture.strict_image_reading import require_image_size
 from ninedtact.quantities import Frame, HeightSource, Rectified
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.skin_structure import (
+    FAINTEST_STRUCTURE,
+    Field,
+    crop_margin,
+    fine_structure,
+    log_brightness,
+    split_into_tiles,
+    structure_contrast,
+    structure_similarity,
+)
 
-Field = Float32[Array, "down across"]
 Motion = Float[Array, "3"]
 
-MARGIN_PX = 12
-"""Width of the margin that is cut off, because it shows housing and glare instead of skin."""
-TILES = (6, 8)
 _HIGH_SIMILARITY = 0.5
 """Similarity above which the motion found from a start at rest is accepted without a second first guess."""
 ROUNDS = 10
@@ -80,7 +85,7 @@ def _fit_motion(earlier: Field, later: Field, motion: Motion) -> _Registration:
         if np.abs(step).max() < SETTLED_PX:
             break
     return _Registration(
-        motion, _jackknife_error(normal, right), _structure_similarity(earlier, _undo_motion(later, motion))
+        motion, _jackknife_error(normal, right), structure_similarity(earlier, _undo_motion(later, motion))
     )
 
 
@@ -92,9 +97,9 @@ def _normal_equations(earlier: Field, later: Field) -> tuple[Float[Array, "tiles
     lacking = earlier - later
     spread = np.median(np.abs(lacking)) / 0.6745
     weight = 1 / (1 + (lacking / (ROBUST * spread + 1e-9)) ** 2)
-    weighted = _split_into_tiles(weight[..., None] * columns)
-    normal = [np.einsum("rci,rcj->ij", *pair) for pair in zip(weighted, _split_into_tiles(columns), strict=True)]
-    side = [np.einsum("rci,rc->i", *pair) for pair in zip(weighted, _split_into_tiles(lacking), strict=True)]
+    weighted = split_into_tiles(weight[..., None] * columns)
+    normal = [np.einsum("rci,rcj->ij", *pair) for pair in zip(weighted, split_into_tiles(columns), strict=True)]
+    side = [np.einsum("rci,rc->i", *pair) for pair in zip(weighted, split_into_tiles(lacking), strict=True)]
     return np.array(normal), np.array(side)
 
 
@@ -106,23 +111,10 @@ def _jackknife_error(normal: Float[Array, "tiles 3 3"], right: Float[Array, "til
 
 def _phase_correlation_shift(earlier: Field, later: Field) -> Motion:
     """Return a first guess of a large shift, by phase correlation."""
-    parts = [_crop_margin(field) for field in (earlier, later)]
+    parts = [crop_margin(field) for field in (earlier, later)]
     first, second = (np.clip(part / (np.median(np.abs(part)) + 1e-9), -OUTLIER, OUTLIER) for part in parts)
     (x, y), _ = cv2.phaseCorrelate(first, second, cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F))
     return np.array([x, y, 0.0])
-
-
-def _structure_similarity(earlier: Field, later: Field) -> float:
-    """Return the median correlation of tiles; a press or a new mark affects only the tiles that contain it."""
-    pairs = zip(_split_into_tiles(earlier), _split_into_tiles(later), strict=True)
-    return float(np.median([_pearson_correlation(first, second) for first, second in pairs]))
-
-
-def _pearson_correlation(first: Field, second: Field) -> float:
-    """Return Pearson's correlation, zero where one image is constant."""
-    first, second = first - first.mean(), second - second.mean()
-    scale = np.sqrt((first**2).sum() * (second**2).sum())
-    return float((first * second).sum() / scale) if scale > 0 else 0.0
 
 
 def _undo_motion(image: Array, motion: Motion, border: int = cv2.BORDER_REPLICATE) -> Array:
@@ -135,29 +127,10 @@ def _undo_motion(image: Array, motion: Motion, border: int = cv2.BORDER_REPLICAT
     return np.asarray(cv2.warpAffine(image, matrix, (cols, rows), flags=way, borderMode=border))
 
 
-def _crop_margin(image: Array) -> Array:
-    """Return the image without its margin."""
-    return image[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX]
-
-
-def _split_into_tiles(image: Array) -> list[Array]:
-    """Return the inside of the image in equal tiles, with more along the longer side."""
-    down, across = TILES if image.shape[0] <= image.shape[1] else TILES[::-1]
-    return [tile for band in np.array_split(_crop_margin(image), down) for tile in np.array_split(band, across, axis=1)]
-
-
-LONG_SIDE_PX = 320
-"""Size at which images are compared; the structure is still well sampled."""
-FINE_PX, COARSE_PX = 1.5, 6.0
-"""Band of the structure: finer detail is camera noise and compression, coarser detail is light."""
-BAND_NOISE = 0.171
-"""Standard deviation that this band leaves of white noise: √(1/4πa² + 1/4πb² - 1/π(a² + b²)) for Gaussians a and b."""
 RECOGNISED = 0.3
 """Similarity above which two images show the same skin: at least 0.4 for one skin (also compressed, noisy, or at half the light),
 at most 0.25 for different ones.
 """
-FAINTEST_STRUCTURE = 7e-4
-"""Contrast below which a skin is too uniform to be recognised: real ones have at least 1.0e-3, a rendered one 5e-4."""
 
 
 @dataclass(frozen=True)
@@ -202,9 +175,9 @@ class SkinMotion:
 
 def measure_skin_motion(before: BgrImage, after: BgrImage) -> SkinMotion:
     """Return the motion between two reference images of the same size."""
-    earlier, later = _log_brightness(before), _log_brightness(after)
-    found = _register_images(_fine_structure(earlier), _fine_structure(later))
-    scale, half_width = max(before.shape) / LONG_SIDE_PX, earlier.shape[1] / 2
+    earlier, later = log_brightness(to_grey_float(before)), log_brightness(to_grey_float(after))
+    found = _register_images(fine_structure(earlier), fine_structure(later))
+    scale, half_width = max(before.shape) / max(earlier.shape), earlier.shape[1] / 2
     x, y, turn = found.motion.tolist()
     return SkinMotion(
         (x * scale, y * scale),
@@ -212,31 +185,8 @@ def measure_skin_motion(before: BgrImage, after: BgrImage) -> SkinMotion:
         float(found.error[:2].max() * scale),
         float(np.rad2deg(found.error[2] / half_width)),
         found.correlation,
-        _structure_contrast(earlier, later),
+        structure_contrast(earlier, later),
     )
-
-
-def _log_brightness(image: BgrImage) -> Field:
-    """Return the logarithm of the brightness, at the size of comparison."""
-    grey = np.log(np.maximum(to_grey_float(image), MIN_REFERENCE_GREY))
-    factor = LONG_SIDE_PX / max(grey.shape)
-    return (
-        grey if factor == 1 else np.asarray(cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA))
-    )
-
-
-def _fine_structure(image: Field) -> Field:
-    """Return the detail between the two sizes of the band."""
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), FINE_PX) - cv2.GaussianBlur(image, (0, 0), COARSE_PX))
-
-
-def _structure_contrast(earlier: Field, later: Field) -> float:
-    """Return the contrast of the earlier image's structure, the median over its tiles, corrected for noise."""
-    second = np.abs(np.diff(later - earlier, n=2, axis=1))
-    # 0.6745 and √6 as in `brightness.estimate_pixel_noise`; √2 because the difference contains the noise of two images.
-    noise = BAND_NOISE * float(np.median(second)) / 0.6745 / np.sqrt(6) / np.sqrt(2)
-    strength = float(np.median([tile.std() for tile in _split_into_tiles(_fine_structure(earlier))]))
-    return float(np.sqrt(max(strength**2 - noise**2, 0.0)))
 
 
 _FLIPS = {"turned by 180°": -1, "mirrored left to right": 1, "mirrored top to bottom": 0}
