@@ -31,13 +31,13 @@ from rerun.chunk import RrdReader  # noqa: E402
 
 from ninedtact.interop.rerun import COMPONENTS, RerunUnreachable, RerunViewer, export_rerun  # noqa: E402
 
-PRESSED, IMAGES = 60, 14
+PRESSED, IMAGES, UNKNOWN = 60, 14, 11
 STD = np.arange(1.0, 7.0)
 
 
 @pytest.fixture
 def recorded(tmp_path: Path) -> Path:
-    """Ten images without contact, then a press, each with an estimate; and samples of a force/torque sensor."""
+    """Ten images without contact, then a press, each with an estimate (one unknown); and samples of a force/torque sensor."""
     folder = load_sensor(sensor_folder(tmp_path / "small"))
     path, camera = tmp_path / "press.mcap", SkinCamera()
     topics = (Topic.IMAGES, Topic.MEASURED, Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS)
@@ -50,7 +50,8 @@ def recorded(tmp_path: Path) -> Path:
             wrench = sample(number)
             wrench = Wrench(wrench.force_n, wrench.torque_nm, stamp_ns=frame.stamp_ns)
             warnings = (EstimateWarning.OUT_OF_RANGE,) * (number == 12)
-            estimate = WrenchEstimate(wrench, independent_errors(STD), touching=True, warnings=warnings)
+            std = np.full(6, np.inf) if number == UNKNOWN else STD
+            estimate = WrenchEstimate(wrench, independent_errors(std), touching=True, warnings=warnings)
             writer.write_estimated(estimate, frame.index)
             writer.write_measured(wrench)
     camera.close()
@@ -96,10 +97,12 @@ def test_the_reader_of_rerun_finds_images_surfaces_and_wrenches_with_their_bands
     )
     assert max(one.max_indentation_mm for one in readings) > 1
     for number, component in enumerate(COMPONENTS):
-        for row, wrench in zip(found[f"/small/wrench_estimated/{component}"]["Scalars:scalars"], wrenches, strict=True):
+        rows = found[f"/small/wrench_estimated/{component}"]["Scalars:scalars"]
+        for image, (row, wrench) in enumerate(zip(rows, wrenches, strict=True)):
             value, low, high = row
             assert value == pytest.approx(wrench.six[number])
-            assert (value - low, high - value) == pytest.approx((STD[number], STD[number]))
+            std = np.nan if image == UNKNOWN else STD[number]
+            assert (value - low, high - value) == pytest.approx((std, std), nan_ok=True)
     assert len(found["/small/wrench_measured/torque_z"]["Scalars:scalars"][0]) == 1
     assert [row[0] for row in found["/small/warnings"]["TextLog:text"]] == ["out of range"]
     colours = [found[f"/small/wrench_{kind}/force_z"]["SeriesLines:colors"][0][0] for kind in ("estimated", "measured")]

@@ -81,11 +81,12 @@ class RerunLog:
         six: Float64[Array, "n 6"],
         std: Float64[Array, "n 6"] | None = None,
     ) -> None:
-        """Log wrenches about the skin centre, N and N·m, with the band of one standard deviation where there is one."""
+        """Log wrenches about the skin centre, N and N·m, with the band of one standard deviation where it is known and finite."""
         times = rr.TimeColumn("sensor_time", timestamp=wall_ns.astype("datetime64[ns]"))
+        band = None if std is None else np.where(np.isfinite(std), std, np.nan)
         for number, component in enumerate(COMPONENTS):
             entity, values = f"{self._root}/{name}/{component}", six[:, number]
-            lines = [values] if std is None else [values, values - std[:, number], values + std[:, number]]
+            lines = [values] if band is None else [values, values - band[:, number], values + band[:, number]]
             columns = np.stack(lines, 1).ravel()
             scalars = rr.Scalars.columns(scalars=columns).partition([len(lines)] * len(values))
             self._stream.send_columns(entity, indexes=[times], columns=scalars)
@@ -218,13 +219,14 @@ def _log_recording(log: RerunLog, recording: Recording, on_image: Callable[[], N
         log.log_reading(reading, wall_ns(reading.stamp_ns))
         on_image()
     written = {"readings": readings}
-    for name, topic in (("wrench_estimated", Topic.ESTIMATED), ("wrench_measured", Topic.MEASURED)):
-        wrenches = list(recording.wrenches(topic))
+    estimates, measured = list(recording.estimates()), list(recording.wrenches(Topic.MEASURED))
+    for name, wrenches, std in (
+        ("wrench_estimated", [estimate.wrench for estimate in estimates], [estimate.std for estimate in estimates]),
+        ("wrench_measured", measured, []),
+    ):
         if wrenches:
             times = np.array([wall_ns(wrench.stamp_ns) for wrench in wrenches])
-            covariances = list(recording.covariances()) if topic is Topic.ESTIMATED else []
-            std = np.sqrt([np.diag(one) for one in covariances]) if len(covariances) == len(wrenches) else None
-            log.log_wrenches(name, times, np.stack([wrench.six for wrench in wrenches]), std)
+            log.log_wrenches(name, times, np.stack([wrench.six for wrench in wrenches]), np.stack(std) if std else None)
         written[name] = len(wrenches)
     warnings = [(index, words) for index, words in recording.warnings() if index in stamps_ns]
     for index, words in warnings:
