@@ -31,6 +31,7 @@ from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
+from ninedtact.shape.image_check import ImageImplausible, require_plausible_image
 from ninedtact.simulation.batched.session_requests import SimulatedSetup, run_on_processor
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generate_object, generated_object_names
@@ -87,6 +88,10 @@ def force_on_real_fits(
     results = {(jobs[number][0].name, jobs[number][3]): found[number] for number in sorted(found)}
     for spec in estimators:
         show(spec, {name: results[name, spec] for name in members})
+    if len(estimators) > 1:
+        compare_with_best(results, list(members), estimators)
+    if wrong == "nothing":
+        show_images_without_press(members, folders, jobs)
 
 
 @dataclass(frozen=True)
@@ -229,6 +234,73 @@ def line(row: np.ndarray) -> str:
     skill, below, slope, one, two = row[:6], row[6:8], *row[8:]
     texts = (" ".join(f"{value:.2f}" for value in some) for some in (skill, below, (slope,), (one, two)))
     return "  |  ".join(texts)
+
+
+def compare_with_best(results: dict[tuple[str, str], Judged], sensors: list[str], estimators: tuple[str, ...]) -> None:
+    """Print where the default, which is the first estimator, is worse than the best one: by 0.01 and beyond its bootstrap 95 %."""
+    rng, behind = np.random.default_rng(0), 0
+    print(f"\n{estimators[0]} (the default) compared with the best estimator on each sensor and axis")
+    for sensor in sensors:
+        truth = results[sensor, estimators[0]].predictions.true
+        errors = {spec: np.abs(results[sensor, spec].predictions.error) for spec in estimators}
+        unskilled = np.abs(truth - np.median(truth, axis=0)).mean(axis=0)
+        skill = {spec: 1 - error.mean(axis=0) / unskilled for spec, error in errors.items()}
+        for axis, name in enumerate(AXES):
+            best = max(estimators, key=lambda spec: skill[spec][axis])
+            lost = skill[best][axis] - skill[estimators[0]][axis]
+            difference = (errors[estimators[0]] - errors[best])[:, axis] / unskilled[axis]
+            draws = rng.choice(difference, (2000, len(difference))).mean(axis=1)
+            if lost > 0.01 and np.quantile(draws, 0.025) > 0:
+                behind += 1
+                print(f"  {sensor} {name}: {best} is better by {lost:.3f}")
+    print(
+        f"  the default is the best, or as good, on {len(sensors) * len(AXES) - behind} of {len(sensors) * len(AXES)}"
+    )
+
+
+def show_images_without_press(
+    members: dict[str, SampledSensor], folders: list[tuple[SampledSensor, Path, Wrong]], jobs: list[tuple]
+) -> None:
+    """Print what the default estimates from images without contact, black, white and uniform ones, and those of other sensors.
+
+    An image is answered well if its wrench is exactly zero, for those without contact, or if a warning, an infinite error or a
+    refusal comes with it, for all others.
+    """
+    print("\nimages that are no presses: answered well of all")
+    files = {member.name: file for member, _, file, _ in jobs}
+    for member, folder, _ in folders:
+        sensor = load_sensor(folder)
+        estimator = build_estimator(ESTIMATORS[0], sensor.shape, sensor.gel)
+        with np.load(files[member.name]) as stored:
+            references = [decoded(stored[f"reference_{number}"]) for number in range(REFERENCES)]
+        depth_reader = sensor.shape.depth_reader(*map(Frame, references))
+        foreign = []
+        for name in members:
+            if name != member.name:
+                with np.load(files[name]) as stored:
+                    foreign += [decoded(stored[f"image_{number}"]) for number in range(0, 40, 4)]
+        kinds = {
+            "no contact": [member.twin().renderer(None, 1000 + number) for number in range(50)],
+            "black, white, uniform": [np.full_like(references[0], level) for level in (0, 3, 120, 255)],
+            "other sensors": foreign,
+        }
+        texts = []
+        for kind, images in kinds.items():
+            well = 0
+            for image in images:
+                frame = Frame(image)
+                rectified = sensor.shape.rectify(frame)
+                reading = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
+                estimator.forget()
+                estimate = estimator.estimate(reading)
+                try:
+                    require_plausible_image("image", rectified, depth_reader.reference, reading.height)
+                    refused = False
+                except ImageImplausible:
+                    refused = True
+                well += not estimate.wrench.six.any() if kind == "no contact" else refused or bool(estimate.warnings)
+            texts.append(f"{kind} {well} of {len(images)}")
+        print(f"  {member.name:6s}" + "; ".join(texts), flush=True)
 
 
 def encoded(image: np.ndarray) -> np.ndarray:
