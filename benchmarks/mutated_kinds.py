@@ -28,6 +28,12 @@ from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
 from ninedtact.calibration.original_9dtact.import_export import export_original_calibration
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
+from ninedtact.capture.camera_delay import (
+    CameraDelay,
+    read_camera_delay,
+    resolve_camera_delay_ms,
+    write_camera_delay,
+)
 from ninedtact.dataset import load_dataset
 from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_image_file
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
@@ -54,6 +60,7 @@ SHARES = {
     "design": 0.1,
     "hardware design": 0.05,
     "force.toml": 0.07,
+    "camera.toml": 0.03,
     "force model": 0.1,
     "original calibration": 0.08,
     "recording": 0.1,
@@ -101,6 +108,7 @@ def file_kinds(
     count = {name: round(cases * share) for name, share in SHARES.items()}
     makers: list[Callable[[Path, Path, dict[str, int], int], list[FileKind]]] = [
         _sensor_files,
+        _camera_delays,
         _designs,
         _force_models,
         _original_calibrations,
@@ -148,6 +156,23 @@ def _sensor_files(sensor: Path, folder: Path, count: dict[str, int], seed: int) 
             weighed,
         ),
     ]
+
+
+def _camera_delays(sensor: Path, folder: Path, count: dict[str, int], seed: int) -> list[FileKind]:
+    """Return `camera.toml`, whose delay `record` and `collect` subtract."""
+
+    def resolve(out: Path) -> int:
+        kept = read_camera_delay(folder)
+        print(
+            json.dumps(
+                {"delay_ms": resolve_camera_delay_ms("saved", folder, "camera usb:1-2"), "error_ms": kept.error_ms}
+            )
+        )
+        return 0
+
+    path = write_camera_delay(folder, CameraDelay(42.1, 1.3, "camera usb:1-2", 29.9, 0.98))
+    mutations = text_mutations(path.read_bytes(), count["camera.toml"], seed)
+    return [FileKind("camera.toml", path, mutations, [refusing(resolve)])]
 
 
 def _designs(sensor: Path, folder: Path, count: dict[str, int], seed: int) -> list[FileKind]:

@@ -69,8 +69,16 @@ def test_the_command_finds_the_delay_of_the_simulated_camera(capsys: pytest.Capt
 
 
 def test_the_delay_is_kept_in_the_sensor_folder(tmp_path: Path) -> None:
-    assert read_camera_delay(write_camera_delay(tmp_path, WRITTEN).parent) == WRITTEN
-    (tmp_path / "camera.toml").write_text("delay_ms = nan\nerror_ms = 1.0\n")
+    path = write_camera_delay(tmp_path, WRITTEN)
+    assert read_camera_delay(tmp_path) == WRITTEN
+    written = path.read_text()
+    path.write_text(written.replace(f"delay_ms = {WRITTEN.delay_ms}", f"delay_ms = {WRITTEN.delay_ms + 50}"))
+    assert path.read_text() != written
+    with pytest.raises(CameraDelayUnreadable, match="other numbers than its checksum"):
+        read_camera_delay(tmp_path)
+    path.write_text("delay_ms = 42.0\nerror_ms = 1.0\n")
+    assert read_camera_delay(tmp_path) == CameraDelay(42.0, 1.0)
+    path.write_text("delay_ms = nan\nerror_ms = 1.0\n")
     with pytest.raises(CameraDelayUnreadable, match="delay_ms = nan"):
         read_camera_delay(tmp_path)
 

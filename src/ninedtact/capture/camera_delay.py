@@ -25,7 +25,7 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
-from ninedtact.checked_reading import convert_within_bounds, read_text_file
+from ninedtact.checked_reading import CHECKSUM_KEY, convert_within_bounds, read_text_file, values_checksum
 from ninedtact.errors import CameraError, FileFormatError, InputError
 from ninedtact.quantities import Frame
 
@@ -289,15 +289,25 @@ def _correlations(switches_s: Array, stamps_s: Array, brightness: Array, delays_
 
 def write_camera_delay(sensor: Path, delay: CameraDelay) -> Path:
     """Keep the delay in a sensor folder and return the file; raises `FileNotWritten`."""
-    write_file_atomically(sensor / CAMERA_FILE, tomli_w.dumps(msgspec.to_builtins(delay)).encode())
+    values = msgspec.to_builtins(delay)
+    write_file_atomically(
+        sensor / CAMERA_FILE, tomli_w.dumps({CHECKSUM_KEY: values_checksum(values), **values}).encode()
+    )
     return sensor / CAMERA_FILE
 
 
 def read_camera_delay(sensor: Path) -> CameraDelay:
-    """Return the delay that a sensor folder keeps; raises `CameraDelayUnreadable`, also where it keeps none."""
+    """Return the delay that a sensor folder keeps.
+
+    Raises `CameraDelayUnreadable`, also where it keeps none or where the numbers are not those that were written; a file without a
+    checksum is one that a person wrote.
+    """
     path = sensor / CAMERA_FILE
     try:
-        return convert_within_bounds(tomllib.loads(read_text_file(path)), CameraDelay)
+        values = tomllib.loads(read_text_file(path))
+        if values.pop(CHECKSUM_KEY, None) not in (None, values_checksum(values)):
+            raise ValueError("other numbers than its checksum")
+        return convert_within_bounds(values, CameraDelay)
     except (OSError, ValueError, RecursionError) as trouble:
         raise CameraDelayUnreadable(
             f"expected {path} with the delay of the camera, got: {trouble}; measure it with 'ninedtact camera-delay --sensor "
