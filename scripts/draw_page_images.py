@@ -169,6 +169,10 @@ def take_live_pages(browser: Browser, folder: Path) -> None:
         desk.type("time (s)", "3")
         desk.take("recording_page")
         desk.tab.close()
+        phone = Visitor(browser, address, PHONE)
+        phone.until_shown("recorded, ")
+        phone.take("recording_page_phone", "recorded, ")
+        phone.tab.close()
 
 
 def take_state_pages(browser: Browser, folder: Path) -> None:

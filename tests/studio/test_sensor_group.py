@@ -37,7 +37,7 @@ from ninedtact.studio.page_recorder import PageRecorder, RecordedPageSensor
 from ninedtact.studio.recording_player import RecordingPlayer
 from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
 from ninedtact.studio.saved_files import SaveLimits
-from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.scene_3d import FIELD_OF_VIEW_RAD, GelBlock, SideBySide, gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.studio.view_panels import ProfilePanel
@@ -262,7 +262,31 @@ def test_four_fingers_have_room_on_a_desktop_and_on_a_phone(browser: Browser, gr
         assert tab.evaluate("document.documentElement.scrollWidth") <= width
         images = [image.bounding_box() for image in tab.locator("img[src^=blob]").all()]
         assert len(images) == 2 and all(box is not None and box["width"] > SMALLEST_IMAGE_PX for box in images)
+        status, panels = (
+            tab.locator("[role=status]").first.bounding_box(),
+            tab.get_by_role("tablist").last.bounding_box(),
+        )
+        assert status is not None and panels is not None and status["y"] < panels["y"]
         tab.close()
+
+
+@pytest.mark.parametrize("sensors", [1, 2, 4])
+@pytest.mark.parametrize(("width_px", "height_px", "covered"), [(390, 844, 0.6), (700, 860, 0.0)])
+def test_the_camera_sees_all_skins_in_what_panels_leave_free(
+    sensors: int, width_px: int, height_px: int, covered: float
+) -> None:
+    """A pinhole camera by its definition: every corner of every skin is in the free upper part of the view."""
+    block = GelBlock(24.0, 18.0, 2.0)
+    view = SideBySide(block, sensors, width_px / height_px, covered)
+    corners = np.array([[x, y, 0.0] for x in (-12.0, 12.0) for y in (-9.0, 9.0)])
+    seen = np.concatenate([corners + place for place in view.places_mm]) - view.camera_mm
+    forwards = np.subtract(view.target_mm, view.camera_mm) / np.linalg.norm(np.subtract(view.target_mm, view.camera_mm))
+    right = np.array([1.0, 0.0, 0.0])
+    up = np.cross(right, forwards)
+    half = np.tan(FIELD_OF_VIEW_RAD / 2)
+    x, y = (seen @ right / (seen @ forwards) / half, seen @ up / (seen @ forwards) / half)
+    assert np.abs(x).max() < width_px / height_px
+    assert 2 * covered - 1 < y.min() and y.max() < 1
 
 
 def test_a_recording_of_a_finger_that_was_lost_is_played_to_the_end_of_the_other(

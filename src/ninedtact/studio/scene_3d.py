@@ -330,6 +330,18 @@ def _camera_pose(block: GelBlock, far: float) -> tuple[Point, Point]:
     return (0.0, -1.7 * far, 1.4 * far), (0.0, -0.05 * far, -block.gel_mm)
 
 
+def _shift_upwards_in_view(pose: tuple[Point, Point], share: float) -> tuple[Point, Point]:
+    """Return position and target of the camera lowered so that what it sees stands higher, by a share of the view's height."""
+    camera_mm, target_mm = map(np.array, pose)
+    towards = target_mm - camera_mm
+    across = np.cross(towards, (0.0, 0.0, 1.0))
+    upwards = np.cross(across, towards)
+    height_mm = 2 * np.linalg.norm(towards) * np.tan(FIELD_OF_VIEW_RAD / 2)
+    shift_mm = share * height_mm * upwards / np.linalg.norm(upwards)
+    moved = [tuple((point - shift_mm).tolist()) for point in (camera_mm, target_mm)]
+    return moved[0], moved[1]
+
+
 _SPACING, _MARGIN = 1.4, 1.35
 """Distance of the middles of sensors that stand side by side, in lengths of a block; room around them."""
 _SEEN_WIDTH = 1.65
@@ -339,8 +351,8 @@ _SEEN_WIDTH = 1.65
 class SideBySide:
     """The places of several sensors in the scene, in one column where the view is narrow, and the camera that sees all."""
 
-    def __init__(self, block: GelBlock, sensors: int, aspect: float) -> None:
-        """aspect: width over height of the view."""
+    def __init__(self, block: GelBlock, sensors: int, aspect: float, covered: float = 0.0) -> None:
+        """aspect: width over height of the view. covered: share of its height, from below, that panels cover, as on a phone."""
         length_mm = max(block.width_mm, block.length_mm)
         columns = 1 if sensors == 2 and aspect < 1 else ceil(sqrt(sensors))
         rows, step_mm = ceil(sensors / columns), _SPACING * length_mm
@@ -351,7 +363,8 @@ class SideBySide:
         """The middles of the sensors, row by row from the back, as text is read."""
         wide = (length_mm + (columns - 1) * step_mm) * _MARGIN / (_SEEN_WIDTH * aspect)
         deep = length_mm + 0.5 * (rows - 1) * step_mm
-        self.camera_mm, self.target_mm = _camera_pose(block, max(wide, deep) if sensors > 1 else length_mm)
+        far = max(wide, deep) if sensors > 1 or covered else length_mm
+        self.camera_mm, self.target_mm = _shift_upwards_in_view(_camera_pose(block, far), 0.5 * covered)
 
 
 def _add_lights(server: ViserServer) -> None:

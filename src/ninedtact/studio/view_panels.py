@@ -84,7 +84,7 @@ class ViewPanel:
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = viewer
         self._drawn: dict[int, tuple[int, int, ViewOptions]] = {}
-        self._stood = 1
+        self._stood = 0 if viewer.is_narrow else 1
 
     def build(self, gui: GuiApi) -> None:
         """Add the menus, and the scene."""

@@ -22,9 +22,9 @@ from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColourin
 from ninedtact.studio.scene_3d import GelBlock, SideBySide
 
 NOTICE_S = 8.0
+"""Time for which a notification stays."""
 MOST_DOWNLOAD_BYTES = 32_000_000
 """Larger files are only written on the sensor's computer."""
-"""Time for which a notification stays."""
 NARROW_PX = 600
 """Width of a browser below which the surface is sent coarser from the start: a phone."""
 MAX_EXAGGERATION = 10.0
@@ -39,6 +39,8 @@ RETRY_S = 5.0
 LEFT_PX, RIGHT_PX = 330, 350
 
 
+PHONE_PANEL_SHARE = 0.6
+"""Share of the height of a phone that viser's panel covers, at the bottom."""
 PHONE_STYLE = (
     f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'], [style*='max-height: 60%'] [style*='width: 20em'] "
     "{ width: 100% !important; } }</style>"
@@ -215,7 +217,7 @@ class Viewer:
         camera = self.client.camera
         free_px = camera.image_width - (0 if self.is_narrow else LEFT_PX + RIGHT_PX)
         aspect = max(free_px / max(camera.image_height, 1), 0.5)
-        return SideBySide(self.block, len(self.shown_controllers), aspect)
+        return SideBySide(self.block, len(self.shown_controllers), aspect, PHONE_PANEL_SHARE if self.is_narrow else 0.0)
 
     @property
     def shown_controllers(self) -> tuple[PageController, ...]:
@@ -295,14 +297,14 @@ class Viewer:
             self.notify(title, str(trouble), "red")
 
     def _place_panels(self) -> None:
-        """Build all panels, each in its column; on a phone all named ones are tabs, so that images are one tap away."""
+        """Build all panels, each in its column; on a phone all named ones are tabs below the others."""
         gui = self.client.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_PX)
         if self.is_narrow:
             gui.add_html(PHONE_STYLE)
         columns: dict[Side, PanelHandle | GuiTabGroupHandle] = {}
-        for panel in self._panels:
+        for panel in sorted(self._panels, key=lambda panel: bool(panel.title)) if self.is_narrow else self._panels:
             side: Side = "right" if self.is_narrow else panel.side
             if side == "right" and not panel.title:
                 panel.build(gui)
