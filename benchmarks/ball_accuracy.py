@@ -19,7 +19,7 @@ from real_images import sensor_folder
 
 from ninedtact import SensorDesign, read_image
 from ninedtact.calibration.ball.ball_fit import BallFit, fit_ball
-from ninedtact.calibration.ball.contact_circle import BallPressUnusable, board_ball_reference_warnings
+from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
 from ninedtact.calibration.board.board_fit import fit_board
 from ninedtact.calibration.procedure import build_rectification
 from ninedtact.shape.depth import DepthMethod
@@ -92,7 +92,7 @@ def warned(name: str) -> Figure:
     folder = sensor_folder(name)
     fit = fitted(folder, grid(folder), "ratio", SensorDesign().camera.distance_mm)
     images = (read_image(folder / f"{image}.png") for image in ("board_reference", "ball_reference"))
-    words = [*fit.warnings, *board_ball_reference_warnings(*images)]
+    words = [*fit.warnings, *reference_mismatch_warnings(*images)]
     return holds(
         f"{name}: warned", " | ".join(words) or "no warning", "a warning", any("asymmetric" in w for w in words)
     )

@@ -9,7 +9,7 @@ import numpy as np
 import tyro
 from figures import Figure, answer, at_least
 
-from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_image_file
+from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
 from ninedtact.dataset.reader import TactileDataset, load_dataset
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 
@@ -49,7 +49,7 @@ def write_set(folder: Path, pairs: int) -> None:
     half = pairs // 2
     for file, numbers in enumerate((range(half), range(half, pairs))):
         write_pair_file(folder / "data" / f"train-{file:05d}-of-00002.parquet", map(row, numbers))
-    write_reference_image_file(
+    write_reference_images_file(
         folder / "references.parquet", [ReferenceImage("skin", encode_png(skin.astype(np.uint8)), "s")]
     )
 

@@ -30,11 +30,11 @@ from ninedtact.mechanics.finite_strain import (
     PRESSURE_STIFFENING,
     REDISTRIBUTION,
     TRANSPORT,
-    finite_strain_ball_height_mm,
+    finite_strain_ball_change_mm,
     finite_strain_height_mm,
+    finite_strain_height_terms_mm,
     finite_strain_load_factor,
     finite_strain_traction_mpa,
-    height_change_terms_mm,
 )
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
@@ -114,7 +114,7 @@ class Pair:
     def tabled_mm(self) -> Float[Array, " radii"]:
         """The linear height corrected by the table for balls."""
         radius_mm = self.elements.ball.radius_mm
-        return self.in_space_mm + finite_strain_ball_height_mm(WITHIN_MM, radius_mm, self.depth_mm, GEL.thickness_mm)
+        return self.in_space_mm + finite_strain_ball_change_mm(WITHIN_MM, radius_mm, self.depth_mm, GEL.thickness_mm)
 
     def along_row(self, field: Array) -> Float[Array, " radii"]:
         """A field of the linear model from the middle out."""
@@ -329,7 +329,7 @@ def best_height_constants(presses: Presses) -> list[Figure]:
     for ball in BALLS_MM:
         for pair in presses[ball, "sticks"]:
             beside = (pair.linear_radius_mm < WITHIN_MM) & (WITHIN_MM > 0)
-            fields = height_change_terms_mm(pair.linear, GEL.thickness_mm)
+            fields = finite_strain_height_terms_mm(pair.linear, GEL.thickness_mm)
             terms.append(np.column_stack([pair.along_row(field)[beside] for field in fields]))
             missing.append((pair.true_mm - pair.in_space_mm)[beside])
     found = np.linalg.lstsq(np.concatenate(terms), np.concatenate(missing), rcond=None)[0]

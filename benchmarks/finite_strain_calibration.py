@@ -13,11 +13,11 @@ from ball_in_layer import Press, RigidBall, follow
 from figures import Figure, answer, at_most
 from neo_hookean import Layer, Parts
 
-from ninedtact.calibration.ball.ball_fit import rectified_brightness_change
+from ninedtact.calibration.ball.ball_fit import rectified_flat_fielded_change
 from ninedtact.calibration.ball.contact_circle import find_contact_circle
 from ninedtact.calibration.board.board_fit import fit_board
 from ninedtact.calibration.procedure import build_rectification
-from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin
+from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin_to_ball_press
 from ninedtact.design import Gel
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Ball
@@ -47,8 +47,8 @@ def finite_strain_calibration(json: bool = False, element_mm: float = 0.12) -> N
         if press.depth_mm not in DEPTHS_MM:
             continue
         after = rectify(Frame(twin.renderer(draw_press(twin, press), 1)))
-        circle = find_contact_circle(rectified_brightness_change(before, after))
-        found, linear = (fit_twin(before, after, circle, design, beliefs) for beliefs in ((), LINEAR))
+        circle = find_contact_circle(rectified_flat_fielded_change(before, after))
+        found, linear = (fit_twin_to_ball_press(before, after, circle, design, beliefs) for beliefs in ((), LINEAR))
         figures += compare(press.depth_mm, found, linear)
     answer("A ball on finite elements: fitted (peer: held at a linear layer)", figures, json)
 

@@ -27,7 +27,7 @@ from ninedtact.dataset.generation.settings import GenerationSettings
 from ninedtact.force.dataset_split import Kind, SplitKeys, SplitRows, SplitSettings, split_dataset
 from ninedtact.force.evaluation import WrenchPredictions, evaluate_predictions
 from ninedtact.force.evaluation.predictions import AXES
-from ninedtact.force.network_input import InputChannels, NetworkInputSettings, scale_network_input_width
+from ninedtact.force.network_input import InputChannels, NetworkInputSettings, scale_input_settings_to_width
 from ninedtact.force.training.examples import TrainingExamples
 from ninedtact.force.training.settings import CORRECTOR_TRAINING, DEFAULT_TRAINING, PAPER_TRAINING, ComputeSettings
 from ninedtact.force.training.train import train_network
@@ -125,7 +125,7 @@ def network(
     usual = CORRECTOR_TRAINING if name == "physics corrected" else DEFAULT_TRAINING
     if size is not None:
         grid = NetworkInputSettings(InputChannels.DEFORMATION, size[1], size[0])
-        usual = replace(usual, input=scale_network_input_width(grid, 24.0))
+        usual = replace(usual, input=scale_input_settings_to_width(grid, 24.0))
     if architecture != "moments":
         usual = replace(PAPER_TRAINING, network=architecture, input=usual.input)
     settings = replace(usual, epochs=epochs)

@@ -22,7 +22,7 @@ import tyro
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
-from ninedtact.dataset.generation.press_trajectory import PressSettings, SimulatedPressTrajectory
+from ninedtact.dataset.generation.press_trajectory import PressSettings, RandomPress
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CalibrationError
 from ninedtact.force.estimator_loading import build_estimator
@@ -32,7 +32,7 @@ from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.shape.image_check import ImageImplausible, require_plausible_image
-from ninedtact.simulation.batched.session_requests import SimulatedSetup, run_on_processor
+from ninedtact.simulation.batched.session_requests import SimulatedSetup, run_session_on_cpu
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generate_object, generated_object_names
 from ninedtact.simulation.real_sensor_twins import twins_of_real_fits
@@ -114,10 +114,10 @@ def make_presses(member: SampledSensor, file: Path, presses: int) -> None:
         name = str(rng.choice(names))
         load_n = float(np.exp(rng.uniform(*np.log(LOADS_N))))
         settings = PressSettings(load_n=(load_n, 0.0), load_range_n=LOADS_N, targets=(2, 2))
-        press = SimulatedPressTrajectory(setup, generate_object(name), settings, rng)
+        press = RandomPress(setup, generate_object(name), settings, rng)
         last = None
         for target in press.targets():
-            contact = run_on_processor(press.step_towards(target))
+            contact = run_session_on_cpu(press.step_towards(target))
             if contact is None:
                 break
             last = contact

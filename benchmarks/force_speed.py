@@ -14,7 +14,7 @@ from turns import Tasks, Times, in_turns
 
 from ninedtact import Frame
 from ninedtact.design import Gel
-from ninedtact.force.corrected_force import CorrectedForce
+from ninedtact.force.corrected_force import NetworkCorrectedForce
 from ninedtact.force.estimator_loading import CORRECTED, build_estimator
 from ninedtact.reading import Reading
 
@@ -41,7 +41,7 @@ def tasks(spec: str) -> Tasks:
     images, shape = real_sensor("sensor_a")
     depth, frame = shape.depth_reader(Frame(images["ball_reference"])), Frame(images["ball"])
     corrected, physics = build_estimator(spec, shape, Gel()), build_estimator("physics", shape, Gel())
-    assert isinstance(corrected, CorrectedForce)
+    assert isinstance(corrected, NetworkCorrectedForce)
 
     def read() -> Reading:
         rectified = shape.rectify(frame)

@@ -18,13 +18,13 @@ from figures import Figure, answer, at_least
 from tallied import Tally
 
 from ninedtact.capture.training_pair_rule import SamplingRuleSettings
-from ninedtact.dataset.generation.generate import GenerationSession, make_simulated_sensor
-from ninedtact.dataset.generation.settings import GenerationSettings, KindShares
+from ninedtact.dataset.generation.generate import SimulatedPressSession, make_simulated_sensor
+from ninedtact.dataset.generation.settings import GenerationSettings, PairKindShares
 from ninedtact.simulation.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
 from ninedtact.simulation.batched.session_requests import (
-    BatchedSimulationRequest,
     ContactSummary,
     RenderRequest,
+    SessionRequest,
     SimulatedSetup,
     StepRequest,
     respond_on_cpu,
@@ -43,7 +43,7 @@ REACHED, LAUNCH_S = 0.6, 8e-6
 """Assumed: the part of it that plain operations on large arrays reach, and the time to ask for one operation from Python, with
 no overlap of the two."""
 
-Way = Callable[[Sequence[BatchedSimulationRequest]], list[Any]]
+Way = Callable[[Sequence[SessionRequest]], list[Any]]
 
 
 def gpu_contacts(
@@ -78,7 +78,7 @@ def torch_figures(device: Device, at_once: tuple[int, ...], batches: int, thread
         yield from extrapolated(on, max(at_once or ON_CPU))
 
 
-def one_by_one(asked: Sequence[BatchedSimulationRequest]) -> list[Any]:
+def one_by_one(asked: Sequence[SessionRequest]) -> list[Any]:
     return [respond_on_cpu(one) for one in asked]
 
 
@@ -99,7 +99,7 @@ class Clock:
     others_s: float = 0.0
     """Hands, noise and PNG."""
 
-    def answers(self, asked: Sequence[BatchedSimulationRequest]) -> list[Any]:
+    def answers(self, asked: Sequence[SessionRequest]) -> list[Any]:
         kind, start = type(asked[0]), perf_counter()
         told = self.method(asked)
         self.seconds[kind] += perf_counter() - start
@@ -124,11 +124,11 @@ class Clock:
 def run(way_of: Callable[[list[SimulatedSetup]], Way], many: int, batches: int, threads: int) -> Clock:
     """Some batches of this many sessions, after a few that do not count."""
     settings = GenerationSettings(
-        1000 * many, sensors=min(SENSORS, many), session_pairs=1000, shares=KindShares(0, 0), rule=EVERY
+        1000 * many, sensors=min(SENSORS, many), session_pairs=1000, shares=PairKindShares(0, 0), rule=EVERY
     )
     benches = [make_simulated_sensor(number, settings) for number in range(settings.sensors)]
     clock = Clock(way_of(benches))
-    sessions = [GenerationSession(number, settings, benches[number % len(benches)]) for number in range(many)]
+    sessions = [SimulatedPressSession(number, settings, benches[number % len(benches)]) for number in range(many)]
     going = run_sessions(sessions, clock, threads)  # type: ignore[arg-type]
     while clock.batches < WARM_UP:
         next(going)

@@ -35,7 +35,7 @@ from ninedtact.capture.camera_delay import (
     write_camera_delay,
 )
 from ninedtact.dataset import load_dataset
-from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_image_file
+from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.design import design_to_toml
 from ninedtact.force.evaluation.predictions import WrenchPredictions, write_predictions
@@ -333,7 +333,7 @@ def _data_sets(sensor: Path, folder: Path, count: dict[str, int], seed: int) -> 
     ]
     pairs, references = data / "data" / "train-00000-of-00001.parquet", data / "references.parquet"
     write_pair_file(pairs, rows)
-    write_reference_image_file(
+    write_reference_images_file(
         references, [ReferenceImage("untouched", encode_png(rng.integers(90, 200, (24, 32), np.uint8)), "mutated")]
     )
 

@@ -25,13 +25,13 @@ from websockets.sync.client import ClientConnection, connect
 
 from ninedtact import CalibrationImages, SensorFolder, calibrate, read_image
 from ninedtact.calibration.save import save_sensor
-from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
-from ninedtact.cli.sensor_page import page_sources_of_twin
+from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
+from ninedtact.cli.sensor_page import twin_sensor_and_true_wrench
 from ninedtact.force.estimator_loading import load_estimator
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import PageController
-from ninedtact.studio.press_control import PressControl
+from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM
@@ -93,11 +93,11 @@ def calibrated_sensor(name: str, path: Path) -> SensorFolder:
 
 def press_through_page(folder: SensorFolder, moves: int) -> tuple[list[float], float, dict[str, float]]:
     """The ms of each move, the updates per second, and the ms of each stage of the last reading."""
-    sources = demo_sources(build_sensor_twin(folder))
-    sensor, pollers = page_sources_of_twin(folder.shape, sources)
+    sources = demo_sources(build_twin_from_folder(folder))
+    sensor, pollers = twin_sensor_and_true_wrench(folder.shape, sources)
     sensor.estimator = estimator = load_estimator("physics", folder)
     estimates = WrenchHistory("estimated", "by physics", estimator.notices, states_errors=True)
-    control, stop = PressControl(sources.simulation), threading.Event()
+    control, stop = TwinPressController(sources.simulation), threading.Event()
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
 

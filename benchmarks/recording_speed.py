@@ -21,7 +21,7 @@ from real_sensor import real_sensor
 from ninedtact import Frame, HeightMap, Wrench, default_twin, read_image
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata
 from ninedtact.recording.reader import Recording
-from ninedtact.recording.recorded_source import RecordedSource, RecordedWrenchSource
+from ninedtact.recording.recorded_source import RecordedFrameSource, RecordedWrenchSource
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 
@@ -50,7 +50,7 @@ def of_images(name: str, images: Images, count: int) -> list[Figure]:
         with RecordingWriter(path, RecordingMetadata("benchmark"), [Topic.IMAGES]) as episode:
             write_ms = timed_ms(lambda: [episode.write_image(frame) for frame in frames]) / count
         per_image_kb = path.stat().st_size / count / 1e3
-        with RecordedSource(path) as source:
+        with RecordedFrameSource(path) as source:
             read_ms = timed_ms(lambda: list(source)) / count
     quick = (cv2.IMWRITE_PNG_COMPRESSION, 1)
     packed: list[np.ndarray] = []

@@ -26,7 +26,7 @@ from ninedtact.simulation.objects.catalogue import generate_object
 from ninedtact.simulation.sensor_population import (
     MechanicsKind,
     correct_for_mechanics_kind,
-    gel_compliance,
+    gel_on_base_compliance,
     sample_transparent_layer,
 )
 from ninedtact.simulation.trajectory import ScriptedPress
@@ -104,7 +104,7 @@ def twin_of(kind: MechanicsKind) -> Twin:
     yields = GEL.thickness_mm + (base.thickness_mm if base else 0.0)
     return replace(
         default_twin(),
-        compliance_of=gel_compliance(GEL, base),
+        compliance_of=gel_on_base_compliance(GEL, base),
         thickness_mm=yields,
         correct_contact=lambda contact, indenter=None: correct_for_mechanics_kind(contact, kind, GEL, indenter),
     )

@@ -29,7 +29,7 @@ from ninedtact.quantities import EstimateWarning, Frame, HeightSource, Rectified
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import FINE_SMOOTHING, DepthReader
-from ninedtact.simulation.calibration_images import CalibrationPresses, simulate_calibration_images
+from ninedtact.simulation.calibration_images import CalibrationPressSettings, simulate_calibration_images
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names
 from ninedtact.simulation.rectified_renderer import PUBLISHED_MM_PER_PX, rectified_mm_per_px, rectified_renderer
 from ninedtact.simulation.sensor_population import SampledSensor, sampled_sensor_from_json
@@ -154,7 +154,9 @@ def bench(
     folder = folders / who.name
     if not (folder / "sensor.toml").is_file():
         try:
-            images = simulate_calibration_images(who.twin(), presses=CalibrationPresses(BOARD_MM), frames=GUIDED_FRAMES)
+            images = simulate_calibration_images(
+                who.twin(), presses=CalibrationPressSettings(BOARD_MM), frames=GUIDED_FRAMES
+            )
             save_sensor(folder, calibrate(CalibrationImages(**vars(images))))
         except NinedtactError as trouble:
             print(f"{who.name} left out: {trouble}")

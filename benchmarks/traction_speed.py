@@ -22,7 +22,7 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, Rectified
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import retain_freed_memory
-from ninedtact.shape.depth import DepthCurve, WholeImageLightLoss
+from ninedtact.shape.depth import DepthCurve, GlobalDimmingModel
 from ninedtact.simulation.ground_truth import true_height_map
 from ninedtact.simulation.twin import default_twin
 
@@ -37,7 +37,7 @@ def traction_speed(frames: int = 60, json: bool = False) -> None:
     cv2.setNumThreads(1)
     retain_freed_memory()
     live, patient = (
-        TractionForce(BrightnessObservationModel(CURVE, WholeImageLightLoss(), SCATTERING_MM), Gel(), solver=how)
+        TractionForce(BrightnessObservationModel(CURVE, GlobalDimmingModel(), SCATTERING_MM), Gel(), solver=how)
         for how in (SolverSettings(), PATIENT)
     )
     ms, off, load = [], [], []

@@ -21,9 +21,9 @@ from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin
-from ninedtact.studio.force_calibration_page import simulated_load
-from ninedtact.studio.force_calibration_session import USUAL_LOADS_G, ForceCalibrationSession, LoadPhase
-from ninedtact.workflows.force_calibration import LoadPressReader
+from ninedtact.studio.force_calibration_page import ball_press_under_load
+from ninedtact.studio.force_calibration_session import USUAL_LOADS_G, ForceCalibrationPhase, ForceCalibrationSession
+from ninedtact.workflows.force_calibration import UnscaledForceReader
 
 DEPTHS_MM = (0.4, 0.7, 1.0, 1.3)
 
@@ -88,16 +88,16 @@ def test_known_loads_on_the_twin_find_how_stiff_its_gel_is(desk: Path, tmp_path:
     camera, stiffness = simulated_loaded_camera(folder)
     session = ForceCalibrationSession(
         folder.path,
-        LoadPressReader(folder),
+        UnscaledForceReader(folder),
         lambda address: camera,
         "sim",
-        on_load=lambda grams: camera.offer(simulated_load(grams)),
+        on_load=lambda grams: camera.offer(ball_press_under_load(grams)),
         hold_s=0.1,
     )
     with session:
         session.start()
         give_up_at = time.monotonic() + 120
-        while session.state.phase is not LoadPhase.COMPLETE:
+        while session.state.phase is not ForceCalibrationPhase.COMPLETE:
             assert time.monotonic() < give_up_at
             time.sleep(0.05)
         session.save()

@@ -17,7 +17,7 @@ from ninedtact import EstimateWarning, Frame, SensorFolder
 from ninedtact.calibration.drift.diagnosis_and_reference_check import (
     ReferenceImplausible,
     describe_new_contact,
-    load_reference_check,
+    load_reference_image_checker,
 )
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
@@ -149,7 +149,7 @@ def test_only_the_reference_of_live_sources_follows_unless_told_otherwise(
 
 def test_a_reference_check_needs_no_folder_once_it_is_loaded(physical_sensor: SensorFolder, tmp_path: Path) -> None:
     folder = load_sensor(copytree(physical_sensor.path, tmp_path / "copy"))
-    check, frame = load_reference_check(folder), physical_sensor.stored_image("ball_reference")
+    check, frame = load_reference_image_checker(folder), physical_sensor.stored_image("ball_reference")
     rmtree(folder.path)
     assert check.find_faults([frame]) == ()
     check.require_faultless([frame])
@@ -159,7 +159,7 @@ def test_a_reference_check_needs_no_folder_once_it_is_loaded(physical_sensor: Se
 def test_a_reference_of_one_grey_level_is_a_fault_and_no_crash(
     grey: int, fault: str, physical_sensor: SensorFolder, tmp_path: Path
 ) -> None:
-    check, frame = load_reference_check(physical_sensor), physical_sensor.stored_image("ball_reference")
+    check, frame = load_reference_image_checker(physical_sensor), physical_sensor.stored_image("ball_reference")
     (found,) = check.find_faults([replace(frame, image=np.full_like(frame.image, grey))])
     assert found.startswith(f"{fault}: ")
     cv2.imwrite(str(tmp_path / "reference.png"), np.full_like(frame.image, grey))

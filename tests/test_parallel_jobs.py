@@ -166,19 +166,19 @@ def test_the_command_line_says_it_in_one_line(tmp_path: Path, capsys: pytest.Cap
 
 def test_paths_of_sources_are_absolute_on_a_cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from ninedtact.dataset.build import build_dataset
-    from ninedtact.dataset.sources.htt_episodes import HttSource
+    from ninedtact.dataset.sources.htt_episodes import TactileTransformerSource
 
     cluster = Cluster("dask:host:1", 2, lambda *_: pytest.fail("no job may run"))
     with pytest.raises(NinedtactError, match="absolute paths of sources for a cluster, got in"):
-        build_dataset(tmp_path / "out", [HttSource("in", Path("in"))], workers=cluster)
+        build_dataset(tmp_path / "out", [TactileTransformerSource("in", Path("in"))], workers=cluster)
 
 
 def test_a_source_that_a_worker_does_not_find_is_named(tmp_path: Path) -> None:
     from ninedtact.dataset.build import _make_part
     from ninedtact.dataset.checks import CheckSettings
-    from ninedtact.dataset.sources.source import SourceChunk, SourceItem, SourceUnknown
+    from ninedtact.dataset.sources.source import SourceItem, SourcePart, SourceUnknown
 
-    class EmptyPart(SourceChunk):
+    class EmptyPart(SourcePart):
         def items(self) -> Iterator[SourceItem]:
             return iter(())
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ninedtact.force.contact_detection import detect_contact, measure_darkening
+from ninedtact.force.contact_detection import detect_contact, measure_darkening_and_limit
 from ninedtact.quantities import Frame, HeightMap, HeightSource, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.reference_following import FollowingSettings, ReferenceFollower
@@ -125,8 +125,8 @@ def test_the_settling_error_is_that_of_the_largest_force_of_the_contact_between_
 def test_contact_is_looked_for_ten_times_a_second_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
     looks = []
     monkeypatch.setattr(
-        "ninedtact.reference_following.measure_darkening",
-        lambda reading: looks.append(reading.stamp_ns) or measure_darkening(reading),
+        "ninedtact.reference_following.measure_darkening_and_limit",
+        lambda reading: looks.append(reading.stamp_ns) or measure_darkening_and_limit(reading),
     )
     taken = Rectified(SKIN, MM_PER_PX)
     follower = ReferenceFollower(taken)

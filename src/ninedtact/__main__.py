@@ -9,7 +9,7 @@ import sys
 from types import FrameType
 
 
-def run() -> int:
+def main() -> int:
     """Load and run the command line; 1 when Ctrl-C stopped it.
 
     Linear algebra runs on one thread unless the environment says otherwise (OPENBLAS_NUM_THREADS): its matrices are small here, so
@@ -20,9 +20,9 @@ def run() -> int:
     try:
         signal.signal(signal.SIGINT, interruption)
         signal.signal(signal.SIGTERM, interruption)
-        from ninedtact.cli import main
+        from ninedtact import cli
 
-        code = main()
+        code = cli.main()
     except BaseException:
         # A library interrupted while it loads may turn the interruption into an error of its own (OpenCV does).
         if not interruption.happened:
@@ -57,4 +57,4 @@ class _InterruptHandler:
 
 
 if __name__ == "__main__":
-    sys.exit(run())
+    sys.exit(main())

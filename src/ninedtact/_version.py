@@ -5,8 +5,8 @@ from importlib.metadata import PackageNotFoundError, requires, version
 __version__ = version("ninedtact")
 
 
-def find_mismatched_library(extra: str) -> str:
-    """Return which installed library of an extra has a version that `ninedtact` does not declare, empty where all are right.
+def find_incompatible_library(extra: str) -> str:
+    """Describe the first installed library of an extra whose version ninedtact does not declare; empty where all are right.
 
     "expected cyclonedds>=11,<12, got 0.10.5", for the sentence of an error.
     """

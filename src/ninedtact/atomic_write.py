@@ -76,9 +76,10 @@ def create_folder_atomically(final: Path) -> Iterator[Path]:
 
 
 def write_files_atomically(folder: Path, files: Iterable[tuple[str, bytes]]) -> None:
-    """Write files, given by their paths in a folder and their contents; raises `FileNotWritten`, `OSError`.
+    """Write files so that each entry of the folder appears whole or not at all, one after the other.
 
-    Each entry of the folder, a file or a folder with its files, appears whole or not at all, in the order of their names.
+    files: their paths in the folder and their contents. An entry is a file, or a folder with its files; they appear in the order
+    of their names. Raises `FileNotWritten`, `OSError`.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=folder, prefix=".", suffix=".partial") as name:

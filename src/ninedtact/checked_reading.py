@@ -93,7 +93,7 @@ def _read_pipe(path: Path) -> bytes:
     raise OSError(f"{path} is a pipe into which no program wrote a text within {_LONGEST_PIPE_S:g} s")
 
 
-def convert_within_bounds(tables: Any, kind: Any) -> Any:
+def convert_tables_to_class(tables: Any, kind: Any) -> Any:
     """Convert the tables of a file to a class, or another type that msgspec knows, and check every declared bound.
 
     Raises `msgspec.ValidationError` with the name of the field, its value, and what is possible, and what the class raises.
@@ -139,7 +139,7 @@ def _find_refused_key(message: str, tables: Any, names: list[str], kind: Any) ->
     return str(next(iter(value)))
 
 
-def values_checksum(tables: Mapping[str, Any], without: Collection[str] = ()) -> str:
+def mapping_checksum(tables: Mapping[str, Any], without: Collection[str] = ()) -> str:
     """Return the checksum of a file's values, whatever its comments and the order of its keys; names at the top may be left out."""
     counted = {key: value for key, value in tables.items() if key != CHECKSUM_KEY and key not in without}
     return sha256(json.dumps(counted, sort_keys=True, default=str).encode()).hexdigest()

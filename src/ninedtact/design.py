@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeVar, get_type_hints
 import msgspec
 import tomli_w
 
-from ninedtact.checked_reading import convert_within_bounds, read_text_file
+from ninedtact.checked_reading import convert_tables_to_class, read_text_file
 from ninedtact.errors import FileFormatError, InputError
 
 ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX = 1.49, 1.41
@@ -270,7 +270,7 @@ def read_design_file(path: Path | str) -> SensorDesign:
 
 def sensor_design_from_tables(tables: dict[str, Any], path: Path | str) -> SensorDesign:
     """Return the sensor design of a file's tables without those of the hardware; raises as `read_design_file` does."""
-    return convert_design_tables(
+    return convert_tables_to_design(
         {name: part for name, part in tables.items() if name != HARDWARE_TABLE}, SensorDesign, path
     )
 
@@ -287,11 +287,11 @@ def read_design_tables(path: Path | str) -> dict[str, Any]:
     return dict(tables["design"]) if is_sensor else tables
 
 
-def convert_design_tables(tables: dict[str, Any], kind: type[Design], path: Path | str) -> Design:
+def convert_tables_to_design(tables: dict[str, Any], kind: type[Design], path: Path | str) -> Design:
     """Convert tables strictly to a design of this class; raises as `read_design_file` does."""
     _require_known_keys(tables, kind, path, ())
     try:
-        return convert_within_bounds(tables, kind)
+        return convert_tables_to_class(tables, kind)
     except msgspec.ValidationError as trouble:
         raise DesignFileUnreadable(
             f"expected every value of {path} to have its own type, got: {trouble}; correct the file"

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 from ninedtact.recording.errors import (
     ReferenceMomentRefused,
     SensorNotGiven,
-    SourcesMismatched,
+    WrenchSourceMismatched,
     require_recording_libraries,
 )
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceChecker
+    from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImageChecker
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import CameraSettings, FrameSource
     from ninedtact.quantities import Frame, Rectified
@@ -81,14 +81,14 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     >>> reading.wrench.force_n  # nothing touches yet
     array([0., 0., 0.])
     """
-    from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
+    from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
     from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.capture.frame_source import FIXED_EXPOSURE
     from ninedtact.reference_following import following_settings_for
     from ninedtact.sensor import Sensor
 
-    with load_named_sensor(sensor, source) as folder:
-        shape, check = folder.shape, load_reference_check(folder)
+    with load_given_or_recorded_sensor(sensor, source) as folder:
+        shape, check = folder.shape, load_reference_image_checker(folder)
         estimator = None if force == "none" else folder.estimator(force)
     frames = source_for(source, settings or FIXED_EXPOSURE, folder) if isinstance(source, str) else source
     if isinstance(source, str) and source != SIMULATED and frames.is_live:
@@ -99,8 +99,8 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
         depth_reader = shape.depth_reader(*check.read_images([Path(path) for path in paths]))
     elif source == SIMULATED:
         depth_reader = _twin_reference(folder)
-    elif isinstance(source, str) and is_recording(source):
-        depth_reader = read_reference_of_recording(source, shape)
+    elif isinstance(source, str) and is_recording_address(source):
+        depth_reader = load_recorded_depth_reader(source, shape)
     before = None if depth_reader is None else depth_reader.reference
     moments_s = [reference_at_s] if isinstance(reference_at_s, int | float) else reference_at_s
     return Sensor(
@@ -125,27 +125,27 @@ def source_for(
     >>> ninedtact.source_for("0").name
     'camera 0'
     """
-    if is_simulated(text):
+    if is_twin_address(text):
         from ninedtact.simulation.simulated_sources import demo_sources
         from ninedtact.simulation.twin import default_twin
 
         return demo_sources(default_twin() if sensor is None else sensor.twin()).camera
-    if is_recording(text):
+    if is_recording_address(text):
         require_recording_libraries()
-        from ninedtact.recording.recorded_source import RecordedSource
+        from ninedtact.recording.recorded_source import RecordedFrameSource
 
-        return RecordedSource(Path(text).expanduser())
+        return RecordedFrameSource(Path(text).expanduser())
     from ninedtact.capture import source_from_address
     from ninedtact.capture.frame_source import DEFAULT_CAMERA
 
-    return source_from_address.source_for(text, settings or DEFAULT_CAMERA)
+    return source_from_address.camera_or_file_source(text, settings or DEFAULT_CAMERA)
 
 
 def later_references(
     source: "str | FrameSource",
     moments_s: Sequence[float],
     shape: "CalibratedShape",
-    check: "ReferenceChecker",
+    check: "ReferenceImageChecker",
     before: "Rectified | None" = None,
 ) -> "Sequence[Sequence[Frame]]":
     """Return the references that a recording gives at moments, in s after its first image (`Sensor.later_references`).
@@ -155,24 +155,24 @@ def later_references(
     """
     if not moments_s:
         return ()
-    if not isinstance(source, str) or not is_recording(source):
+    if not isinstance(source, str) or not is_recording_address(source):
         name = source if isinstance(source, str) else source.name
         raise ReferenceMomentRefused(
             f"expected a recording ({RECORDING_SUFFIX}) with a moment for the reference, got {name}; drop the moment, or call "
             "take_reference() of the sensor while nothing touches"
         )
     require_recording_libraries()
-    from ninedtact.recording.recorded_source import read_references_at
+    from ninedtact.recording.recorded_source import read_references_at_moments
 
-    return read_references_at(Path(source).expanduser(), moments_s, shape, check, before)
+    return read_references_at_moments(Path(source).expanduser(), moments_s, shape, check, before)
 
 
-def read_reference_of_recording(source: str, shape: "CalibratedShape") -> "DepthReader | None":
-    """Return the depth reader for the reference image with which a recording of the live page begins; None for other recordings."""
+def load_recorded_depth_reader(source: str, shape: "CalibratedShape") -> "DepthReader | None":
+    """Return a depth reader for the reference image that a recording starts with; None where it starts with none."""
     require_recording_libraries()
-    from ninedtact.recording.recorded_source import read_recorded_reference
+    from ninedtact.recording.recorded_source import depth_reader_from_recording
 
-    return read_recorded_reference(Path(source).expanduser(), shape)
+    return depth_reader_from_recording(Path(source).expanduser(), shape)
 
 
 def source_in_real_time(text: str, settings: "CameraSettings | None" = None) -> "FrameSource":
@@ -182,27 +182,27 @@ def source_in_real_time(text: str, settings: "CameraSettings | None" = None) -> 
     return LivePlayback(source_for(text, settings))
 
 
-def is_recording(text: str) -> bool:
+def is_recording_address(text: str) -> bool:
     """Return whether the text names a file that `ninedtact record` or `collect` writes, or one sensor of it: `grasp.mcap#left`."""
     return _RECORDING_ADDRESS.fullmatch(text) is not None and "://" not in text
 
 
-def is_simulated(text: str) -> bool:
+def is_twin_address(text: str) -> bool:
     """Return whether the text names the twin of the sensor."""
     return text == SIMULATED
 
 
-def require_same_source_kind(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:
-    """Raise `SourcesMismatched` unless images and forces come both from devices, both from a simulation or both from recordings."""
+def require_matching_force_source(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:
+    """Raise `WrenchSourceMismatched` unless images and forces come from the same kind: devices, a simulation or recordings."""
     if force_torque is not None and any(kind(source) != kind(force_torque) for kind in kinds):
-        raise SourcesMismatched(
+        raise WrenchSourceMismatched(
             f"expected --source and --force-torque to be both devices, both {SIMULATED} or both recordings, got '{source}' "
             f"and '{force_torque}'; name two that belong together"
         )
 
 
 @contextmanager
-def load_named_sensor(
+def load_given_or_recorded_sensor(
     sensor: "PathLike | SensorFolder | None", source: "str | FrameSource"
 ) -> "Iterator[SensorFolder]":
     """Load the sensor that is named, or else the one that a recording carries.
@@ -220,7 +220,7 @@ def load_named_sensor(
     if sensor is not None:
         yield load_sensor(sensor)
         return
-    if not isinstance(source, str) or not is_recording(source):
+    if not isinstance(source, str) or not is_recording_address(source):
         name = source if isinstance(source, str) else source.name
         raise SensorNotGiven(
             f"expected --sensor with --source {name}, got none; name the folder that 'ninedtact calibrate --out' wrote"

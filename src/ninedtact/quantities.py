@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 
 
 class HeightSource(IntEnum):
-    """The source of the height at one pixel."""
+    """Whether the height at one pixel is measured, extrapolated or out of view."""
 
     OUT_OF_VIEW = 0
     """The camera does not see this point."""
@@ -136,7 +136,7 @@ class Wrench:
 
 @dataclass(frozen=True)
 class Deformation:
-    """Change of the rectified image by a contact: the three channels of the paper's network (docs/references.md).
+    """Darkening and brightening of the rectified image by a contact, with the reference image: the input of the paper's network.
 
     Values are grey levels, 0 to 255, as floating-point numbers, so that nothing overflows.
     """
@@ -236,6 +236,6 @@ class WrenchEstimate:
         return replace(self, wrench=self.wrench.about(point_mm), covariance=shift @ self.covariance @ shift.T)
 
 
-def independent_errors(std: Float64[Array, "6"]) -> Float64[Array, "6 6"]:
+def diagonal_covariance(std: Float64[Array, "6"]) -> Float64[Array, "6 6"]:
     """Return the covariance of errors of these standard deviations that are independent of each other."""
     return np.diag(std**2)

@@ -17,8 +17,8 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import FrameSource
-from ninedtact.force.contact_detection import measure_darkening
-from ninedtact.quantities import Rectified, WrenchEstimate, independent_errors
+from ninedtact.force.contact_detection import measure_darkening_and_limit
+from ninedtact.quantities import Rectified, WrenchEstimate, diagonal_covariance
 from ninedtact.reading import Reading
 
 _LOG = logging.getLogger(__name__)
@@ -121,7 +121,7 @@ class ReferenceFollower:
         if estimate.touching or self._touched_ns is None:
             return estimate
         std = self.settings.settling * self._unsettled_part(estimate.wrench.stamp_ns) * self._largest_force
-        return replace(estimate, covariance=estimate.covariance + independent_errors(std))
+        return replace(estimate, covariance=estimate.covariance + diagonal_covariance(std))
 
     def _add_force(self, estimate: WrenchEstimate | None) -> None:
         """Take the wrench of an estimate into the largest one of the contact."""
@@ -150,7 +150,7 @@ class ReferenceFollower:
 
     def _is_touched(self, reading: Reading) -> bool:
         """Return whether something touches, as opposed to the imprint of the last contact."""
-        darkening, limit = measure_darkening(reading)
+        darkening, limit = measure_darkening_and_limit(reading)
         if darkening <= limit:
             self._peak = 0.0
             return False

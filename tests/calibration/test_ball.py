@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from ninedtact.calibration.ball.ball_fit import BallFit, fit_ball
 from ninedtact.calibration.ball.ball_press import fit_monotone_depth_curve
-from ninedtact.calibration.ball.contact_circle import BallPressUnusable, board_ball_reference_warnings
+from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, calibrate, calibrated_area_mm
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.quantities import Frame
@@ -151,8 +151,8 @@ def test_real_image_without_contact_is_refused(real_images: dict[str, Calibratio
 def test_differing_references_are_warned_of(real_images: dict[str, CalibrationImages]) -> None:
     images = real_images["a"]
     dimmed = (images.ball_reference * 0.9).astype(np.uint8)
-    assert board_ball_reference_warnings(images.board_reference, images.ball_reference) == ()
-    assert len(board_ball_reference_warnings(images.board_reference, dimmed)) == 1
+    assert reference_mismatch_warnings(images.board_reference, images.ball_reference) == ()
+    assert len(reference_mismatch_warnings(images.board_reference, dimmed)) == 1
 
 
 def test_lines_of_sight_matter_on_a_real_ball(calibrated_a: Calibration) -> None:

@@ -10,10 +10,10 @@ from known_sensor import KnownSensor, with_board
 
 from ninedtact.calibration.board.board_fit import (
     fit_board,
-    fit_published_pin_map,
-    integer_pin_centres_px,
+    fit_published_projection,
     pin_map_leave_one_out_rms_mm,
     published_leave_one_out_errors_mm,
+    truncated_spot_centroids_px,
 )
 from ninedtact.calibration.board.detection import BoardNotFound, find_board_candidate
 from ninedtact.calibration.board.lens_fit import fit_lens_with_terms, rms_vector_length
@@ -101,7 +101,7 @@ def test_real_boards_with_the_defaults(letter: str, real_images: dict[str, Calib
     images = real_images[letter]
     fit = fit_board(images.board_reference, images.board, BOARD)
     assert fit.found.sum() == 63
-    original = rms_vector_length(published_leave_one_out_errors_mm(fit.points_mm, integer_pin_centres_px(fit)))
+    original = rms_vector_length(published_leave_one_out_errors_mm(fit.points_mm, truncated_spot_centroids_px(fit)))
     assert fit.lens_fit.leave_one_out_rms_mm < 0.8 * original
 
 
@@ -180,8 +180,8 @@ def test_dark_and_burnt_images_are_refused(level: int, word: str) -> None:
 def test_the_papers_way_passes_through_its_pins(real_images: dict[str, CalibrationImages]) -> None:
     images = real_images["a"]
     fit = fit_board(images.board_reference, images.board, BOARD)
-    projection, mm_per_px = fit_published_pin_map(fit)
-    assert np.allclose(projection.to_px(fit.points_mm), integer_pin_centres_px(fit), atol=1e-6)
+    projection, mm_per_px = fit_published_projection(fit)
+    assert np.allclose(projection.to_px(fit.points_mm), truncated_spot_centroids_px(fit), atol=1e-6)
     assert mm_per_px == pytest.approx(0.0510150969, rel=2e-3)  # what the original code stored for this sensor
 
 

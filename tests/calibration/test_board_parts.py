@@ -7,7 +7,7 @@ import pytest
 from known_sensor import LENS
 
 from ninedtact.calibration.board import lens_fit
-from ninedtact.calibration.board.board_fit import _integer_spot_centre, anchored_mm_per_px_std
+from ninedtact.calibration.board.board_fit import _integer_spot_centre, published_mm_per_px_std
 from ninedtact.calibration.board.detection import (
     BoardCandidate,
     DarkSpots,
@@ -16,7 +16,7 @@ from ninedtact.calibration.board.detection import (
     _spans_square_lattice,
     detect_dark_spots,
     find_pin_lattices,
-    pin_positions_mm,
+    lattice_to_skin_mm,
     predict_missing_pins,
 )
 from ninedtact.calibration.board.lens_fit import (
@@ -35,11 +35,11 @@ from ninedtact.calibration.board.pin_imprint_centres import (
     locate_imprints_mm,
 )
 from ninedtact.design import PinBoard
-from ninedtact.shape.lens import LensCorrection, LensModel, central_mm_per_px
+from ninedtact.shape.lens import LensModel, LensModelCorrection, central_mm_per_px
 
 BOARD = PinBoard()
 NODES = np.array([(column, row) for row in range(7) for column in range(9)])
-POINTS_MM = pin_positions_mm(NODES, BOARD, 0)
+POINTS_MM = lattice_to_skin_mm(NODES, BOARD, 0)
 STRAIGHT = LensModel((0.0625, 0.0, 0.0, 0.0, 0.0625, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0), (480, 640))
 """20 pixels per mm, without distortion."""
 
@@ -55,7 +55,7 @@ STRAIGHT = LensModel((0.0625, 0.0, 0.0, 0.0, 0.0625, 0.0, 0.0, 0.0), (0.0, 0.0),
 )
 def test_the_first_and_the_last_pin_lie_where_the_mounting_turns_them(mounting, first, last) -> None:
     size = (9, 7) if mounting in (0, 180) else (7, 9)
-    corners = pin_positions_mm(np.array([(0, 0), (size[0] - 1, size[1] - 1), (1, 0)]), BOARD, mounting)
+    corners = lattice_to_skin_mm(np.array([(0, 0), (size[0] - 1, size[1] - 1), (1, 0)]), BOARD, mounting)
     np.testing.assert_allclose(corners[:2], [first, last])
     along = {0: (2.5, 0), 90: (0, -2.5), 180: (-2.5, 0), 270: (0, 2.5)}[mounting]
     np.testing.assert_allclose(corners[2] - corners[0], along, atol=1e-12)
@@ -188,7 +188,7 @@ def test_a_correction_removes_a_tenth_of_the_error_or_is_not_used(
     left: float, used: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fit = fit_lens_with_terms(POINTS_MM, noisy_pins(0.1, 3), (480, 640), 3)
-    correction = LensCorrection(POINTS_MM, np.zeros((63, 2)), 3.0)
+    correction = LensModelCorrection(POINTS_MM, np.zeros((63, 2)), 3.0)
     tried = []
 
     def fitted(fit: LensFit, left_out_px: np.ndarray, width_mm: float, noise: float) -> LensCorrectionFit:
@@ -248,7 +248,7 @@ def test_the_papers_pin_centre_is_that_of_the_half_dark_pixels_rounded_down() ->
 
 def test_the_error_of_the_papers_scale_is_that_of_the_mean_of_four() -> None:
     points_px = STRAIGHT.to_px(POINTS_MM)
-    assert anchored_mm_per_px_std(POINTS_MM, points_px, 2.5) == pytest.approx(0, abs=1e-12)
+    assert published_mm_per_px_std(POINTS_MM, points_px, 2.5) == pytest.approx(0, abs=1e-12)
     right = np.flatnonzero((POINTS_MM == [2.5, 0]).all(axis=1))
     points_px[right] += [50.0, 0.0]  # a distance of 100 pixels and three of 50
-    assert anchored_mm_per_px_std(POINTS_MM, points_px, 2.5) == pytest.approx(0.0125 / 2)
+    assert published_mm_per_px_std(POINTS_MM, points_px, 2.5) == pytest.approx(0.0125 / 2)

@@ -8,11 +8,11 @@ import pytest
 
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, calibrate
 from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
-from ninedtact.calibration.twin.lens_refinement import fit_board_press
+from ninedtact.calibration.twin.lens_refinement import fit_board_press_and_lens
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.rectification import skin_grid_mm
-from ninedtact.simulation.calibration_images import CalibrationPresses, simulate_calibration_images
+from ninedtact.simulation.calibration_images import CalibrationPressSettings, simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.rectified_renderer import interpolate_image
 from ninedtact.simulation.twin import Twin, default_twin
@@ -39,7 +39,7 @@ def twin() -> Twin:
 @pytest.fixture(scope="module")
 def images(twin: Twin) -> CalibrationImages:
     return CalibrationImages(
-        **vars(simulate_calibration_images(twin, presses=CalibrationPresses(IMPRINT_MM), frames=8))
+        **vars(simulate_calibration_images(twin, presses=CalibrationPressSettings(IMPRINT_MM), frames=8))
     )
 
 
@@ -126,5 +126,5 @@ def test_a_fit_whose_lens_folds_is_not_accepted(together: Calibration, monkeypat
     monkeypatch.setattr(
         "ninedtact.calibration.twin.lens_refinement.refine_lens", lambda *_: SimpleNamespace(lens=astray)
     )
-    told = fit_board_press(ObservedBoardPress(before, after, board), together.ball.physical.fit)
+    told = fit_board_press_and_lens(ObservedBoardPress(before, after, board), together.ball.physical.fit)
     assert not told.settled and not told.accepted

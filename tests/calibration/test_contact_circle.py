@@ -9,8 +9,8 @@ from ninedtact.calibration.ball.contact_circle import (
     ContactCircle,
     _is_glare,
     asymmetry_warnings,
-    board_ball_reference_warnings,
     find_contact_circle,
+    reference_mismatch_warnings,
     require_disc_above_black,
     require_explained_by_ball,
     require_usable_depth,
@@ -19,7 +19,7 @@ from ninedtact.calibration.ball.contact_circle import (
 from ninedtact.calibration.press_brightness import (
     estimate_pixel_noise,
     find_exposure_fault,
-    relative_brightness_change,
+    flat_fielded_brightness_change,
 )
 from ninedtact.design import BallGauge
 from ninedtact.shape.depth import DepthCurve
@@ -184,16 +184,16 @@ def test_what_a_ball_leaves_unexplained_is_at_most_a_part_of_the_darkening() -> 
 @pytest.mark.parametrize(("by", "warned"), [(3, False), (4, True)])
 def test_reference_images_may_drift_by_three_grey_levels(by: int, warned: bool) -> None:
     before = np.full((20, 30, 3), 120, np.uint8)
-    assert bool(board_ball_reference_warnings(before, before + np.uint8(by))) == warned
-    assert bool(board_ball_reference_warnings(before, before - np.uint8(by))) == warned
-    assert board_ball_reference_warnings(before, before[:10] + np.uint8(9)) == ()
+    assert bool(reference_mismatch_warnings(before, before + np.uint8(by))) == warned
+    assert bool(reference_mismatch_warnings(before, before - np.uint8(by))) == warned
+    assert reference_mismatch_warnings(before, before[:10] + np.uint8(9)) == ()
 
 
 def test_changes_are_relative_to_the_reference_at_its_mean_brightness() -> None:
     before = np.full((4, 6, 3), 100, np.uint8)
     before[:, :3], before[0, 0] = 50, 4
     after = (before * 0.9).astype(np.uint8)
-    change = relative_brightness_change(before, after)
+    change = flat_fielded_brightness_change(before, after)
     mean = before.mean()
     assert change[2, 5] == pytest.approx(-0.1 * mean, rel=1e-4) == change[2, 1]
     assert change[0, 0] == pytest.approx(-1 / 8 * mean, rel=1e-4)  # as of the faintest reference

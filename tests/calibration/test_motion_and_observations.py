@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ninedtact.calibration.board.board_fit import BoardFit
-from ninedtact.calibration.board.detection import pin_positions_mm
+from ninedtact.calibration.board.detection import lattice_to_skin_mm
 from ninedtact.calibration.board.lens_fit import fit_lens_with_terms
 from ninedtact.calibration.drift import diagnosis_and_reference_check as diagnosis
 from ninedtact.calibration.drift.brightness_change import BrightnessChange
@@ -82,7 +82,7 @@ def test_the_pixels_around_the_ball_are_fitted() -> None:
 
 def test_the_pixels_among_the_pins_are_fitted_but_for_those_near_a_missing_pin() -> None:
     board, nodes = PinBoard(), np.array([(column, row) for row in range(7) for column in range(9)])
-    points_mm = pin_positions_mm(nodes, board, 0)
+    points_mm = lattice_to_skin_mm(nodes, board, 0)
     lens_fit = fit_lens_with_terms(points_mm, STRAIGHT.to_px(points_mm), (480, 640), 1)
     found = np.ones(63, bool)
     found[12] = False  # at (-2.5, -5) mm

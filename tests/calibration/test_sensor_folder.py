@@ -28,7 +28,7 @@ from ninedtact.calibration.save import (
 from ninedtact.calibration.sensor_folder import DepthNotCalibrated, SensorFolder, SensorFolderDamaged, load_sensor
 from ninedtact.calibration.twin.sensor_twin import TwinMissing
 from ninedtact.cli import main, parse_arguments
-from ninedtact.cli.calibrate import CalibrateCommand, DepthWouldBeLost, ImagesMissing
+from ninedtact.cli.calibrate import CalibrateCommand, DepthWouldBeLost, InvalidCalibrateOption
 from ninedtact.cli.demo import Demo
 from ninedtact.cli.option_parser import CalibrationOptions
 from ninedtact.cli.original_calibration import ImportCalibrationCommand
@@ -287,7 +287,7 @@ def test_a_board_alone_rectifies_and_a_ball_completes_it(
 
     with pytest.raises(DepthWouldBeLost, match="choose another --out"):
         calibrate_command(out, images, ("board_reference", "board"))
-    with pytest.raises(ImagesMissing, match="images of the ball alone"):
+    with pytest.raises(InvalidCalibrateOption, match="images of the ball alone"):
         calibrate_command(tmp_path / "new", images, ("ball_reference", "ball"))
     assert load_sensor(out).record == whole.record
 
@@ -321,5 +321,5 @@ def test_images_of_a_ball_upgrade_an_imported_sensor(
     assert [finding.diagnosis for finding in findings] in ([], ["fine"])
     assert upgraded.estimator("physics").name
 
-    with pytest.raises(ImagesMissing, match="beside --from-import"):
+    with pytest.raises(InvalidCalibrateOption, match="beside --from-import"):
         calibrate_command(out, images, ("board_reference", "board"), from_import=out)

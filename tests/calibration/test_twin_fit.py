@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ninedtact.calibration.ball.ball_fit import fit_ball, rectified_brightness_change
+from ninedtact.calibration.ball.ball_fit import fit_ball, rectified_flat_fielded_change
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, find_contact_circle
 from ninedtact.calibration.board.board_fit import fit_board
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, build_rectification
-from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin
-from ninedtact.calibration.twin.sensor_twin import build_twin, fitted_gel
+from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
+from ninedtact.calibration.twin.sensor_twin import assemble_twin, fitted_gel
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.finite_strain import finite_strain_ball_height_mm
+from ninedtact.mechanics.finite_strain import finite_strain_ball_change_mm
 from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
@@ -38,7 +38,7 @@ NOISE = 0.7
 @pytest.fixture(scope="module")
 def twin(calibrated_a: Calibration) -> Twin:
     """A twin with known numbers behind sensor A's lens, before sensor A's untouched image."""
-    return build_twin("known", GEL, LIGHT, calibrated_a.rectify, calibrated_a.images.ball_reference, NOISE)
+    return assemble_twin("known", GEL, LIGHT, calibrated_a.rectify, calibrated_a.images.ball_reference, NOISE)
 
 
 def pressed(twin: Twin, indenter: Indenter, at: Pose, drag_mm: tuple[float, float] = (0.0, 0.0)) -> Contact:
@@ -58,7 +58,9 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
         calibrated_a.rectify(Frame(twin.renderer(contact, number)))
         for number, contact in enumerate((None, known_press))
     )
-    fit = fit_twin(before, after, find_contact_circle(rectified_brightness_change(before, after)), DESIGN)
+    fit = fit_twin_to_ball_press(
+        before, after, find_contact_circle(rectified_flat_fielded_change(before, after)), DESIGN
+    )
     assert fit.parameters["depth_mm"] == pytest.approx(1.8, abs=0.03)
     assert fit.drag_mm == pytest.approx((0.4, -0.2), abs=0.03)
     assert (fit.parameters["x_mm"], fit.parameters["y_mm"]) == pytest.approx((0.5, 0.4), abs=0.02)
@@ -75,10 +77,12 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
 def test_gel_at_finite_strain_is_not_taken_for_thinner_gel(twin: Twin, calibrated_a: Calibration) -> None:
     linear = pressed(twin, Ball(4.0), Pose(0.0, 0.0, 1.5))
     x, y, _ = linear.surface_points_mm
-    added_mm = finite_strain_ball_height_mm(np.hypot(x, y), 4.0, 1.5, GEL.thickness_mm)
+    added_mm = finite_strain_ball_change_mm(np.hypot(x, y), 4.0, 1.5, GEL.thickness_mm)
     contact = replace(linear, height_mm=(linear.height_mm + added_mm).astype(np.float32))
     before, after = (calibrated_a.rectify(Frame(twin.renderer(one, n))) for n, one in enumerate((None, contact)))
-    fit = fit_twin(before, after, find_contact_circle(rectified_brightness_change(before, after)), DESIGN)
+    fit = fit_twin_to_ball_press(
+        before, after, find_contact_circle(rectified_flat_fielded_change(before, after)), DESIGN
+    )
     assert fit.parameters["finite_strain"] > 0.7
     assert fit.parameters["depth_mm"] == pytest.approx(1.5, abs=0.04)
     assert fit.parameters["thickness_mm"] == pytest.approx(2.3, rel=0.05)
@@ -91,7 +95,7 @@ def test_the_twin_of_gel_at_finite_strain_bears_more_load_at_the_same_depth(cali
     untouched, loads_n = calibrated_a.images.ball_reference, []
     for share in (0.0, 0.8):
         gel = replace(GEL, finite_strain=share)
-        one = build_twin("rubber", gel, LIGHT, calibrated_a.rectify, untouched, NOISE)
+        one = assemble_twin("rubber", gel, LIGHT, calibrated_a.rectify, untouched, NOISE)
         loads_n.append(-pressed_and_corrected(one, Pose(depth_mm=1.2)).wrench().force_n[2])
     assert 1.05 < loads_n[1] / loads_n[0] < 1.3
 
@@ -111,7 +115,9 @@ def fits(real_images: dict[str, CalibrationImages]) -> dict[str, TwinFit]:
             fit_board(images.board_reference, images.board, DESIGN.pin_board), DESIGN, "model"
         )
         before, after = (rectify(Frame(image)) for image in (images.ball_reference, images.ball))
-        found[letter] = fit_twin(before, after, find_contact_circle(rectified_brightness_change(before, after)), DESIGN)
+        found[letter] = fit_twin_to_ball_press(
+            before, after, find_contact_circle(rectified_flat_fielded_change(before, after)), DESIGN
+        )
     return found
 
 

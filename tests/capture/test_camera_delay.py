@@ -9,10 +9,10 @@ import pytest
 from ninedtact.capture.camera_check import describe_camera_settings
 from ninedtact.capture.camera_delay import (
     CameraDelay,
-    CameraDelayNotMeasured,
+    CameraDelayUnmeasurable,
     CameraDelayUnreadable,
     FileLight,
-    LightNotSwitched,
+    LightSwitchFailed,
     SimulatedDelayedCamera,
     SimulatedLight,
     estimate_delay,
@@ -53,11 +53,11 @@ def test_a_known_delay_is_found(delay_ms: float, exposure_ms: float, rate_hz: fl
 
 def test_images_that_do_not_follow_the_light_give_no_delay() -> None:
     switches_s, stamps_s, grey = blinking(0.03, 0.01, 30)
-    with pytest.raises(CameraDelayNotMeasured, match=r"change by 0\.0"):
+    with pytest.raises(CameraDelayUnmeasurable, match=r"change by 0\.0"):
         estimate_delay(switches_s, stamps_s, np.full(len(grey), 80.0))
-    with pytest.raises(CameraDelayNotMeasured, match="follow the light"):
+    with pytest.raises(CameraDelayUnmeasurable, match="follow the light"):
         estimate_delay(switches_s, stamps_s, np.random.default_rng(0).permutation(grey))
-    with pytest.raises(CameraDelayNotMeasured, match="measure longer"):
+    with pytest.raises(CameraDelayUnmeasurable, match="measure longer"):
         estimate_delay(switches_s[:3], stamps_s[:20], grey[:20])
 
 
@@ -84,7 +84,7 @@ def test_the_delay_is_kept_in_the_sensor_folder(tmp_path: Path) -> None:
 
 
 def test_a_light_that_cannot_be_switched_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(LightNotSwitched, match="expected to switch the light by writing"):
+    with pytest.raises(LightSwitchFailed, match="expected to switch the light by writing"):
         FileLight(tmp_path / "missing").switch(True)
     (tmp_path / "brightness").write_text("0")
     FileLight(tmp_path / "brightness").switch(True)

@@ -8,7 +8,7 @@ from bench_camera import BenchCamera, BenchPi
 
 from ninedtact.capture.frame_pacing import LivePlayback
 from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraLost, CameraSettingRefused, CameraSettings
-from ninedtact.capture.image_and_video_files import ImageList
+from ninedtact.capture.image_and_video_files import ImageFileList
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera, _libcamera_controls
 from ninedtact.capture.uvc_camera import UvcCamera
 
@@ -49,7 +49,7 @@ def test_the_exposure_of_an_open_camera_is_set_within_its_limits() -> None:
     with UvcCamera(0, CameraSettings(auto_exposure=True), BenchCamera().open_capture) as automatic:
         assert automatic.exposure is None
     with pytest.raises(CameraSettingRefused, match="set it with the camera's own tool"):
-        ImageList([]).set_exposure(10.0)
+        ImageFileList([]).set_exposure(10.0)
 
 
 @pytest.mark.parametrize(

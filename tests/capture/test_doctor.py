@@ -18,7 +18,7 @@ from ninedtact.capture.camera_check import (
     FrameRateUnmeasurable,
     camera_settings_advice,
     check_camera,
-    frame_rate_advice,
+    duplicate_frame_advice,
     measure_frame_rate,
 )
 from ninedtact.capture.frame_source import CameraLost, CameraNotFound, CameraSettings, SourceEnded, SourceUnknown
@@ -37,7 +37,7 @@ def test_images_that_come_twice_are_told_from_the_true_rate() -> None:
     assert rate.true_hz == pytest.approx(50)
     assert rate.jitter_ms == pytest.approx(0, abs=1e-6)
     assert (rate.frames, rate.duplicates) == (40, 20)
-    assert "20 of 40 images repeat" in frame_rate_advice(rate)[0]
+    assert "20 of 40 images repeat" in duplicate_frame_advice(rate)[0]
 
 
 def test_a_frozen_image_has_no_rate() -> None:

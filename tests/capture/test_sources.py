@@ -27,16 +27,16 @@ from ninedtact.capture.image_and_video_files import ImageFolder, VideoDamaged, V
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
-from ninedtact.capture.source_from_address import source_for
+from ninedtact.capture.source_from_address import camera_or_file_source
 from ninedtact.capture.strict_image_reading import ImageSizeWrong, ImageUnreadable
 from ninedtact.capture.uvc_camera import UvcCamera
-from ninedtact.capture.video_decoding import VideoTimeline
+from ninedtact.capture.video_decoding import MissingImageCounter
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording import merge_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
-from ninedtact.recording.recorded_source import RecordedSource
+from ninedtact.recording.recorded_source import RecordedFrameSource
 from ninedtact.recording.recorder import Recorder
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
@@ -75,7 +75,7 @@ class Bench:
                 image = np.full((48, 64, 3), 20 * number, np.uint8)
                 stamp_ns = time.monotonic_ns() - (IMAGES - number) * 20_000_000
                 episode.write_image(Frame(image, stamp_ns, number))
-        return RecordedSource(path)
+        return RecordedFrameSource(path)
 
     def stream_source(self) -> FrameSource:
         return NetworkStream(self.resources.enter_context(MjpegCamera()).url)
@@ -162,7 +162,7 @@ def test_a_recording_gives_every_image_and_then_ends(bench: Bench, recording: st
         UvcCamera("/dev/video-not-there"),
         NetworkStream("http://127.0.0.1:9/stream.mjpg", open_timeout_ms=1000.0),
         VideoFile("no/such.mp4"),
-        RecordedSource("no/such.mcap"),
+        RecordedFrameSource("no/such.mcap"),
         ImageFolder("no/such/folder"),
         RaspberryPiCamera(),
     ],
@@ -365,7 +365,7 @@ def test_a_video_whose_images_change_their_size_ends_there(tmp_path: Path) -> No
 
 
 def test_a_camera_that_slows_down_leaves_no_missing_images() -> None:
-    steady, slowing = VideoTimeline(30.0, 60), VideoTimeline(30.0, 60)
+    steady, slowing = MissingImageCounter(30.0, 60), MissingImageCounter(30.0, 60)
     for number in range(60):
         if number not in (20, 21):
             steady.add(number * 1000 / 30)
@@ -402,10 +402,10 @@ def test_text_names_a_source(bench: Bench) -> None:
         str(video.path): VideoFile,
         str(folder.folder): ImageFolder,
     }
-    assert {text: type(source_for(text)) for text in named} == named
+    assert {text: type(camera_or_file_source(text)) for text in named} == named
     for text in ("sim", "", "no/such/file", "gopher://x", "-1", str(bench.folder / "press_0.png")):
         with pytest.raises(SourceUnknown, match=r"expected .* got .*;"):
-            source_for(text)
+            camera_or_file_source(text)
 
 
 def test_a_password_is_never_shown() -> None:

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ninedtact.capture.video_decoding import VideoTimeline
+from ninedtact.capture.video_decoding import MissingImageCounter
 
 
 def missing(positions_ms: object, rate_hz: float = 25.0, announced: float = 0.0) -> int:
-    timeline = VideoTimeline(rate_hz, announced)
+    timeline = MissingImageCounter(rate_hz, announced)
     for position in np.asarray(positions_ms, float):
         timeline.add(float(position))
     return timeline.missing_count()

@@ -4,14 +4,14 @@ import pytest
 from little_sources import LittleTree, little_tree
 
 from ninedtact.dataset.generation.generate import generate_dataset
-from ninedtact.dataset.generation.settings import GenerationSettings, KindShares
+from ninedtact.dataset.generation.settings import GenerationSettings, PairKindShares
 
 TWINS = GenerationSettings(
     pairs=18,
     size=(64, 48),
     sensors=2,
     object_names=("ball:3", "cylinder:2,5", "cone"),
-    shares=KindShares(0.12, 0.12),
+    shares=PairKindShares(0.12, 0.12),
     pitch_mm=0.5,
     session_pairs=3,
     sessions_per_file=2,

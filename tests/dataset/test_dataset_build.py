@@ -18,7 +18,7 @@ from built_sets import built_from, listed, references_in, rows_in, sources_at
 from little_sources import LittleTree, little_episode, little_tree
 
 from ninedtact.atomic_write import FileNotWritten
-from ninedtact.checked_reading import values_checksum
+from ninedtact.checked_reading import mapping_checksum
 from ninedtact.dataset.build import BuildSettings, build_dataset
 from ninedtact.dataset.checks import CheckSettings, CheckSettingsImpossible
 from ninedtact.dataset.fault_report import NoUsablePairs
@@ -85,7 +85,7 @@ def test_objects_of_another_seed_are_other_objects(twins: Path, tmp_path: Path) 
     (copy / "settings.json").write_text(json.dumps(settings))
     with pytest.raises(DatasetDamaged, match="checksum"):
         built_from(tmp_path / "edited", copy)
-    (copy / "settings.json").write_text(json.dumps({**settings, "checksum": values_checksum(settings)}))
+    (copy / "settings.json").write_text(json.dumps({**settings, "checksum": mapping_checksum(settings)}))
     built_from(tmp_path / "out", copy)
     assert {row["object"] for row in rows_in(tmp_path / "out")} <= {"none", "ball:3@7", "cylinder:2,5@7", "cone@7"}
 

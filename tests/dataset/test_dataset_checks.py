@@ -9,7 +9,7 @@ import pytest
 from built_sets import listed
 from little_sources import grey, touched, untouched
 
-from ninedtact.dataset.checks import CheckSettings, check_dataset, max_darkening_levels
+from ninedtact.dataset.checks import CheckSettings, check_dataset, local_darkening_levels
 from ninedtact.dataset.fault_report import (
     FAULT_MEANINGS,
     FaultsFound,
@@ -20,7 +20,7 @@ from ninedtact.dataset.fault_report import (
     require_no_faults,
     write_quality_report,
 )
-from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_image_file
+from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 
 SKIN = untouched()
@@ -44,7 +44,7 @@ def data_set(folder: Path, *rows: DatasetRow) -> Path:
     write_pair_file(folder / "data" / "train-00001-of-00002.parquet", rows[half:])
     small = encode_png(cv2.resize(grey(SKIN), (24, 18)))
     images = [ReferenceImage("skin", encode_png(grey(SKIN)), "ours"), ReferenceImage("small", small, "ours")]
-    write_reference_image_file(folder / "references.parquet", [*images, ReferenceImage("broken", b"?", "ours")])
+    write_reference_images_file(folder / "references.parquet", [*images, ReferenceImage("broken", b"?", "ours")])
     return folder
 
 
@@ -99,9 +99,9 @@ def test_the_twin_s_data_have_nothing_against_them(twins: Path) -> None:
 
 def test_a_light_that_drifts_is_no_touch() -> None:
     skin = grey(SKIN)
-    assert max_darkening_levels(skin, skin) == 0
-    assert max_darkening_levels(skin - 9, skin) == pytest.approx(0, abs=1e-4)
-    assert max_darkening_levels(grey(touched(SKIN, 3.0)), skin) > 10
+    assert local_darkening_levels(skin, skin) == 0
+    assert local_darkening_levels(skin - 9, skin) == pytest.approx(0, abs=1e-4)
+    assert local_darkening_levels(grey(touched(SKIN, 3.0)), skin) > 10
 
 
 def test_a_report_is_read_as_it_was_written(tmp_path: Path) -> None:

@@ -14,12 +14,12 @@ import pyarrow.parquet as pq
 import pytest
 import tyro
 
-from ninedtact.checked_reading import values_checksum
+from ninedtact.checked_reading import mapping_checksum
 from ninedtact.cli.simulate import SimulateDatasetCommand
 from ninedtact.dataset.folder import DatasetFolderTaken
 from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
-from ninedtact.dataset.generation.press_trajectory import PressSettings, PressTarget, SimulatedPressTrajectory
-from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings, KindShares
+from ninedtact.dataset.generation.press_trajectory import PressSettings, PressTarget, RandomPress
+from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings, PairKindShares
 from ninedtact.dataset.schema import arrow_schema
 from ninedtact.dataset.statistics_and_card import (
     REAL_PERCENTILES,
@@ -30,7 +30,7 @@ from ninedtact.dataset.statistics_and_card import (
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.parallel_jobs import WorkersImpossible
-from ninedtact.simulation.batched.session_requests import run_on_processor
+from ninedtact.simulation.batched.session_requests import run_session_on_cpu
 from ninedtact.simulation.objects.catalogue import UnknownObject
 from ninedtact.simulation.sensor_population import NonidealMechanicsShares, sample_sensor, sampled_sensor_from_json
 
@@ -39,7 +39,7 @@ SMALL = GenerationSettings(
     size=(64, 48),
     sensors=3,
     object_names=("ball:3", "cylinder:2,5", "gear_07", "cone"),
-    shares=KindShares(0.1, 0.15),
+    shares=PairKindShares(0.1, 0.15),
     pitch_mm=0.5,
     session_pairs=4,
     sessions_per_file=2,
@@ -47,13 +47,13 @@ SMALL = GenerationSettings(
 HARD = PressTarget(30.0, np.zeros(2), 0.0, np.zeros(2))
 ARGUMENTS = (
     f"pairs={SMALL.pairs}, size={SMALL.size}, sensors=3, object_names={SMALL.object_names}, "
-    "shares=KindShares(0.1, 0.15), pitch_mm=0.5"
+    "shares=PairKindShares(0.1, 0.15), pitch_mm=0.5"
 )
 MAKE = f"""
 import sys
 from pathlib import Path
 from ninedtact.dataset.generation.generate import generate_dataset
-from ninedtact.dataset.generation.settings import GenerationSettings, KindShares
+from ninedtact.dataset.generation.settings import GenerationSettings, PairKindShares
 if __name__ == "__main__":
     settings = GenerationSettings({ARGUMENTS}, session_pairs=4, sessions_per_file=2)
     generate_dataset(Path(sys.argv[1]), settings, int(sys.argv[2]))
@@ -82,7 +82,9 @@ def test_all_pairs_are_there_in_their_shares(made: GenerationResult, rows: list[
 
 
 def test_kinds_mean_what_they_say(rows: list[dict[str, object]]) -> None:
-    by_kind = {kind: np.array([row["wrench"] for row in rows if row["kind"] == kind]) for kind in KindShares().__dict__}
+    by_kind = {
+        kind: np.array([row["wrench"] for row in rows if row["kind"] == kind]) for kind in PairKindShares().__dict__
+    }
     assert not by_kind["no_contact"].any()
     assert (np.abs(by_kind["light_touch"][:, 2]) < 0.3).all()
     assert (by_kind["light_touch"][:, 2] < 0).all()
@@ -123,7 +125,7 @@ def test_everything_to_make_it_again_is_beside_it(made: GenerationResult) -> Non
     assert kept["object_names"] == list(SMALL.object_names)
     sensors = json.loads((made.folder / "sensors.json").read_text())
     wanted = json.loads(json.dumps(sample_sensor(2).to_json_dict()))
-    assert sensors[2] == {**wanted, "checksum": values_checksum(wanted)}
+    assert sensors[2] == {**wanted, "checksum": mapping_checksum(wanted)}
     card = (made.folder / "README.md").read_text()
     assert "data/train-*.parquet" in card
     assert "2 no_contact" in card
@@ -223,7 +225,7 @@ def test_settings_that_make_no_data_set_are_refused(wrong: dict[str, object]) ->
 
 def test_shares_objects_and_workers_are_checked_before_work_begins(tmp_path: Path) -> None:
     with pytest.raises(GenerationImpossible, match="shares"):
-        KindShares(0.8, 0.3)
+        PairKindShares(0.8, 0.3)
     with pytest.raises(UnknownObject, match="expected"):
         generate_dataset(tmp_path / "a", replace(SMALL, object_names=("unicorn_01",)))
     with pytest.raises(WorkersImpossible, match="worker"):
@@ -235,7 +237,7 @@ def test_hopeless_hands_give_up(tmp_path: Path) -> None:
     faint = replace(
         SMALL,
         press=PressSettings(load_n=(0.1, 0.01), load_range_n=(0.05, 0.2), targets=(1, 1)),
-        shares=KindShares(0, 0),
+        shares=PairKindShares(0, 0),
     )
     with pytest.raises(NinedtactError, match="press harder"):
         generate_dataset(tmp_path / "faint", replace(faint, object_names=("ball:4",)))
@@ -243,7 +245,7 @@ def test_hopeless_hands_give_up(tmp_path: Path) -> None:
 
 def test_a_hand_reaches_its_load_and_leans_as_it_wants() -> None:
     for kinds in (NonidealMechanicsShares(0, 0), NonidealMechanicsShares(1, 0), NonidealMechanicsShares(0, 1)):
-        touch = SimulatedPressTrajectory(
+        touch = RandomPress(
             make_simulated_sensor(6, replace(SMALL, pitch_mm=0.3, mechanics=kinds)),
             Ball(),
             PressSettings(),
@@ -251,15 +253,15 @@ def test_a_hand_reaches_its_load_and_leans_as_it_wants() -> None:
         )
         aim = PressTarget(6.0, np.array([1.0, -0.6]), 0.05, np.array([0.03, -0.04]))
         for _ in range(6):
-            felt = run_on_processor(touch.step_towards(aim))
+            felt = run_session_on_cpu(touch.step_towards(aim))
         assert felt is not None
         assert felt.wrench.force_n == pytest.approx([1.0, -0.6, -6.0], rel=0.06, abs=0.03)
 
 
 def test_a_hand_stops_before_the_base() -> None:
     sensor = make_simulated_sensor(6, replace(SMALL, pitch_mm=0.3, mechanics=NonidealMechanicsShares(0, 0)))
-    felt = run_on_processor(
-        SimulatedPressTrajectory(sensor, Ball(1.5), PressSettings(), np.random.default_rng(0)).step_towards(HARD)
+    felt = run_session_on_cpu(
+        RandomPress(sensor, Ball(1.5), PressSettings(), np.random.default_rng(0)).step_towards(HARD)
     )
     assert felt is not None
     assert 0.6 < -felt.corrected.height_mm.min() / sensor.member.gel.thickness_mm < 0.76

@@ -11,14 +11,14 @@ from linear_model import a_card, linear_model
 
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
-from ninedtact.force.corrected_force import CorrectedForce, correct_estimate
+from ninedtact.force.corrected_force import NetworkCorrectedForce, apply_network_correction
 from ninedtact.force.estimator_interface import zero_wrench
 from ninedtact.force.network_force import NetworkForce
 from ninedtact.force.network_input import (
     TYPICAL_FEATURES,
     InputChannels,
     NetworkInputSettings,
-    relative_tractions,
+    tractions_over_shear_modulus,
 )
 from ninedtact.force.onnx_model import ForceModel, parse_force_model
 from ninedtact.force.traction.estimator import TractionForce
@@ -31,7 +31,7 @@ from ninedtact.quantities import (
     Traction,
     Wrench,
     WrenchEstimate,
-    independent_errors,
+    diagonal_covariance,
 )
 from ninedtact.reading import Reading
 from ninedtact.shape.orthorectification import SkinGrid
@@ -58,7 +58,7 @@ def correlated() -> np.ndarray:
 
 @given(st.floats(0, 1), st.floats(0.1, 3), st.floats(-10, 10))
 def test_a_correction_counts_as_far_as_it_is_trusted(trust: float, relative_std: float, in_stds: float) -> None:
-    corrected = correct_estimate(by_physics(), in_stds * STD, relative_std * STD, trust)
+    corrected = apply_network_correction(by_physics(), in_stds * STD, relative_std * STD, trust)
     np.testing.assert_allclose(corrected.wrench.six - SIX, trust * np.clip(in_stds, -4, 4) * STD, atol=1e-12)
     np.testing.assert_allclose((corrected.std / STD) ** 2, trust * relative_std**2 + (1 - trust) * 1.5**2)
     assert corrected.covariance[2, 3] == pytest.approx(0.5 * corrected.std[2] * corrected.std[3])
@@ -68,7 +68,7 @@ def test_a_correction_counts_as_far_as_it_is_trusted(trust: float, relative_std:
 
 @pytest.mark.parametrize("trust", [0.0, 0.5, 1.0])
 def test_a_network_that_states_no_error_leaves_that_of_physics(trust: float) -> None:
-    corrected = correct_estimate(by_physics(), STD, np.full(6, np.inf), trust)
+    corrected = apply_network_correction(by_physics(), STD, np.full(6, np.inf), trust)
     np.testing.assert_allclose((corrected.std / STD) ** 2, trust + (1 - trust) * 1.5**2)
 
 
@@ -105,9 +105,9 @@ def reading() -> Reading:
 
 
 def test_the_network_is_asked_about_tractions_over_the_modulus_and_answers_in_units_of_it() -> None:
-    estimator = CorrectedForce(KnownPhysics(by_physics()), model(), TYPICAL_FEATURES)
+    estimator = NetworkCorrectedForce(KnownPhysics(by_physics()), model(), TYPICAL_FEATURES)
     corrected = estimator.estimate(reading())
-    summed = relative_tractions(by_physics().traction, MPA, SETTINGS.grid)[0].sum()  # type: ignore[arg-type]
+    summed = tractions_over_shear_modulus(by_physics().traction, MPA, SETTINGS.grid)[0].sum()  # type: ignore[arg-type]
     assert summed > 0.3
     assert corrected.wrench.six[2] - SIX[2] == pytest.approx(-0.01 * summed * MPA / 0.093, rel=1e-4)
     np.testing.assert_allclose(corrected.std, np.sqrt(2) * STD / 2 * MPA / 0.093, rtol=1e-5)
@@ -123,15 +123,15 @@ def test_where_the_network_knows_nothing_the_answer_is_that_of_physics(doubt: st
     six = SIX * (3 if doubt == "beyond the training" else 1)
     physics = KnownPhysics(replace(answer, wrench=Wrench(six[:3], six[3:])))
     known = model(known=doubt != "another image")
-    estimate = CorrectedForce(physics, known, TYPICAL_FEATURES).estimate(reading())
+    estimate = NetworkCorrectedForce(physics, known, TYPICAL_FEATURES).estimate(reading())
     np.testing.assert_allclose(estimate.wrench.six, six)
     np.testing.assert_allclose(estimate.std, 1.5 * STD)
     assert EstimateWarning.UNLIKE_TRAINING in estimate.warnings
 
 
 def test_without_contact_the_answer_is_zero_and_the_network_is_not_asked() -> None:
-    nothing = WrenchEstimate(zero_wrench(), independent_errors(STD), touching=False)
-    estimator = CorrectedForce(KnownPhysics(nothing), model(), TYPICAL_FEATURES)
+    nothing = WrenchEstimate(zero_wrench(), diagonal_covariance(STD), touching=False)
+    estimator = NetworkCorrectedForce(KnownPhysics(nothing), model(), TYPICAL_FEATURES)
     assert estimator.estimate(reading()) is nothing
 
 
@@ -145,10 +145,10 @@ def test_tractions_are_sampled_at_their_places() -> None:
     x = np.linspace(-1, 1, 34, dtype=np.float32)
     pressure = np.broadcast_to(x, (26, 34)).copy()
     traction = Traction(pressure, np.stack([pressure, -pressure]), 0.7)
-    found = relative_tractions(traction, 2.0, SkinGrid(10, 11, 1.0))
+    found = tractions_over_shear_modulus(traction, 2.0, SkinGrid(10, 11, 1.0))
     assert found.shape == (3, 10, 11)
     wanted = np.arange(-5, 6) / (0.7 * 33 / 2) / 2
     np.testing.assert_allclose(found[0], np.broadcast_to(wanted, (10, 11)), atol=1e-5)
     np.testing.assert_allclose(found[1], -found[2])
-    outside = relative_tractions(traction, 2.0, SkinGrid(3, 101, 1.0))
+    outside = tractions_over_shear_modulus(traction, 2.0, SkinGrid(3, 101, 1.0))
     assert not outside[0][:, :10].any()

@@ -7,12 +7,12 @@ import torch
 
 from ninedtact.force.brightness_channels import (
     ChannelLayout,
-    DeformationReader,
+    DeformationBuilder,
     ImagesDoNotMatch,
     NotAMixedImage,
     compute_image_deformation,
     decode_mixed_image,
-    deformation_channels,
+    deformation_network_input,
     encode_mixed_image,
     render_deformation,
     split_darker_brighter,
@@ -82,7 +82,8 @@ def test_a_darkening_of_a_hundred_levels_is_one_even_between_bytes(library) -> N
 def test_a_batch_in_torch_is_what_one_live_image_is(layout: ChannelLayout) -> None:
     images, reference = np.stack([noise(seed).grey for seed in (1, 2)]), noise(0)
     live = [
-        deformation_channels(compute_image_deformation(Rectified(grey, 0.0522), reference), layout) for grey in images
+        deformation_network_input(compute_image_deformation(Rectified(grey, 0.0522), reference), layout)
+        for grey in images
     ]
     untouched = torch.from_numpy(reference.grey).expand(2, -1, -1)
     batch = stack_deformation_channels(*split_darker_brighter(torch.from_numpy(images), untouched), untouched, layout)
@@ -117,7 +118,7 @@ def test_nothing_changed_is_exactly_nothing_at_every_size() -> None:
 
 
 def test_results_share_no_memory() -> None:
-    read = DeformationReader(noise(0), (120, 160))
+    read = DeformationBuilder(noise(0), (120, 160))
     first = read(noise(1))
     first.reference[:] = first.darker[:] = 0
     assert read(noise(1)).reference.min() > 0 and read(noise(1)).darker.any()

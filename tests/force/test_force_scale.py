@@ -14,8 +14,8 @@ from ninedtact.force.known_load_scale import (
     ForceScaleImpossible,
     KnownLoadPress,
     ScaledForceEstimator,
+    apply_sensor_force_scale,
     fit_force_scale,
-    load_scaled_estimator,
     read_force_scale_tables,
     weight_of_grams_n,
     write_force_scale,
@@ -102,17 +102,17 @@ def test_the_file_keeps_one_table_for_each_estimator(tmp_path: Path) -> None:
     write_force_scale(tmp_path, "physics", one)
     write_force_scale(tmp_path, "network", other)
     assert read_force_scale_tables(tmp_path).scales == {"physics": one, "network": other}
-    assert load_scaled_estimator(Constant(np.zeros(6)), tmp_path).adaptation == UNCALIBRATED
+    assert apply_sensor_force_scale(Constant(np.zeros(6)), tmp_path).adaptation == UNCALIBRATED
 
 
 def test_an_edited_file_is_used_with_a_notice(tmp_path: Path) -> None:
     path = write_force_scale(tmp_path, Constant.name, ForceScale(1.25, presses=5))
-    assert load_scaled_estimator(Constant(np.zeros(6)), tmp_path).notices == ()
+    assert apply_sensor_force_scale(Constant(np.zeros(6)), tmp_path).notices == ()
     path.write_text(path.read_text().replace("1.25", "1.35"))
-    edited = load_scaled_estimator(Constant(np.zeros(6)), tmp_path)
+    edited = apply_sensor_force_scale(Constant(np.zeros(6)), tmp_path)
     assert edited.adaptation.factor == 1.35 and "force.toml was edited" in " ".join(edited.notices)
     path.write_text("\n".join(line for line in path.read_text().splitlines() if not line.startswith("checksum")))
-    assert load_scaled_estimator(Constant(np.zeros(6)), tmp_path).notices == edited.notices
+    assert apply_sensor_force_scale(Constant(np.zeros(6)), tmp_path).notices == edited.notices
 
 
 @pytest.mark.parametrize(

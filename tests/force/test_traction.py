@@ -27,7 +27,7 @@ from ninedtact.mechanics.surface_displacement import Skin, gel_skin
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified, centred_axis_mm
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.depth import Deblurring, DepthCurve, WholeImageLightLoss
+from ninedtact.shape.depth import Deblurring, DepthCurve, GlobalDimmingModel
 from ninedtact.simulation.ground_truth import true_height_map
 
 GEL = Gel()
@@ -190,7 +190,7 @@ def test_a_twist_that_a_round_contact_hides_is_in_the_error(twist_deg: float) ->
 
 
 def test_light_tells_the_same_as_heights() -> None:
-    found = TractionForce(BrightnessObservationModel(CURVE, WholeImageLightLoss(), 0.5), GEL, solver=THOROUGH).estimate(
+    found = TractionForce(BrightnessObservationModel(CURVE, GlobalDimmingModel(), 0.5), GEL, solver=THOROUGH).estimate(
         lit(dragged())
     )
     true = dragged().wrench().force_n
@@ -226,7 +226,7 @@ def test_the_inversion_of_light_that_saturates_with_depth_converges() -> None:
     image, reference = (Rectified((150 * (1 + light)).astype(np.float32), PX_MM) for light in (seen, 0 * seen))
     reading = Reading(FRAME, image, replace(true, z_mm=curve.height_mm(seen).astype(np.float32)), reference=reference)
     estimator = TractionForce(
-        BrightnessObservationModel(curve, WholeImageLightLoss(0.0), 0.5), GEL, solver=SolverSettings(max_iterations=8)
+        BrightnessObservationModel(curve, GlobalDimmingModel(0.0), 0.5), GEL, solver=SolverSettings(max_iterations=8)
     )
     found = estimator.estimate(reading)
     assert estimator.last is not None and estimator.last.newton_decrement < 1
@@ -257,7 +257,7 @@ def test_a_touch_deeper_than_linear_gel_goes_is_doubted() -> None:
     assert not (read.height.source == HeightSource.EXTRAPOLATED).any()
     assert (
         EstimateWarning.OUT_OF_RANGE
-        in TractionForce(BrightnessObservationModel(CURVE, WholeImageLightLoss(), 0.5), GEL).estimate(read).warnings
+        in TractionForce(BrightnessObservationModel(CURVE, GlobalDimmingModel(), 0.5), GEL).estimate(read).warnings
     )
 
 
@@ -278,12 +278,12 @@ def test_a_search_that_was_cut_short_is_doubted() -> None:
 def test_a_curve_without_bulges_is_refused() -> None:
     blind = replace(CURVE, brightening=(0.0,), bulge_mm=(0.0,))
     with pytest.raises(TractionImpossible, match="expected a depth curve that knows bulges"):
-        BrightnessObservationModel(blind, WholeImageLightLoss(), 0.5)
+        BrightnessObservationModel(blind, GlobalDimmingModel(), 0.5)
 
 
 def test_a_reading_without_reference_is_refused() -> None:
     with pytest.raises(TractionImpossible, match="its reference image"):
-        TractionForce(BrightnessObservationModel(CURVE, WholeImageLightLoss(), 0.5), GEL).estimate(
+        TractionForce(BrightnessObservationModel(CURVE, GlobalDimmingModel(), 0.5), GEL).estimate(
             replace(lit(dragged()), reference=None)
         )
 
@@ -307,7 +307,7 @@ def test_a_calibration_that_knows_no_scattering_is_refused() -> None:
 def bare(deblurring: Deblurring | None) -> CalibratedShape:
     """A calibration of which nothing but its light is asked."""
     shape = object.__new__(CalibratedShape)
-    for name, value in (("curve", CURVE), ("loss", WholeImageLightLoss()), ("deblurring", deblurring)):
+    for name, value in (("curve", CURVE), ("loss", GlobalDimmingModel()), ("deblurring", deblurring)):
         object.__setattr__(shape, name, value)
     return shape
 
@@ -316,7 +316,7 @@ def test_fixed_images_have_the_answers_that_they_had() -> None:
     """Every constant of the method has a part in these figures; who changes one on purpose writes them anew."""
     x, y = np.meshgrid(*(centred_axis_mm(side, PX_MM) for side in WIDE[::-1]))
     wavy = reading(noisy() + 0.02 * np.sin(x + 0.5 * y))
-    by_light = TractionForce(BrightnessObservationModel(CURVE, WholeImageLightLoss(0.5), 0.5), GEL)
+    by_light = TractionForce(BrightnessObservationModel(CURVE, GlobalDimmingModel(0.5), 0.5), GEL)
     one, two = (
         by_light.estimate(lit(dragged())),
         (by_waves := TractionForce(HeightObservationModel(), GEL)).estimate(wavy),

@@ -31,7 +31,7 @@ from ninedtact.mechanics.layer_compliance import layered_compliance
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.surface_displacement import Skin, gel_skin
 from ninedtact.quantities import Rectified, Traction
-from ninedtact.shape.depth import DepthCurve, WholeImageLightLoss
+from ninedtact.shape.depth import DepthCurve, GlobalDimmingModel
 
 CELLS = CellGrid(20, 26, 0.5)
 FORWARD = ForwardModel(CELLS, 2.5, 0.5, 0.6)
@@ -206,7 +206,7 @@ def test_shear_on_pressed_skin_has_an_arm() -> None:
 
 RIGID = BrightnessObservationModel(
     DepthCurve("ratio", (0.0, 0.15, 0.3), (0.0, 1.0, 2.0), (0.01,) * 3, (0.0, 0.33), (0.0, 1.0)),
-    WholeImageLightLoss(0.5),
+    GlobalDimmingModel(0.5),
     0.6,
 )
 
@@ -284,7 +284,7 @@ def test_the_slopes_of_bulges_and_dents_decide_the_base(ratio: float, base: Gel 
 
 
 def test_every_image_is_compared_with_its_own_reference() -> None:
-    cells, model = cell_grid_over_image((90, 120), 0.2, 3.0), replace(RIGID, loss=WholeImageLightLoss())
+    cells, model = cell_grid_over_image((90, 120), 0.2, 3.0), replace(RIGID, loss=GlobalDimmingModel())
     one, two = (Rectified(np.full((90, 120), grey, np.float32), 0.2) for grey in (100, 150))
     for reference, expected in ((one, 0.2), (two, -0.2), (two, -0.2), (one, 0.2)):
         image = Rectified(np.full((90, 120), 120, np.float32), 0.2)

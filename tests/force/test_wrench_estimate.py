@@ -3,7 +3,7 @@
 import numpy as np
 
 from ninedtact.force.known_load_scale import UNCALIBRATED, ForceScale
-from ninedtact.quantities import Wrench, WrenchEstimate, independent_errors
+from ninedtact.quantities import Wrench, WrenchEstimate, diagonal_covariance
 
 SIX = np.array([1.0, -0.5, -6.0, 0.01, 0.02, 0.003])
 STD = np.array([0.1, 0.2, 0.3, 1e-3, 2e-3, 1e-4])
@@ -11,7 +11,7 @@ BELOW_MM = np.array([0.0, 0.0, -35.0])
 
 
 def estimate(std: np.ndarray = STD) -> WrenchEstimate:
-    return WrenchEstimate(Wrench(SIX[:3], SIX[3:]), independent_errors(std), touching=True)
+    return WrenchEstimate(Wrench(SIX[:3], SIX[3:]), diagonal_covariance(std), touching=True)
 
 
 def test_errors_of_forces_add_to_those_of_torques_about_another_point() -> None:

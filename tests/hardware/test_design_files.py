@@ -33,7 +33,7 @@ from ninedtact.hardware.design import (
     read_hardware_design,
 )
 from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
-from ninedtact.hardware.led_board.board_parameters import LedBoard, led_board_for_design
+from ninedtact.hardware.led_board.board_parameters import LedBoardDesign, led_board_for_design
 from ninedtact.simulation.calibration_images import SimulatedCalibrationImages, simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.twin import brightness_model_for_design, default_twin, twin_from_design
@@ -173,15 +173,19 @@ def test_the_circuit_board_is_that_of_the_design(tmp_path: Path, variant: Design
     for width, height in ((24, 18), (36, 27)):
         design = hardware_design_of_variant(SensorDesign(sensing_area=SensingArea(width, height)), variant)
         outline = led_board_for_design(design).outline
-        assert (outline.width_mm, outline.height_mm) == pytest.approx(design.plan_view.led_board)
+        assert (outline.width_mm, outline.height_mm) == pytest.approx(design.horizontal_dimensions.led_board)
         assert outline.lens_hole_mm == design.board.lens_hole_mm
         leds = led_board_for_design(design).leds.positions
         for ours, theirs, within_mm in (
-            (design.plan_view.mount_inserts, outline.bosses, 1e-9),
-            (design.plan_view.mount_inserts, LedBoard.for_size(*design.plan_view.led_board).outline.bosses, 1e-9),
-            (design.plan_view.posts, outline.locating_holes, 1e-9),
-            (design.plan_view.shell_screws, outline.notches, 1e-9),
-            (design.plan_view.leds, leds, 0.15),
+            (design.horizontal_dimensions.mount_inserts, outline.bosses, 1e-9),
+            (
+                design.horizontal_dimensions.mount_inserts,
+                LedBoardDesign.for_size(*design.horizontal_dimensions.led_board).outline.bosses,
+                1e-9,
+            ),
+            (design.horizontal_dimensions.posts, outline.locating_holes, 1e-9),
+            (design.horizontal_dimensions.shell_screws, outline.notches, 1e-9),
+            (design.horizontal_dimensions.leds, leds, 0.15),
         ):
             assert np.abs(np.array(sorted(ours)) - np.array(sorted(theirs))).max() <= within_mm
 
@@ -199,10 +203,12 @@ def test_the_circuit_board_takes_what_the_design_says_of_it(variant: DesignVaria
     )
     made = led_board_for_design(replace(design, board=board))
     assert made.outline.thickness_mm == 1.0
-    assert np.array(made.leds.positions) == pytest.approx(np.array([*replace(design, board=board).plan_view.leds]))
+    assert np.array(made.leds.positions) == pytest.approx(
+        np.array([*replace(design, board=board).horizontal_dimensions.leds])
+    )
     assert (made.driver_x_mm, made.driver_inset_mm) == (3.6, 2.7)
     assert made.usb_inset_mm == pytest.approx(3.2 + 0.14)
-    assert led_board_for_design(design).usb_inset_mm == pytest.approx(LedBoard().usb_inset_mm)
+    assert led_board_for_design(design).usb_inset_mm == pytest.approx(LedBoardDesign().usb_inset_mm)
 
 
 @pytest.mark.parametrize("name", ["led_mm", "usb_mm", "driver_mm"])

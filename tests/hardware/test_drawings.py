@@ -32,11 +32,13 @@ def test_a_cut_lays_bare_what_the_plane_meets(original: BuildableDesign, name: s
 def test_so_it_does_in_every_size(width: float, height: float, gel: float) -> None:
     design = default_hardware_design(SensorDesign(gel=Gel(gel), sensing_area=SensingArea(width, height)))
     for build, window, thick_mm in (
-        (build_first_mould, design.plan_view.translucent, gel),
-        (build_second_mould, design.plan_view.black, gel + 0.3),
+        (build_first_mould, design.horizontal_dimensions.translucent, gel),
+        (build_second_mould, design.horizontal_dimensions.black, gel + 0.3),
     ):
         cut = project_section(build(design)).cut
-        assert sum(map(area_mm2, cut)) == pytest.approx((design.plan_view.plate[1] - window[1]) * thick_mm, abs=0.01)
+        assert sum(map(area_mm2, cut)) == pytest.approx(
+            (design.horizontal_dimensions.plate[1] - window[1]) * thick_mm, abs=0.01
+        )
 
 
 def area_mm2(face: tuple[Polyline, ...]) -> float:

@@ -18,13 +18,13 @@ from build123d import import_step
 from ezdxf.entitydb import EntityDB
 
 from ninedtact.cli import main
-from ninedtact.cli.hardware import format_export_warnings
+from ninedtact.cli.hardware import format_fabrication_warnings
 from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import default_hardware_design
 from ninedtact.hardware.export.design_folder import ExportFolderRefused, require_replaceable_parts_folder
 from ninedtact.hardware.export.part_files import STL_HEADER_BYTES, STL_RECORD, part_to_dxf, part_to_step, part_to_stl
-from ninedtact.hardware.part_and_assembly_images import explosion_scale
+from ninedtact.hardware.part_and_assembly_images import shell_enlargement_factor
 from ninedtact.hardware.parts.part_catalogue import PART_CATALOGUE
 from ninedtact.hardware.parts.solids import build_sensor_shell
 from ninedtact.hardware.sensor_assembly import AssemblyBody
@@ -97,9 +97,9 @@ def test_dxf_is_closed_at_scale_and_without_duplicates(original: BuildableDesign
 def test_a_design_that_should_not_be_made_is_not_announced_as_one(
     original: BuildableDesign, default: BuildableDesign
 ) -> None:
-    said = "\n".join(format_export_warnings(original.to_json_dict()))
+    said = "\n".join(format_fabrication_warnings(original.to_json_dict()))
     assert "DO NOT ORDER led_board/" in said and "sensor_base and camera" in said
-    assert not [*format_export_warnings(default.to_json_dict())]
+    assert not [*format_fabrication_warnings(default.to_json_dict())]
 
 
 def test_shops_are_told_what_files_cannot_say(folder: Path) -> None:
@@ -194,9 +194,9 @@ def test_drawings_and_images_open(folder: Path) -> None:
 
 
 def test_larger_sensors_are_pulled_apart_further(default: BuildableDesign) -> None:
-    assert explosion_scale(default.bodies) == pytest.approx(1.0, abs=1e-6)
+    assert shell_enlargement_factor(default.bodies) == pytest.approx(1.0, abs=1e-6)
     wide = build_sensor_shell(default_hardware_design(SensorDesign(sensing_area=SensingArea(60.0, 45.0))))
-    assert explosion_scale([AssemblyBody("sensor_shell", wide)]) > 2
+    assert shell_enlargement_factor([AssemblyBody("sensor_shell", wide)]) > 2
 
 
 def test_the_bill_counts(folder: Path) -> None:

@@ -8,7 +8,7 @@ import cv2
 import pytest
 
 from ninedtact.cli import main
-from ninedtact.cli.hardware import ExploreCommand, format_bill_of_materials
+from ninedtact.cli.hardware import ExploreDesignsCommand, format_bill_of_materials
 from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import default_hardware_design, read_hardware_design
 from ninedtact.hardware.fabrication_guide import format_fabrication_guide
@@ -69,11 +69,11 @@ def test_explore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_explore_without_values_compares_the_usual_gels() -> None:
     """`test_explore` builds designs; here only what would be built."""
-    usual = [*ExploreCommand().design_sweep.designs(default_hardware_design())]
+    usual = [*ExploreDesignsCommand().design_sweep.designs(default_hardware_design())]
     assert {(choice.gel_mm, choice.shore_a) for choice in usual} == {
         (gel, shore) for gel in (1.5, 2.5, 4.0) for shore in (5.0, 15.0)
     }
-    given = [*ExploreCommand(gel_mm=(2.0,)).design_sweep.designs(default_hardware_design())]
+    given = [*ExploreDesignsCommand(gel_mm=(2.0,)).design_sweep.designs(default_hardware_design())]
     assert [(choice.gel_mm, choice.shore_a) for choice in given] == [(2.0, None)]
 
 

@@ -15,11 +15,11 @@ from ninedtact.hardware.design import (
     PART_TABLES,
     HardwareDesign,
     default_hardware_design,
-    lens_reach_mm,
+    lens_view_radius_mm,
     original_hardware_design,
     required_camera_distance_mm,
 )
-from ninedtact.hardware.design_sweep import DesignChoice
+from ninedtact.hardware.design_sweep import SweepCombination
 from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
 from ninedtact.hardware.led_board.design_rule_check import find_violations
 from ninedtact.hardware.part_dimensions import (
@@ -119,8 +119,8 @@ def test_the_remedy_for_a_lens_that_sees_too_little_works() -> None:
 def test_what_the_lens_reaches() -> None:
     """By hand: 0.35 of air, 2 of acrylic, 9.2 and 11.7 of silicone at 80° in air."""
     design = default_hardware_design()
-    assert lens_reach_mm(design, design.heights.rim) == pytest.approx(12.7, abs=0.05)
-    assert lens_reach_mm(design) == pytest.approx(15.2, abs=0.05)
+    assert lens_view_radius_mm(design, design.heights.rim) == pytest.approx(12.7, abs=0.05)
+    assert lens_view_radius_mm(design) == pytest.approx(15.2, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ swept = st.builds(
 @settings(max_examples=100, deadline=None)
 @given(swept, st.booleans())
 def test_rules_answer_for_every_design(design: SensorDesign, far: bool) -> None:
-    hardware = DesignChoice(default_hardware_design(design)).hardware if far else default_hardware_design(design)
+    hardware = SweepCombination(default_hardware_design(design)).hardware if far else default_hardware_design(design)
     for broken in find_broken_rules(hardware):
         assert broken.rule and broken.message.startswith("expected") and "got" in broken.message
     if far:
@@ -163,7 +163,7 @@ def test_rules_answer_for_every_design(design: SensorDesign, far: bool) -> None:
 
 @given(st.floats(10, 60), st.floats(10, 45))
 def test_a_swept_area_is_given_all_the_pins_that_it_shows(width: float, height: float) -> None:
-    choice = DesignChoice(default_hardware_design(), area_mm=(width, height))
+    choice = SweepCombination(default_hardware_design(), area_mm=(width, height))
     pins = choice.sensor.pin_board
     assert "pins_out_of_view" not in names(choice.hardware)
     for more in (replace(pins, cols=pins.cols + 1), replace(pins, rows=pins.rows + 1)):
@@ -215,7 +215,7 @@ def test_a_dimension_at_the_end_of_its_range_is_built_or_refused(end: tuple[str,
 @settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(swept)
 def test_any_design_is_a_valid_assembly_or_refused(design: SensorDesign) -> None:
-    far = DesignChoice(default_hardware_design(design)).hardware
+    far = SweepCombination(default_hardware_design(design)).hardware
     area = far.sensor.sensing_area
     pins = far.sensor.pin_board
     pitch = min((area.width_mm - 1.2) / (pins.cols - 1), (area.height_mm - 1.2) / (pins.rows - 1), 2.5)
@@ -230,6 +230,6 @@ def test_any_design_is_a_valid_assembly_or_refused(design: SensorDesign) -> None
 def test_the_corners_of_the_sweep_are_built(width: float, height: float, gel: float, cols: int, rows: int) -> None:
     pitch = min(2.5, (width - 1.2) / (cols - 1), (height - 1.2) / (rows - 1))
     design = replace(sensor(width, height, gel), pin_board=PinBoard(rows, cols, pitch))
-    far = DesignChoice(default_hardware_design(design)).hardware
+    far = SweepCombination(default_hardware_design(design)).hardware
     assert find_broken_rules(far) == []
     built_or_refused(far)

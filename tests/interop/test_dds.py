@@ -28,7 +28,7 @@ from ninedtact.force.estimator_interface import ForceEstimator, NoForce
 pytestmark = pytest.mark.interop
 pytest.importorskip("cyclonedds", reason="expected cyclonedds, got none; pip install 'ninedtact[ros2]'")
 
-from ninedtact.interop.dds import DdsParticipant, DdsReader, configuration, parse_qos  # noqa: E402
+from ninedtact.interop.dds import DdsParticipant, DdsReader, cyclonedds_configuration, parse_qos  # noqa: E402
 from ninedtact.interop.ros2_messages import (  # noqa: E402
     LIVE_TOPICS,
     POINTS,
@@ -45,7 +45,7 @@ from ninedtact.recording.topics_and_messages import Topic, encode_message, encod
 from ninedtact.studio.recording_player import RecordedReadings  # noqa: E402
 
 DOMAIN, INTERFACE = 101, "lo"
-ENVIRONMENT = os.environ | {"CYCLONEDDS_URI": configuration(INTERFACE)}
+ENVIRONMENT = os.environ | {"CYCLONEDDS_URI": cyclonedds_configuration(INTERFACE)}
 WRENCH = Wrench(np.array([0.5, -0.25, -2.0]), np.array([1e-3, 2e-3, -4e-3]))
 WALL_NS = 1_790_000_000_123_456_789
 

@@ -22,7 +22,7 @@ from websockets.sync.client import ClientConnection, connect
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.interop.reading_broadcast import StreamPortRefused, serve_sensor
+from ninedtact.interop.reading_broadcast import StreamPortRefused, publish_readings
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 
@@ -66,7 +66,7 @@ def served(messages: FoxgloveMessages) -> Iterator[FoxgloveServer]:
         over, camera = Event(), SkinCamera()
         sensor = sensor_on(camera)
         sensor.estimator = Doubtful()
-        thread = Thread(target=serve_sensor, args=(server.publish, sensor, over.is_set))
+        thread = Thread(target=publish_readings, args=(server.publish, sensor, over.is_set))
         thread.start()
         wait_until(lambda: sensor.depth_reader is not None and server._broadcast._status is None)
         yield server
@@ -243,7 +243,7 @@ def test_a_client_is_warned_of_a_refused_reference(messages: FoxgloveMessages) -
         over, camera, sentences = Event(), SkinCamera(), list[str]()
         camera.level = DARK
         arguments = (server.publish, sensor_on(camera), over.is_set, sentences.append)
-        thread = Thread(target=serve_sensor, args=arguments)
+        thread = Thread(target=publish_readings, args=arguments)
         thread.start()
         try:
             wait_until(lambda: len(sentences) > 0)  # whoever comes later is warned too

@@ -26,7 +26,7 @@ from websockets.sync.client import connect
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.interop.reading_broadcast import StreamPortRefused, serve_sensor
+from ninedtact.interop.reading_broadcast import StreamPortRefused, publish_readings
 from ninedtact.interop.reading_stream import ReadingServer, StreamedReading, StreamedStatus, reading_stream_json_schema
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
@@ -69,7 +69,7 @@ def served_camera(level: int) -> Iterator[Served]:
         camera.level = level
         sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
         sensor.estimator = Constant()
-        thread = Thread(target=serve_sensor, args=(server.publish, sensor, over.is_set, sentences.append))
+        thread = Thread(target=publish_readings, args=(server.publish, sensor, over.is_set, sentences.append))
         thread.start()
         try:
             yield Served(server, sensor, camera, sentences)

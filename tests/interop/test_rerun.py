@@ -18,7 +18,7 @@ from episodes import sample
 
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
-from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, independent_errors
+from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import Topic
@@ -51,7 +51,7 @@ def recorded(tmp_path: Path) -> Path:
             wrench = Wrench(wrench.force_n, wrench.torque_nm, stamp_ns=frame.stamp_ns)
             warnings = (EstimateWarning.OUT_OF_RANGE,) * (number == 12)
             std = np.full(6, np.inf) if number == UNKNOWN else STD
-            estimate = WrenchEstimate(wrench, independent_errors(std), touching=True, warnings=warnings)
+            estimate = WrenchEstimate(wrench, diagonal_covariance(std), touching=True, warnings=warnings)
             writer.write_estimated(estimate, frame.index)
             writer.write_measured(wrench)
     camera.close()

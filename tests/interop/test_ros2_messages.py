@@ -11,7 +11,7 @@ import pytest
 from small_sensor import RECORDED, SHAPE, SkinCamera, skin
 
 from ninedtact import cli
-from ninedtact._version import find_mismatched_library
+from ninedtact._version import find_incompatible_library
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import LensModelTable
 from ninedtact.interop.ros2_messages import (
@@ -21,8 +21,8 @@ from ninedtact.interop.ros2_messages import (
     POINTS,
     TF_TYPE,
     SensorMessages,
-    decode_command,
-    encode_status,
+    decode_ros2_command,
+    encode_ros2_status,
 )
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
@@ -125,7 +125,7 @@ def test_the_gel_frame_is_at_the_bonded_side_of_the_gel() -> None:
 
 
 def test_commands_and_status_are_strings() -> None:
-    assert decode_command(encode_status({"a": 1})) == '{"a": 1}'
+    assert decode_ros2_command(encode_ros2_status({"a": 1})) == '{"a": 1}'
 
 
 @pytest.mark.parametrize(
@@ -199,4 +199,4 @@ def test_a_library_of_another_version_is_refused(
     assert cli.main([command, "--source", "0"]) == 1
     assert f"expected {library}, got 0.1; run pip install 'ninedtact[{extra}]'" in capsys.readouterr().err
     monkeypatch.setattr("ninedtact._version.version", lambda name: library.rpartition("=")[2])
-    assert find_mismatched_library(extra) == ""
+    assert find_incompatible_library(extra) == ""

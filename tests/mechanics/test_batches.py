@@ -118,7 +118,7 @@ def test_half_a_batch_has_all_in_it_that_go_on(
 ) -> None:
     monkeypatch.setattr(shrinking_batch, "MIN_CONTACTS_TO_SPLIT", 1)
     for which in (np.array(going) > 0, torch.tensor(going) > 0):
-        found = shrinking_batch.unconverged_half(which[:, None, None])
+        found = shrinking_batch.half_with_all_unconverged(which[:, None, None])
         assert (None if found is None else found.tolist()) == half
 
 

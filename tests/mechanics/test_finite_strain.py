@@ -10,7 +10,7 @@ from ninedtact.design import Gel
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.finite_strain import (
     MAX_FITTED_DEPTH_OVER_THICKNESS,
-    finite_strain_ball_height_mm,
+    finite_strain_ball_change_mm,
     finite_strain_height_mm,
     finite_strain_load_factor,
     finite_strain_traction_mpa,
@@ -70,7 +70,7 @@ def test_heights_beside_a_ball_are_those_of_finite_strain(presses, ball_mm):
     row = contact.skin.grid.rows // 2
     x, corrected = contact.skin.grid.positions_mm[0][row], finite_strain_height_mm(contact, THICKNESS_MM)
     linear, any_shape = (np.interp(BESIDE_MM, x, field[row]) for field in (contact.height_mm, corrected))
-    tabled = linear + finite_strain_ball_height_mm(BESIDE_MM, ball_mm, 1.5, THICKNESS_MM)
+    tabled = linear + finite_strain_ball_change_mm(BESIDE_MM, ball_mm, 1.5, THICKNESS_MM)
     rms = [np.sqrt(np.mean((heights - SKIN_MM[ball_mm]) ** 2)) for heights in (linear, any_shape, tabled)]
     assert rms[0] > 0.008
     assert rms[1] < 0.65 * rms[0]
@@ -94,15 +94,15 @@ def test_small_strain_needs_no_correction(presses):
         contact, height_mm=shallow * contact.height_mm, tangential_mm=shallow * np.asarray(contact.tangential_mm)
     )
     assert finite_strain_height_mm(flat, THICKNESS_MM) == pytest.approx(flat.height_mm, abs=1e-3 * shallow)
-    assert np.abs(finite_strain_ball_height_mm(BESIDE_MM, 4.0, 0.0, THICKNESS_MM)).max() == 0
+    assert np.abs(finite_strain_ball_change_mm(BESIDE_MM, 4.0, 0.0, THICKNESS_MM)).max() == 0
 
 
 def test_the_table_goes_on_beyond_its_depths_and_radii():
     depths = np.linspace(1.5, 2.4, 10)
-    most = [finite_strain_ball_height_mm(np.linspace(0, 10, 500), 4.0, depth, THICKNESS_MM).max() for depth in depths]
+    most = [finite_strain_ball_change_mm(np.linspace(0, 10, 500), 4.0, depth, THICKNESS_MM).max() for depth in depths]
     assert (np.diff(most) > 0).all()
     for radius_mm in (1.0, 20.0):
-        assert np.isfinite(finite_strain_ball_height_mm(BESIDE_MM, radius_mm, 1.0, THICKNESS_MM)).all()
+        assert np.isfinite(finite_strain_ball_change_mm(BESIDE_MM, radius_mm, 1.0, THICKNESS_MM)).all()
 
 
 def test_deeper_is_stiffer():

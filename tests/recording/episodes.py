@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ninedtact.force.estimator_interface import unknown_wrench
+from ninedtact.force.estimator_interface import unknown_wrench_estimate
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.topics_and_messages import Topic
@@ -62,7 +62,7 @@ def write_estimates(path: Path, frames: int = 4) -> list[WrenchEstimate]:
             warnings = (EstimateWarning.OUT_OF_RANGE, EstimateWarning.PART_UNSEEN)[: 2 * (number % 3 == 1)]
             estimates.append(WrenchEstimate(wrench, root @ root.T, True, warnings))
             if number % 3 == 2:
-                estimates[-1] = unknown_wrench(image.stamp_ns, (EstimateWarning.OUT_OF_RANGE,))
+                estimates[-1] = unknown_wrench_estimate(image.stamp_ns, (EstimateWarning.OUT_OF_RANGE,))
             episode.write_image(image)
             episode.write_estimated(estimates[-1], image.index)
     return estimates

@@ -18,10 +18,10 @@ from ninedtact.capture.force_torque.sample_checks import (
     SampleFault,
 )
 from ninedtact.capture.training_pair_rule import SamplingRuleSettings
-from ninedtact.cli.collect import CollectScreen, handle_keys, histogram_lines, progress_line
+from ninedtact.cli.collect import CollectTerminalDisplay, collect_progress_line, handle_collect_keys, histogram_lines
 from ninedtact.cli.option_parser import CollectOptions
 from ninedtact.quantities import Frame
-from ninedtact.recording.collected_pairs import NO_OBJECT, SavedPair, read_saved_pairs
+from ninedtact.recording.collected_pairs import NO_OBJECT, RecordedPair, read_recorded_pairs
 from ninedtact.recording.collecting.collection_sources import setup_with_twin
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings, CollectSettingsInvalid
@@ -44,7 +44,7 @@ def collected(
     seconds: float = WHOLE_S,
     settings: CollectSettings = SETTINGS,
     seen: Seen = lambda frame, collector: None,
-) -> tuple[Collector, list[SavedPair]]:
+) -> tuple[Collector, list[RecordedPair]]:
     """Collect from the hand; `seen` is called after every image."""
     feed: Iterator[MergedArrival] = merge_recorded_streams(
         Camera(seconds), CheckedWrenchSource(replace(force_torque), settings.checks)
@@ -57,10 +57,10 @@ def collected(
             if isinstance(fed.item, Frame):
                 seen(fed.item, collector)
         collector.finish()
-    return collector, list(read_saved_pairs(path))
+    return collector, list(read_recorded_pairs(path))
 
 
-def require_true(pairs: list[SavedPair]) -> None:
+def require_true(pairs: list[RecordedPair]) -> None:
     """Every saved wrench is what pressed when the image was taken, to what noise and tare leave."""
     for pair in pairs:
         assert (np.abs(pair.wrench.six - truth(at_s(pair.time_ns))) < 6 * NOISE + 1e-3).all(), pair.kind
@@ -74,7 +74,7 @@ def test_pairs_are_true_apart_and_of_all_kinds(tmp_path: Path) -> None:
     kinds = [pair.kind for pair in pairs]
     assert kinds.count("rule") >= 12 and 1 <= kinds.count("light_touch") <= 2 and kinds.count("no_contact") == 1
     assert all(pair.object == (NO_OBJECT if pair.kind == "no_contact" else "cup") for pair in pairs)
-    touches: dict[str, list[SavedPair]] = {}
+    touches: dict[str, list[RecordedPair]] = {}
     for pair in pairs:
         touches.setdefault(pair.contact, []).append(pair)
     assert len(touches) == 1 + TOUCHES + 1 and collector.rejected.total() == 0
@@ -90,7 +90,7 @@ def test_pairs_are_true_apart_and_of_all_kinds(tmp_path: Path) -> None:
     assert len(pairs[0].reference.images) == 10 and not pairs[0].reference.images[0].flags.writeable
     assert collector.reference is not None and collector.reference.zero == pytest.approx(BIAS, abs=6e-3)
     assert sum(map(sum, collector.counts.counts)) == 6 * len(pairs)
-    assert [len(line) for line in histogram_lines(collector)] and "pairs (" in progress_line(collector)
+    assert [len(line) for line in histogram_lines(collector)] and "pairs (" in collect_progress_line(collector)
 
 
 def test_every_pair_is_on_disk_when_it_is_counted(tmp_path: Path) -> None:
@@ -152,7 +152,7 @@ def test_a_sensor_that_errs_is_told_and_nothing_untrue_is_saved(what: str, tmp_p
 
 
 def test_contacts_are_undone_one_by_one_and_objects_follow_each_other(tmp_path: Path) -> None:
-    screen, words = CollectScreen(), []
+    screen, words = CollectTerminalDisplay(), []
 
     def keys(frame: Frame, collector: Collector) -> None:
         typed = {
@@ -161,13 +161,13 @@ def test_contacts_are_undone_one_by_one_and_objects_follow_each_other(tmp_path: 
         }
         if frame.index in typed:
             before = len(collector.counts.pairs)
-            assert handle_keys(typed[frame.index], collector, screen)
+            assert handle_collect_keys(typed[frame.index], collector, screen)
             words.append((before, len(collector.counts.pairs)))
 
     collector, pairs = collected(tmp_path / "e.mcap", seen=keys)
     (one, same), (_, none_left), (three, undone) = words
     assert one == same > 1 and none_left == 1 and three > undone == 1  # the pair without contact stays
-    assert not handle_keys("xq", collector, screen)
+    assert not handle_collect_keys("xq", collector, screen)
     assert {pair.object for pair in pairs} == {NO_OBJECT, "nut"} and len(pairs) == len(collector.counts.pairs)
     assert min(pair.time_ns for pair in pairs if pair.object == "nut") / 1e9 > 7 + REST_S + REST_TOUCHES * TOUCH_S
     assert collector.counts.counts.sum() == 6 * len(pairs) and collector.counts.counts.min() == 0

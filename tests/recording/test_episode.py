@@ -23,8 +23,8 @@ from rosbags.typesys import Stores, get_typestore
 from ninedtact.capture.frame_source import CameraNotFound
 from ninedtact.cli import main
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Wrench, WrenchEstimate
-from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefused
-from ninedtact.recording.export import ExportRefused, export_recording
+from ninedtact.recording.errors import ExportTargetTaken, RecordingUnreadable, ReferenceMomentRefused
+from ninedtact.recording.export import export_recording
 from ninedtact.recording.mcap_repair import repair_recording
 from ninedtact.recording.metadata import (
     HEIGHT_STEP_16_BIT_MM,
@@ -414,7 +414,7 @@ def test_a_folder_that_holds_something_is_not_exported_into(tmp_path: Path) -> N
         out.mkdir()
         (out / "mine.txt").write_text("mine")
         for taken in (out, out / "mine.txt"):
-            with pytest.raises(ExportRefused, match="new or empty folder"):
+            with pytest.raises(ExportTargetTaken, match="new or empty folder"):
                 export_recording(read, taken)
         assert [each.name for each in out.iterdir()] == ["mine.txt"]
         (out / "mine.txt").unlink()

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ninedtact.capture.force_torque.sample_checks import ClockDriftMonitor, SampleFault, SampleFaultTracker
+from ninedtact.capture.force_torque.sample_checks import ClockDriftMonitor, SampleFault, SampleFaultHistory
 from ninedtact.capture.training_pair_rule import SamplingRule, SamplingRuleSettings
 from ninedtact.capture.wrench_source import WrenchFaulty, WrenchFrozen, WrenchJumped, WrenchSaturated
 from ninedtact.quantities import Frame, Wrench
@@ -14,8 +14,8 @@ from ninedtact.recording.collecting.pair_selection import (
     CollectSettings,
     CollectSettingsInvalid,
     ImageWrenchCandidate,
-    PairCounts,
     PairSelector,
+    SavedPairCounts,
     ZeroDriftMonitor,
 )
 from ninedtact.recording.topics_and_messages import PairLabel
@@ -39,7 +39,7 @@ def label(six: Wrench, contact: str = "a", kind: str = "rule") -> PairLabel:
 
 
 def test_pairs_are_counted_in_twelve_bins_of_each_range() -> None:
-    counts = PairCounts(RULE.ranges)
+    counts = SavedPairCounts(RULE.ranges)
     np.testing.assert_allclose(counts.limits, [[-3, -3, -12, -0.2, -0.2, -0.05], [3, 3, 0, 0.2, 0.2, 0.05]])
     counts.add(label(wrench(-2.9, 0.01, -11.1, 0.199, -0.5, 0.0)))
     assert [int(np.flatnonzero(row)[0]) for row in counts.counts] == [0, 6, 0, 11, 0, 6]
@@ -51,7 +51,7 @@ def test_pairs_are_counted_in_twelve_bins_of_each_range() -> None:
 
 
 def test_ranges_without_pairs_are_named_from_border_to_border() -> None:
-    counts = PairCounts(RULE.ranges)
+    counts = SavedPairCounts(RULE.ranges)
     assert counts.missing_ranges()[0] == "Fx -3 to 3 N" and counts.missing_ranges()[5] == "Tz -50 to 50 N·mm"
     for bin_number in (0, 1, 5, 11):
         counts.add(label(wrench(0, 0, -12 + bin_number + 0.5)))
@@ -108,7 +108,7 @@ def selector() -> PairSelector:
 
 
 def test_light_touches_and_untouched_skin_are_few_and_apart() -> None:
-    choose, counts = selector(), PairCounts(RULE.ranges)
+    choose, counts = selector(), SavedPairCounts(RULE.ranges)
     assert choose.select(moment(0.5), counts) is None  # too soon after the beginning
     assert choose.select(moment(1.0), counts) == "no_contact"
     assert choose.select(moment(2.1), counts) == "no_contact"  # while none is counted
@@ -127,7 +127,7 @@ def test_light_touches_and_untouched_skin_are_few_and_apart() -> None:
 
 
 def test_a_visible_contact_lasts_until_the_image_shows_none() -> None:
-    choose, counts = selector(), PairCounts(RULE.ranges)
+    choose, counts = selector(), SavedPairCounts(RULE.ranges)
     numbers = []
     for at_s, change in enumerate((0.0, 1.9, 2.1, 1.1, 0.9, 1.1, 2.1)):
         choose.select(moment(at_s, 0.25, change), counts)
@@ -139,7 +139,7 @@ def test_a_visible_contact_lasts_until_the_image_shows_none() -> None:
 
 
 def test_a_load_is_neither_untouched_skin_nor_a_light_touch() -> None:
-    choose, counts = selector(), PairCounts(RULE.ranges)
+    choose, counts = selector(), SavedPairCounts(RULE.ranges)
     assert choose.select(moment(3, 0.21), counts) is None
     assert choose.select(moment(4, 0.1, 1.0), counts) is None
     counts.add(label(wrench(0, 0, -1.0)))
@@ -170,7 +170,7 @@ def rejected(kind: type[Exception]) -> Exception:
 
 
 def test_faults_reach_back_to_where_they_could_have_begun() -> None:
-    tracker = SampleFaultTracker(frozen_ns=200 * MS)
+    tracker = SampleFaultHistory(frozen_ns=200 * MS)
     assert tracker.accept(wrench(at_ns=1 * S)) and tracker.fault_between(0, 2 * S) is None
     tracker.reject(rejected(WrenchFrozen))
     tracker.reject(rejected(WrenchSaturated))  # of one run of rejections the first counts
@@ -187,7 +187,7 @@ def test_faults_reach_back_to_where_they_could_have_begun() -> None:
 
 
 def test_after_a_jump_the_zero_is_doubtful_until_the_sensor_is_at_rest() -> None:
-    tracker = SampleFaultTracker(frozen_ns=200 * MS)
+    tracker = SampleFaultHistory(frozen_ns=200 * MS)
     tracker.accept(wrench(at_ns=1 * S))
     tracker.reject(rejected(WrenchJumped))
     tracker.accept(wrench(at_ns=2 * S))

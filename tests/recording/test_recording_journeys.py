@@ -33,23 +33,28 @@ from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSource, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.cli import main
-from ninedtact.cli.collect import CollectScreen, open_key_reader, progress_line
+from ninedtact.cli.collect import CollectTerminalDisplay, collect_progress_line, open_key_reader
 from ninedtact.cli.result_and_interrupt import stop_on_signal
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.open_sensor import load_named_sensor, source_in_real_time
+from ninedtact.open_sensor import load_given_or_recorded_sensor, source_in_real_time
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
-from ninedtact.recording.collected_pairs import read_saved_pairs
+from ninedtact.recording.collected_pairs import read_recorded_pairs
 from ninedtact.recording.collecting.collection_sources import collection_setup_from_recordings
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings
 from ninedtact.recording.errors import RecordingUnreadable
-from ninedtact.recording.mcap_repair import save_spans
+from ninedtact.recording.mcap_repair import save_labelled_spans
 from ninedtact.recording.merge_streams import Arrival, merge_live_streams, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import Recording, read_folder, sensor_addresses, sensor_folder_attachments
-from ninedtact.recording.recorded_source import RecordedSource
-from ninedtact.recording.recorder import RecordedEstimates, Recorder, SensorToRecord, record, record_several
+from ninedtact.recording.reader import (
+    Recording,
+    read_folder_files,
+    recorded_sensor_addresses,
+    sensor_folder_attachments,
+)
+from ninedtact.recording.recorded_source import RecordedFrameSource
+from ninedtact.recording.recorder import EstimateRecorder, Recorder, SensorToRecord, record, record_several
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
@@ -126,7 +131,7 @@ def test_a_small_recording_is_played_back_and_exported_like_a_large_one(
     said = capsys.readouterr().out
     assert "heights in steps of 0.001 mm" in said and "less the camera's delay of 20 ms" in said
     told(capsys, "export", small, "--out", tmp_path / "out")
-    with Recording(large) as one, Recording(small) as other, RecordedSource(small) as played:
+    with Recording(large) as one, Recording(small) as other, RecordedFrameSource(small) as played:
         heights = dict(one.heights())
         assert other.stamps_ns(Topic.IMAGES)[0] > before_ns
         for frame, same, again in zip(one.frames(), other.frames(), played, strict=True):
@@ -163,12 +168,12 @@ def two_sensors(sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 def test_several_sensors_are_recorded_into_one_file_on_one_clock(
     two_sensors: Path, sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert sensor_addresses(two_sensors) == [f"{two_sensors}#left", f"{two_sensors}#right"]
+    assert recorded_sensor_addresses(two_sensors) == [f"{two_sensors}#left", f"{two_sensors}#right"]
     began_ns = []
     for hand, grey in (("left", 90), ("right", 120)):
         with Recording(f"{two_sensors}#{hand}") as recording:
             assert [frame.image[0, 0, 0] for frame in recording.frames()] == list(range(grey, grey + 40))
-            assert recording.sensor == "twin" and recording.sensor_files() == read_folder(sensor)
+            assert recording.sensor == "twin" and recording.sensor_files() == read_folder_files(sensor)
             assert len(list(recording.heights())) == recording.summary().topics[0].messages == 40
             began_ns.append(recording.stamps_ns(Topic.IMAGES)[0])
         with ninedtact.open(source=f"{two_sensors}#{hand}", force="none") as opened:
@@ -193,8 +198,8 @@ def test_a_sensor_of_several_must_be_named_and_labels_are_theirs_together(two_se
         Recording(f"{two_sensors}#middle")
     with Recording(f"{two_sensors}#right") as recording:
         span = LabelledSpan(recording.began_ns, recording.began_ns + 10**6, "grasp")
-    save_spans(two_sensors, [span])
-    for address in sensor_addresses(two_sensors):
+    save_labelled_spans(two_sensors, [span])
+    for address in recorded_sensor_addresses(two_sensors):
         with Recording(address) as recording:
             assert recording.is_finished and recording.spans() == [span]
 
@@ -286,7 +291,7 @@ def test_a_recording_is_shown_live_with_the_sensor_that_it_carries(tmp_path: Pat
     path = tmp_path / "hand.mcap"
     recorded_hand(path, sensor, seconds=0.5)
     with (
-        load_named_sensor(None, str(path)) as folder,
+        load_given_or_recorded_sensor(None, str(path)) as folder,
         LatestFrameSource(source_in_real_time(str(path), DEFAULT_CAMERA)) as source,
     ):
         assert folder.id == "twin" and folder.shape.rectify.raw_shape == (480, 640)
@@ -310,7 +315,7 @@ def test_pairs_are_collected_from_a_recording_with_its_stamps_and_its_sensor(
     recorded_hand(source, sensor, UNTOUCHED_S + TOUCHES * TOUCH_S)
     sources = ["--source", source, "--force-torque", source, "--tolerance-ms", "12"]
     found = told(capsys, "collect", *sources, "--out", out, "--objects", "cup", "--seed", "1")
-    pairs = list(read_saved_pairs(out))
+    pairs = list(read_recorded_pairs(out))
     assert found["pairs"] == len(pairs) >= 15 and found["objects"] == {"cup": len(pairs) - 1, "none": 1}
     assert found["refused"] == {} and found["kinds"]["rule"] == len(pairs) - 1 - found["kinds"]["light_touch"]
     assert all(np.abs(pair.wrench.six - truth(at_s(pair.time_ns)))[:3].max() < 0.15 for pair in pairs)
@@ -328,7 +333,7 @@ def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
     options = ["--objects", "ball:4", "cylinder:3,11", "--touches", "1", "--pairs", "6", "--seed", "3"]
     sources = ["--source", "sim", "--force-torque", "sim", "--sensor", sensor]
     found = told(capsys, "collect", *sources, "--out", out, *options)
-    pairs = list(read_saved_pairs(out))
+    pairs = list(read_recorded_pairs(out))
     assert found["pairs"] == len(pairs) == 6 and set(found["objects"]) == {"none", "ball:4", "cylinder:3,11"}
     by_rule = np.array([pair.wrench.six for pair in pairs if pair.kind == "rule"])
     assert by_rule[:, 2].max() < -0.25 and by_rule[:, 2].min() < -1
@@ -383,7 +388,7 @@ def test_a_tare_without_samples_says_so_and_hoards_no_images(tmp_path: Path) -> 
         collector = Collector(episode)
         for frame in camera:
             collector.add(Arrival(frame, frame.stamp_ns))
-    assert "no samples from the force/torque sensor yet" in progress_line(collector)
+    assert "no samples from the force/torque sensor yet" in collect_progress_line(collector)
     assert collector.tare_in_progress is not None and len(collector.tare_in_progress.frames) == 10
 
 
@@ -408,7 +413,7 @@ class Guessing(ForceEstimator):
 def test_heights_and_estimates_are_written_beside_every_image(sensor: Path, tmp_path: Path) -> None:
     camera, shape = SimulatedCamera(small_press_simulation(rounds=1)), load_sensor(sensor).shape
     with RecordingWriter(tmp_path / "meant.mcap", RecordingMetadata("x")) as episode:
-        Recorder(episode, camera, estimates=RecordedEstimates(shape, Guessing())).run(lambda: False)
+        Recorder(episode, camera, estimates=EstimateRecorder(shape, Guessing())).run(lambda: False)
     with Recording(tmp_path / "meant.mcap") as read:
         heights, estimates = dict(read.heights()), list(read.wrenches(Topic.ESTIMATED))
         covariances, warnings = list(read.covariances()), list(read.warnings())
@@ -427,7 +432,7 @@ def test_a_reference_of_another_sensor_is_a_warning_of_every_estimate_and_said_o
 ) -> None:
     camera, shape = SimulatedCamera(small_press_simulation(rounds=1)), load_sensor(sensor).shape
     said: list[str] = []
-    estimates = RecordedEstimates(
+    estimates = EstimateRecorder(
         shape, Guessing(), True, lambda frames: ("another sensor's gel: it is not there",), said.append
     )
     with RecordingWriter(tmp_path / "other.mcap", RecordingMetadata("x")) as episode:
@@ -655,7 +660,7 @@ def test_devices_are_collected_from_live(tmp_path: Path) -> None:
             if heard is not None:
                 collector.add(heard)
         collector.finish()
-    pairs = list(read_saved_pairs(tmp_path / "live.mcap"))
+    pairs = list(read_recorded_pairs(tmp_path / "live.mcap"))
     with Recording(tmp_path / "live.mcap") as read:
         assert len(list(read.wrenches())) > 200
     assert len([pair for pair in pairs if pair.kind == "rule"]) >= 5
@@ -691,7 +696,7 @@ def test_the_screen_is_rewritten_in_place(tmp_path: Path, monkeypatch: pytest.Mo
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
     with RecordingWriter(tmp_path / "e.mcap", RecordingMetadata("x"), COLLECTED_TOPICS) as episode:
-        collector, screen = Collector(episode), CollectScreen()
+        collector, screen = Collector(episode), CollectTerminalDisplay()
         screen.show(collector)
         screen.show(collector)
         screen.show_message("next object: cup")

@@ -15,11 +15,11 @@ from ninedtact.shape.depth import (
     DepthCurve,
     DepthCurveImpossible,
     DepthReader,
+    GlobalDimmingModel,
     Smoothing,
-    WholeImageLightLoss,
+    deconvolve_gaussian_blur,
     look_up_heights,
     mean_view_darkening,
-    sharpen,
 )
 
 BEYOND = CurveContinuation((0.35, 0.6), (1.3, 1.8), (0.06, 0.16))
@@ -117,13 +117,13 @@ def test_the_light_that_dark_skin_takes_from_the_whole_image_is_known_from_the_i
     pressed[20:50, 30:80] = 0.7
     share = 0.3 * 30 * 50 / 15_000
     lost = -0.8 * share
-    assert WholeImageLightLoss(0.8)(reference * pressed * np.float32(1 + lost), reference) == pytest.approx(
+    assert GlobalDimmingModel(0.8)(reference * pressed * np.float32(1 + lost), reference) == pytest.approx(
         lost, rel=0.01
     )
     assert mean_view_darkening(reference * pressed * np.float32(1 + lost), reference, lost) == pytest.approx(
         share, rel=1e-3
     )
-    assert WholeImageLightLoss(0.0)(reference * pressed, reference) == 0
+    assert GlobalDimmingModel(0.0)(reference * pressed, reference) == 0
     for dim, seen in ((0.981, False), (0.979, True)):  # drift and noise stay below two per cent
         assert (mean_view_darkening(reference * np.float32(dim), reference, 0.0) > 0) == seen
 
@@ -148,7 +148,9 @@ def test_a_point_spread_is_undone_up_to_the_noise_floor() -> None:
         spread = np.exp(-((np.pi * waves / cols * sigma) ** 2) / 2)
         gain = spread * (1 + floor) / (spread**2 + floor)
         inside = np.s_[:, 10:-10]
-        np.testing.assert_allclose(sharpen(field, sigma, floor)[inside], (1 + (field - 1) * gain)[inside], atol=0.004)
+        np.testing.assert_allclose(
+            deconvolve_gaussian_blur(field, sigma, floor)[inside], (1 + (field - 1) * gain)[inside], atol=0.004
+        )
 
 
 def test_a_curve_without_bulges_goes_on_a_little_above_zero_and_hides_it() -> None:
@@ -168,7 +170,7 @@ def test_the_light_that_is_lost_is_restored_before_depths_are_read() -> None:
     reference = Rectified(np.full(spot.shape, 200, np.float32), 0.05)
     seen = Rectified((200 * spot * np.float32(1 - 0.8 * share)), 0.05)
     source = np.full(spot.shape, HeightSource.MEASURED, np.uint8)
-    read = DepthReader(CURVE, reference, source, Smoothing(0, 0), loss=WholeImageLightLoss(0.8))(seen).z_mm
+    read = DepthReader(CURVE, reference, source, Smoothing(0, 0), loss=GlobalDimmingModel(0.8))(seen).z_mm
     np.testing.assert_allclose(read[10:30, 20:40], -0.75, atol=0.01)
     assert np.abs(read[spot == 1]).max() < 0.01
 

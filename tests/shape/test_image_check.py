@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImplausible, load_reference_check
+from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImplausible, load_reference_image_checker
 from ninedtact.calibration.press_brightness import to_grey_float
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.save import save_sensor
@@ -100,7 +100,7 @@ def test_real_presses_are_plausible_and_exchanged_ones_are_not(
     assert warnings_of(sensor, images.ball_reference, images.ball) == ()
     assert warnings_of(sensor, images.board_reference, images.board) == ()
     assert warnings_of(sensor, images.ball, images.ball_reference) == (UNLIKE,)
-    check = load_reference_check(sensor)
+    check = load_reference_image_checker(sensor)
     check.require_faultless([Frame(images.ball_reference)])
     check.require_faultless([Frame(images.board_reference)])
     for wrong in (images.ball, images.board, images.ball_reference[:, ::-1].copy()):

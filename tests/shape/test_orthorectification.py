@@ -8,7 +8,7 @@ from skins import MM_PER_PX, ball_print, grid, plane, skin, with_hole
 from ninedtact.quantities import HeightMap
 from ninedtact.shape.orthorectification import (
     SkinGrid,
-    find_sightline_pixels,
+    find_pixels_of_skin_places,
     orthorectified_heights,
     orthorectify,
     sample_field,
@@ -23,7 +23,7 @@ def by_bisection(seen: HeightMap) -> np.ndarray:
 
 def by_iteration_on_the_map(seen: HeightMap) -> np.ndarray:
     place_mm, pitch_mm = np.stack(skin_grid_mm(seen.z_mm.shape, seen.mm_per_px)), (seen.mm_per_px, seen.mm_per_px)
-    pixel = find_sightline_pixels(seen.z_mm, pitch_mm, place_mm, seen.camera_distance_mm, iterations=12)
+    pixel = find_pixels_of_skin_places(seen.z_mm, pitch_mm, place_mm, seen.camera_distance_mm, iterations=12)
     return sample_field(seen.z_mm, pixel, cv2.INTER_LINEAR)
 
 

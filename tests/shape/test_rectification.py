@@ -6,7 +6,7 @@ from scipy import ndimage
 
 from ninedtact.design import RectifiedImageSize
 from ninedtact.quantities import Frame, HeightSource
-from ninedtact.shape.lens import LensModel, PointNotSeen, central_mm_per_px
+from ninedtact.shape.lens import LensModel, PixelNotOnSkin, central_mm_per_px
 from ninedtact.shape.rectification import Rectification, WrongImageSize, rectification_of_projection
 
 LENS = LensModel(
@@ -71,7 +71,7 @@ def test_results_share_no_memory() -> None:
 def test_the_lens_backwards_is_the_lens() -> None:
     points = np.random.default_rng(1).uniform([-11, -8.5], [11, 8.5], (500, 2))
     assert LENS.to_mm(LENS.to_px(points)) == pytest.approx(points, abs=1e-6)
-    with pytest.raises(PointNotSeen):
+    with pytest.raises(PixelNotOnSkin):
         LENS.to_mm(np.array([[1e7, 1e7]]))
 
 

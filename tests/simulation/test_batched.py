@@ -18,10 +18,10 @@ from ninedtact.cli import main
 from ninedtact.dataset.folder import DatasetFolderTaken
 from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
 from ninedtact.dataset.generation.press_trajectory import PressSettings
-from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings, KindShares
+from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings, PairKindShares
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics import surface_displacement
-from ninedtact.mechanics.height_grid_indenter import HeightGridStore
+from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.batched import executor
@@ -36,7 +36,7 @@ SMALL = GenerationSettings(
     size=(48, 36),
     sensors=3,
     object_names=("ball:3", "gear_07", "cylinder:2,5", "screw_02"),
-    shares=KindShares(0.1, 0.15),
+    shares=PairKindShares(0.1, 0.15),
     mechanics=NonidealMechanicsShares(0.34, 0.33),
     pitch_mm=0.5,
     session_pairs=3,
@@ -221,7 +221,7 @@ def test_untouched_skin_is_shown_as_it_is(room: BatchExecutor) -> None:
 def test_objects_side_by_side_are_each_their_own(poses: list[Pose]) -> None:
     axis = np.linspace(-12, 12, 60)
     places = tuple(np.float32(place) for place in np.meshgrid(axis, axis))
-    several = HeightGridStore(np.zeros((), np.float32)).batch(OBJECTS)
+    several = DeviceHeightGrids(np.zeros((), np.float32)).batch(OBJECTS)
     found = several.height_over_skin_mm(Pose.stack(poses), *places)
     for height, indenter, pose in zip(found, OBJECTS, poses, strict=True):
         np.testing.assert_allclose(height, indenter.height_over_skin_mm(pose, *places), atol=2e-5)
@@ -230,7 +230,7 @@ def test_objects_side_by_side_are_each_their_own(poses: list[Pose]) -> None:
 def test_a_hand_that_finds_nothing_gives_up_together_too(tmp_path: Path) -> None:
     faint = PressSettings(load_n=(0.1, 0.01), load_range_n=(0.05, 0.2), targets=(1, 1))
     settings = replace(
-        SMALL, press=faint, shares=KindShares(0, 0), object_names=("ball:4",), pairs=3, sensors=1, pitch_mm=1.0
+        SMALL, press=faint, shares=PairKindShares(0, 0), object_names=("ball:4",), pairs=3, sensors=1, pitch_mm=1.0
     )
     with pytest.raises(GenerationImpossible, match="press harder"):
         generate_dataset(tmp_path / "faint", settings, device="torch-cpu")

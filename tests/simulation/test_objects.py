@@ -268,6 +268,6 @@ def test_thingi10k_offline_is_one_sentence(tmp_path: Path) -> None:
     environment = {**os.environ, "HF_HOME": str(tmp_path), "HF_HUB_OFFLINE": "1"}
     ran = subprocess.run([sys.executable, "-c", ask], env=environment, capture_output=True, text=True, timeout=60)
     assert (
-        "MeshNotFound: expected Thingi10K on this machine" in ran.stderr
-        or "ObjectLibraryMissing: expected" in ran.stderr
+        "Thingi10kModelNotFound: expected Thingi10K on this machine" in ran.stderr
+        or "MeshLibraryMissing: expected" in ran.stderr
     )

@@ -17,7 +17,7 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.real_sensor_twins import REAL_FITS
 from ninedtact.simulation.rectified_renderer import (
-    misaligned_positions_mm,
+    misaligned_pixel_positions_mm,
     raw_pixels_seeing,
     rectified_mm_per_px,
     rectified_renderer,
@@ -28,7 +28,7 @@ from ninedtact.simulation.sensor_population import (
     InvalidPopulation,
     NonidealMechanicsShares,
     SampledSensor,
-    fit_deviation,
+    deviation_from_population,
     sample_sensor,
     sample_sensors,
     sampled_sensor_from_json,
@@ -70,16 +70,16 @@ def test_real_sensors_and_every_mixture_of_them_are_usual(weights: list[float]) 
     share = np.array(weights) / sum(weights)
     mixed = {name: float(share @ [getattr(fit.light, name) for fit in REAL_FITS]) for name in vars(BrightnessModel())}
     gel = Gel(float(share @ [fit.thickness_mm for fit in REAL_FITS]))
-    assert fit_deviation(BrightnessModel(**mixed), gel) < 2.7
+    assert deviation_from_population(BrightnessModel(**mixed), gel) < 2.7
 
 
 def test_few_sensors_of_the_population_are_unusual(members: list[SampledSensor]) -> None:
-    deviations = [fit_deviation(one.light, one.gel) for one in members]
+    deviations = [deviation_from_population(one.light, one.gel) for one in members]
     assert np.mean(np.array(deviations) > 3.2) < 0.05
     wide = SensorDesign(gel=Gel(1.25, 0.2))
-    assert [fit_deviation(one.light, one.gel, wide) for one in (sample_sensor(n, design=wide) for n in range(6))] == (
-        pytest.approx(deviations[:6])
-    )
+    assert [
+        deviation_from_population(one.light, one.gel, wide) for one in (sample_sensor(n, design=wide) for n in range(6))
+    ] == (pytest.approx(deviations[:6]))
 
 
 def test_gel_lens_and_camera_stay_within_what_is_made(members: list[SampledSensor]) -> None:
@@ -161,7 +161,8 @@ def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
     seen = eye.render(contact, np.random.default_rng(0)).astype(float)
     raw = cv2.cvtColor(twin.renderer.render_without_noise(contact), cv2.COLOR_BGR2GRAY)
     at = raw_pixels_seeing(
-        one.pixel_map, misaligned_positions_mm((460, 345), rectified_mm_per_px((460, 345)), CalibrationMisalignment())
+        one.pixel_map,
+        misaligned_pixel_positions_mm((460, 345), rectified_mm_per_px((460, 345)), CalibrationMisalignment()),
     )
     rectified = cv2.remap(raw, at[..., 0].copy(), at[..., 1].copy(), cv2.INTER_LINEAR)
     assert np.ptp(seen - eye.reference) > 12
@@ -172,7 +173,7 @@ def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
 def test_a_view_read_backwards_finds_its_pixels() -> None:
     view, wanted = (
         sample_sensor(4).pixel_map,
-        misaligned_positions_mm(
+        misaligned_pixel_positions_mm(
             (92, 69), rectified_mm_per_px((92, 69)), CalibrationMisalignment(1.01, 0.01, (0.2, -0.1))
         ),
     )

@@ -19,9 +19,9 @@ from ninedtact.simulation.ground_truth import (
     true_pressure_map_mpa,
     true_shear_map_mpa,
 )
-from ninedtact.simulation.hand_moved_object import HandMotion, HandTarget
+from ninedtact.simulation.hand_moved_object import HandTarget, SimulatedHand
 from ninedtact.simulation.trajectory import InvalidPress, ScriptedPress
-from ninedtact.simulation.twin import LOAD_TOLERANCE, ObjectTooLarge, PoseOutOfView
+from ninedtact.simulation.twin import LOAD_TOLERANCE, ContactLeavesGel, PoseOutOfView
 
 
 def test_it_ends_where_it_was_sent() -> None:
@@ -42,7 +42,7 @@ def test_a_load_is_that_of_the_gel_as_it_acts_at_finite_strain(load_n: float) ->
     assert -pressed.wrench().force_n[2] == pytest.approx(load_n, rel=LOAD_TOLERANCE)
     linear = ScriptedPress(load_n=load_n).simulate(TWIN, ball)
     assert pressed.pose.depth_mm < linear.pose.depth_mm or load_n < 1  # the gel stiffens
-    hand = HandMotion()
+    hand = SimulatedHand()
     hand.aim(HandTarget(Pose(0.0, 0.0), load_n=load_n))
     contact = twin.step(twin.model.initial_contact(), ball, Pose(depth_mm=0.05))
     for _ in range(60):
@@ -79,7 +79,7 @@ def test_what_a_twin_cannot_answer_for_is_refused() -> None:
     with pytest.raises(InvalidPose, match=r"its base, 2.5 mm, got 2.59"):
         TWIN.step(TWIN.model.initial_contact(), Ball(4.0), Pose(depth_mm=2.6))
     for large, at in ((FlatPunch(18.0), (0.0, 0.0)), (FlatPunch(13.0), (0.0, 0.0)), (Ball(4.0), (13.5, 0.0))):
-        with pytest.raises(ObjectTooLarge, match=r"touch no more than the gel of 29.5 x 22.5 mm, .* smaller object"):
+        with pytest.raises(ContactLeavesGel, match=r"touch no more than the gel of 29.5 x 22.5 mm, .* smaller object"):
             ScriptedPress(1.0, at_mm=at).simulate(TWIN, large)
 
 

@@ -11,13 +11,13 @@ from small_sensor import wait_until
 from websockets.sync.client import ClientConnection, connect
 
 from ninedtact.studio.page_and_server import SensorPage
-from ninedtact.studio.viewer import Viewer
+from ninedtact.studio.viewer import ViewerPage
 
 
 class PageClient:
     """What a person does in a browser, as its messages."""
 
-    def __init__(self, socket: ClientConnection, viewer: Viewer) -> None:
+    def __init__(self, socket: ClientConnection, viewer: ViewerPage) -> None:
         self.socket, self.viewer = socket, viewer
         self.notices: list[str] = []
         """Titles and texts of the notifications that this viewer was shown."""

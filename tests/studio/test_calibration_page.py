@@ -20,14 +20,14 @@ from small_calibrated_twin import TWIN, PluggedCamera
 from small_sensor import sensor_folder, wait_until
 from viser import ViserServer
 
-from ninedtact.calibration.guidance import locate_pins
+from ninedtact.calibration.guidance import search_board_pins
 from ninedtact.calibration.procedure import CalibrationSettings
 from ninedtact.calibration.sensor_folder import load_sensor
-from ninedtact.cli.calibrate import CalibrateCommand, ImagesMissing
+from ninedtact.cli.calibrate import CalibrateCommand, InvalidCalibrateOption
 from ninedtact.cli.calibration_page import CalibrationPageOptions, serve_calibrated_sensor
 from ninedtact.design import SensorDesign
 from ninedtact.studio.calibration_page import CalibrationPage
-from ninedtact.studio.calibration_session import CalibrationSession, Phase
+from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession
 from ninedtact.studio.page_and_server import page_server
 from ninedtact.studio.socket_guard import SocketGuard
 
@@ -92,7 +92,7 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
         desk.get_by_role("button", name="board", exact=True).click()
         wait(lambda: says(phone, "the board is held 0.85 mm deep"))
         wait(lambda: session.state.step == 2)
-        assert session.state.phase is Phase.CAPTURE
+        assert session.state.phase is CalibrationPhase.CAPTURE
         sensor_folder(session.out)  # another sensor appears at the folder to write
         phone.get_by_label("presses by itself").check()
         wait(lambda: says(desk, "This calibration is refused.") and says(desk, "holds a calibrated sensor"))
@@ -102,7 +102,7 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
 
         desk.get_by_label("replace the sensor").check()
         desk.get_by_role("button", name="Calibrate again from the images").click()
-        wait(lambda: says(phone, "Calibrating.") or session.state.phase is Phase.RESULT)
+        wait(lambda: says(phone, "Calibrating.") or session.state.phase is CalibrationPhase.RESULT)
         wait(lambda: all(says(tab, "Pins: found 63 of 63.") and says(tab, "Saved in") for tab in (desk, phone)))
         with phone.expect_download() as download:
             phone.get_by_role("button", name="Download the certificate").click()
@@ -131,7 +131,7 @@ def test_the_command_serves_the_page_until_ctrl_c_and_writes_nothing(tmp_path: P
 
 
 def test_a_page_takes_the_images_itself(tmp_path: Path) -> None:
-    with pytest.raises(ImagesMissing, match=r"expected --page alone or with --source, .* drop --page"):
+    with pytest.raises(InvalidCalibrateOption, match=r"expected --page alone or with --source, .* drop --page"):
         CalibrateCommand(tmp_path / "s", images=tmp_path, on_page=CalibrationPageOptions(page=True)).run()
 
 
@@ -144,7 +144,7 @@ def test_the_terminal_guides_through_the_presses_of_a_simulated_sensor(
     )
     images = CalibrateCommand(tmp_path / "s", source="sim").obtain_images()
     assert images.board_pair is not None and images.ball_pair is not None
-    assert locate_pins(*images.board_pair, SensorDesign(), CalibrationSettings()).found == 63
+    assert search_board_pins(*images.board_pair, SensorDesign(), CalibrationSettings()).found == 63
     darkening = np.subtract(*(image.astype(float) for image in images.ball_pair))
     assert darkening.max() > 20 and images.ball_pair[0].shape == (240, 320, 3)
 

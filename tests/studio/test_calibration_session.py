@@ -10,14 +10,14 @@ import pytest
 from small_calibrated_twin import TWIN, PluggedCamera
 from small_sensor import sensor_folder, wait_until
 
-from ninedtact.calibration.guidance import PinSighting
+from ninedtact.calibration.guidance import PinSearchResult
 from ninedtact.calibration.procedure import CalibrationSettings
 from ninedtact.capture.frame_source import CameraNotFound, FrameSource, SourceEnded
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject
 from ninedtact.studio.calibration_page import draw_found_pins
-from ninedtact.studio.calibration_session import CalibrationSession, Phase, SensorWouldBeReplaced
+from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession, SensorWouldBeReplaced
 
 SETTINGS = CalibrationSettings(method="ratio")
 
@@ -38,7 +38,7 @@ def session(camera: PluggedCamera, tmp_path: Path) -> Iterator[CalibrationSessio
 
 
 def at_step(session: CalibrationSession, step: int) -> None:
-    wait_until(lambda: session.state.step == step and session.state.phase is Phase.CAPTURE)
+    wait_until(lambda: session.state.step == step and session.state.phase is CalibrationPhase.CAPTURE)
 
 
 def test_a_person_is_led_through_both_presses(session: CalibrationSession, camera: PluggedCamera) -> None:
@@ -56,7 +56,7 @@ def test_a_person_is_led_through_both_presses(session: CalibrationSession, camer
 
     camera.plugged_in = False  # the cable is pulled in the middle of the press
     wait_until(lambda: "plug" in session.state.camera_trouble)
-    assert session.state.phase is Phase.CAPTURE and session.state.step == 1
+    assert session.state.phase is CalibrationPhase.CAPTURE and session.state.step == 1
     camera.plugged_in = True
     wait_until(lambda: not session.state.camera_trouble)
 
@@ -73,7 +73,7 @@ def test_a_person_is_led_through_both_presses(session: CalibrationSession, camer
     at_step(session, 3)
     other = (sensor_folder(session.out) / "sensor.toml").read_bytes()  # somebody else calibrates there meanwhile
     camera.hold(camera.good_press("ball"))
-    wait_until(lambda: session.state.phase is Phase.REFUSED)
+    wait_until(lambda: session.state.phase is CalibrationPhase.REFUSED)
     assert "holds a calibrated sensor" in session.state.advice and session.state.step == 4
     assert (session.out / "sensor.toml").read_bytes() == other
     with pytest.raises(SensorWouldBeReplaced):
@@ -86,9 +86,9 @@ def test_an_existing_sensor_is_replaced_only_by_agreement(session: CalibrationSe
     sensor_folder(session.out)
     with pytest.raises(SensorWouldBeReplaced, match="holds a calibrated sensor; check 'replace the sensor'"):
         session.start()
-    assert session.state.phase is Phase.PREVIEW and session.would_replace
+    assert session.state.phase is CalibrationPhase.PREVIEW and session.would_replace
     session.start(replace_sensor=True)
-    assert session.state.phase is Phase.CAPTURE
+    assert session.state.phase is CalibrationPhase.CAPTURE
 
 
 def test_another_camera_is_chosen_only_before_the_start(tmp_path: Path, camera: PluggedCamera) -> None:
@@ -106,7 +106,7 @@ def test_another_camera_is_chosen_only_before_the_start(tmp_path: Path, camera: 
         session.choose_source("none")
         assert session.state.source == "sim"
         session.start_over()
-        assert session.state.phase is Phase.PREVIEW and session.state.step == 0
+        assert session.state.phase is CalibrationPhase.PREVIEW and session.state.step == 0
 
 
 def test_a_refused_press_of_the_simulation_keeps_its_image(camera: PluggedCamera) -> None:
@@ -122,7 +122,7 @@ def test_a_refused_press_of_the_simulation_keeps_its_image(camera: PluggedCamera
 def test_pins_are_drawn_where_they_are() -> None:
     grey = np.full((100, 200, 3), 120, np.uint8)
     drawn = draw_found_pins(
-        grey, PinSighting(2, np.array([[50.0, 50.0]]), np.array([[150.0, 30.0]]), True, "upper right")
+        grey, PinSearchResult(2, np.array([[50.0, 50.0]]), np.array([[150.0, 30.0]]), True, "upper right")
     )
     changed = np.argwhere((drawn != grey).any(axis=2))
     assert {(row // 50, column // 100) for row, column in changed.tolist()} >= {(0, 1)}
@@ -151,10 +151,10 @@ def test_a_recording_repeats_in_the_preview_and_is_refused_where_it_ends_too_soo
     with CalibrationSession(tmp_path / "s", lambda address: ShortRecording(), "video") as session:
         wait_until(lambda: session.state.quality is not None)
         session.start()
-        wait_until(lambda: session.state.phase is Phase.REFUSED)
+        wait_until(lambda: session.state.phase is CalibrationPhase.REFUSED)
         assert "got the end of the recording; start over" in session.state.advice
         session.start_over()
-        assert session.state.phase is Phase.PREVIEW
+        assert session.state.phase is CalibrationPhase.PREVIEW
 
 
 def test_an_error_of_the_program_is_not_kept_from_the_page(tmp_path: Path) -> None:
@@ -162,4 +162,4 @@ def test_an_error_of_the_program_is_not_kept_from_the_page(tmp_path: Path) -> No
         raise ZeroDivisionError
 
     with CalibrationSession(tmp_path / "s", open_source, "sim") as session, pytest.raises(ZeroDivisionError):
-        wait_until(lambda: session.state.phase is Phase.RESULT)
+        wait_until(lambda: session.state.phase is CalibrationPhase.RESULT)

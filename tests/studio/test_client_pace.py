@@ -20,7 +20,7 @@ from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.socket_guard import SocketGuard, SocketLimits
-from ninedtact.studio.viewer import MAX_COARSER, MAX_LEFT_OUT, PACE_OVER_S, RETRY_S, ClientPace
+from ninedtact.studio.viewer import MAX_COARSER, MAX_LEFT_OUT, PACE_OVER_S, RETRY_S, ClientSurfaceDensity
 
 
 class Client:
@@ -105,7 +105,7 @@ def test_a_client_that_is_too_slow_gets_fewer_points_and_it_alone(
 
 
 def test_density_falls_while_moments_are_left_out_and_rises_again_more_and_more_carefully() -> None:
-    pace, now_s = ClientPace(), 0.0
+    pace, now_s = ClientSurfaceDensity(), 0.0
 
     def seconds_until(coarser: int, left_out: float) -> float:
         nonlocal now_s

@@ -26,10 +26,15 @@ from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
 from ninedtact.simulation.twin import default_twin
-from ninedtact.studio.force_calibration_page import ForceCalibrationPage, simulated_load
-from ninedtact.studio.force_calibration_session import ForceCalibrationSession, LoadPhase, TakenPress, fit_scale_so_far
+from ninedtact.studio.force_calibration_page import ForceCalibrationPage, ball_press_under_load
+from ninedtact.studio.force_calibration_session import (
+    ForceCalibrationPhase,
+    ForceCalibrationSession,
+    TakenPress,
+    fit_scale_so_far,
+)
 from ninedtact.studio.page_and_server import page_server
-from ninedtact.workflows.force_calibration import LoadPressReader
+from ninedtact.workflows.force_calibration import UnscaledForceReader
 
 PATIENCE_S = 120.0
 STIFFNESS = 1.2
@@ -52,11 +57,11 @@ def session(
     folder = load_sensor(shutil.copytree(twin_sensor.path, tmp_path / "s"))
     one = ForceCalibrationSession(
         folder.path,
-        LoadPressReader(folder),
+        UnscaledForceReader(folder),
         lambda address: camera,
         "sim",
         loads_g=(100.0, 200.0, 400.0),
-        on_load=lambda grams: camera.offer(simulated_load(grams)),
+        on_load=lambda grams: camera.offer(ball_press_under_load(grams)),
         hold_s=0.2,
     )
     with one:
@@ -69,7 +74,7 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
     desk, phone = (browser.new_page(viewport={"width": w, "height": h}) for w, h in ((1280, 800), (390, 844)))
     errors = page_errors(desk), page_errors(phone)
     withheld_g = {400.0}  # until a person has taken over: otherwise this load may be captured before
-    session.on_load = lambda grams: camera.offer(simulated_load(0.0 if grams in withheld_g else grams))
+    session.on_load = lambda grams: camera.offer(ball_press_under_load(0.0 if grams in withheld_g else grams))
     with page_server("127.0.0.1", 0) as server:
         page = ForceCalibrationPage(server, session, lambda: {"sim": "simulated sensor"}, 4.0, camera, STIFFNESS)
 
@@ -90,7 +95,7 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
             wait(lambda tab=tab: says(tab, "Choose the camera") and says(tab, "brightness"))
         assert phone.locator("img").count() > 0 and phone.evaluate("document.documentElement.scrollWidth") == 390
         phone.get_by_role("button", name="Start", exact=True).click()
-        wait(lambda: len(session.state.presses) == 2 and session.state.phase is LoadPhase.PRESS)
+        wait(lambda: len(session.state.presses) == 2 and session.state.phase is ForceCalibrationPhase.PRESS)
         wait(lambda: says(phone, "with 400 g in the middle of the skin") and says(desk, "error of a press left out"))
 
         desk.get_by_label("loads by itself").uncheck()
@@ -112,11 +117,11 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
         phone.get_by_role("button", name="Remove press 3 (90 g)").click()
         wait(lambda: len(session.state.presses) == 2)
         type_in(desk, "load on the ball (g)", "0")
-        wait(lambda: session.state.phase is LoadPhase.PRESS)
+        wait(lambda: session.state.phase is ForceCalibrationPhase.PRESS)
         type_in(phone, "load (g)", "400")
         wait(lambda: session.state.load_g == 400.0)
         phone.get_by_label("loads by itself").check()
-        wait(lambda: session.state.phase is LoadPhase.COMPLETE and says(desk, "All loads are taken."))
+        wait(lambda: session.state.phase is ForceCalibrationPhase.COMPLETE and says(desk, "All loads are taken."))
         desk.get_by_role("button", name="Save the force scale").click()
         wait(lambda: all(says(tab, "1.200 times as stiff") and says(tab, "force.toml") for tab in (desk, phone)))
         assert phone.evaluate("document.documentElement.scrollWidth") == 390
@@ -147,7 +152,7 @@ def test_an_unplugged_camera_is_waited_for_and_a_full_disk_leaves_the_old_scale(
     wait_until(lambda: "plug the camera in" in session.state.camera_trouble, PATIENCE_S)
     assert len(session.state.presses) >= 1
     is_unplugged.clear()
-    wait_until(lambda: session.state.phase is LoadPhase.COMPLETE, PATIENCE_S)
+    wait_until(lambda: session.state.phase is ForceCalibrationPhase.COMPLETE, PATIENCE_S)
     assert not session.state.camera_trouble
     before, limit = set(session.sensor.iterdir()), resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, limit[1]))
@@ -156,10 +161,10 @@ def test_an_unplugged_camera_is_waited_for_and_a_full_disk_leaves_the_old_scale(
             session.save()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
-    assert set(session.sensor.iterdir()) == before and session.state.phase is LoadPhase.COMPLETE
+    assert set(session.sensor.iterdir()) == before and session.state.phase is ForceCalibrationPhase.COMPLETE
     session.save()
     session.save()  # two people press it
-    assert session.state.saved is not None and session.state.phase is LoadPhase.SAVED
+    assert session.state.saved is not None and session.state.phase is ForceCalibrationPhase.SAVED
 
 
 def test_a_press_that_contradicts_the_others_is_named() -> None:

@@ -24,11 +24,11 @@ from ninedtact.studio.page_controller import (
 from ninedtact.studio.reading_view import ImageKind, ReadingView, ShownTraction, SkinColouring
 from ninedtact.studio.saved_files import SaveLimits, SaveRefused
 from ninedtact.studio.sensor_poller import SensorPoller
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchSample
+from ninedtact.studio.wrench_history import WrenchHistory, WrenchWithUncertainty
 
 
 class Screen:
-    """A `PageDisplay` that remembers what it was told to show."""
+    """A `MomentDisplay` that remembers what it was told to show."""
 
     def __init__(self) -> None:
         self.is_watched = True
@@ -96,7 +96,7 @@ def test_one_moment_has_the_reading_and_the_wrench_of_the_same_stamp(stage: Stag
                 wrench = Wrench(
                     np.array([0.0, 0.0, -offset_ns / 1e9]), np.zeros(3), stamp_ns=reading.stamp_ns + offset_ns
                 )
-                history.add(WrenchSample(wrench, np.full(6, np.nan)))
+                history.add(WrenchWithUncertainty(wrench, np.full(6, np.nan)))
             stage.loop.snapshot = lambda now_ns, held=stage.loop.snapshot(0): held  # type: ignore[method-assign, misc]
             stage.studio.refresh(stage.screen)
             moment = stage.screen.moments[-1]

@@ -20,7 +20,7 @@ from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 from websockets.sync.client import connect
 
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.cli.sensor_page import page_sources_of_twin
+from ninedtact.cli.sensor_page import twin_sensor_and_true_wrench
 from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
@@ -28,27 +28,27 @@ from ninedtact.mechanics.height_grid_indenter import indenter_from_heights
 from ninedtact.mechanics.pose import Pose
 from ninedtact.reading import Reading
 from ninedtact.simulation.ground_truth import true_height_map_like
-from ninedtact.simulation.hand_moved_object import HandMotion, HandTarget
+from ninedtact.simulation.hand_moved_object import HandTarget, SimulatedHand
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press_sequence import PressSequence
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import PageController, PageMoment
-from ninedtact.studio.page_recorder import PageRecorder, RecordedPageSensor
+from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
 from ninedtact.studio.press_control import (
     MAX_DEPTH_MM,
     OBJECTS_BY_KIND,
-    PressControl,
+    TwinPressController,
     UploadRefused,
     read_uploaded_mesh,
-    state_from_rotation,
+    twist_and_tilts_deg,
 )
 from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
-from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
+from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
 from ninedtact.studio.sensor_poller import SensorPoller
-from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM, THUMBNAIL_PX, thumbnails_of_kind
+from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM, THUMBNAIL_PX, object_thumbnails
 from ninedtact.studio.wrench_history import WrenchHistory
 
 PATIENCE_S = 120.0
@@ -60,7 +60,7 @@ class PressedTwin:
     """A twin on a page, refreshed by the test."""
 
     def __init__(
-        self, control: PressControl, studio: PageController, page: SensorPage, server: viser.ViserServer
+        self, control: TwinPressController, studio: PageController, page: SensorPage, server: viser.ViserServer
     ) -> None:
         self.control, self.studio, self.page, self.server = control, studio, page, server
 
@@ -93,7 +93,7 @@ def pressed_twin(
     folder: SensorFolder, out: Path, names: Sequence[str] = ("",), steps_hz: float = HZ
 ) -> Iterator[PressedTwin]:
     """A twin on a page, or several; the first one's control."""
-    controls: list[PressControl] = []
+    controls: list[TwinPressController] = []
     studios: list[PageController] = []
     listeners: list[Callable[[Reading, int], None]] = []
     with page_server("127.0.0.1", 0) as server, ExitStack() as opened:
@@ -103,24 +103,24 @@ def pressed_twin(
             sources.camera.simulation = sources.force_torque.simulation = simulation
             sources.camera.__post_init__()
             sources.force_torque.__post_init__()
-            sensor, pollers = page_sources_of_twin(folder.shape, sources)
+            sensor, pollers = twin_sensor_and_true_wrench(folder.shape, sources)
             sensor.estimator = TractionForce(HeightObservationModel(), Gel())
             estimated = WrenchHistory("estimated", "by physics", states_errors=True)
             keep = partial(keep_reading, estimated=estimated, number=names.index(name), listeners=listeners)
             loop = opened.enter_context(SensorPoller(sensor, keep))
             opened.enter_context(pollers[0])
-            controls.insert(0, PressControl(simulation))
+            controls.insert(0, TwinPressController(simulation))
             histories, others = [pollers[0].history, estimated], studios if name == names[0] else ()
             one = PageController(loop, out, histories, press_at=controls[0].press_at, name=name, others=others)
             studios = [one, *studios]
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
         recorded = [
-            RecordedPageSensor(folder, "twin", one.wrenches, name) for one, name in zip(studios, names, strict=True)
+            PageSensorToRecord(folder, "twin", one.wrenches, name) for one, name in zip(studios, names, strict=True)
         ]
         recorder = PageRecorder(recorded, out, studios[0].quota)
         opened.callback(recorder.stop)
         listeners.append(recorder.keep)
-        desk = partial(RecordingsPanel, desk=RecordingDesk(server, folder, recorder))
+        desk = partial(RecordingsPanel, context=RecordingsPanelContext(server, folder, recorder))
         page = SensorPage(server, studios[0], block, "twin", controls if len(names) > 1 else controls[0], [desk])
         yield PressedTwin(controls[0], studios[0], page, server)
 
@@ -395,7 +395,7 @@ def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_v
 
 
 def test_a_hand_holds_depth_load_and_place_and_a_refused_step_leaves_the_object() -> None:
-    hand = HandMotion()
+    hand = SimulatedHand()
     stage = PressSequence(TWIN, [PRESSED], 10.0, real_time=False, hand=hand)
     hand.take(indenter_from_name("ball:4"))
     hand.aim(HandTarget(Pose(0.0, 0.0, 0.8)))
@@ -419,33 +419,33 @@ def test_a_hand_holds_depth_load_and_place_and_a_refused_step_leaves_the_object(
 
 
 def test_controls_stay_within_their_limits_and_rotations_come_back() -> None:
-    control = PressControl(PressSequence(TWIN, [PRESSED]))
+    control = TwinPressController(PressSequence(TWIN, [PRESSED]))
     control.move(depth_mm=99.0, x_mm=-99.0, tilt_x_deg=99.0)
     assert control.state.depth_mm == MAX_DEPTH_MM and control.state.x_mm == -control.reach_mm[0]
     assert not control.state.is_playing and control.simulation.hand.held_object is not None
     control.play()
     assert control.state.is_playing and control.simulation.hand.held_object is None
     pose = Pose(0, 0, 0, 0.7, -0.2, 0.3)
-    angles = state_from_rotation(np.asarray(pose.rotation))
+    angles = twist_and_tilts_deg(np.asarray(pose.rotation))
     assert list(np.radians(list(angles.values()))) == pytest.approx([0.7, -0.2, 0.3])
-    assert all(thumbnails_of_kind(kind)[..., 3].any() for kind in ("primitives", next(iter(OBJECTS_BY_KIND))))
+    assert all(object_thumbnails(kind)[..., 3].any() for kind in ("primitives", next(iter(OBJECTS_BY_KIND))))
 
 
 def test_names_under_objects_are_whole_and_within_their_tiles() -> None:
     flat = np.zeros((9, 9))
     names = ["slotted_disc", "slotted_disc_2", "long" * 9, "long" * 9 + "er"]
     held = [indenter_from_heights(name, flat, 0.1) for name in names]
-    images = [thumbnails_of_kind("own mesh", one)[THUMBNAIL_PX:, :, 3] for one in held]
+    images = [object_thumbnails("own mesh", one)[THUMBNAIL_PX:, :, 3] for one in held]
     assert len({image.tobytes() for image in images}) == len(names)
     assert not any(image[:, -1].any() for image in images)
-    catalogue = thumbnails_of_kind("punches")[..., 3]
+    catalogue = object_thumbnails("punches")[..., 3]
     assert not any(catalogue[THUMBNAIL_PX:, tile * THUMBNAIL_PX - 1].any() for tile in range(1, 5))
     letters_px = [np.flatnonzero(image.any(axis=1)) for image in images[:2]]
     assert all(np.ptp(rows) > 30 for rows in letters_px)  # two lines of letters
 
 
 def test_the_side_of_a_mesh_that_faces_the_skin_is_chosen_on_the_page(tmp_path: Path) -> None:
-    control = PressControl(PressSequence(TWIN, [PRESSED]))
+    control = TwinPressController(PressSequence(TWIN, [PRESSED]))
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         page = SensorPage(server, PageController(loop, tmp_path), gel_block_under_skin(SHAPE, Gel()), "twin", control)
         with page_client(page, server.get_port()) as client:
@@ -500,7 +500,7 @@ def test_a_mesh_that_cannot_be_pressed_is_refused_in_one_sentence(name: str, con
 
 
 def test_a_mesh_of_ones_own_is_pressed() -> None:
-    control = PressControl(PressSequence(TWIN, [PRESSED]))
+    control = TwinPressController(PressSequence(TWIN, [PRESSED]))
     said = control.upload("../../my part.obj", trimesh.creation.box((6, 4, 3)).export(file_type="obj").encode())
     assert said == "my_part: 6.0 x 4.0 x 3.0 mm, 12 triangles" and control.own_mesh_name == "my_part"
     assert control.simulation.hand.held_object is not None

@@ -6,7 +6,7 @@ from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, plane, skin, with_
 
 from ninedtact.design import Gel
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
-from ninedtact.studio.reading_view import MAX_SURFACE_POINTS, session_colour_scale, skin_surface
+from ninedtact.studio.reading_view import MAX_SURFACE_POINTS, full_range_colour_scale, skin_surface
 from ninedtact.studio.scene_3d import gel_block_under_skin
 
 SCALE = ColourScale(2.0, 0.5)
@@ -63,4 +63,4 @@ def test_the_block_of_gel_is_as_large_as_what_the_camera_sees() -> None:
     texts = {mark.text: mark.at_mm for mark in block.marks()}
     assert {"\N{MINUS SIGN}10", "0", "5", "\N{MINUS SIGN}2", "x (mm)", "z (mm)"} <= set(texts)
     assert texts["\N{MINUS SIGN}2"][2] == -2
-    assert session_colour_scale(SHAPE.curve) == ColourScale(2.0, 2.0)
+    assert full_range_colour_scale(SHAPE.curve) == ColourScale(2.0, 2.0)

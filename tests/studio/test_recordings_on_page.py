@@ -33,21 +33,26 @@ from ninedtact.force.estimator_interface import NoForce
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
-from ninedtact.recording.mcap_repair import save_spans
+from ninedtact.recording.mcap_repair import save_labelled_spans
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_controller import PageController, PageMoment, SensorStatus
-from ninedtact.studio.page_recorder import NotRecording, PageRecorder, RecordedPageSensor, RecorderState
-from ninedtact.studio.reading_view import session_colour_scale
-from ninedtact.studio.recording_player import RecordedReadings, RecordingPlayer, SpanRefused, recorded_wrench_columns
-from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel, _slider_marks
+from ninedtact.studio.page_controller import PageController, PageMoment, SensorStatusMessage
+from ninedtact.studio.page_recorder import NotRecording, PageRecorder, PageSensorToRecord, RecorderState
+from ninedtact.studio.reading_view import full_range_colour_scale
+from ninedtact.studio.recording_player import (
+    LabelledSpanRefused,
+    RecordedReadings,
+    RecordingPlayer,
+    empty_wrench_histories,
+)
+from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext, _slider_marks
 from ninedtact.studio.saved_files import Exporter, SaveLimits, SaveQuota, save_surface_sequence, save_video
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchSample
+from ninedtact.studio.wrench_history import WrenchHistory, WrenchWithUncertainty
 
 PATIENCE_S = 90.0
 
@@ -78,7 +83,7 @@ class Bench:
         )
         self.quota = SaveQuota(SaveLimits(per_minute=100, disk_share=share))
         self.recorder = PageRecorder(
-            [RecordedPageSensor(self.folder, "bench", [self.true, self.estimated])], out, self.quota
+            [PageSensorToRecord(self.folder, "bench", [self.true, self.estimated])], out, self.quota
         )
         self.sensor = sensor_on(SkinCamera())
         self.sensor.estimator = ScaledForce()
@@ -93,7 +98,7 @@ class Bench:
             self.sensor.read()
             reading = self.sensor.read()
             wrench = Wrench(np.array([0.0, 0.0, float(-level)]), np.zeros(3), stamp_ns=reading.stamp_ns)
-            self.true.add(WrenchSample(wrench, np.full(6, np.nan)))
+            self.true.add(WrenchWithUncertainty(wrench, np.full(6, np.nan)))
             self.recorder.keep(reading)
             self.kept.append(reading)
 
@@ -117,13 +122,13 @@ def recorded(tmp_path: Path) -> tuple[Path, Bench]:
 
 
 NEWEST = PageMoment(
-    SensorStatus("live", "now"), SensorSnapshot(SensorPhase.READING, None, 0, 0.0, 0.0, np.zeros((2, 0))), None
+    SensorStatusMessage("live", "now"), SensorSnapshot(SensorPhase.READING, None, 0, 0.0, 0.0, np.zeros((2, 0))), None
 )
 
 
 def player_of(path: Path, bench: Bench) -> RecordingPlayer:
     return RecordingPlayer(
-        path, bench.folder.shape, session_colour_scale(bench.folder.shape.curve), [bench.true, bench.estimated]
+        path, bench.folder.shape, full_range_colour_scale(bench.folder.shape.curve), [bench.true, bench.estimated]
     )
 
 
@@ -204,7 +209,9 @@ def test_labels_are_kept_in_the_file_and_exported_and_the_rest_of_it_stays(
     player.add_span(0.0, 0.01, "first")
     assert path.stat().st_size < size + 200  # an earlier list of labels does not pile up
     player.remove_span(deep)
-    with pytest.raises(SpanRefused, match=r"expected a label and an end after its beginning, got ' ' from 0.00"):
+    with pytest.raises(
+        LabelledSpanRefused, match=r"expected a label and an end after its beginning, got ' ' from 0.00"
+    ):
         player.add_span(0.0, 0.1, " ")
     player.close()
     with Recording(path) as recording:
@@ -244,13 +251,13 @@ def test_labels_that_cannot_be_written_leave_the_file_as_it_was(recorded: tuple[
     resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) // 2, limit[1]))
     try:
         with pytest.raises(NinedtactError, match="expected to write"):
-            save_spans(path, [LabelledSpan(0, 1, "x")])
+            save_labelled_spans(path, [LabelledSpan(0, 1, "x")])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
     assert path.read_bytes() == before and len(list(path.parent.iterdir())) == 1
     path.write_bytes(before[:-300])
     with pytest.raises(RecordingRefused, match="still being written"):
-        save_spans(path, [])
+        save_labelled_spans(path, [])
     assert path.read_bytes() == before[:-300]
 
 
@@ -339,7 +346,7 @@ def test_an_image_that_is_damaged_is_said_and_the_last_whole_one_stays(recorded:
 
 def test_surfaces_and_a_video_have_every_image_or_nothing(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
     path, bench = recorded
-    scale, shape = session_colour_scale(bench.folder.shape.curve), bench.folder.shape
+    scale, shape = full_range_colour_scale(bench.folder.shape.curve), bench.folder.shape
     with RecordedReadings(path, shape) as readings:
         assert save_surface_sequence(readings.readings(2, 4), tmp_path / "ply", bench.quota) == 3
         assert len(list((tmp_path / "ply").glob("*.ply"))) == 3
@@ -371,7 +378,7 @@ def test_recordings_of_the_command_line_are_played_too(tmp_path: Path) -> None:
         for number in range(14):
             camera.level = 100 if number < 11 else 75
             out.write_image(camera.read())
-    assert recorded_wrench_columns(path, folder.shape) == []
+    assert empty_wrench_histories(path, folder.shape) == []
     with RecordedReadings(path, folder.shape) as readings:
         depths = [reading.max_indentation_mm for reading in readings.readings()]
     np.testing.assert_allclose(depths, [0.0] * 11 + [1.0] * 3, atol=0.02)
@@ -435,7 +442,7 @@ def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp
     tab.set_default_timeout(PATIENCE_S * 200)
     sensor.estimator = ScaledForce()
     estimated, limits = WrenchHistory("estimated", "by the bench", states_errors=True), SaveLimits(per_minute=100)
-    recorder = PageRecorder([RecordedPageSensor(folder, "bench", [estimated])], out, SaveQuota(limits))
+    recorder = PageRecorder([PageSensorToRecord(folder, "bench", [estimated])], out, SaveQuota(limits))
 
     def keep(reading: Reading) -> None:
         estimated.add_estimate(scaled_force(reading))
@@ -443,7 +450,7 @@ def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp
 
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep) as loop:
         controller = PageController(loop, out, [estimated], limits)
-        panel = partial(RecordingsPanel, desk=RecordingDesk(server, folder, recorder))
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, folder, recorder))
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
         page = SensorPage(server, controller, block, "small", None, [panel])
         journey = Journey(tab, out, lambda: controller.refresh(page))
@@ -481,8 +488,8 @@ def test_a_browser_says_why_a_recording_cannot_be_opened_and_goes_on_after_a_rel
     sensor = sensor_on(SkinCamera())
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
         controller = PageController(loop, out)
-        recorder = PageRecorder([RecordedPageSensor(bench.folder, "bench", [])], out, controller.quota)
-        panel = partial(RecordingsPanel, desk=RecordingDesk(server, bench.folder, recorder))
+        recorder = PageRecorder([PageSensorToRecord(bench.folder, "bench", [])], out, controller.quota)
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, recorder))
         block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
         page = SensorPage(server, controller, block, "small", None, [panel])
         journey = Journey(tab, out, lambda: controller.refresh(page))
@@ -505,7 +512,7 @@ def test_a_viewer_of_a_recording_is_not_frozen_and_takes_no_reference_of_the_sen
     path, bench = recorded
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         controller = PageController(loop, path.parent)
-        panel = partial(RecordingsPanel, desk=RecordingDesk(server, bench.folder))
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder))
         block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
         page = SensorPage(server, controller, block, "small", None, [panel])
         with page_client(page, server.get_port()) as client:
@@ -543,7 +550,9 @@ def test_a_page_exports_into_the_formats_that_its_program_hands_in(recorded: tup
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         controller = PageController(loop, path.parent, save_limits=SaveLimits(per_minute=100))
         exporters = {**installed_exporters(), "Stamps": Exporter(write_stamps, "stamps", "a list", ".txt")}
-        panel = partial(RecordingsPanel, desk=RecordingDesk(server, bench.folder, opens=path, exporters=exporters))
+        panel = partial(
+            RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, opens=path, exporters=exporters)
+        )
         block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
         page = SensorPage(server, controller, block, "small", None, [panel])
         with page_client(page, server.get_port()) as client:

@@ -5,7 +5,7 @@ import pytest
 from small_sensor import MM_PER_PX, PRESSED_PX, SHAPE, UNTOUCHED, SkinCamera, skin
 
 from ninedtact.capture.frame_source import CameraLost
-from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench
+from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.sensor import ReferenceMissing, Sensor
@@ -90,7 +90,7 @@ def test_a_reading_with_an_estimate_keeps_what_was_computed_from_its_image(monke
     with Sensor(SkinCamera(), SHAPE, reference_frames=1) as sensor:
         bare = sensor.read()
     before = bare.summary, bare.image_warnings
-    reading = bare.with_force(unknown_wrench(bare.stamp_ns))
+    reading = bare.with_force(unknown_wrench_estimate(bare.stamp_ns))
     assert reading.summary is before[0] and reading.image_warnings is before[1] and len(checks) == 1
     assert reading.force is not None and bare.force is None and reading.frame is bare.frame
 

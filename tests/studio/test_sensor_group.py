@@ -29,19 +29,19 @@ from ninedtact.cli.sensor_page import InvalidLiveOption
 from ninedtact.quantities import Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingRefused
-from ninedtact.recording.reader import Recording, sensor_addresses
+from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_controller import PageController, PageMoment, SensorStatus
-from ninedtact.studio.page_recorder import PageRecorder, RecordedPageSensor
+from ninedtact.studio.page_controller import PageController, PageMoment, SensorStatusMessage
+from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
 from ninedtact.studio.recording_player import RecordingPlayer
-from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
+from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
 from ninedtact.studio.saved_files import SaveLimits
-from ninedtact.studio.scene_3d import FIELD_OF_VIEW_RAD, GelBlock, SideBySide, gel_block_under_skin
+from ninedtact.studio.scene_3d import FIELD_OF_VIEW_RAD, GelBlock, SideBySideLayout, gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.studio.view_panels import ProfilePanel
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchSample, WrenchSnapshot
+from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 
 PATIENCE_S = 90.0
 SMALLEST_IMAGE_PX = 30
@@ -101,9 +101,9 @@ def gripper(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Gripper]
             limits, others = SaveLimits(per_minute=100), () if number else tuple(controllers)
             one = PageController(loop, out, [histories[name]], limits, name=name, others=others)
             controllers.insert(0, one)
-        recorded = [RecordedPageSensor(folder, "bench", [histories[name]], name) for name in names]
+        recorded = [PageSensorToRecord(folder, "bench", [histories[name]], name) for name in names]
         recorders.append(PageRecorder(recorded, out, controllers[0].quota))
-        panel = partial(RecordingsPanel, desk=RecordingDesk(server, folder, recorders[0]))
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, folder, recorders[0]))
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
         page = SensorPage(server, controllers[0], block, " · ".join(names), None, [panel])
         yield Gripper(folder, cameras, controllers[0], page, out, f"http://127.0.0.1:{server.get_port()}")
@@ -112,10 +112,10 @@ def gripper(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Gripper]
 
 def moment_with(name: str, force_z_n: float, std_n: float, tone: str = "live", source: str = "estimated") -> PageMoment:
     """The moment of a sensor with one wrench."""
-    sample = WrenchSample(Wrench(np.array([0.1, 0.2, force_z_n]), np.zeros(3)), np.full(6, std_n))
-    wrench = WrenchSnapshot(source, "by hand", sample, (), 0, states_errors=True)
+    sample = WrenchWithUncertainty(Wrench(np.array([0.1, 0.2, force_z_n]), np.zeros(3)), np.full(6, std_n))
+    wrench = WrenchSourceSnapshot(source, "by hand", sample, (), 0, states_errors=True)
     snapshot = SensorSnapshot(SensorPhase.READING, None, 0, 0.0, 0.0, np.zeros((2, 0)))
-    return PageMoment(SensorStatus(tone, "here"), snapshot, None, (wrench,), name=name)  # type: ignore[arg-type]
+    return PageMoment(SensorStatusMessage(tone, "here"), snapshot, None, (wrench,), name=name)  # type: ignore[arg-type]
 
 
 def test_grip_force_is_the_mean_of_each_two_opposing_normal_forces() -> None:
@@ -151,7 +151,7 @@ def test_two_fingers_are_seen_recorded_into_one_file_and_played(
     tab.get_by_role("button", name="Stop recording").dispatch_event("click")
     gripper.until_shown(tab, "recorded recording_")
     (path,) = gripper.out.glob("*.mcap")
-    assert sensor_addresses(path) == [f"{path}#left", f"{path}#right"]
+    assert recorded_sensor_addresses(path) == [f"{path}#left", f"{path}#right"]
     for name, first_n in (("left", -2.0), ("right", -4.0)):
         with Recording(f"{path}#{name}") as recording:
             wrenches = list(recording.wrenches(Topic.ESTIMATED))
@@ -277,7 +277,7 @@ def test_the_camera_sees_all_skins_in_what_panels_leave_free(
 ) -> None:
     """A pinhole camera by its definition: every corner of every skin is in the free upper part of the view."""
     block = GelBlock(24.0, 18.0, 2.0)
-    view = SideBySide(block, sensors, width_px / height_px, covered)
+    view = SideBySideLayout(block, sensors, width_px / height_px, covered)
     corners = np.array([[x, y, 0.0] for x in (-12.0, 12.0) for y in (-9.0, 9.0)])
     seen = np.concatenate([corners + place for place in view.places_mm]) - view.camera_mm
     forwards = np.subtract(view.target_mm, view.camera_mm) / np.linalg.norm(np.subtract(view.target_mm, view.camera_mm))
@@ -300,7 +300,7 @@ def test_a_recording_of_a_finger_that_was_lost_is_played_to_the_end_of_the_other
     sources = [f"{name}={tmp_path / name}" for name in ("left", "right")]
     sensors = [f"{name}={folder}" for name in ("left", "right")]
     assert main(["record", "--source", *sources, "--sensor", *sensors, "--out", str(path)]) == 0
-    shape, addresses = load_sensor(folder).shape, [Path(address) for address in sensor_addresses(path)]
+    shape, addresses = load_sensor(folder).shape, [Path(address) for address in recorded_sensor_addresses(path)]
     newest = moment_with("", 0.0, 0.1)
     scale = PageController(SensorPoller(sensor_on(SkinCamera())), tmp_path).scale
     right = RecordingPlayer(addresses[1], shape, scale)

@@ -15,8 +15,8 @@ from ninedtact.capture.image_and_video_files import ImageFolder
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
-from ninedtact.studio.page_controller import sensor_status
-from ninedtact.studio.sensor_poller import ReferenceRecordingTooShort, SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.studio.page_controller import most_urgent_status
+from ninedtact.studio.sensor_poller import RecordingTooShortForReference, SensorPhase, SensorPoller, SensorSnapshot
 
 
 def now_in(loop: SensorPoller) -> SensorSnapshot:
@@ -30,7 +30,7 @@ def deepest_mm(loop: SensorPoller) -> float:
 
 def sentence(loop: SensorPoller) -> str:
     moment = now_in(loop)
-    return sensor_status(moment, moment.reading, False, time.monotonic_ns()).sentence
+    return most_urgent_status(moment, moment.reading, False, time.monotonic_ns()).sentence
 
 
 def test_the_newest_reading_wins_and_the_rest_is_counted() -> None:
@@ -107,10 +107,10 @@ def test_a_computer_that_is_too_slow_is_not_taken_for_an_unplugged_camera() -> N
         is_fast.clear()  # the camera goes on, and the next reading takes as long as the test wants
         wait_until(lambda: sentence(loop).startswith("images arrive, but this computer is"))
         moment, now_ns = now_in(loop), time.monotonic_ns()
-        status = sensor_status(moment, moment.reading, False, now_ns)
+        status = most_urgent_status(moment, moment.reading, False, now_ns)
         assert "lower the camera's rate or size, or use --force none" in status.sentence
         assert status.tone == "warned" and not status.is_past and moment.delivered_hz > 0
-        assert sensor_status(moment, moment.reading, True, now_ns).sentence.startswith("frozen")
+        assert most_urgent_status(moment, moment.reading, True, now_ns).sentence.startswith("frozen")
         camera.plugged_in = False
         wait_until(lambda: sentence(loop).startswith("no image for"))
         is_fast.set()
@@ -145,7 +145,7 @@ def test_a_recording_can_go_on_and_on(tmp_path: Path) -> None:
 def test_a_recording_too_short_for_a_reference_is_refused(tmp_path: Path) -> None:
     with SensorPoller(Sensor(recording(tmp_path, 100), SHAPE, reference_frames=3)) as loop:
         wait_until(lambda: now_in(loop).phase is SensorPhase.FAILED)
-        assert isinstance(now_in(loop).trouble, ReferenceRecordingTooShort)
+        assert isinstance(now_in(loop).trouble, RecordingTooShortForReference)
         assert "begin with 3 reference images (no contact) and then to continue, got 1 images" in sentence(loop)
 
 

@@ -15,19 +15,19 @@ from small_sensor import wait_until
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource
-from ninedtact.cli.sensor_page import page_sources_of_twin
+from ninedtact.cli.sensor_page import twin_sensor_and_true_wrench
 from ninedtact.design import Gel
-from ninedtact.force.estimator_interface import unknown_wrench
+from ninedtact.force.estimator_interface import unknown_wrench_estimate
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_cards import _curves_of, wrenches_html
+from ninedtact.studio.page_cards import _curves_of, wrench_table_html
 from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchPoller, WrenchSample
+from ninedtact.studio.wrench_history import WrenchHistory, WrenchPoller, WrenchWithUncertainty
 
 PATIENCE_S = 90.0
 
@@ -76,7 +76,7 @@ def test_a_wrench_loop_gives_the_wrench_of_the_asked_moment() -> None:
         assert earlier.force_n[2] == fell[3] and (earlier.about_mm == 0).all()
         weight.plugged_in = False
         wait_until(lambda: loop.snapshot(None, 0).trouble is not None)
-        assert "plug it in" in wrenches_html([loop.snapshot(None, 0)], is_past=False)
+        assert "plug it in" in wrench_table_html([loop.snapshot(None, 0)], is_past=False)
     assert not weight.is_open
 
 
@@ -94,10 +94,10 @@ def test_an_arrow_stands_where_the_force_goes_through_the_skin() -> None:
 def test_true_and_estimated_wrench_stand_side_by_side() -> None:
     wrench, std = pushed((0.5, 0.0, -3.0), (0.0, 0.0)), np.array([0.1, 0.2, 0.4, 1e-3, 2e-3, 3e-4])
     true = WrenchHistory("true", "of the simulation")
-    true.add(WrenchSample(pushed((0.4, 0.0, -3.2), (0.0, 0.0)), np.full(6, np.nan)))
+    true.add(WrenchWithUncertainty(pushed((0.4, 0.0, -3.2), (0.0, 0.0)), np.full(6, np.nan)))
     estimated = WrenchHistory("estimated", "by physics", ("gel not calibrated for force",), states_errors=True)
     estimated.add_estimate(WrenchEstimate(wrench, np.diag(std**2), True, (EstimateWarning.OUT_OF_RANGE,)))
-    said = wrenches_html([history.snapshot(None, 0) for history in (true, estimated)], is_past=False)
+    said = wrench_table_html([history.snapshot(None, 0) for history in (true, estimated)], is_past=False)
     rows = {plain[:2]: plain for row in said.split("<tr>")[2:] if (plain := re.sub("<[^>]*>", "", row))}
     assert rows["Fx"].startswith("Fx N+0.40+0.50 ± 0.10") and rows["Tz"].startswith("Tz N·mm+0.00+0.00 ± 0.30")
     assert rows["Fz"].startswith("Fz N\N{MINUS SIGN}3.20\N{MINUS SIGN}3.00 ± 0.40")
@@ -106,8 +106,8 @@ def test_true_and_estimated_wrench_stand_side_by_side() -> None:
 
 def test_an_unknown_wrench_is_no_number() -> None:
     estimated = WrenchHistory("estimated", "by physics", states_errors=True)
-    estimated.add_estimate(unknown_wrench(0, (EstimateWarning.IMAGE_DARK,)))
-    said = wrenches_html([estimated.snapshot(None, 0)], is_past=False)
+    estimated.add_estimate(unknown_wrench_estimate(0, (EstimateWarning.IMAGE_DARK,)))
+    said = wrench_table_html([estimated.snapshot(None, 0)], is_past=False)
     assert said.count("unknown") == 6 and "0.00" not in said and "image dark" in said
 
 
@@ -134,7 +134,7 @@ def test_a_browser_shows_the_twin_move_and_its_true_and_estimated_wrench(
     browser: Browser, tmp_path: Path, twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("ninedtact.simulation.simulated_sources.demo_press_sequence", lambda: [PRESSED])
-    sensor, pollers = page_sources_of_twin(twin_sensor.shape, demo_sources(TWIN, rounds=12))
+    sensor, pollers = twin_sensor_and_true_wrench(twin_sensor.shape, demo_sources(TWIN, rounds=12))
     sensor.estimator = TractionForce(HeightObservationModel(), Gel())
     estimated = WrenchHistory("estimated", "by physics", states_errors=True)
     true, keep_estimate = pollers[0].history, lambda reading: estimated.add_estimate(reading.force)

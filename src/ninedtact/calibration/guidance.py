@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.ball.ball_fit import rectified_brightness_change
+from ninedtact.calibration.ball.ball_fit import rectified_flat_fielded_change
 from ninedtact.calibration.ball.contact_circle import (
     MAX_ASYMMETRY,
     BallPressUnusable,
@@ -26,7 +26,7 @@ from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.press_brightness import (
     OVEREXPOSED,
     BgrImage,
-    relative_brightness_change,
+    flat_fielded_brightness_change,
     smooth_gaussian,
     to_grey_float,
 )
@@ -54,7 +54,7 @@ _OFF_CENTRE = 0.12
 
 
 @dataclass(frozen=True)
-class PinSighting:
+class PinSearchResult:
     """The pins of the board in one image of a press."""
 
     expected: int
@@ -75,9 +75,9 @@ class PinSighting:
         return len(self.found_px)
 
 
-def locate_pins(
+def search_board_pins(
     reference: BgrImage, press: BgrImage, design: SensorDesign, settings: CalibrationSettings
-) -> PinSighting:
+) -> PinSearchResult:
     """Return which pins a press shows and where others are missing; raises `ImageUnusable`."""
     expected, half = design.pin_board.count, np.array(press.shape[1::-1]) / 2
     try:
@@ -87,10 +87,10 @@ def locate_pins(
         missing_px = refusal.missing_px
         towards = missing_px.mean(axis=0) / half - 1 if len(missing_px) else 1 - found_px.mean(axis=0) / half
         side = _side_in_words(towards) if len(found_px) else ""
-        return PinSighting(expected, found_px, refusal.missing_px, has_lens=False, side=side)
+        return PinSearchResult(expected, found_px, refusal.missing_px, has_lens=False, side=side)
     missing_px = fit.points_px[~fit.found]
     side = _side_in_words(missing_px.mean(axis=0) / half - 1) if len(missing_px) else ""
-    return PinSighting(
+    return PinSearchResult(
         expected, fit.points_px[fit.found], missing_px, True, side, float(np.median(fit.contrast)), fit.noise
     )
 
@@ -107,7 +107,7 @@ class CalibrationStepAdvice:
 
     sentence: str
     image: BgrImage | None = None
-    pins: PinSighting | None = None
+    pins: PinSearchResult | None = None
     """The pins of the board, where this image was searched for them."""
 
 
@@ -150,13 +150,15 @@ class CaptureStep:
 
 def guided_capture_steps(design: SensorDesign, settings: CalibrationSettings) -> Iterator[CaptureStep]:
     """Yield the four steps in order."""
-    yield CaptureStep("board_reference", "Do not touch the gel.", lambda taken: watch_reference(None))
+    yield CaptureStep("board_reference", "Do not touch the gel.", lambda taken: make_untouched_skin_watcher(None))
     yield CaptureStep(
         "board",
         f"Press the pin board ({design.pin_board.cols} x {design.pin_board.rows} pins) evenly on the skin and hold it.",
         lambda taken: _BoardPressWatcher(taken["board_reference"], design, settings),
     )
-    yield CaptureStep("ball_reference", "Take the board away.", lambda taken: watch_reference(taken["board_reference"]))
+    yield CaptureStep(
+        "ball_reference", "Take the board away.", lambda taken: make_untouched_skin_watcher(taken["board_reference"])
+    )
     yield CaptureStep(
         "ball",
         f"Press the ball (radius {design.ball.radius_mm:g} mm) straight down near the middle, 1 to 2 mm deep, and hold it.",
@@ -166,7 +168,7 @@ def guided_capture_steps(design: SensorDesign, settings: CalibrationSettings) ->
     )
 
 
-def watch_reference(like: BgrImage | None) -> ImageWatcher:
+def make_untouched_skin_watcher(like: BgrImage | None) -> ImageWatcher:
     """Return a watcher for still, well-lit skin without contact; `like` is an earlier image of it, where there is one."""
     still = _StillFrameAverager()
 
@@ -174,7 +176,7 @@ def watch_reference(like: BgrImage | None) -> ImageWatcher:
         hint = exposure_advice(image)
         if hint:
             return CalibrationStepAdvice(hint)
-        if like is not None and (change := max_brightness_change(like, image)) > 2 * TOUCHED_LEVELS:
+        if like is not None and (change := peak_local_brightness_change(like, image)) > 2 * TOUCHED_LEVELS:
             still.images.clear()
             return CalibrationStepAdvice(f"something still touches the skin ({change:.0f} grey levels); wait")
         mean = still.add(image)
@@ -191,7 +193,7 @@ def make_still_press_watcher(reference: BgrImage, hold_s: float) -> ImageWatcher
 
     def watch(image: BgrImage) -> CalibrationStepAdvice:
         nonlocal began_s
-        if max_brightness_change(reference, image) < TOUCHED_LEVELS:
+        if peak_local_brightness_change(reference, image) < TOUCHED_LEVELS:
             still.images.clear()
             return CalibrationStepAdvice("nothing touches the skin yet")
         mean, now_s = still.add(image), monotonic()
@@ -214,9 +216,9 @@ def exposure_advice(image: BgrImage) -> str:
     return ""
 
 
-def max_brightness_change(reference: BgrImage, image: BgrImage) -> float:
+def peak_local_brightness_change(reference: BgrImage, image: BgrImage) -> float:
     """Return the largest change of brightness that is wider than a few pixels, in grey levels."""
-    change = smooth_gaussian(relative_brightness_change(reference, image), 4.0)
+    change = smooth_gaussian(flat_fielded_brightness_change(reference, image), 4.0)
     return float(np.abs(change - np.median(change)).max())
 
 
@@ -233,7 +235,7 @@ class _BoardPressWatcher:
 
     def __call__(self, image: BgrImage) -> CalibrationStepAdvice:
         """Evaluate one image."""
-        if max_brightness_change(self.reference, image) < TOUCHED_LEVELS:
+        if peak_local_brightness_change(self.reference, image) < TOUCHED_LEVELS:
             self.still.images.clear()
             return CalibrationStepAdvice("nothing touches the skin yet")
         mean = self.still.add(image)
@@ -245,7 +247,7 @@ class _BoardPressWatcher:
 
     def _judge_press(self, mean: BgrImage) -> CalibrationStepAdvice:
         """Return the advice about a still press, and the image where it is good enough."""
-        pins = locate_pins(self.reference, mean, self.design, self.settings)
+        pins = search_board_pins(self.reference, mean, self.design, self.settings)
         self.patience -= pins.has_lens
         if not pins.has_lens or (pins.found < pins.expected and self.patience > 0):
             self.still.images.clear()
@@ -276,7 +278,7 @@ class _BallPressWatcher:
         """Evaluate one image."""
         try:
             circle = find_contact_circle(
-                rectified_brightness_change(*(self.rectify(Frame(one)) for one in (self.reference, image)))
+                rectified_flat_fielded_change(*(self.rectify(Frame(one)) for one in (self.reference, image)))
             )
         except BallPressUnusable as refusal:
             self.still.images.clear()

@@ -31,7 +31,7 @@ def to_grey_float(image: BgrImage) -> Float32[Array, "rows cols"]:
     return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
 
 
-def relative_brightness_change(reference: BgrImage, press: BgrImage) -> Float32[Array, "rows cols"]:
+def flat_fielded_brightness_change(reference: BgrImage, press: BgrImage) -> Float32[Array, "rows cols"]:
     """Return (press − reference) / reference, times the mean grey level of the reference, as under uniform light."""
     before, after = to_grey_float(reference), to_grey_float(press)
     return (after - before) / np.maximum(before, MIN_REFERENCE_GREY) * before.mean()
@@ -49,7 +49,7 @@ def estimate_pixel_noise(change: Float32[Array, "rows cols"]) -> float:
 
 
 @dataclass(frozen=True)
-class PressExposureFault:
+class ExposureFault:
     """Why the exposure of an image makes it unusable."""
 
     kind: Literal["dark", "overexposed"]
@@ -59,18 +59,18 @@ class PressExposureFault:
     """What was found, and what to do."""
 
 
-def find_exposure_fault(image: BgrImage) -> PressExposureFault | None:
+def find_exposure_fault(image: BgrImage) -> ExposureFault | None:
     """Return why an image is too dark or too bright to be measured, or None."""
     grey = to_grey_float(image)
     if grey.mean() < MIN_LIT_GREY_LEVEL:
-        return PressExposureFault(
+        return ExposureFault(
             "dark",
             "a lit image",
             f"a mean grey level of {grey.mean():.0f} of 255; switch the sensor's light on and raise the exposure",
         )
     overexposed_share = float((grey >= OVEREXPOSED).mean())
     if overexposed_share > _MAX_OVEREXPOSED_SHARE:
-        return PressExposureFault(
+        return ExposureFault(
             "overexposed",
             f"grey levels below {OVEREXPOSED}",
             f"{overexposed_share:.0%} of the image overexposed; lower exposure or gain",

@@ -12,15 +12,15 @@ from typing import Literal
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ninedtact.calibration.ball.ball_fit import BallFit, PhysicsDepthFit, fit_ball
-from ninedtact.calibration.ball.contact_circle import board_ball_reference_warnings
+from ninedtact.calibration.ball.ball_fit import BallFit, TwinDepthFit, fit_ball
+from ninedtact.calibration.ball.contact_circle import reference_mismatch_warnings
 from ninedtact.calibration.board.board_fit import (
     BoardFit,
-    anchored_mm_per_px_std,
     fit_board,
-    fit_published_pin_map,
-    integer_pin_centres_px,
+    fit_published_projection,
     published_leave_one_out_errors_mm,
+    published_mm_per_px_std,
+    truncated_spot_centroids_px,
 )
 from ninedtact.calibration.board.lens_fit import rms_vector_length
 from ninedtact.calibration.certificate.checks import unusual_fit_warnings
@@ -28,7 +28,7 @@ from ninedtact.calibration.press_brightness import (
     OVEREXPOSED,
     BgrImage,
     estimate_pixel_noise,
-    relative_brightness_change,
+    flat_fielded_brightness_change,
     to_grey_float,
 )
 from ninedtact.calibration.sensor_folder import SensorFolder
@@ -53,14 +53,14 @@ from ninedtact.errors import InputError
 from ninedtact.shape.depth import DepthMethod, Smoothing
 from ninedtact.shape.lens import Projection, central_mm_per_px
 from ninedtact.shape.rectification import Area, CameraRotation, Rectification, rectification_of_projection
-from ninedtact.simulation.sensor_population import fit_deviation
+from ninedtact.simulation.sensor_population import deviation_from_population
 
 LensKind = Literal["model", "paper"]
 
 
 @dataclass(frozen=True)
 class CalibrationImages:
-    """The four raw images, (rows, cols, 3) BGR, or those of the board alone, or those of the ball for an imported lens."""
+    """The raw images of skin, board, skin and ball, (rows, cols, 3) BGR; the pair of the board or of the ball may be missing."""
 
     board_reference: BgrImage | None = None
     board: BgrImage | None = None
@@ -78,13 +78,13 @@ class CalibrationImages:
         return None if self.ball_reference is None or self.ball is None else (self.ball_reference, self.ball)
 
 
-class PressMissing(InputError):
-    """Neither images of the board nor an imported rectification, or an imported rectification without images of a ball."""
+class CalibrationImagesMissing(InputError):
+    """Too few images: those of the board are needed, or an imported rectification and those of the ball."""
 
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """Settings of a calibration; the defaults suit every sensor seen so far."""
+    """Choices of a calibration: lens, camera rotation, depth method and smoothing; the defaults suit every sensor seen so far."""
 
     lens: LensKind = "model"
     """`paper` reproduces the paper's map (central anchors, equidistant grid, cubic radial basis)."""
@@ -132,7 +132,7 @@ def calibrate(
     imported: SensorFolder | None = None,
 ) -> Calibration:
     """Calibrate a sensor; raises `BoardNotFound`, `BallPressUnusable`, `ImageUnusable`, whose messages say what to do, and
-    `PressMissing`.
+    `CalibrationImagesMissing`.
 
     on_step: called with what is fitted next, in words. imported: a sensor whose rectification is used in place of a board's. Linear
     algebra runs on one thread meanwhile: its matrices are small, so that several threads would mostly wait for each other, at three
@@ -157,7 +157,7 @@ def _calibrate(
         rectify = imported.rectification
         ball = fit_ball(rectify, *images.ball_pair, design, settings.method, settings.smoothing)
         grid, lens = imported.record.grid, imported.record.lens
-        noise = estimate_pixel_noise(relative_brightness_change(*images.ball_pair))
+        noise = estimate_pixel_noise(flat_fielded_brightness_change(*images.ball_pair))
     elif imported is None and images.board_pair is not None:
         on_step("finding the pins of the board and fitting the lens to them")
         board = fit_board(*images.board_pair, design.pin_board, settings.camera_rotation_deg)
@@ -168,7 +168,7 @@ def _calibrate(
         grid = GridTable(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting)
         lens, noise = _lens_table(board, settings.lens), board.noise
     else:
-        raise PressMissing(
+        raise CalibrationImagesMissing(
             "expected images of the board, or an imported rectification and images of the ball, got neither; give the images of one"
         )
     record = SensorRecord(
@@ -227,14 +227,14 @@ def build_rectification(board: BoardFit, design: SensorDesign, kind: LensKind) -
 def _choose_projection(board: BoardFit, kind: LensKind) -> tuple[Projection, float]:
     """Return the projection and its mm per raw pixel around the centre."""
     if kind == "paper":
-        return fit_published_pin_map(board)
+        return fit_published_projection(board)
     return board.projection, central_mm_per_px(board.projection, board.board.pitch_mm)
 
 
 def _lens_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable:
     """Return the chosen lens as a table of `sensor.toml`."""
     if kind == "paper":
-        points_px = integer_pin_centres_px(board)
+        points_px = truncated_spot_centroids_px(board)
         return PinMapTable([(x, y) for x, y in board.points_mm.tolist()], [(x, y) for x, y in points_px.tolist()])
     lens, found = board.lens, board.correction
     table = None if found is None else make_lens_correction_table(found.correction)
@@ -264,7 +264,7 @@ def _make_certificate(
     warnings = [IMPORTED_LENS_WARNING] if board is None else _board_warnings(board)
     warnings += [BALL_MISSING_WARNING] if ball is None else [*ball.warnings, *_fit_warnings(ball.physical)]
     if images.board_pair is not None and images.ball_pair is not None:
-        warnings += board_ball_reference_warnings(images.board_pair[0], images.ball_pair[0])
+        warnings += reference_mismatch_warnings(images.board_pair[0], images.ball_pair[0])
     return Certificate(
         None if board is None else _board_quality(board, rectify, settings.lens),
         None if ball is None or images.ball_pair is None else _ball_quality(images.ball_pair[0], ball),
@@ -282,18 +282,18 @@ BALL_MISSING_WARNING = (
 )
 
 
-def _fit_warnings(physical: PhysicsDepthFit | None) -> list[str]:
+def _fit_warnings(physical: TwinDepthFit | None) -> list[str]:
     """Return the warnings about light and gel as they were fitted."""
     if physical is None:
         return []
     design = physical.fit.forward.design
-    deviation = fit_deviation(physical.fit.light, fitted_gel(physical.fit), design)
+    deviation = deviation_from_population(physical.fit.light, fitted_gel(physical.fit), design)
     return unusual_fit_warnings(deviation, design)
 
 
 def _board_quality(board: BoardFit, rectify: Rectification, lens: LensKind) -> BoardQuality:
     """Return the quality of the camera calibration."""
-    seen_mm, centres_px = board.points_mm[board.found], integer_pin_centres_px(board)[board.found]
+    seen_mm, centres_px = board.points_mm[board.found], truncated_spot_centroids_px(board)[board.found]
     original_mm = published_leave_one_out_errors_mm(seen_mm, centres_px)
     leave_one_out_errors_mm = original_mm if lens == "paper" else board.leave_one_out_errors_mm
     is_corrected = lens == "model" and board.correction is not None
@@ -318,8 +318,8 @@ def _relative_scale_std(board: BoardFit, lens: LensKind) -> float:
     """Return the relative standard error of mm per pixel."""
     pitch_mm = board.board.pitch_mm
     if lens == "paper":
-        _, scale = fit_published_pin_map(board)
-        return anchored_mm_per_px_std(board.points_mm, integer_pin_centres_px(board), pitch_mm) / scale
+        _, scale = fit_published_projection(board)
+        return published_mm_per_px_std(board.points_mm, truncated_spot_centroids_px(board), pitch_mm) / scale
     return board.lens_fit.mm_per_px_std(pitch_mm) / central_mm_per_px(board.lens, pitch_mm)
 
 

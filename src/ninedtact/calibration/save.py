@@ -15,7 +15,7 @@ from ninedtact.calibration.certificate.html_page import render_certificate_html
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.calibration.sensor_toml_schema import NOT_CALIBRATED, SensorRecord, StoredImage
-from ninedtact.checked_reading import CHECKSUM_KEY, values_checksum
+from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.errors import OutputError
 
 CERTIFICATE_FILE = "certificate.html"
@@ -73,7 +73,7 @@ def _save_images(folder: Path, images: CalibrationImages) -> dict[str, StoredIma
 def to_sensor_toml(record: SensorRecord) -> bytes:
     """Return the record as the text of `sensor.toml`, with the checksum of its numbers."""
     tables = msgspec.to_builtins(record, builtin_types=(type(record.created),))
-    return tomli_w.dumps({CHECKSUM_KEY: values_checksum(tables, NOT_CALIBRATED), **tables}).encode()
+    return tomli_w.dumps({CHECKSUM_KEY: mapping_checksum(tables, NOT_CALIBRATED), **tables}).encode()
 
 
 @contextmanager

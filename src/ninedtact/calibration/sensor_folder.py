@@ -27,16 +27,16 @@ from ninedtact.calibration.sensor_toml_schema import (
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.checked_reading import (
     CHECKSUM_KEY,
-    convert_within_bounds,
+    convert_tables_to_class,
+    mapping_checksum,
     read_regular_file,
     read_text_file,
-    values_checksum,
 )
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import CalibrationError, FileFormatError, NinedtactError
 from ninedtact.quantities import EstimateWarning, Frame, HeightSource
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.lens import CorrectedLens, LensCorrection, LensModel, PinMap, Projection
+from ninedtact.shape.lens import CorrectedLensModel, LensModel, LensModelCorrection, Projection, RadialBasisProjection
 from ninedtact.shape.rectification import Rectification, rectification_of_projection
 
 if TYPE_CHECKING:
@@ -187,9 +187,9 @@ class SensorFolder:
 
         >>> twin = ninedtact.load_sensor("my_sensor").twin()
         """
-        from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
+        from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 
-        return build_sensor_twin(self)
+        return build_twin_from_folder(self)
 
     def estimator(self, spec: str = "physics") -> "ForceEstimator":
         """Load a force estimator for this sensor: `physics`, `network`, `both`, `none`, or the path of a force model (.onnx).
@@ -223,7 +223,7 @@ class SensorFolder:
 
 
 def load_sensor(folder: Path | str) -> SensorFolder:
-    """Read and check a sensor folder.
+    """Read and check a sensor folder; return it as a `SensorFolder`.
 
     Raises `SensorFolderDamaged`. For a folder of an older format the message holds the command that calibrates the sensor again
     from its own stored images.
@@ -247,8 +247,8 @@ def _parse_record(folder: Path, text: str) -> tuple[SensorRecord, bool]:
     try:
         tables = tomllib.loads(text)
         _require_current_format(folder, tables)
-        is_edited = tables.pop(CHECKSUM_KEY, None) != values_checksum(tables, NOT_CALIBRATED)
-        return convert_within_bounds(tables, SensorRecord), is_edited
+        is_edited = tables.pop(CHECKSUM_KEY, None) != mapping_checksum(tables, NOT_CALIBRATED)
+        return convert_tables_to_class(tables, SensorRecord), is_edited
     except SensorFolderDamaged:
         raise
     except (ValueError, RecursionError, NinedtactError) as trouble:
@@ -293,9 +293,9 @@ def build_projection(lens: LensModelTable | PinMapTable, raw_shape: tuple[int, i
         model, table = LensModel(lens.homography, lens.centre, lens.radial, lens.tangential, raw_shape), lens.correction
         if table is None:
             return model
-        correction = LensCorrection(np.array(table.points_mm), np.array(table.weights_px), table.width_mm)
-        return CorrectedLens(model, correction)
-    return PinMap(np.array(lens.points_mm), np.array(lens.points_px))
+        correction = LensModelCorrection(np.array(table.points_mm), np.array(table.weights_px), table.width_mm)
+        return CorrectedLensModel(model, correction)
+    return RadialBasisProjection(np.array(lens.points_mm), np.array(lens.points_px))
 
 
 def _read_pixel_map(path: Path, record: SensorRecord) -> np.ndarray:

@@ -11,8 +11,8 @@ from typing import Annotated
 from msgspec import Meta, Struct, field
 
 from ninedtact.design import Gel, SensorDesign, require_possible_dimension
-from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, Smoothing, WholeImageLightLoss
-from ninedtact.shape.lens import LensCorrection
+from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
+from ninedtact.shape.lens import LensModelCorrection
 from ninedtact.shape.rectification import CameraRotation
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
@@ -45,7 +45,7 @@ _RawPx = Annotated[float, Meta(ge=-20_000, le=20_000)]
 
 
 class LensCorrectionTable(Struct, frozen=True, forbid_unknown_fields=True):
-    """A smooth correction on top of the lens model (`shape.lens.LensCorrection`)."""
+    """A smooth correction on top of the lens model (`shape.lens.LensModelCorrection`)."""
 
     width_mm: Annotated[float, Meta(ge=0.1, le=100)]
     points_mm: Annotated[list[tuple[_SkinMm, _SkinMm]], Meta(min_length=1)]
@@ -58,7 +58,7 @@ class LensCorrectionTable(Struct, frozen=True, forbid_unknown_fields=True):
             )
 
 
-def make_lens_correction_table(correction: LensCorrection) -> LensCorrectionTable:
+def make_lens_correction_table(correction: LensModelCorrection) -> LensCorrectionTable:
     """Return a correction as a table of the file."""
     points_mm, weights_px = (
         [(x, y) for x, y in pairs.tolist()] for pairs in (correction.points_mm, correction.weights_px)
@@ -80,7 +80,7 @@ class LensModelTable(
 
 
 class PinMapTable(Struct, tag_field="kind", tag="paper", frozen=True, forbid_unknown_fields=True):
-    """The pins through which the paper's map goes (`shape.lens.PinMap`): on the skin and in the raw image."""
+    """The pins through which the paper's map goes (`shape.lens.RadialBasisProjection`): on the skin and in the raw image."""
 
     points_mm: Annotated[list[tuple[_SkinMm, _SkinMm]], Meta(min_length=9)]
     points_px: list[tuple[_RawPx, _RawPx]]
@@ -187,7 +187,7 @@ class DepthTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     noise_mm: _DepthMm
     smoothing: Smoothing
     curve: DepthCurve
-    dimming: WholeImageLightLoss = WholeImageLightLoss()
+    dimming: GlobalDimmingModel = GlobalDimmingModel()
     """The loss of light of the whole image when a part of the skin is dark."""
     deblurring: Deblurring | None = None
     """The point spread that a fine reconstruction removes, where it is known."""
@@ -222,7 +222,7 @@ class TwinFitQuality(Struct, frozen=True, forbid_unknown_fields=True):
     parameters: dict[str, FittedParameterTable]
 
 
-class BoardPressTable(Struct, frozen=True, forbid_unknown_fields=True):
+class BoardPressFitTable(Struct, frozen=True, forbid_unknown_fields=True):
     """The fit of the twin to the image of the pressed board."""
 
     accepted: bool
@@ -247,7 +247,7 @@ class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=T
     light: BrightnessModel
     noise_grey_levels: _Grey
     fit: TwinFitQuality
-    board_press: BoardPressTable | None = None
+    board_press: BoardPressFitTable | None = None
 
     def __post_init__(self) -> None:
         for name in ("gel.thickness_mm", "gel.shear_modulus_mpa"):

@@ -108,7 +108,7 @@ def _check_open_camera(source: FrameSource, model: str | None, frames: int) -> C
     # A recording is read as fast as the disk delivers it; its true rate is the one at which it was made.
     rate = measure_frame_rate(source, frames) if source.recorded_hz is None else None
     settings = source.current_settings if isinstance(source, UvcCamera) else None
-    advice = (*frame_rate_advice(rate), *camera_settings_advice(settings))
+    advice = (*duplicate_frame_advice(rate), *camera_settings_advice(settings))
     return CameraCheck(source.name, model, (cols, rows), rate, source.recorded_hz, settings, advice=advice)
 
 
@@ -124,7 +124,7 @@ def describe_camera_settings(settings: CameraSettings) -> str:
     return f"{exposure}; {gain}; {balance}"
 
 
-def frame_rate_advice(rate: FrameRate | None) -> list[str]:
+def duplicate_frame_advice(rate: FrameRate | None) -> list[str]:
     """Return advice about images that arrive twice; nothing where hardly any do."""
     if rate is None or rate.duplicates <= _TOLERATED_DUPLICATES * rate.frames:
         return []

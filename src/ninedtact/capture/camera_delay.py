@@ -25,7 +25,7 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
-from ninedtact.checked_reading import CHECKSUM_KEY, convert_within_bounds, read_text_file, values_checksum
+from ninedtact.checked_reading import CHECKSUM_KEY, convert_tables_to_class, mapping_checksum, read_text_file
 from ninedtact.errors import CameraError, FileFormatError, InputError
 from ninedtact.quantities import Frame
 
@@ -46,11 +46,11 @@ _LEAST_CONTRAST = 2.0
 """Grey levels between light and dark images."""
 
 
-class CameraDelayNotMeasured(CameraError):
-    """Raised where the brightness of the images does not follow the light."""
+class CameraDelayUnmeasurable(CameraError):
+    """Raised where a delay cannot be measured, as when the images do not follow the light."""
 
 
-class LightNotSwitched(InputError):
+class LightSwitchFailed(InputError):
     """Raised where the light cannot be switched."""
 
 
@@ -86,7 +86,7 @@ class LightSwitch(ABC):
 
     @abstractmethod
     def switch(self, is_on: bool) -> None:
-        """Switch the light on or off; raises `LightNotSwitched`."""
+        """Switch the light on or off; raises `LightSwitchFailed`."""
 
 
 class TerminalLight(LightSwitch):
@@ -96,9 +96,9 @@ class TerminalLight(LightSwitch):
         self._terminal = terminal
 
     def switch(self, is_on: bool) -> None:
-        """Invert the screen, or show it as usual; raises `LightNotSwitched` where there is no terminal."""
+        """Invert the screen, or show it as usual; raises `LightSwitchFailed` where there is no terminal."""
         if not self._terminal.isatty():
-            raise LightNotSwitched(
+            raise LightSwitchFailed(
                 "expected a terminal as the light, got none; run the command in a terminal, or name the file of an LED with --light"
             )
         self._terminal.write("\033[?5h" if is_on else "\033[?5l")
@@ -112,12 +112,12 @@ class FileLight(LightSwitch):
         self._path = path
 
     def switch(self, is_on: bool) -> None:
-        """Write 1 or 0; raises `LightNotSwitched`."""
+        """Write 1 or 0; raises `LightSwitchFailed`."""
         try:
             with self._path.open("r+") as file:
                 file.write("1" if is_on else "0")
         except OSError as error:
-            raise LightNotSwitched(
+            raise LightSwitchFailed(
                 f"expected to switch the light by writing to {self._path}, got: {error.strerror}; correct the path and its "
                 "permissions"
             ) from error
@@ -182,7 +182,7 @@ def measure_camera_delay(
 ) -> CameraDelay:
     """Switch the light for some seconds and return the delay of the open camera; the light is off afterwards.
 
-    Raises `CameraDelayNotMeasured`, `LightNotSwitched`, and what reading the camera raises.
+    Raises `CameraDelayUnmeasurable`, `LightSwitchFailed`, and what reading the camera raises.
     """
     rng, switches = np.random.default_rng(seed), []
     began_at, is_on = monotonic(), False
@@ -196,11 +196,11 @@ def measure_camera_delay(
                 on_progress(elapsed_s)
             sleep(_LONGEST_S)
         finally:
-            with suppress(LightNotSwitched):
+            with suppress(LightSwitchFailed):
                 light.switch(False)
     stamps_ns, brightness = reader.images()
     if len(switches) < 2:
-        raise CameraDelayNotMeasured(f"expected a measurement of some seconds, got {seconds:g} s; measure longer")
+        raise CameraDelayUnmeasurable(f"expected a measurement of some seconds, got {seconds:g} s; measure longer")
     before, after = np.array(switches).T
     found = estimate_delay((before + after) / 2e9, stamps_ns / 1e9, brightness)
     switching_ms = float(np.mean(after - before)) / 2e6
@@ -244,13 +244,13 @@ def estimate_delay(
 ) -> CameraDelay:
     """Return the delay by which the brightness of images follows a light that was off before the first of the switches.
 
-    Its error is that of a jackknife over ten parts of the images. Raises `CameraDelayNotMeasured`.
+    Its error is that of a jackknife over ten parts of the images. Raises `CameraDelayUnmeasurable`.
     """
     use = (stamps_s > switches_s[0]) & (stamps_s < switches_s[-1])
     stamps_s, brightness = stamps_s[use], brightness[use]
     contrast = float(np.subtract(*np.percentile(brightness, (90, 10)))) if len(brightness) > 5 * _BLOCKS else 0.0
     if contrast < _LEAST_CONTRAST:
-        raise CameraDelayNotMeasured(
+        raise CameraDelayUnmeasurable(
             f"expected images that change by at least {_LEAST_CONTRAST:g} grey levels with the light, got {len(brightness)} that "
             f"change by {contrast:.1f}; bring the camera to the light, darken the room, and measure longer"
         )
@@ -258,7 +258,7 @@ def estimate_delay(
     best = np.unravel_index(np.argmax(correlations), np.shape(correlations))
     coarse_s, correlation = float(_DELAYS_S[best[1]]), float(np.max(correlations))
     if correlation < _LEAST_CORRELATION or best[1] in (0, len(_DELAYS_S) - 1):
-        raise CameraDelayNotMeasured(
+        raise CameraDelayUnmeasurable(
             f"expected the brightness of the images to follow the light by {_DELAYS_S[0]:g} to {_DELAYS_S[-1]:.1f} s with a "
             f"correlation above {_LEAST_CORRELATION}, got {correlation:.2f} at {coarse_s:.2f} s; switch automatic exposure off and "
             "darken the room"
@@ -291,7 +291,7 @@ def write_camera_delay(sensor: Path, delay: CameraDelay) -> Path:
     """Keep the delay in a sensor folder and return the file; raises `FileNotWritten`."""
     values = msgspec.to_builtins(delay)
     write_file_atomically(
-        sensor / CAMERA_FILE, tomli_w.dumps({CHECKSUM_KEY: values_checksum(values), **values}).encode()
+        sensor / CAMERA_FILE, tomli_w.dumps({CHECKSUM_KEY: mapping_checksum(values), **values}).encode()
     )
     return sensor / CAMERA_FILE
 
@@ -305,9 +305,9 @@ def read_camera_delay(sensor: Path) -> CameraDelay:
     path = sensor / CAMERA_FILE
     try:
         values = tomllib.loads(read_text_file(path))
-        if values.pop(CHECKSUM_KEY, None) not in (None, values_checksum(values)):
+        if values.pop(CHECKSUM_KEY, None) not in (None, mapping_checksum(values)):
             raise ValueError("other numbers than its checksum")
-        return convert_within_bounds(values, CameraDelay)
+        return convert_tables_to_class(values, CameraDelay)
     except (OSError, ValueError, RecursionError) as trouble:
         raise CameraDelayUnreadable(
             f"expected {path} with the delay of the camera, got: {trouble}; measure it with 'ninedtact camera-delay --sensor "

@@ -9,7 +9,7 @@ from threading import Condition, Event, Lock, Thread
 from types import TracebackType
 from typing import NamedTuple
 
-from ninedtact.capture.frame_source import CameraExposure, FrameSource, SourceEnded, SourceNotOpen
+from ninedtact.capture.frame_source import ExposureWithLimits, FrameSource, SourceEnded, SourceNotOpen
 from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
 
@@ -32,7 +32,7 @@ class LatestFrameSource(FrameSource):
     A recording plays at its `recorded_hz` and a slow reader misses frames of it, as it would of a camera; read the
     recording itself to get every one. An error of the source is raised to the reader, after the last recent frame.
 
-        with LatestFrameSource(source_for("0")) as camera:
+        with LatestFrameSource(camera_or_file_source("0")) as camera:
             frame = camera.read()
     """
 
@@ -156,7 +156,7 @@ class LivePlayback(FrameSource):
         return replace(frame, stamp_ns=time.monotonic_ns())
 
     @property
-    def exposure(self) -> CameraExposure | None:
+    def exposure(self) -> ExposureWithLimits | None:
         """The exposure of the source."""
         return self._source.exposure
 

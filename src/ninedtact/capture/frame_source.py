@@ -69,7 +69,7 @@ class Openable(ABC):
 
 
 @dataclass(frozen=True)
-class CameraExposure:
+class ExposureWithLimits:
     """The exposure of an open camera and the limits within which it can be set, ms."""
 
     now_ms: float
@@ -94,7 +94,7 @@ class FrameSource(Openable):
         """
 
     @property
-    def exposure(self) -> CameraExposure | None:
+    def exposure(self) -> ExposureWithLimits | None:
         """The exposure of the open source; None where it has none that can be set."""
         return None
 
@@ -150,7 +150,7 @@ FIXED_EXPOSURE = CameraSettings(auto_exposure=False, auto_white_balance=False)
 """Automatic exposure and white balance off: a camera that regulates its own brightness hides the brightness change of a press."""
 
 
-class CameraBackend(FrameSource):
+class AddressedFrameSource(FrameSource):
     """A frame source that an address names; `source_from_address.SOURCE_TYPES` lists all of them."""
 
     address_help: ClassVar[str]
@@ -158,5 +158,5 @@ class CameraBackend(FrameSource):
 
     @classmethod
     @abstractmethod
-    def from_address(cls, address: str, settings: CameraSettings) -> "CameraBackend | None":
+    def from_address(cls, address: str, settings: CameraSettings) -> "AddressedFrameSource | None":
         """Return the source that the address names, not yet opened; None if the address belongs to another backend."""

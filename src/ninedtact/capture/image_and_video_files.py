@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Lock
 
 from ninedtact.capture.frame_source import (
-    CameraBackend,
+    AddressedFrameSource,
     CameraNotFound,
     CameraSettings,
     FrameSource,
@@ -23,7 +23,7 @@ from ninedtact.capture.strict_image_reading import (
     read_image,
     require_image_size,
 )
-from ninedtact.capture.video_decoding import DecodedImage, VideoFileDecoder, VideoTimeline
+from ninedtact.capture.video_decoding import DecodedVideoImage, MissingImageCounter, VideoFileDecoder
 from ninedtact.quantities import Frame
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
@@ -34,7 +34,7 @@ class VideoDamaged(ImageUnreadable):
     """Raised at the end of a video of which images are missing or damaged; every other image was delivered before."""
 
 
-class VideoFile(CameraBackend):
+class VideoFile(AddressedFrameSource):
     """A frame source of every undamaged image of a video file. The stamp of an image is the time at which it was read."""
 
     address_help = "a video file"
@@ -69,7 +69,7 @@ class VideoFile(CameraBackend):
                 f"expected a video in {self.path}, got something else or half a file; record it again"
             )
         self.recorded_hz = decoder.rate_hz if 0 < decoder.rate_hz <= 1000 else _DEFAULT_VIDEO_HZ
-        self._timeline = VideoTimeline(decoder.rate_hz, decoder.announced_images)
+        self._timeline = MissingImageCounter(decoder.rate_hz, decoder.announced_images)
         self._next_index, self.damaged, self._is_over, self._size = 0, 0, False, None
         self._decoder = decoder
 
@@ -95,7 +95,7 @@ class VideoFile(CameraBackend):
             self._require_all_images(decoder)
         raise _ended(self.name, self._next_index - self.damaged)
 
-    def _require_same_size(self, decoded: DecodedImage) -> None:
+    def _require_same_size(self, decoded: DecodedVideoImage) -> None:
         """Raise `ImageSizeWrong` and end the video where an image was stored in another size than those before."""
         got_rows, got_cols = decoded.stored_size or decoded.image.shape[:2]
         self._size = self._size or (got_rows, got_cols)
@@ -129,7 +129,7 @@ class VideoFile(CameraBackend):
             decoder.close()
 
 
-class ImageList(FrameSource):
+class ImageFileList(FrameSource):
     """A frame source of the given image files in this order, all of one size."""
 
     is_live = False
@@ -171,7 +171,7 @@ class ImageList(FrameSource):
             self._next_index = None
 
 
-class ImageFolder(ImageList, CameraBackend):
+class ImageFolder(ImageFileList, AddressedFrameSource):
     """A frame source of the images of a folder in the order of their names (2 before 10), all of one size."""
 
     address_help = "a folder of images"

@@ -5,20 +5,20 @@ from urllib.parse import urlsplit
 import cv2
 
 from ninedtact.capture.frame_source import (
-    CameraBackend,
+    AddressedFrameSource,
     CameraLost,
     CameraNotFound,
     CameraSettings,
     SourceNotOpen,
     SourceUnknown,
 )
-from ninedtact.capture.shared_video_capture import FrameGrabber, silence_video_libraries
+from ninedtact.capture.shared_video_capture import ThreadSafeVideoCapture, silence_video_libraries
 from ninedtact.quantities import Frame
 
 _SCHEMES = ("http", "https", "rtsp", "rtsps", "rtmp", "tcp", "udp")
 
 
-class NetworkStream(CameraBackend):
+class NetworkStream(AddressedFrameSource):
     """A frame source of a video stream by URL. Silence longer than `read_timeout_ms` raises `CameraLost`."""
 
     address_help = "a stream (http://…, rtsp://…)"
@@ -30,7 +30,7 @@ class NetworkStream(CameraBackend):
             *(cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, round(open_timeout_ms)),
             *(cv2.CAP_PROP_READ_TIMEOUT_MSEC, round(read_timeout_ms)),
         ]
-        self._grabber: FrameGrabber | None = None
+        self._grabber: ThreadSafeVideoCapture | None = None
 
     @classmethod
     def from_address(cls, address: str, settings: CameraSettings) -> "NetworkStream | None":
@@ -48,7 +48,7 @@ class NetworkStream(CameraBackend):
         if self._grabber is not None:
             return
         silence_video_libraries()
-        grabber = FrameGrabber(self.name, cv2.VideoCapture(self._url, cv2.CAP_FFMPEG, self._timeouts))
+        grabber = ThreadSafeVideoCapture(self.name, cv2.VideoCapture(self._url, cv2.CAP_FFMPEG, self._timeouts))
         if grabber.read() is None:
             grabber.release()
             raise CameraNotFound(

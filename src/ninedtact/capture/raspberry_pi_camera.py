@@ -11,7 +11,7 @@ import numpy as np
 
 from ninedtact.capture.frame_source import (
     DEFAULT_CAMERA,
-    CameraBackend,
+    AddressedFrameSource,
     CameraLost,
     CameraNotFound,
     CameraSettingRefused,
@@ -44,7 +44,7 @@ def _open_picamera(number: int) -> Any:
         ) from trouble
 
 
-class RaspberryPiCamera(CameraBackend):
+class RaspberryPiCamera(AddressedFrameSource):
     """A CSI camera by its number; settings are given to libcamera and read back from the metadata of the images."""
 
     address_help = "a Raspberry Pi camera (csi:0)"

@@ -1,6 +1,6 @@
 """An opened cv2.VideoCapture that several threads may use, and the capture of text that C libraries print on their own.
 
-`FrameGrabber` never releases a device while another thread reads it. `capture_output` keeps the printed text off the
+`ThreadSafeVideoCapture` never releases a device while another thread reads it. `capture_output` keeps the printed text off the
 terminal, so that every problem is reported once, as an error of this package.
 """
 
@@ -78,7 +78,7 @@ class VideoCaptureProtocol(Protocol):
     def release(self) -> None: ...  # noqa: D102
 
 
-class FrameGrabber:
+class ThreadSafeVideoCapture:
     """Reads, stamps and counts the images of one capture; only one thread at a time accesses the device."""
 
     def __init__(

@@ -2,22 +2,34 @@
 
 from pathlib import Path
 
-from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraBackend, CameraSettings, FrameSource, SourceUnknown
+from ninedtact.capture.frame_source import (
+    DEFAULT_CAMERA,
+    AddressedFrameSource,
+    CameraSettings,
+    FrameSource,
+    SourceUnknown,
+)
 from ninedtact.capture.image_and_video_files import IMAGE_SUFFIXES, ImageFolder, VideoFile
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.uvc_camera import UvcCamera
 
-SOURCE_TYPES: tuple[type[CameraBackend], ...] = (UvcCamera, RaspberryPiCamera, NetworkStream, ImageFolder, VideoFile)
-"""Every camera backend, in the order in which they are tried with an address. A new camera is one more line here."""
+SOURCE_TYPES: tuple[type[AddressedFrameSource], ...] = (
+    UvcCamera,
+    RaspberryPiCamera,
+    NetworkStream,
+    ImageFolder,
+    VideoFile,
+)
+"""Every kind of source, in the order in which they are tried with an address. A new camera is one more line here."""
 
 
-def source_for(address: str, settings: CameraSettings = DEFAULT_CAMERA) -> FrameSource:
+def camera_or_file_source(address: str, settings: CameraSettings = DEFAULT_CAMERA) -> FrameSource:
     """Return the source that the address names, not yet opened.
 
     `settings` apply to cameras on this machine. Raises `SourceUnknown` with the addresses that are accepted.
 
-        with source_for("/dev/video0") as camera:
+        with camera_or_file_source("/dev/video0") as camera:
             frame = camera.read()
     """
     for kind in SOURCE_TYPES:

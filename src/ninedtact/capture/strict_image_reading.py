@@ -116,7 +116,7 @@ def has_shifted_blocks(content: bytes, grey: UInt8[Array, "rows cols"]) -> bool:
     if count < 1:
         return False
     borders = height * np.arange(1, count + 1)
-    at_border, *beside = (steps_between_rows(grey, borders + px) for px in (0, *_BESIDE_BORDER_PX))
+    at_border, *beside = (brightness_steps_at_rows(grey, borders + px) for px in (0, *_BESIDE_BORDER_PX))
 
     def means(steps: Float32[Array, "lines cols"]) -> Shaped[Array, " places"]:
         sums = np.cumsum(steps, dtype=float)
@@ -127,7 +127,9 @@ def has_shifted_blocks(content: bytes, grey: UInt8[Array, "rows cols"]) -> bool:
     return bool((means(at_border) > usual + 1.25 * quantum + 0.5 + 4 * noise).any())
 
 
-def steps_between_rows(grey: UInt8[Array, "rows cols"], chosen: Int[Array, " lines"]) -> Float32[Array, "lines cols"]:
+def brightness_steps_at_rows(
+    grey: UInt8[Array, "rows cols"], chosen: Int[Array, " lines"]
+) -> Float32[Array, "lines cols"]:
     """Return the difference of each chosen row from the one before, less the mean of the slopes on both sides."""
     before, row = grey[chosen - 1].astype(np.int16), grey[chosen].astype(np.int16)
     return np.float32(1.5) * (row - before) - np.float32(0.5) * (grey[chosen + 1].astype(np.int16) - grey[chosen - 2])

@@ -18,15 +18,15 @@ import cv2
 
 from ninedtact.capture.frame_source import (
     DEFAULT_CAMERA,
-    CameraBackend,
-    CameraExposure,
+    AddressedFrameSource,
     CameraLost,
     CameraNotFound,
     CameraSettingRefused,
     CameraSettings,
+    ExposureWithLimits,
     SourceNotOpen,
 )
-from ninedtact.capture.shared_video_capture import FrameGrabber, VideoCaptureProtocol, silence_video_libraries
+from ninedtact.capture.shared_video_capture import ThreadSafeVideoCapture, VideoCaptureProtocol, silence_video_libraries
 from ninedtact.quantities import Frame
 
 _SILENCE_LIMIT_S = 2
@@ -58,7 +58,7 @@ def _open_capture(device: int | str) -> VideoCaptureProtocol:
     return cv2.VideoCapture(device, cv2.CAP_V4L2 if sys.platform == "linux" else cv2.CAP_ANY)
 
 
-class UvcCamera(CameraBackend):
+class UvcCamera(AddressedFrameSource):
     """A camera by number or path (`0`, `/dev/video0`), or by what stays the same after a restart of the computer.
 
     `usb:1-2` is whatever camera is plugged into this USB port, `usb:SERIAL` the camera with this serial number.
@@ -80,7 +80,7 @@ class UvcCamera(CameraBackend):
         self.settings = settings
         self.name = f"camera {device}"
         self._opener, self._list_devices = opener, list_devices
-        self._grabber: FrameGrabber | None = None
+        self._grabber: ThreadSafeVideoCapture | None = None
         self._device_path = Path()
 
     @classmethod
@@ -96,10 +96,10 @@ class UvcCamera(CameraBackend):
         return self._open_grabber().query(_read_settings)
 
     @property
-    def exposure(self) -> CameraExposure | None:
+    def exposure(self) -> ExposureWithLimits | None:
         """The exposure of the open camera; None where it is automatic or where the camera does not report it."""
         now_ms = self.current_settings.exposure_ms
-        return None if now_ms is None else CameraExposure(now_ms, *_exposure_limits_ms(self._device_path))
+        return None if now_ms is None else ExposureWithLimits(now_ms, *_exposure_limits_ms(self._device_path))
 
     def set_exposure(self, exposure_ms: float) -> None:
         """Set the exposure of the open camera and read it back; raises `CameraSettingRefused`."""
@@ -133,7 +133,7 @@ class UvcCamera(CameraBackend):
         if grabber is not None:
             grabber.release()
 
-    def _open_grabber(self) -> FrameGrabber:
+    def _open_grabber(self) -> ThreadSafeVideoCapture:
         if self._grabber is None:
             raise SourceNotOpen(self.name)
         return self._grabber
@@ -152,18 +152,18 @@ class UvcCamera(CameraBackend):
             )
         return found[0]
 
-    def _start(self, capture: VideoCaptureProtocol, device: int | str) -> FrameGrabber:
+    def _start(self, capture: VideoCaptureProtocol, device: int | str) -> ThreadSafeVideoCapture:
         if not capture.isOpened():
             raise CameraNotFound(f"expected {self.name} to open, got {_open_failure(device)}")
         _apply_settings(self.settings, capture, self.name)
-        grabber = FrameGrabber(self.name, capture, _arrival_ns)
+        grabber = ThreadSafeVideoCapture(self.name, capture, _arrival_ns)
         if _read_past_damaged_images(grabber) is None:
             raise CameraNotFound(f"expected an image from {self.name}, got none; plug it in again, or try another one")
         grabber.next_index = 0  # the first image after opening is often half exposed and is not counted
         return grabber
 
 
-def _read_past_damaged_images(grabber: FrameGrabber) -> Frame | None:
+def _read_past_damaged_images(grabber: ThreadSafeVideoCapture) -> Frame | None:
     """Skip a few damaged images, which a cheap USB board delivers now and then; None where nothing arrives."""
     give_up_at = time.monotonic() + _SILENCE_LIMIT_S
     for _ in range(_DAMAGED_IN_A_ROW):

@@ -40,8 +40,8 @@ _BESIDE_BORDER_PX = (3, 4, 5)
 """Distances from the border of a block at which the scene itself is compared."""
 
 
-class DecodedImage(NamedTuple):
-    """One image of a video."""
+class DecodedVideoImage(NamedTuple):
+    """One image of a video, its time, and whether it is damaged."""
 
     image: UInt8[Array, "rows cols 3"]
     position_ms: float
@@ -74,7 +74,7 @@ class VideoFileDecoder:
         """Whether the file could be opened as a video."""
         self.rate_hz, self.announced_images = _HEADER.unpack(header) if header is not None else (0.0, 0.0)
 
-    def read(self) -> DecodedImage | None:
+    def read(self) -> DecodedVideoImage | None:
         """Return the next image, in memory of its own; None after the last, or where the decoder was closed or has failed."""
         with self._lock:
             content = self._read_bytes(_IMAGE.size)
@@ -88,7 +88,7 @@ class VideoFileDecoder:
             if pixels is None:
                 return None
             image = np.frombuffer(pixels, np.uint8).reshape(rows, cols, 3)
-            return DecodedImage(image, position_ms, damaged, (stored_rows, stored_cols) if stored_rows else None)
+            return DecodedVideoImage(image, position_ms, damaged, (stored_rows, stored_cols) if stored_rows else None)
 
     def close(self) -> None:
         """End the decoder after a read in progress, which returns None."""
@@ -185,7 +185,7 @@ def _inspect_packet(
 
 def _has_odd_blocks(grey: UInt8[Array, "rows cols"]) -> bool:
     """Return whether a block differs from the one above by far more than other blocks do, and the scene beside the border does."""
-    from ninedtact.capture.strict_image_reading import steps_between_rows
+    from ninedtact.capture.strict_image_reading import brightness_steps_at_rows
 
     rows, cols = grey.shape
     borders = np.arange(_BLOCK_PX, rows - 1 - max(_BESIDE_BORDER_PX), _BLOCK_PX)
@@ -193,14 +193,14 @@ def _has_odd_blocks(grey: UInt8[Array, "rows cols"]) -> bool:
         return False
     inside = grey[:, : cols - cols % _BLOCK_PX]
     at_border, *beside = (
-        np.abs(steps_between_rows(inside, borders + px).reshape(len(borders), -1, _BLOCK_PX).mean(2))
+        np.abs(brightness_steps_at_rows(inside, borders + px).reshape(len(borders), -1, _BLOCK_PX).mean(2))
         for px in (0, *_BESIDE_BORDER_PX)
     )
     usual = max(5 * float(np.quantile(at_border, 0.9)), 2 * float(np.max(beside)))
     return float(at_border.max()) > usual + 4
 
 
-class VideoTimeline:
+class MissingImageCounter:
     """The times of the images of a video, from which follows how many are missing."""
 
     def __init__(self, rate_hz: float, announced_images: float) -> None:

@@ -18,14 +18,14 @@ from msgspec import structs
 
 from ninedtact.cli.calibration_page import (
     CalibrationPageOptions,
-    GuidedCalibration,
+    CalibrationPageServer,
     simulated_calibration_camera,
 )
 from ninedtact.cli.option_parser import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
 from ninedtact.cli.result_and_interrupt import print_notice, print_result
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CameraError, InputError, NinedtactError
-from ninedtact.open_sensor import is_simulated, source_for
+from ninedtact.open_sensor import is_twin_address, source_for
 
 if TYPE_CHECKING:
     from ninedtact.calibration.board.detection import BoardNotFound
@@ -42,7 +42,7 @@ _IMAGE_OPTIONS = ", ".join("--" + name.replace("_", "-") for name in _IMAGE_NAME
 _BOARD_NAMES, _BALL_NAMES = _IMAGE_NAMES[:2], _IMAGE_NAMES[2:]
 
 
-class ImagesMissing(InputError):
+class InvalidCalibrateOption(InputError):
     """The command was given neither four images, nor those of one press where these are enough, nor a folder, nor a camera."""
 
 
@@ -112,13 +112,13 @@ class CalibrateCommand:
         return print_result(self.json, _to_json_dict(sensor), _format_calibration(sensor))
 
     def _calibrate_on_page(self) -> int:
-        """Serve the guided calibration in the browser until Ctrl-C, and print its result; raises `ImagesMissing`."""
+        """Serve the guided calibration in the browser until Ctrl-C, and print its result; raises `InvalidCalibrateOption`."""
         images_given = self.images is not None or any(getattr(self, name) for name in _IMAGE_NAMES)
         if images_given or self.from_import is not None:
-            raise ImagesMissing(
+            raise InvalidCalibrateOption(
                 "expected --page alone or with --source, since it takes the images itself, got images or --from-import; drop --page"
             )
-        guided = GuidedCalibration(
+        guided = CalibrationPageServer(
             self.out,
             self.id or self.out.name,
             self.resolved_design,
@@ -163,7 +163,7 @@ class CalibrateCommand:
         return replace(made, record=structs.replace(made.record, id=self.id or folder.id))
 
     def _lens_folder(self, scratch: Path) -> "SensorFolder":
-        """Return the sensor whose lens is kept: --from-import, or the sensor that is at --out; raises `ImagesMissing`."""
+        """Return the sensor whose lens is kept: --from-import, or the sensor that is at --out; raises `InvalidCalibrateOption`."""
         from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
         from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 
@@ -171,7 +171,7 @@ class CalibrateCommand:
         if (origin / SENSOR_FILE).is_file():
             return load_sensor(origin)
         if self.from_import is None:
-            raise ImagesMissing(
+            raise InvalidCalibrateOption(
                 f"expected --out to be a sensor that was calibrated with the board, got images of the ball alone and {self.out}, "
                 "which is none; give the images of the board as well"
             )
@@ -193,7 +193,7 @@ class CalibrateCommand:
 
     def obtain_images(self) -> "CalibrationImages":
         """Read the images of both presses, or of one, from files or from a folder, or take all with a camera; raises
-        `ImagesMissing`."""
+        `InvalidCalibrateOption`."""
         given = [name for name in _IMAGE_NAMES if getattr(self, name)]
         ways = [bool(given), self.images is not None, self.source is not None]
         if sum(ways) == 1 and self.source is not None:
@@ -205,11 +205,11 @@ class CalibrateCommand:
         got = ["--" + name.replace("_", "-") for name in given]
         got += [name for name, way in zip(("--images", "--source"), ways[1:], strict=True) if way]
         if self.from_import is not None:
-            raise ImagesMissing(
+            raise InvalidCalibrateOption(
                 "expected --ball-reference and --ball beside --from-import, or --images with a folder of them, got "
                 f"{', '.join(got) or 'none of them'}; give the two images of the ball"
             )
-        raise ImagesMissing(
+        raise InvalidCalibrateOption(
             f"expected all of {_IMAGE_OPTIONS}, or the two of one press, or --images alone, or --source alone, got "
             f"{', '.join(got) or 'none of them'}; give the four images, a folder of them, or a camera"
         )
@@ -296,7 +296,7 @@ def _capture_guided_images(
 
     status = _StatusLine()
     taken: dict[str, BgrImage] = {}
-    simulated = simulated_calibration_camera(design) if is_simulated(source) else None
+    simulated = simulated_calibration_camera(design) if is_twin_address(source) else None
     with _open_camera(source if simulated is None else simulated, automatic) as camera:
         for step in guided_capture_steps(design, settings):
             status.print_title(step.instruction)

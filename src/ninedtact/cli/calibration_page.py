@@ -14,7 +14,7 @@ import tyro
 from ninedtact.cli.live import Live
 from ninedtact.cli.sensor_page import PageSensor, PageSettings, require_page_library, serve_sensor_page
 from ninedtact.force.estimator_loading import NONE, PHYSICS
-from ninedtact.open_sensor import SIMULATED, is_simulated, source_in_real_time
+from ninedtact.open_sensor import SIMULATED, is_twin_address, source_in_real_time
 
 if TYPE_CHECKING:
     from ninedtact.calibration.procedure import CalibrationSettings
@@ -47,8 +47,8 @@ class CalibrationPageOptions:
 
 
 @dataclass(frozen=True)
-class GuidedCalibration:
-    """A guided calibration in the browser: what to calibrate, and where the page is."""
+class CalibrationPageServer:
+    """Serves the calibration page, and the live page after it: what to calibrate, and where the page is."""
 
     out: Path
     sensor_id: str
@@ -77,7 +77,7 @@ class GuidedCalibration:
         source = self.source or next(iter(list_cameras()))
         session = CalibrationSession(
             self.out,
-            lambda address: simulated if is_simulated(address) else self._camera(address),
+            lambda address: simulated if is_twin_address(address) else self._camera(address),
             source,
             self.design,
             self.settings,
@@ -97,7 +97,7 @@ class GuidedCalibration:
             assert result is not None
             if session.force_requested.is_set():
                 options = replace(self.options, port=port)
-                GuidedForceCalibration(result, options, source, automatic=self.automatic).serve(guard)
+                ForceCalibrationPageServer(result, options, source, automatic=self.automatic).serve(guard)
             else:
                 serve_calibrated_sensor(result, source, port, guard, self.automatic)
         return session.state.result
@@ -108,7 +108,7 @@ class GuidedCalibration:
 
 
 @dataclass(frozen=True)
-class GuidedForceCalibration:
+class ForceCalibrationPageServer:
     """A guided calibration of a sensor's force with known loads in the browser."""
 
     folder: "SensorFolder"
@@ -125,13 +125,13 @@ class GuidedForceCalibration:
         require_page_library()
         from ninedtact.capture.frame_source import CameraNotFound
         from ninedtact.studio.calibration_page import REFRESH_HZ
-        from ninedtact.studio.force_calibration_page import ForceCalibrationPage, simulated_load
+        from ninedtact.studio.force_calibration_page import ForceCalibrationPage, ball_press_under_load
         from ninedtact.studio.force_calibration_session import ForceCalibrationSession
         from ninedtact.studio.page_and_server import find_default_port, page_server
         from ninedtact.studio.socket_guard import SocketGuard
-        from ninedtact.workflows.force_calibration import LoadPressReader
+        from ninedtact.workflows.force_calibration import UnscaledForceReader
 
-        reader, folder, options = LoadPressReader(self.folder, self.force), self.folder, self.options
+        reader, folder, options = UnscaledForceReader(self.folder, self.force), self.folder, self.options
         simulated, stiffness = self._simulated_camera()
         list_cameras = partial(list_calibration_cameras, self.source, simulated is not None)
         cameras = list_cameras()
@@ -142,12 +142,14 @@ class GuidedForceCalibration:
 
         def open_source(address: str) -> "FrameSource":
             return (
-                simulated if simulated is not None and is_simulated(address) else _live_camera(address, self.automatic)
+                simulated
+                if simulated is not None and is_twin_address(address)
+                else _live_camera(address, self.automatic)
             )
 
         def offer_load(grams: float) -> None:
             if simulated is not None:
-                simulated.offer(simulated_load(grams))
+                simulated.offer(ball_press_under_load(grams))
 
         first = self.source or next(iter(cameras))
         session = ForceCalibrationSession(folder.path, reader, open_source, first, on_load=offer_load)
@@ -166,7 +168,7 @@ class GuidedForceCalibration:
 
     def _simulated_camera(self) -> "tuple[SimulatedCalibrationCamera, float] | tuple[None, None]":
         """Return the sensor's twin under loads and its stiffness; nothing for a sensor without a twin, unless it is named."""
-        has_twin = self.folder.record.twin is not None or (self.source is not None and is_simulated(self.source))
+        has_twin = self.folder.record.twin is not None or (self.source is not None and is_twin_address(self.source))
         return simulated_loaded_camera(self.folder) if has_twin else (None, None)
 
 
@@ -192,7 +194,7 @@ def list_calibration_cameras(source: str | None = None, simulated: bool = True) 
     """Return the address and the name of each source that the page offers: the named one, all cameras, and the simulated sensor."""
     from ninedtact.capture.uvc_camera import list_cameras
 
-    named = {} if source is None or is_simulated(source) else {source: ""}
+    named = {} if source is None or is_twin_address(source) else {source: ""}
     found = {device.path: device.name for device in list_cameras()}
     return named | found | ({SIMULATED: "simulated sensor"} if simulated else {})
 
@@ -206,15 +208,15 @@ def simulated_calibration_camera(design: "SensorDesign") -> "SimulatedCalibratio
 
 
 def simulated_loaded_camera(folder: "SensorFolder") -> "tuple[SimulatedCalibrationCamera, float]":
-    """Return the camera of a sensor's twin that is loaded, and how many times as stiff as assumed its gel is.
+    """Return the simulated camera on which the force calibration is practised, and the stiffness of its gel over the assumed one.
 
     The factor is drawn anew each time, so that the person who calibrates does not know it. Raises `TwinMissing`.
     """
-    from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
+    from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
     from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
     from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
 
     stiffness = uniform(*_STIFFNESS_RANGE)
     gel = replace(folder.gel, shear_modulus_mpa=folder.gel.shear_modulus_mpa * stiffness)
-    twin = replace(build_sensor_twin(folder), compliance_of=partial(bonded_layer_compliance, gel=gel))
+    twin = replace(build_twin_from_folder(folder), compliance_of=partial(bonded_layer_compliance, gel=gel))
     return SimulatedCalibrationCamera(twin, folder.record.design), stiffness

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
-from ninedtact.open_sensor import is_simulated
+from ninedtact.open_sensor import is_twin_address
 
 if TYPE_CHECKING:
     from ninedtact.capture.camera_delay import LightSwitch
@@ -53,12 +53,12 @@ class CameraDelayCommand:
             if isinstance(camera, UvcCamera):
                 print_notice(f"{camera.name}: {describe_camera_settings(camera.current_settings)}")
             found = measure_camera_delay(camera, light, self.seconds)
-        is_kept = folder is not None and not is_simulated(self.source)
+        is_kept = folder is not None and not is_twin_address(self.source)
         file = write_camera_delay(folder.path, found) if folder is not None and is_kept else None
         delay = f"{found.delay_ms:.1f} ± {found.error_ms:.1f} ms (one standard deviation)"
         lines = [f"{found.camera}: stamps are {delay} after the light"]
         lines += [f"  at {found.rate_hz:.1f} images per second; correlation with the light {found.correlation:.3f}"]
-        if self.light == SCREEN and not is_simulated(self.source):
+        if self.light == SCREEN and not is_twin_address(self.source):
             lines.append("  of it 10 to 30 ms are the screen's own delay")
         lines += [] if file is None else [f"  kept in {file}; subtract it with --camera-delay-ms saved"]
         if folder is not None and file is None:
@@ -71,10 +71,10 @@ class CameraDelayCommand:
         """Return the camera, not yet opened, and the light; raises `SourceUnknown`."""
         from ninedtact.capture.camera_delay import FileLight, SimulatedDelayedCamera, SimulatedLight, TerminalLight
         from ninedtact.capture.frame_source import FIXED_EXPOSURE
-        from ninedtact.capture.source_from_address import source_for
+        from ninedtact.capture.source_from_address import camera_or_file_source
 
-        if is_simulated(self.source):
+        if is_twin_address(self.source):
             simulated = SimulatedLight()
             return SimulatedDelayedCamera(simulated), simulated
         light = TerminalLight(sys.stderr) if self.light == SCREEN else FileLight(Path(self.light).expanduser())
-        return source_for(self.source, FIXED_EXPOSURE), light
+        return camera_or_file_source(self.source, FIXED_EXPOSURE), light

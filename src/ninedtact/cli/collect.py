@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ninedtact.cli.option_parser import CollectOptions
-from ninedtact.cli.record import require_duration, require_new_recording
-from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice, print_result, stop_on_signal
+from ninedtact.cli.record import require_duration, require_new_recording_path
+from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
 from ninedtact.open_sensor import (
-    is_recording,
-    is_simulated,
-    require_same_source_kind,
+    is_recording_address,
+    is_twin_address,
+    require_matching_force_source,
     source_in_real_time,
 )
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
     from ninedtact.recording.collecting.collection_sources import CollectSetup
     from ninedtact.recording.collecting.collector import Collector
-    from ninedtact.recording.collecting.pair_selection import CollectSettings, PairCounts
+    from ninedtact.recording.collecting.pair_selection import CollectSettings, SavedPairCounts
     from ninedtact.recording.merge_streams import MergedArrival
     from ninedtact.recording.metadata import RecordingMetadata
 
@@ -85,7 +85,7 @@ def open_key_reader() -> Iterator[KeyReader]:
             termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
-class CollectScreen:
+class CollectTerminalDisplay:
     """Updates a few lines on standard error at a terminal; prints one line now and then elsewhere."""
 
     def __init__(self) -> None:
@@ -105,16 +105,16 @@ class CollectScreen:
             return
         self._due_at = monotonic() + (_TERMINAL_PERIOD_S if self._is_terminal else _LOG_PERIOD_S)
         if not self._is_terminal:
-            print(progress_line(collector), file=sys.stderr, flush=True)
+            print(collect_progress_line(collector), file=sys.stderr, flush=True)
             return
         missing = _missing_line(collector.counts)
-        lines = [progress_line(collector), *histogram_lines(collector), missing, self._message, _KEY_HELP]
+        lines = [collect_progress_line(collector), *histogram_lines(collector), missing, self._message, _KEY_HELP]
         up = f"\x1b[{self._height}A" if self._height else ""
         print(up + "\n".join(f"\x1b[2K{line}" for line in lines), file=sys.stderr, flush=True)
         self._height = len(lines)
 
 
-def progress_line(collector: "Collector") -> str:
+def collect_progress_line(collector: "Collector") -> str:
     """Return the present object, the number of pairs, and what is wrong, as one line."""
     kinds = collector.counts.kinds
     numbers = f"{kinds['rule']} by rule, {kinds['light_touch']} light, {kinds['no_contact']} without contact"
@@ -149,7 +149,7 @@ def _bars(counts: "Array") -> str:
     return "".join(_BAR_SYMBOLS[-(-int(count) * (len(_BAR_SYMBOLS) - 1) // most)] for count in counts)
 
 
-def _missing_line(counts: "PairCounts") -> str:
+def _missing_line(counts: "SavedPairCounts") -> str:
     """Return the force ranges to collect next."""
     ranges = counts.missing_ranges()
     more = f" and {len(ranges) - _MISSING_SHOWN} more" if len(ranges) > _MISSING_SHOWN else ""
@@ -193,18 +193,20 @@ class Collect:
     def run(self) -> int:
         """Collect pairs and print their numbers; raises what a lost device raises, every pair kept."""
         require_recording_libraries()
-        require_new_recording(self.out)
+        require_new_recording_path(self.out)
         require_duration(self.seconds)
-        require_same_source_kind(self.source, self.force_torque, is_simulated, is_recording)
+        require_matching_force_source(self.source, self.force_torque, is_twin_address, is_recording_address)
         self._require_pairs()
-        screen = CollectScreen()
-        with named_sensor_with_notices(self.sensor, self.source) as folder:
+        screen = CollectTerminalDisplay()
+        with given_or_recorded_sensor(self.sensor, self.source) as folder:
             setup = self._setup(folder, self.options.checks(), screen)
             settings = self.options.settings(folder.path, setup.camera_name)
             collector = self._collect(folder, settings, setup, screen)
         return print_result(self.json, _to_json_dict(self.out, collector), _summary_lines(self.out, collector))
 
-    def _setup(self, folder: "SensorFolder", checks: "SampleCheckSettings", screen: CollectScreen) -> "CollectSetup":
+    def _setup(
+        self, folder: "SensorFolder", checks: "SampleCheckSettings", screen: CollectTerminalDisplay
+    ) -> "CollectSetup":
         """Return the camera and the force/torque sensor that were named, not yet opened."""
         from ninedtact.capture.force_torque.mounted_wrench_source import force_torque_sensor_for
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
@@ -214,9 +216,9 @@ class Collect:
             setup_with_twin,
         )
 
-        if is_simulated(self.source):
+        if is_twin_address(self.source):
             return setup_with_twin(folder, self.objects, self.touches, self.seed or 0, checks)
-        if is_recording(self.source):
+        if is_recording_address(self.source):
             images, wrenches = Path(self.source).expanduser(), Path(self.force_torque).expanduser()
             return collection_setup_from_recordings(images, wrenches, checks)
         camera = source_in_real_time(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
@@ -224,15 +226,15 @@ class Collect:
         return collection_setup_from_devices(camera, device, folder, checks, screen.show_message)
 
     def _collect(
-        self, folder: "SensorFolder", settings: "CollectSettings", setup: "CollectSetup", screen: CollectScreen
+        self, folder: "SensorFolder", settings: "CollectSettings", setup: "CollectSetup", screen: CollectTerminalDisplay
     ) -> "Collector":
         """Collect until the end and return the collector, its recording closed."""
         import numpy as np
 
-        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
+        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
         from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
         from ninedtact.recording.reader import sensor_folder_attachments
-        from ninedtact.recording.recorder import report_kept_messages
+        from ninedtact.recording.recorder import report_kept_on_failure
         from ninedtact.recording.writer import RecordingWriter
 
         metadata = self._metadata(folder, settings, setup)
@@ -244,18 +246,22 @@ class Collect:
             settings,
             names,
             np.random.default_rng(self.seed),
-            load_reference_check(folder).find_faults,
+            load_reference_image_checker(folder).find_faults,
             screen.show_message,
         )
         with (
             stop_on_signal(self.seconds) as until,
-            report_kept_messages(self.out, print_notice),
+            report_kept_on_failure(self.out, print_notice),
             writer,
             open_key_reader() as keys,
             closing(setup.arrivals()) as arrivals,
         ):
             for arrival in arrivals:
-                if until.now or self._has_enough(collector) or not handle_keys(keys.read_keys(), collector, screen):
+                if (
+                    until.now
+                    or self._has_enough(collector)
+                    or not handle_collect_keys(keys.read_keys(), collector, screen)
+                ):
                     break
                 _add_arrival(arrival, collector, setup)
                 screen.show(collector)
@@ -291,7 +297,7 @@ class Collect:
             raise RecordingRefused(f"expected --touches of at least 1, got {self.touches}; drop it")
 
 
-def handle_keys(typed: str, collector: "Collector", screen: CollectScreen) -> bool:
+def handle_collect_keys(typed: str, collector: "Collector", screen: CollectTerminalDisplay) -> bool:
     """Do what the keys ask for; return whether to continue."""
     for key in typed.lower():
         if key == "q":

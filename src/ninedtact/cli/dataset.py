@@ -30,7 +30,7 @@ class DatasetStopped(DatasetError):
 
 
 @dataclass(frozen=True)
-class CheckLimits:
+class PairCheckLimits:
     """The limits beyond which a pair is listed."""
 
     max_wrench: tuple[float, float, float, float, float, float] = (6.0, 6.0, 24.0, 0.4, 0.4, 0.1)
@@ -79,7 +79,7 @@ class BuildDatasetCommand:
     """Measured axes that are the sensor's x, y and z; --axes=-x,-y,-z reverses what the skin applies to the object."""
     mm_per_px: float | None = None
     """Scale of the images of the original project or of the episodes."""
-    limits: CheckLimits = CheckLimits()
+    limits: PairCheckLimits = PairCheckLimits()
     json: bool = False
     """Print the result as one JSON object."""
 
@@ -129,7 +129,7 @@ class CheckDatasetCommand:
     """Exit with 1 if any fault is found."""
     workers: int = 2
     """Number of processes; one for each core."""
-    limits: CheckLimits = CheckLimits()
+    limits: PairCheckLimits = PairCheckLimits()
     json: bool = False
     """Print the result as one JSON object."""
 

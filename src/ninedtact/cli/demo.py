@@ -15,10 +15,10 @@ from ninedtact.cli.result_and_interrupt import load_sensor_with_notices
 from ninedtact.cli.sensor_page import (
     PageSensor,
     PageSettings,
-    page_sources_of_twin,
     require_display_rate,
     require_page_library,
     serve_sensor_page,
+    twin_sensor_and_true_wrench,
 )
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
@@ -78,7 +78,7 @@ class Demo:
         folder = self.folder
         self.write_summary(self.compare_presses(folder))
         sources = demo_sources(self.twin, self.resolved_rounds)
-        sensor, wrenches = page_sources_of_twin(folder.shape, sources)
+        sensor, wrenches = twin_sensor_and_true_wrench(folder.shape, sources)
         settings = PageSettings(
             self.out,
             self.display_hz,
@@ -107,9 +107,9 @@ class Demo:
     def twin(self) -> "Twin":
         """The twin that is pressed."""
         if self.sensor is not None:
-            from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
+            from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 
-            return build_sensor_twin(self.folder)
+            return build_twin_from_folder(self.folder)
         from ninedtact.simulation.twin import twin_from_design
 
         return twin_from_design(self.design)

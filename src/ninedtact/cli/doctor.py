@@ -72,13 +72,13 @@ class Doctor:
     def _check_cameras(self) -> "list[CameraCheck]":
         """The source that was named, or every camera of this machine."""
         from ninedtact.capture.camera_check import check_camera
-        from ninedtact.capture.source_from_address import source_for
+        from ninedtact.capture.source_from_address import camera_or_file_source
         from ninedtact.capture.uvc_camera import list_cameras
 
         if self.source is not None:
-            return [check_camera(source_for(self.source))]
+            return [check_camera(camera_or_file_source(self.source))]
         return [
-            check_camera(source_for(camera.path), ", ".join((camera.name, *camera.usb_addresses)))
+            check_camera(camera_or_file_source(camera.path), ", ".join((camera.name, *camera.usb_addresses)))
             for camera in list_cameras()
         ]
 

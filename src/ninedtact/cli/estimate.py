@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice, print_result
+from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
 
@@ -23,8 +23,8 @@ Point = tuple[float, float, float]
 COLUMNS = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm", "eFx", "eFy", "eFz", "eTx", "eTy", "eTz")
 
 
-class NothingToEstimate(InputError):
-    """No image was named, or several things that are not images."""
+class InvalidEstimateSource(InputError):
+    """What was named cannot be estimated: nothing, several things that are not images, or images without a reference image."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Estimate:
         """
         from ninedtact.errors import CameraError, FileFormatError
 
-        with named_sensor_with_notices(self.sensor, self.source[0] if self.source else "") as folder:
+        with given_or_recorded_sensor(self.sensor, self.source[0] if self.source else "") as folder:
             from ninedtact.force.estimator_loading import load_estimator
 
             estimator = load_estimator(self.force, folder)
@@ -85,16 +85,16 @@ class Estimate:
 
     def readings(self, folder: "SensorFolder", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image."""
-        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
-        from ninedtact.open_sensor import is_recording, later_references, read_reference_of_recording
+        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
+        from ninedtact.open_sensor import is_recording_address, later_references, load_recorded_depth_reader
         from ninedtact.sensor import Sensor
         from ninedtact.shape.image_check import require_plausible_image
 
-        shape, check = folder.shape, load_reference_check(folder)
+        shape, check = folder.shape, load_reference_image_checker(folder)
         references = check.read_images(self.reference)
         depth = shape.depth_reader(*references) if references else None
-        if depth is None and len(self.source) == 1 and is_recording(self.source[0]):
-            depth = read_reference_of_recording(self.source[0], shape)
+        if depth is None and len(self.source) == 1 and is_recording_address(self.source[0]):
+            depth = load_recorded_depth_reader(self.source[0], shape)
         frames, before = self.frames(), None if depth is None else depth.reference
         source = self.source[0] if len(self.source) == 1 else frames
         with Sensor(
@@ -120,22 +120,22 @@ class Estimate:
         return all(_is_image(text) or Path(text).expanduser().is_dir() for text in self.source)
 
     def frames(self) -> "FrameSource":
-        """Return the named images as a source; raises `NothingToEstimate`."""
+        """Return the named images as a source; raises `InvalidEstimateSource`."""
         from ninedtact.capture.frame_pacing import LatestFrameSource
         from ninedtact.open_sensor import SIMULATED, source_for
 
         if not self.source:
-            raise NothingToEstimate("expected images of the pressed gel, got none; name them after the options")
+            raise InvalidEstimateSource("expected images of the pressed gel, got none; name them after the options")
         if all(_is_image(text) for text in self.source):
             if not self.reference:
-                raise NothingToEstimate(
+                raise InvalidEstimateSource(
                     "expected --reference with single images, got none; name a reference image (no contact)"
                 )
-            from ninedtact.capture.image_and_video_files import ImageList
+            from ninedtact.capture.image_and_video_files import ImageFileList
 
-            return ImageList([Path(text).expanduser() for text in self.source])
+            return ImageFileList([Path(text).expanduser() for text in self.source])
         if len(self.source) > 1:
-            raise NothingToEstimate(
+            raise InvalidEstimateSource(
                 f"expected images, or one video, folder or recording, got {len(self.source)} names that are not all "
                 "images; run the command once for each"
             )

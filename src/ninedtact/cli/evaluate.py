@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 _Point = tuple[float, float, float]
 
 
-class NothingToEvaluate(InputError):
-    """Neither predictions nor a data set to make them on, or both."""
+class InvalidEvaluateOption(InputError):
+    """The options name neither predictions nor a data set, or both, or a step below one."""
 
 
 @dataclass(frozen=True)
@@ -69,11 +69,11 @@ class Evaluate:
         return print_result(self.json, {**evaluation.to_json_dict(), "files": files}, lines)
 
     def _load_predictions(self) -> "WrenchPredictions":
-        """Return the predictions of the file or of the estimator; raises `NothingToEvaluate`, `PredictionsUnusable`."""
+        """Return the predictions of the file or of the estimator; raises `InvalidEvaluateOption`, `PredictionsUnusable`."""
         if self.data is not None:
             return self._predict(self.data)
         if self.predictions is None:
-            raise NothingToEvaluate("expected --predictions or --data, got neither; name a CSV file or a data set")
+            raise InvalidEvaluateOption("expected --predictions or --data, got neither; name a CSV file or a data set")
         from ninedtact.force.evaluation import ErrorDistribution
         from ninedtact.force.evaluation.predictions import read_predictions, require_si_units
 
@@ -88,9 +88,9 @@ class Evaluate:
         from ninedtact.workflows.dataset_evaluation import DatasetEvaluationSettings, predict_dataset
 
         if self.predictions is not None:
-            raise NothingToEvaluate("expected --predictions or --data, got both; name one of them")
+            raise InvalidEvaluateOption("expected --predictions or --data, got both; name one of them")
         if self.every < 1:
-            raise NothingToEvaluate(f"expected --every of at least 1, got {self.every}; drop it")
+            raise InvalidEvaluateOption(f"expected --every of at least 1, got {self.every}; drop it")
         from ninedtact.parallel_jobs import connect_workers
 
         settings = DatasetEvaluationSettings(

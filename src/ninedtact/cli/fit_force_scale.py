@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.calibration_page import CalibrationPageOptions, GuidedForceCalibration
+from ninedtact.cli.calibration_page import CalibrationPageOptions, ForceCalibrationPageServer
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
 from ninedtact.errors import InputError
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from ninedtact.workflows.force_calibration import ForceCalibration
 
 
-class LoadedPressesMissing(InputError):
-    """The command was given neither images with their loads, nor a page that takes them."""
+class InvalidAdaptOption(InputError):
+    """The options name neither images with their loads nor a page that takes them, or both."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Adapt:
         return print_result(self.json, figures, _format_force_calibration(found))
 
     def _require_one_way(self) -> None:
-        """Refuse images beside the page, and neither of both; raises `LoadedPressesMissing`."""
+        """Refuse images beside the page, and neither of both; raises `InvalidAdaptOption`."""
         given = {
             "--reference": self.reference,
             "--press": self.press,
@@ -78,7 +78,7 @@ class Adapt:
         takes_images = bool(self.reference and self.press) and not (self.on_page.page or self.source)
         takes_page = self.on_page.page and not (self.reference or self.press or self.dry_run)
         if not (takes_images or takes_page):
-            raise LoadedPressesMissing(
+            raise InvalidAdaptOption(
                 f"expected --reference and --press with images, or --page alone or with --source, got {got}; give the images, or "
                 "let the page take them"
             )
@@ -87,7 +87,7 @@ class Adapt:
         """Serve the guided calibration in the browser until Ctrl-C, and print its result."""
         folder = load_sensor_with_notices(self.sensor)
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
-            guided = GuidedForceCalibration(folder, self.on_page, self.source, self.force, self.automatic)
+            guided = ForceCalibrationPageServer(folder, self.on_page, self.source, self.force, self.automatic)
             file = guided.serve()
         if file is None:
             print_notice(f"stopped before a force scale was saved; {self.sensor} is as it was")

@@ -67,35 +67,36 @@ class BomCommand:
 
     def run(self) -> int:
         """Build the parts and print the bill of materials."""
-        from ninedtact.hardware.bill_of_materials import cost_usd, sensor_cost_usd
+        from ninedtact.hardware.bill_of_materials import bill_items_cost_usd, sensor_cost_usd
 
         items = self.design_options.build_sensor().bill
         table = {
             "items": [{**asdict(item), "usd": item.usd} for item in items],
             "sensor_usd_estimated": sensor_cost_usd(items),
-            "sensor_in_use_usd_estimated": cost_usd(items, "sensor", "connection"),
-            "total_usd_estimated": cost_usd(items),
+            "sensor_in_use_usd_estimated": bill_items_cost_usd(items, "sensor", "connection"),
+            "total_usd_estimated": bill_items_cost_usd(items),
         }
         return print_result(self.json, table, format_bill_of_materials(items))
 
 
 def format_bill_of_materials(items: "list[BillItem]") -> Iterator[str]:
     """Yield the bill of materials as lines of text."""
-    from ninedtact.hardware.bill_of_materials import BILL_SECTIONS, cost_usd, sensor_cost_usd
+    from ninedtact.hardware.bill_of_materials import BILL_SECTIONS, bill_items_cost_usd, sensor_cost_usd
     from ninedtact.hardware.published_specifications import PUBLISHED_9DTACT
 
     for kind, heading in BILL_SECTIONS.items():
-        yield f"{heading}: {cost_usd(items, kind):.2f} $"
+        yield f"{heading}: {bill_items_cost_usd(items, kind):.2f} $"
         yield from (
             f"  {item.count} x {item.name:20}{item.usd:7.2f} $  {item.what}" for item in items if item.kind == kind
         )
     published = f"the paper says about {PUBLISHED_9DTACT.cost_usd:g} $"
     yield f"parts of one sensor: about {sensor_cost_usd(items):.2f} $ by estimated prices; {published}"
-    yield f"with adapter and cable: {cost_usd(items, 'sensor', 'connection'):.2f} $; with all tools: {cost_usd(items):.2f} $"
+    connected, with_tools = bill_items_cost_usd(items, "sensor", "connection"), bill_items_cost_usd(items)
+    yield f"with adapter and cable: {connected:.2f} $; with all tools: {with_tools:.2f} $"
 
 
 @dataclass(frozen=True)
-class CheckCommand:
+class CheckHardwareCommand:
     """Check whether a design can be built: rules, interference and clearances. Prints its specification beside the
     paper's Table I.
 
@@ -124,12 +125,12 @@ def _format_broken_rules(broken: "list[BrokenRule]") -> Iterator[str]:
     yield from (f"  {each.rule}: {each.message}" for each in broken)
 
 
-class SensingAreaUnreadable(InputError):
-    """A text that is not a width and a height."""
+class InvalidSensingArea(InputError):
+    """A sensing area that is not WIDTHxHEIGHT in mm."""
 
 
 @dataclass(frozen=True)
-class ExploreCommand:
+class ExploreDesignsCommand:
     """Compare designs: predicted depth range, resolution, force range, signal per newton, field of view, size and cost.
 
     Every combination of the given values is built, and its twin is pressed by a ball of radius 4 mm. Without any values,
@@ -177,7 +178,7 @@ class ExploreCommand:
 
     @property
     def design_sweep(self) -> "DesignSweep":
-        """The sweep over the given values, or the usual one; raises `SensingAreaUnreadable`."""
+        """The sweep over the given values, or the usual one; raises `InvalidSensingArea`."""
         from ninedtact.hardware.design_sweep import USUAL_SWEEP, DesignSweep
 
         given = DesignSweep(self.gel_mm, self.shore_a, tuple(map(_parse_area, self.area_mm)), self.lens_deg)
@@ -205,13 +206,11 @@ class ExploreCommand:
 
 
 def _parse_area(text: str) -> tuple[float, float]:
-    """Return width and height in mm of a text such as `24x18`; raises `SensingAreaUnreadable`."""
+    """Return width and height in mm of a text such as `24x18`; raises `InvalidSensingArea`."""
     try:
         width, height = map(float, text.lower().split("x"))
     except ValueError:
-        raise SensingAreaUnreadable(
-            f"expected an area such as 24x18, got {text!r}; write width x height in mm"
-        ) from None
+        raise InvalidSensingArea(f"expected an area such as 24x18, got {text!r}; write width x height in mm") from None
     return width, height
 
 
@@ -240,7 +239,7 @@ class ExportHardwareCommand:
         return print_result(self.json, manifest, _format_export_report(self.out, manifest, time.monotonic() - began))
 
 
-def format_export_warnings(manifest: dict[str, Any]) -> Iterator[str]:
+def format_fabrication_warnings(manifest: dict[str, Any]) -> Iterator[str]:
     """Yield why parts of this folder should not be made as they are; nothing for a sound design."""
     if faults := manifest["led_board_faults"]:
         yield f"  DO NOT ORDER led_board/: it breaks {len(faults)} rules, the first {faults[0]}; its notes name them"
@@ -262,7 +261,7 @@ def _format_export_report(out: Path, manifest: dict[str, Any], seconds: float) -
         ("drawings", "dimensions, SVG and PDF"),
     ):
         yield f"  {folder + '/':12}{use}"
-    yield from format_export_warnings(manifest)
+    yield from format_fabrication_warnings(manifest)
     yield f"  open {out / 'bom.html'}; {out / 'check.txt'} has the results of all checks"
 
 
@@ -293,8 +292,8 @@ class GuideCommand:
 HardwareCommand = (
     Annotated[ExportHardwareCommand, tyro.conf.subcommand("export")]
     | Annotated[BomCommand, tyro.conf.subcommand("bom")]
-    | Annotated[CheckCommand, tyro.conf.subcommand("check")]
-    | Annotated[ExploreCommand, tyro.conf.subcommand("explore")]
+    | Annotated[CheckHardwareCommand, tyro.conf.subcommand("check")]
+    | Annotated[ExploreDesignsCommand, tyro.conf.subcommand("explore")]
     | Annotated[GuideCommand, tyro.conf.subcommand("guide")]
 )
 """The subcommands of `ninedtact hardware`."""

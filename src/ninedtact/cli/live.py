@@ -10,24 +10,24 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact.cli.record import is_named, parse_named_sources
-from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice
+from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice
 from ninedtact.cli.sensor_page import (
     InvalidLiveOption,
     PageSensor,
     PageSettings,
     installed_exporters,
-    page_sources_of_twin,
     require_display_rate,
     require_page_library,
     require_rerun,
     serve_sensor_page,
+    twin_sensor_and_true_wrench,
 )
 from ninedtact.force.estimator_loading import NONE
 from ninedtact.open_sensor import (
     RECORDING_SUFFIX,
     SIMULATED,
-    is_recording,
-    read_reference_of_recording,
+    is_recording_address,
+    load_recorded_depth_reader,
     source_in_real_time,
 )
 from ninedtact.recording.errors import RecordingUnreadable, require_recording_libraries
@@ -91,7 +91,7 @@ class Live:
         with ExitStack() as opened:
             parts = []
             for name, (address, path) in named.items():
-                folder = opened.enter_context(named_sensor_with_notices(path, address))
+                folder = opened.enter_context(given_or_recorded_sensor(path, address))
                 parts.append(PageSensor(folder, *self.sensor_and_wrenches(folder, name), name))
             settings = PageSettings(
                 self.out, self.display_hz, self.host, self.port, self.force, self.allow_origin, rerun=self.rerun
@@ -131,16 +131,16 @@ class Live:
 
         name: of the sensor among several.
         """
-        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
+        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
         from ninedtact.reference_following import following_settings_for
 
-        check, pressed, source = load_reference_check(folder), None, self.parse_named_sources()[name][0]
+        check, pressed, source = load_reference_image_checker(folder), None, self.parse_named_sources()[name][0]
         if source == SIMULATED:
-            from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
+            from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
             from ninedtact.simulation.simulated_sources import demo_sources
 
-            shown, references = demo_sources(build_sensor_twin(folder)), check.read_images(self.reference)
-            (sensor, wrenches), pressed = page_sources_of_twin(folder.shape, shown, references), shown.simulation
+            shown, references = demo_sources(build_twin_from_folder(folder)), check.read_images(self.reference)
+            (sensor, wrenches), pressed = twin_sensor_and_true_wrench(folder.shape, shown, references), shown.simulation
         else:
             sensor, wrenches = self.sensor_at_source(source, folder.shape, check.read_images(self.reference), name), []
         sensor.find_reference_faults = check.find_faults
@@ -162,8 +162,8 @@ class Live:
             on_back=lambda: print_notice(f"{of}it is back"),
         )
         depth_reader = shape.depth_reader(*references) if references else None
-        if depth_reader is None and is_recording(address):
-            depth_reader = read_reference_of_recording(address, shape)
+        if depth_reader is None and is_recording_address(address):
+            depth_reader = load_recorded_depth_reader(address, shape)
         return Sensor(LatestFrameSource(source), shape, depth_reader=depth_reader)
 
     def source_at(self, address: str) -> "FrameSource":
@@ -199,16 +199,16 @@ class Play:
         require_page_library()
         require_recording_libraries()
         require_display_rate(self.display_hz)
-        if not is_recording(str(self.recording)):
+        if not is_recording_address(str(self.recording)):
             raise RecordingUnreadable(
                 f"expected a recording ({RECORDING_SUFFIX}), got {self.recording}; check the path"
             )
-        from ninedtact.recording.reader import sensor_addresses
+        from ninedtact.recording.reader import recorded_sensor_addresses
 
         with ExitStack() as opened:
             folders = {
-                address: opened.enter_context(named_sensor_with_notices(self.sensor, address))
-                for address in sensor_addresses(self.recording)
+                address: opened.enter_context(given_or_recorded_sensor(self.sensor, address))
+                for address in recorded_sensor_addresses(self.recording)
             }
             with suppress(KeyboardInterrupt):
                 self.serve(folders)
@@ -216,33 +216,36 @@ class Play:
 
     def serve(self, folders: "dict[str, SensorFolder]") -> None:
         """Serve the recording of these sensors; raises what reading it raises, before anything is served."""
-        from ninedtact.recording.recorded_source import RecordedSource
+        from ninedtact.recording.recorded_source import RecordedFrameSource
         from ninedtact.sensor import Sensor
         from ninedtact.studio.page_and_server import SensorPage, find_default_port, page_server
         from ninedtact.studio.page_controller import PageController
-        from ninedtact.studio.recording_player import recorded_wrench_columns
-        from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
+        from ninedtact.studio.recording_player import empty_wrench_histories
+        from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
         from ninedtact.studio.scene_3d import gel_block_under_skin
         from ninedtact.studio.sensor_poller import SensorPoller
         from ninedtact.studio.socket_guard import SocketGuard
 
-        columns = {address: recorded_wrench_columns(Path(address), one.shape) for address, one in folders.items()}
+        columns = {address: empty_wrench_histories(Path(address), one.shape) for address, one in folders.items()}
         folder, shapes = next(iter(folders.values())), {address: one.shape for address, one in folders.items()}
         guard = SocketGuard.for_host(self.host, self.allow_origin)
         port = find_default_port(self.host) if self.port is None else self.port
         with page_server(self.host, port, guard) as server:
             # The sensors of these pollers are never opened: every viewer is shown a moment of the recording in their place.
             def controller_of(address: str, others: Sequence[PageController] = ()) -> PageController:
-                idle, name = SensorPoller(Sensor(RecordedSource(address), shapes[address])), address.partition("#")[2]
+                idle, name = (
+                    SensorPoller(Sensor(RecordedFrameSource(address), shapes[address])),
+                    address.partition("#")[2],
+                )
                 return PageController(idle, self.out, columns[address], name=name, others=others)
 
             first, *rest = folders
             controller = controller_of(first, [controller_of(address) for address in rest])
             controller.recheck_s = 0.0
             block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-            desk = RecordingDesk(server, folder, None, self.recording, shapes, installed_exporters())
+            context = RecordingsPanelContext(server, folder, None, self.recording, shapes, installed_exporters())
             title = folder.id if len(folders) == 1 else self.recording.stem
-            page = SensorPage(server, controller, block, title, None, [partial(RecordingsPanel, desk=desk)])
+            page = SensorPage(server, controller, block, title, None, [partial(RecordingsPanel, context=context)])
             print(
                 f"{self.recording}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True
             )

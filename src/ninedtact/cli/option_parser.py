@@ -72,7 +72,7 @@ class CalibrationOptions:
 
 @dataclass(frozen=True)
 class CollectOptions:
-    """Which moments become pairs; the defaults are those of the paper where it has any."""
+    """Which moments become pairs, delays and limits; the defaults are those of the paper where it has any."""
 
     tolerance_ms: float = 10.0
     """Largest distance in time of the force/torque samples before and after an image; the wrench is interpolated."""

@@ -42,7 +42,7 @@ class ReconstructCommand:
 
     def run(self) -> int:
         """Reconstruct every image and write its files; the first unreadable image ends the command."""
-        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
+        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
         from ninedtact.capture.strict_image_reading import read_image
         from ninedtact.quantities import Frame
         from ninedtact.shape.image_check import require_plausible_image
@@ -53,7 +53,7 @@ class ReconstructCommand:
             )
         folder = load_sensor_with_notices(self.sensor)
         shape = folder.shape
-        depth = shape.depth_reader(*load_reference_check(folder).read_images(self.reference))
+        depth = shape.depth_reader(*load_reference_image_checker(folder).read_images(self.reference))
         results = []
         for path, name in zip(self.images, _output_names(self.images), strict=True):
             rectified = shape.rectify(Frame(read_image(path)))

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import named_sensor_with_notices, print_notice, print_result, stop_on_signal
+from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
 from ninedtact.open_sensor import (
     RECORDING_SUFFIX,
-    is_simulated,
-    require_same_source_kind,
+    is_twin_address,
+    require_matching_force_source,
     source_in_real_time,
 )
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
@@ -78,15 +78,15 @@ class Record:
     def run(self) -> int:
         """Record and print the number of messages; raises what a lost device raises, the file kept."""
         require_recording_libraries()
-        require_new_recording(self.out)
+        require_new_recording_path(self.out)
         require_duration(self.seconds)
         if len(self.source) != 1 or is_named(self.source[0]):
             return self._record_several()
         if len(self.sensor) > 1:
             raise RecordingRefused(f"expected one --sensor with one --source, got {len(self.sensor)}; drop the others")
-        require_same_source_kind(self.source[0], self.force_torque, is_simulated)
+        require_matching_force_source(self.source[0], self.force_torque, is_twin_address)
         sensor = Path(self.sensor[0]).expanduser() if self.sensor else None
-        with named_sensor_with_notices(sensor, self.source[0]) as folder:
+        with given_or_recorded_sensor(sensor, self.source[0]) as folder:
             writer = self._record(folder)
         messages = {topic.path(folder.id, self.images): number for topic, number in sorted(writer.written.items())}
         figures = {"out": str(self.out), "written": messages, "dropped": writer.dropped}
@@ -103,7 +103,7 @@ class Record:
             raise RecordingRefused("expected one --source with --force-torque, got several; record them one by one")
         with ExitStack() as opened:
             folders = {
-                name: opened.enter_context(named_sensor_with_notices(sensor, address))
+                name: opened.enter_context(given_or_recorded_sensor(sensor, address))
                 for name, (address, sensor) in named.items()
             }
             writers, errors = self._record_folders(folders, {name: address for name, (address, _) in named.items()})
@@ -187,7 +187,7 @@ class Record:
         """Return camera and force/torque sensor, not yet opened."""
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
 
-        if is_simulated(address):
+        if is_twin_address(address):
             return _twin_sources(folder, self.force_torque is not None)
         camera = source_in_real_time(address, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         return camera, None if self.force_torque is None else untared_wrench_source(self.force_torque, folder)
@@ -222,7 +222,7 @@ def parse_named_sources(source: tuple[str, ...], sensor: tuple[str, ...]) -> dic
     return {name: (address, folders.get(name)) for name, address in sources.items()}
 
 
-def run_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]) -> dict[str, str]:
+def run_commands_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]) -> dict[str, str]:
     """Run commands at once and return the output of those that succeed; a failure, or `should_stop`, ends the others properly."""
     import signal
     import subprocess
@@ -246,11 +246,11 @@ def run_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]
 
 def _twin_sources(folder: "SensorFolder", force_torque: bool) -> "tuple[FrameSource, WrenchSource | None]":
     """Return camera and force/torque sensor of the twin of a sensor, pressed by several objects in turn."""
-    from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
+    from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
     from ninedtact.simulation.press_sequence import PressSequence
     from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque, demo_press_sequence
 
-    simulation = PressSequence(build_sensor_twin(folder), demo_press_sequence())
+    simulation = PressSequence(build_twin_from_folder(folder), demo_press_sequence())
     return SimulatedCamera(simulation), SimulatedForceTorque(simulation) if force_torque else None
 
 
@@ -269,7 +269,7 @@ def untared_wrench_source(address: str, folder: "SensorFolder") -> "WrenchSource
     return MountedWrenchSource(skipping, folder.record.design.force_torque)
 
 
-def require_new_recording(out: Path) -> None:
+def require_new_recording_path(out: Path) -> None:
     """Raise `RecordingRefused` for a name without .mcap, which other programs would not know, and for one that exists."""
     if out.suffix.lower() != RECORDING_SUFFIX:
         raise RecordingRefused(f"expected --out to end in {RECORDING_SUFFIX}, got {out}; add it")

@@ -39,12 +39,12 @@ class Info:
 
         require_recording_libraries()
         from ninedtact.recording.mcap_repair import repair_recording
-        from ninedtact.recording.reader import Recording, sensor_addresses
+        from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 
         if self.repair:
             repair_recording(self.recording)
         summaries, lines = [], list[str]()
-        for address in sensor_addresses(self.recording):
+        for address in recorded_sensor_addresses(self.recording):
             with Recording(address) as recording:
                 summaries.append(recording.summary())
                 lines += _summary_lines(recording.path, summaries[-1])
@@ -107,15 +107,17 @@ class Export:
         require_recording_libraries()
         from tqdm import tqdm
 
-        from ninedtact.recording.export import export_recordings
-        from ninedtact.recording.reader import Recording, sensor_addresses
+        from ninedtact.recording.export import export_each_sensor
+        from ninedtact.recording.reader import Recording, recorded_sensor_addresses
         from ninedtact.recording.topics_and_messages import Topic
 
         with ExitStack() as opened:
             # These are of one sensor, which `Recording` asks for.
             of_one_sensor = self.to in ("lerobot", "rerun")
             addresses = (
-                [str(path) for path in self.recordings] if of_one_sensor else sensor_addresses(self.recordings[0])
+                [str(path) for path in self.recordings]
+                if of_one_sensor
+                else recorded_sensor_addresses(self.recordings[0])
             )
             recordings = [opened.enter_context(Recording(address)) for address in addresses]
             images = sum(len(recording.positions(Topic.IMAGES)) for recording in recordings)
@@ -130,7 +132,7 @@ class Export:
 
                     written = export_rerun(recordings[0], self.out, self.points_every, on_image=bar.update)
                 else:
-                    written = export_recordings(recordings, self.out, on_image=bar.update)
+                    written = export_each_sensor(recordings, self.out, on_image=bar.update)
             unfinished = dict[Path, float]()
             for recording in recordings:  # the sensors of one file have one end, that of the longest
                 if not recording.is_finished:

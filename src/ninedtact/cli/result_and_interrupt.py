@@ -61,14 +61,14 @@ def load_sensor_with_notices(path: Path) -> "SensorFolder":
 
 
 @contextmanager
-def named_sensor_with_notices(sensor: Path | None, source: str) -> "Iterator[SensorFolder]":
+def given_or_recorded_sensor(sensor: Path | None, source: str) -> "Iterator[SensorFolder]":
     """Load the sensor that a command is given, or that its recording carries, as `load_sensor_with_notices`.
 
-    Raises what `open_sensor.load_named_sensor` raises. Every command with a source reads its sensor here.
+    Raises what `open_sensor.load_given_or_recorded_sensor` raises. Every command with a source reads its sensor here.
     """
-    from ninedtact.open_sensor import load_named_sensor
+    from ninedtact.open_sensor import load_given_or_recorded_sensor
 
-    with load_named_sensor(sensor, source) as folder:
+    with load_given_or_recorded_sensor(sensor, source) as folder:
         print_notices(folder.notices)
         yield folder
 

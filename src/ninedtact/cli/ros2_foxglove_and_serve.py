@@ -11,19 +11,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact._version import find_mismatched_library
+from ninedtact._version import find_incompatible_library
 from ninedtact.cli.live import Live
-from ninedtact.cli.record import is_named, parse_named_sources, require_duration, run_together, untared_wrench_source
+from ninedtact.cli.record import (
+    is_named,
+    parse_named_sources,
+    require_duration,
+    run_commands_together,
+    untared_wrench_source,
+)
 from ninedtact.cli.result_and_interrupt import (
+    given_or_recorded_sensor,
     load_sensor_with_notices,
-    named_sensor_with_notices,
     print_notice,
     stop_on_signal,
 )
 from ninedtact.cli.sensor_page import InvalidLiveOption
 from ninedtact.errors import MissingLibraryError
 from ninedtact.force.estimator_loading import NONE, PHYSICS
-from ninedtact.open_sensor import is_simulated, require_same_source_kind
+from ninedtact.open_sensor import is_twin_address, require_matching_force_source
 from ninedtact.recording.errors import RecordingRefused
 
 if TYPE_CHECKING:
@@ -96,7 +102,7 @@ class Ros2:
             return self._run_several()
         if len(self.sensor) > 1:
             raise RecordingRefused(f"expected one --sensor with one --source, got {len(self.sensor)}; drop the others")
-        require_same_source_kind(self.source[0], self.force_torque, is_simulated)
+        require_matching_force_source(self.source[0], self.force_torque, is_twin_address)
         live = Live(
             self.source[:1],
             self.sensor[:1],
@@ -158,7 +164,7 @@ class Ros2:
         for name, (address, _) in named.items():
             print(f"{name}: topics /{name}/… of {address}; Ctrl-C ends", flush=True)
         with stop_on_signal() as until:
-            outputs = run_together(commands, lambda: until.requested)
+            outputs = run_commands_together(commands, lambda: until.requested)
         for name, output in outputs.items():
             print(f"{name}: {output.splitlines()[-1]}")
         return 0 if len(outputs) == len(named) else 1
@@ -202,7 +208,7 @@ class Foxglove:
         _require_libraries("foxglove", "foxglove", "websockets", "rosbags")
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact.interop.foxglove import FoxgloveMessages, FoxgloveServer, foxglove_layout
-        from ninedtact.interop.reading_broadcast import serve_sensor
+        from ninedtact.interop.reading_broadcast import publish_readings
 
         require_duration(self.seconds)
         if self.points_every < 1:
@@ -218,7 +224,7 @@ class Foxglove:
                 if self.layout is not None:
                     write_file_atomically(self.layout, json.dumps(foxglove_layout(messages.name), indent=2).encode())
                 print(f"{sensor.source.name}: {server.address}; Ctrl-C ends", flush=True)
-                served = serve_sensor(server.publish, sensor, lambda: until.now, print_notice)
+                served = publish_readings(server.publish, sensor, lambda: until.now, print_notice)
         print(f"stopped after {served} readings")
         return 0
 
@@ -257,7 +263,7 @@ class Serve:
     def run(self) -> int:
         """Serve until Ctrl-C."""
         _require_libraries("stream", "websockets")
-        from ninedtact.interop.reading_broadcast import serve_sensor
+        from ninedtact.interop.reading_broadcast import publish_readings
         from ninedtact.interop.reading_stream import ReadingServer
 
         require_duration(self.seconds)
@@ -269,7 +275,7 @@ class Serve:
         ):
             addresses = {"websocket": server.websocket_address, "tcp": server.tcp_address, "token": server.guard.token}
             print(f"{sensor.source.name}: {json.dumps(addresses)}; Ctrl-C ends", flush=True)
-            served = serve_sensor(server.publish, sensor, lambda: until.now, print_notice)
+            served = publish_readings(server.publish, sensor, lambda: until.now, print_notice)
         print(f"stopped after {served} readings")
         return 0
 
@@ -294,7 +300,7 @@ def _require_libraries(extra: str, *names: str) -> None:
             f"expected {' and '.join(names)}, which this command needs, got no {' and no '.join(absent)}; run "
             f"pip install 'ninedtact[{extra}]'"
         )
-    if other := find_mismatched_library(extra):
+    if other := find_incompatible_library(extra):
         raise InteropLibrariesMissing(f"{other}; run pip install 'ninedtact[{extra}]'")
 
 
@@ -316,8 +322,8 @@ def _sensor_to_share(live: Live) -> "Iterator[tuple[SensorFolder, Sensor, Wrench
 @contextmanager
 def _folder_or_demo_twin(sensor: Path | None, source: str) -> "Iterator[SensorFolder]":
     """Yield the named sensor folder, or for sim without one that of the demo, which is calibrated where there is none yet."""
-    if sensor is not None or not is_simulated(source):
-        with named_sensor_with_notices(sensor, source) as folder:
+    if sensor is not None or not is_twin_address(source):
+        with given_or_recorded_sensor(sensor, source) as folder:
             yield folder
         return
     from ninedtact.cli.demo import Demo

@@ -13,7 +13,7 @@ from threading import Event
 from time import monotonic_ns
 from typing import TYPE_CHECKING, Any
 
-from ninedtact._version import find_mismatched_library
+from ninedtact._version import find_incompatible_library
 from ninedtact.cli.result_and_interrupt import print_notice
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
@@ -46,7 +46,7 @@ class RerunMissing(MissingLibraryError):
 
 
 class InvalidLiveOption(InputError):
-    """An option has a value that the page cannot have."""
+    """An option of a command that reads live has a value that it cannot have."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
     """Serve the page of one or several sensors until Ctrl-C, or with `ends` until the last round of their twins has ended."""
     from ninedtact.studio.page_and_server import SensorPage, find_default_port, page_server
     from ninedtact.studio.page_controller import PageController
-    from ninedtact.studio.press_control import PressControl
+    from ninedtact.studio.press_control import TwinPressController
     from ninedtact.studio.scene_3d import gel_block_under_skin
     from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
     from ninedtact.studio.socket_guard import SocketGuard
@@ -100,7 +100,7 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
         listeners: list[Callable[[Reading, int], None]] = []
         loops, changed = list[SensorPoller](), Event()
         controllers: list[PageController] = []
-        presses = [None if part.pressed is None else PressControl(part.pressed) for part in parts]
+        presses = [None if part.pressed is None else TwinPressController(part.pressed) for part in parts]
         for number, part in reversed(tuple(enumerate(parts))):
             estimates = _estimate_history(part.sensor, settings.force, part.folder)
             keep = partial(_keep_reading, number=number, estimates=estimates, listeners=listeners)
@@ -115,14 +115,14 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
                 opened.enter_context(poller)
         first, controller = parts[0], controllers[0]
         block = gel_block_under_skin(first.folder.shape, first.folder.record.design.gel)
-        panels = recordings_panels(opened, server, parts, controller, listeners)
+        panels = recordings_panel_factories(opened, server, parts, controller, listeners)
         title = " · ".join(part.name or part.folder.id for part in parts)
         pressed = [press for press in presses if press is not None]
         page = SensorPage(server, controller, block, title, pressed if len(pressed) == len(parts) else None, panels)
         sources = ", ".join(f"{part.name}: " * bool(part.name) + part.sensor.source.name for part in parts)
         address = guard.page_address(server.get_port())
         print(f"{sources}: open {address} in a browser; Ctrl-C ends", flush=True)
-        if settings.opens_browser and has_screen():
+        if settings.opens_browser and can_open_browser():
             webbrowser.open(address)
 
         def is_over() -> bool:
@@ -133,7 +133,7 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
         controller.run(page, settings.display_hz, is_over)
 
 
-def has_screen() -> bool:
+def can_open_browser() -> bool:
     """Return whether a person sits at a terminal on a computer that can show windows."""
     shows_windows = sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
     return sys.stdout.isatty() and shows_windows
@@ -161,31 +161,34 @@ def _show_in_rerun(opened: ExitStack, parts: Sequence[PageSensor]) -> "Callable[
     return lambda reading, number: viewers[number].show(reading)
 
 
-def recordings_panels(
+def recordings_panel_factories(
     opened: ExitStack,
     server: Any,
     parts: Sequence[PageSensor],
     controller: "PageController",
     listeners: "list[Callable[[Reading, int], None]]",
 ) -> "list[PanelFactory]":
-    """Return the panel that records, whose recorder is added to the listeners; none, and a notice, without its libraries."""
+    """Return the factory of the recordings panel, and add its recorder to the listeners.
+
+    Without the libraries of recordings, print a notice and return none.
+    """
     try:
         require_recording_libraries()
     except RecordingLibrariesMissing as missing:
         print_notice(f"the page cannot record; {missing}")
         return []
-    from ninedtact.studio.page_recorder import PageRecorder, RecordedPageSensor
-    from ninedtact.studio.recordings_panel import RecordingDesk, RecordingsPanel
+    from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
+    from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
 
     recorded = [
-        RecordedPageSensor(part.folder, part.sensor.source.name, one.wrenches, part.name)
+        PageSensorToRecord(part.folder, part.sensor.source.name, one.wrenches, part.name)
         for part, one in zip(parts, controller.sensors, strict=True)
     ]
     recorder = PageRecorder(recorded, controller.out, controller.quota)
     opened.callback(recorder.stop)
     listeners.append(recorder.keep)
-    desk = RecordingDesk(server, parts[0].folder, recorder, exporters=installed_exporters())
-    return [partial(RecordingsPanel, desk=desk)]
+    context = RecordingsPanelContext(server, parts[0].folder, recorder, exporters=installed_exporters())
+    return [partial(RecordingsPanel, context=context)]
 
 
 def installed_exporters() -> "dict[str, Exporter]":
@@ -217,7 +220,7 @@ def _write_rerun(recordings: "Sequence[Recording]", out: Path, on_image: Callabl
     export_rerun(recordings[0], out, on_image=on_image)
 
 
-def page_sources_of_twin(
+def twin_sensor_and_true_wrench(
     shape: "CalibratedShape", shown: "DemoSources", references: "Sequence[Frame]" = ()
 ) -> "tuple[Sensor, list[WrenchPoller]]":
     """Return a sensor on the simulated camera, and a poller of the true wrench."""
@@ -256,7 +259,7 @@ def require_rerun() -> None:
     """Refuse what needs Rerun without it, or with another version; raises `RerunMissing`."""
     if find_spec("rerun") is None:
         raise RerunMissing("expected rerun-sdk, got no such package; run pip install 'ninedtact[rerun]' (740 MB)")
-    if other := find_mismatched_library("rerun"):
+    if other := find_incompatible_library("rerun"):
         raise RerunMissing(f"{other}; run pip install 'ninedtact[rerun]'")
 
 

@@ -167,9 +167,9 @@ class _Press:
         if self.sensor is None:
             return twin_from_design(read_design_or_default(self.design_file), self.seed)
         refuse_design_beside_sensor(self.sensor, self.design_file)
-        from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
+        from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 
-        return build_sensor_twin(load_sensor_with_notices(self.sensor))
+        return build_twin_from_folder(load_sensor_with_notices(self.sensor))
 
     def write_files(self, indenter: "Indenter", contact: "Contact", found: dict[str, Any]) -> dict[str, str]:
         """Write all files, and return the path of each by its name."""
@@ -345,7 +345,7 @@ class SimulateDatasetCommand:
 
     def _settings(self) -> "GenerationSettings":
         """Return the settings; raises `GenerationImpossible`, `PopulationImpossible`, and what `read_design_file` raises."""
-        from ninedtact.dataset.generation.settings import GenerationSettings, KindShares
+        from ninedtact.dataset.generation.settings import GenerationSettings, PairKindShares
         from ninedtact.simulation.sensor_population import NonidealMechanicsShares
 
         return GenerationSettings(
@@ -356,7 +356,7 @@ class SimulateDatasetCommand:
             object_names=self.object_names,
             seed=self.seed,
             objects_seed=self.objects_seed,
-            shares=KindShares(self.no_contact, self.light_touch),
+            shares=PairKindShares(self.no_contact, self.light_touch),
             mechanics=NonidealMechanicsShares(self.compliant_base, self.finite_strain),
             design=read_design_or_default(self.design_file),
             pitch_mm=self.pitch_mm,

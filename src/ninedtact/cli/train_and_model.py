@@ -128,31 +128,31 @@ class Train:
         """Raise `DatasetDamaged` without data, and `SensorCalibrationMissing` where heights lack a calibration of any sensor."""
         from ninedtact.dataset.folder import find_pair_files
         from ninedtact.force.network_input import InputChannels
-        from ninedtact.workflows.dataset_calibrations import require_dataset_sensors
+        from ninedtact.workflows.dataset_calibrations import require_sensor_calibrations
 
         find_pair_files(self.data)
         of_heights = InputChannels[self.channels.upper()].of_heights if self.channels else self.preset != "paper"
         if of_heights:
-            require_dataset_sensors(self.data, self.sensors)
+            require_sensor_calibrations(self.data, self.sensors)
 
     def settings(self) -> "TrainingSettings":
         """Return the preset with these options; raises `TrainingImpossible`, `NetworkUnknown`."""
-        from ninedtact.force.network_input import InputChannels, resize_network_input
+        from ninedtact.force.network_input import InputChannels, resize_input_settings
         from ninedtact.force.training.settings import TRAINING_PRESETS
-        from ninedtact.workflows.dataset_training import fit_input_to_dataset
+        from ninedtact.workflows.dataset_training import match_input_width_to_dataset
 
         preset = TRAINING_PRESETS[self.preset]
         grid = preset.input
         if self.channels is not None:
             grid = replace(grid, channels=InputChannels[self.channels.upper()])
         if self.size is not None:
-            grid = resize_network_input(grid, self.size)
+            grid = resize_input_settings(grid, self.size)
         options = {
             name: getattr(self, name)
             for name in ("network", "epochs", "batch", "learning_rate")
             if getattr(self, name) is not None
         }
-        return fit_input_to_dataset(replace(preset, input=grid, seed=self.seed, **options), self.data)
+        return match_input_width_to_dataset(replace(preset, input=grid, seed=self.seed, **options), self.data)
 
 
 def _require_training_packages() -> None:

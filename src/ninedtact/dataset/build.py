@@ -27,22 +27,22 @@ from ninedtact.dataset.fault_report import (
     require_any_usable_pair,
     write_quality_report,
 )
-from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, make_folder
+from ninedtact.dataset.folder import DatasetFolder, begin_or_resume_dataset, make_folder
 from ninedtact.dataset.parquet_files import (
     DatasetDamaged,
     copy_pairs_without_rows,
     iterate_rows,
     stored_image_bytes,
     write_pair_file,
-    write_reference_image_file,
+    write_reference_images_file,
 )
-from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, to_utf8
-from ninedtact.dataset.sources.source import Source, SourceChunk, SourceUnknown
+from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, escape_invalid_utf8
+from ninedtact.dataset.sources.source import Source, SourcePart, SourceUnknown
 from ninedtact.dataset.statistics_and_card import (
     DatasetStatistics,
     compute_dataset_statistics,
     format_build_card,
-    require_licence,
+    require_licence_name,
 )
 from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
 
@@ -58,7 +58,7 @@ class BuildSettings:
     """Licence of the data, as Hugging Face names it; raises `UnknownLicence`."""
 
     def __post_init__(self) -> None:
-        require_licence(self.licence)
+        require_licence_name(self.licence)
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def build_dataset(
         _require_absolute_paths(sources)
     folder = DatasetFolder(out)
     parts = [part for source in sources for part in source.parts()]
-    begin_dataset_folder(folder, _identify_build(sources, settings), [source.path for source in sources])
+    begin_or_resume_dataset(folder, _identify_build(sources, settings), [source.path for source in sources])
     if not folder.is_finished:
         _make_missing_parts(folder, sources, parts, settings, workers, progress)
         _combine_parts(folder, sources, len(parts), settings)
@@ -100,7 +100,7 @@ def build_dataset(
 def _identify_build(sources: Sequence[Source], settings: BuildSettings) -> dict[str, Any]:
     """Return plain values by which a stopped build is recognised."""
     described = {
-        f"source {source.name}": to_utf8(
+        f"source {source.name}": escape_invalid_utf8(
             f"{source.description}, {source.path.resolve()}, {source.fingerprint()}, {source.conventions}"
         )
         for source in sources
@@ -111,7 +111,7 @@ def _identify_build(sources: Sequence[Source], settings: BuildSettings) -> dict[
 def _make_missing_parts(
     folder: DatasetFolder,
     sources: Sequence[Source],
-    parts: Sequence[SourceChunk],
+    parts: Sequence[SourcePart],
     settings: BuildSettings,
     workers: Workers,
     progress: bool,
@@ -169,7 +169,7 @@ class _PartFiles:
 class _PartReader:
     """Separates the rows of a part from its reference images and from what is rejected."""
 
-    part: SourceChunk
+    part: SourcePart
     file: str
     references: dict[str, ReferenceImage] = field(default_factory=dict)
     findings: list[PairFinding] = field(default_factory=list)
@@ -181,10 +181,14 @@ class _PartReader:
             if isinstance(item, ReferenceImage):
                 self.references.setdefault(item.id, item)
             elif isinstance(item, RejectedItem):
-                self.findings.append(PairFinding(item.fault, to_utf8(item.id), to_utf8(item.message), None, self.file))
+                self.findings.append(
+                    PairFinding(
+                        item.fault, escape_invalid_utf8(item.id), escape_invalid_utf8(item.message), None, self.file
+                    )
+                )
             else:
                 self.findings += [
-                    PairFinding(fault, to_utf8(item.id), to_utf8(message), number, self.file)
+                    PairFinding(fault, escape_invalid_utf8(item.id), escape_invalid_utf8(message), number, self.file)
                     for fault, message in item.faults
                 ]
                 yield item
@@ -206,7 +210,7 @@ def _require_absolute_paths(sources: Sequence[Source]) -> None:
             )
 
 
-def _make_part(folder: Path, part: SourceChunk, paths: tuple[Path, ...], number: int, settings: CheckSettings) -> int:
+def _make_part(folder: Path, part: SourcePart, paths: tuple[Path, ...], number: int, settings: CheckSettings) -> int:
     """Write the files of one part and return its number of pairs; raises `FileNotWritten`, `SourceUnknown`."""
     for path in paths:
         if not path.exists():  # on a worker; a reader would list every pair as missing
@@ -216,7 +220,7 @@ def _make_part(folder: Path, part: SourceChunk, paths: tuple[Path, ...], number:
     files = _PartFiles(folder, number)
     reader = _PartReader(part, files.pairs.name)
     write_pair_file(files.pairs, reader.rows())
-    write_reference_image_file(files.references, reader.references.values())
+    write_reference_images_file(files.references, reader.references.values())
     check = check_pair_file(files.pairs, files.references, settings)
     check.findings = [*reader.findings, *check.findings]
     write_file_atomically(files.check, msgspec.json.encode(check))
@@ -238,7 +242,7 @@ def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], count: int,
     ]
     for number, file in enumerate(kept):
         _move_pair_file(file.pairs, folder.pair_file(number, len(kept)), unwanted.get(file.pairs.name, set()))
-    write_reference_image_file(folder.references, _unique_references(files))
+    write_reference_images_file(folder.references, _unique_references(files))
     _save_sensor_folders(folder, sources)
     card = format_build_card(_folder_statistics(folder), sources, settings.licence, report, version("ninedtact"))
     write_file_atomically(folder.card, card.encode())

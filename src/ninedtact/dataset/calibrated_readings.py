@@ -14,9 +14,9 @@ from ninedtact.dataset.parquet_files import (
     DatasetDamaged,
     StoredImageUnreadable,
     decode_stored_image,
+    decode_stored_wrench,
     iterate_rows,
-    read_reference_values,
-    wrench_vector,
+    read_references_by_id,
 )
 from ninedtact.dataset.schema import NO_OBJECT
 from ninedtact.design import Gel, SensingArea
@@ -27,7 +27,7 @@ from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import DepthReader
 
 READ_COLUMNS = ("image", "reference_id", "sensor", "mm_per_px")
-"""Columns that `FileDepthReader` needs."""
+"""Columns that `RowReadingComputer` needs."""
 
 
 _ROWS_PER_GROUP = 64
@@ -39,7 +39,7 @@ class SensorCalibrationMissing(CalibrationError):
 
 
 @dataclass(frozen=True)
-class CalibratedSensor:
+class DatasetSensorCalibration:
     """The calibration of one sensor of a data set."""
 
     shape: CalibratedShape
@@ -49,7 +49,7 @@ class CalibratedSensor:
 
 
 @dataclass(frozen=True)
-class LabelledReading:
+class ReadingWithWrench:
     """A reading with the wrench that belongs to it."""
 
     reading: Reading
@@ -61,7 +61,7 @@ class LabelledReading:
 
 
 @dataclass(frozen=True)
-class StoredRows:
+class RowsWithReferences:
     """Some rows of one file of a data set with their reference images: all that is needed to read them elsewhere."""
 
     file: Path
@@ -74,16 +74,18 @@ class StoredRows:
         """The names of the sensors that took the images."""
         return {row["sensor"] or "" for row in self.rows}
 
-    def readings(self, sensors: Mapping[str, CalibratedSensor]) -> Iterator[LabelledReading]:
+    def readings(self, sensors: Mapping[str, DatasetSensorCalibration]) -> Iterator[ReadingWithWrench]:
         """Yield each row as a reading; raises `SensorCalibrationMissing`, `DatasetDamaged`."""
-        depth_reader = FileDepthReader(self.file, sensors, self.references)
+        depth_reader = RowReadingComputer(self.file, sensors, self.references)
         for row in self.rows:
-            wrench, object_name = wrench_vector(row["wrench"]), str(row["object"] or NO_OBJECT)
+            wrench, object_name = decode_stored_wrench(row["wrench"]), str(row["object"] or NO_OBJECT)
             reading = depth_reader.read(row)
-            yield LabelledReading(reading, wrench, object_name, row["sensor"] or "", str(row["kind"] or ""))
+            yield ReadingWithWrench(reading, wrench, object_name, row["sensor"] or "", str(row["kind"] or ""))
 
 
-def iterate_row_groups(folder: Path, every: int = 1, left_out: Collection[str] = ()) -> Iterator[StoredRows]:
+def iterate_rows_with_references(
+    folder: Path, every: int = 1, left_out: Collection[str] = ()
+) -> Iterator[RowsWithReferences]:
     """Yield every n-th pair of a data set in groups of at most `_ROWS_PER_GROUP`, without those of some sensors.
 
     Raises `DatasetDamaged`.
@@ -103,24 +105,24 @@ def iterate_row_groups(folder: Path, every: int = 1, left_out: Collection[str] =
             yield _with_references(file, kept, references)
 
 
-def _with_references(file: Path, rows: list[dict[str, Any]], references: Mapping[str, Any]) -> StoredRows:
+def _with_references(file: Path, rows: list[dict[str, Any]], references: Mapping[str, Any]) -> RowsWithReferences:
     ids = {row["reference_id"] for row in rows}
-    return StoredRows(file, rows, {name: image for name, image in references.items() if name in ids})
+    return RowsWithReferences(file, rows, {name: image for name, image in references.items() if name in ids})
 
 
 def read_file_references(file: Path) -> dict[str, Any]:
     """Return the values of the column `image` of the reference images that a file names; raises `DatasetDamaged`."""
     ids = {row["reference_id"] for row in iterate_rows(file, ["reference_id"])}
-    return read_reference_values(file.parents[1] / REFERENCES_FILE, ids)
+    return read_references_by_id(file.parents[1] / REFERENCES_FILE, ids)
 
 
 @dataclass
-class FileDepthReader:
+class RowReadingComputer:
     """Measures the images of one Parquet file, each with its own sensor's calibration and its own reference image."""
 
     file: Path
     """The file, for messages."""
-    sensors: Mapping[str, CalibratedSensor]
+    sensors: Mapping[str, DatasetSensorCalibration]
     references: Mapping[str, Any]
     """Values of the column `image` of the reference images by their id."""
     _readers: dict[tuple[str, str], DepthReader] = field(default_factory=dict, init=False)

@@ -16,19 +16,19 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 
-from ninedtact.dataset.fault_report import PairFault, PairFinding, QualityReport, make_quality_report
+from ninedtact.dataset.fault_report import PairFault, PairFinding, QualityReport, summarise_findings
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact.dataset.parquet_files import (
-    ReferenceImageStore,
+    ReferenceImageFile,
     StoredImageUnreadable,
     decode_stored_image,
+    decode_stored_wrench,
     iterate_rows,
-    wrench_vector,
 )
 from ninedtact.dataset.schema import WRENCH_AXES
 from ninedtact.errors import InputError
 from ninedtact.parallel_jobs import run_jobs
-from ninedtact.shape.image_check import find_light_warning
+from ninedtact.shape.image_check import find_exposure_warning
 
 _GreyImage = UInt8[Array, "rows cols"]
 _MOST_TILES, _TILE_PX = 40, 6
@@ -101,12 +101,12 @@ def combine_file_checks(checks: list[FileCheck], names: list[str], dropped: bool
     """Return the report of all files, including the duplicates across them; names are those of the files."""
     findings = [finding for check in checks for finding in check.findings]
     pairs = sum(len(check.ids) for check in checks)
-    return make_quality_report(pairs, [*findings, *_find_duplicates(checks, names)], dropped)
+    return summarise_findings(pairs, [*findings, *_find_duplicates(checks, names)], dropped)
 
 
 def check_pair_file(path: Path, references: Path, settings: CheckSettings) -> FileCheck:
     """Check every pair of one file by itself; raises `DatasetDamaged`."""
-    store, check = ReferenceImageStore(references), FileCheck([], [], [])
+    store, check = ReferenceImageFile(references), FileCheck([], [], [])
     for number, row in enumerate(iterate_rows(path, _CHECKED_COLUMNS)):
         try:
             image = decode_stored_image(row["image"])
@@ -125,7 +125,7 @@ def _find_pair_faults(
     image: UInt8[Array, "_ _"], reference: UInt8[Array, "_ _"] | None, row: dict[str, Any], settings: CheckSettings
 ) -> Iterator[tuple[PairFault, str]]:
     """Yield every fault of one pair with a message."""
-    wrench, delay_ms = wrench_vector(row["wrench"]), row["wrench_delay_ms"]
+    wrench, delay_ms = decode_stored_wrench(row["wrench"]), row["wrench_delay_ms"]
     is_finite = bool(np.isfinite(wrench).all())
     if is_finite:
         yield from _find_wrench_faults(wrench, settings)
@@ -158,11 +158,11 @@ def _find_contradictions(
     image: _GreyImage, reference: _GreyImage, wrench: Array, settings: CheckSettings
 ) -> Iterator[tuple[PairFault, str]]:
     """Yield a fault where the image cannot be a press, and where image and wrench contradict each other."""
-    light = find_light_warning(image, reference)
+    light = find_exposure_warning(image, reference)
     if light is not None:
         yield PairFault.NO_LIGHT, str(light)
         return
-    levels = max_darkening_levels(image, reference)
+    levels = local_darkening_levels(image, reference)
     if wrench[2] <= -settings.pressed_n and levels < settings.min_darkening_levels:
         yield PairFault.NO_DARKENING, f"Fz of {wrench[2]:.3g} N, and {levels:.2g} grey levels of darkening"
     is_zero_force = np.abs(wrench[:3]).max() <= settings.zero_force_n
@@ -170,7 +170,7 @@ def _find_contradictions(
         yield PairFault.NO_MEASURED_FORCE, f"zero force, and {levels:.2g} grey levels of darkening"
 
 
-def max_darkening_levels(image: _GreyImage, reference: _GreyImage) -> float:
+def local_darkening_levels(image: _GreyImage, reference: _GreyImage) -> float:
     """Return by how many grey levels the darkest tile is darker than the median tile, relative to the reference image."""
     change = np.subtract(reference, image, dtype=np.float32)
     grid = tuple(max(1, min(_MOST_TILES, side // _TILE_PX)) for side in change.shape[::-1])

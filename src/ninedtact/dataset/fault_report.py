@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.checked_reading import CHECKSUM_KEY, read_json_object, values_checksum
+from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum, read_json_object
 from ninedtact.errors import DatasetError, FileFormatError
 
 
@@ -106,7 +106,7 @@ class QualityReport(msgspec.Struct, frozen=True):
                 yield f"{count:8d} {fault.value}: {meaning}"
 
 
-def make_quality_report(pairs: int, findings: Iterable[PairFinding], dropped: bool = False) -> QualityReport:
+def summarise_findings(pairs: int, findings: Iterable[PairFinding], dropped: bool = False) -> QualityReport:
     """Count the findings of a data set of this many pairs."""
     findings = list(findings)
     in_rows = [finding for finding in findings if finding.row is not None]
@@ -119,7 +119,7 @@ def make_quality_report(pairs: int, findings: Iterable[PairFinding], dropped: bo
 def write_quality_report(path: Path, report: QualityReport) -> None:
     """Write a report as JSON, with a checksum over its values; raises `FileNotWritten`."""
     values = msgspec.to_builtins(report)
-    content = msgspec.json.encode({**values, CHECKSUM_KEY: values_checksum(values)})
+    content = msgspec.json.encode({**values, CHECKSUM_KEY: mapping_checksum(values)})
     write_file_atomically(path, msgspec.json.format(content, indent=1), b"\n")
 
 
@@ -127,7 +127,7 @@ def read_quality_report(path: Path) -> QualityReport:
     """Read a report that `write_quality_report` wrote; raises `ReportDamaged`."""
     try:
         values = read_json_object(path, most_bytes=None)
-        if values.get(CHECKSUM_KEY) not in (None, values_checksum(values)):
+        if values.get(CHECKSUM_KEY) not in (None, mapping_checksum(values)):
             raise ValueError("other values than its checksum")
         return msgspec.convert(values, QualityReport)
     except (OSError, ValueError) as trouble:

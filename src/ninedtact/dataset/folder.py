@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ninedtact.atomic_write import FileNotWritten, write_file_atomically
-from ninedtact.checked_reading import CHECKSUM_KEY, read_json_object, values_checksum
+from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum, read_json_object
 from ninedtact.dataset.parquet_files import DatasetDamaged, require_pair_columns
 from ninedtact.dataset.schema import DATASET_FORMAT
 from ninedtact.errors import OutputError
@@ -113,7 +113,9 @@ def find_pair_files(folder: Path) -> list[Path]:
     return files
 
 
-def begin_dataset_folder(folder: DatasetFolder, settings: Mapping[str, Any], source_paths: Iterable[Path] = ()) -> None:
+def begin_or_resume_dataset(
+    folder: DatasetFolder, settings: Mapping[str, Any], source_paths: Iterable[Path] = ()
+) -> None:
     """Make the folder of a new data set, or check that it was begun with the same settings.
 
     The version of the program and of the format belong to the settings. Half-written files of a stopped run are removed.
@@ -125,7 +127,7 @@ def begin_dataset_folder(folder: DatasetFolder, settings: Mapping[str, Any], sou
     else:
         _require_free_folder(folder.path, source_paths)
         make_folder(folder.path / "data")
-        write_file_atomically(folder.settings, to_json_bytes({**resolved, CHECKSUM_KEY: values_checksum(resolved)}))
+        write_file_atomically(folder.settings, to_json_bytes({**resolved, CHECKSUM_KEY: mapping_checksum(resolved)}))
     for half_written in [*folder.path.rglob(".*.partial")]:
         if half_written.is_dir():
             shutil.rmtree(half_written, ignore_errors=True)
@@ -143,7 +145,7 @@ def read_dataset_settings(folder: Path) -> dict[str, Any]:
         found = read_json_object(path)
     except (OSError, ValueError) as trouble:
         raise DatasetDamaged(f"expected settings in {path}, got: {trouble}; copy the whole data set again") from trouble
-    if found.get(CHECKSUM_KEY) not in (None, values_checksum(found)):
+    if found.get(CHECKSUM_KEY) not in (None, mapping_checksum(found)):
         raise DatasetDamaged(
             f"expected {path} as it was written, got other settings than its checksum; copy the whole data set again"
         )

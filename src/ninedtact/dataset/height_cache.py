@@ -22,18 +22,18 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.dataset.calibrated_readings import (
     READ_COLUMNS,
-    CalibratedSensor,
-    FileDepthReader,
+    DatasetSensorCalibration,
+    RowReadingComputer,
     SensorCalibrationMissing,
     read_file_references,
 )
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
-from ninedtact.dataset.image_cache import digest_files, make_cache_folder
+from ninedtact.dataset.image_cache import digest_files_with_cache, make_cache_folder
 from ninedtact.dataset.parquet_files import iterate_rows, wrench_array
 from ninedtact.dataset.reader import read_name_column, read_pair_columns
 from ninedtact.dataset.schema import NO_OBJECT
 from ninedtact.design import Gel
-from ninedtact.force.network_input import relative_tractions
+from ninedtact.force.network_input import tractions_over_shear_modulus
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.reading import Reading
@@ -63,7 +63,7 @@ class HeightWrenchPairs:
 
 def load_height_pairs(
     folder: Path,
-    sensors: Mapping[str, CalibratedSensor],
+    sensors: Mapping[str, DatasetSensorCalibration],
     grid: SkinGrid,
     cache: Path | None = None,
     workers: int = 1,
@@ -113,7 +113,7 @@ class _CachedFields:
         estimate = physics.estimate(reading)
         tractions = np.zeros((3, *z_mm.shape), np.float16)
         if estimate.traction is not None:
-            tractions[:] = relative_tractions(estimate.traction, physics.gel.shear_modulus_mpa, self.grid)
+            tractions[:] = tractions_over_shear_modulus(estimate.traction, physics.gel.shear_modulus_mpa, self.grid)
         return {"z_mm": z_mm, "tractions": tractions, "physics": estimate.wrench.six.astype(np.float32)}
 
     def empty(self) -> dict[str, Array]:
@@ -123,7 +123,7 @@ class _CachedFields:
             return {"z_mm": z_mm}
         return {"z_mm": z_mm, "tractions": np.stack([z_mm] * 3), "physics": np.zeros(6, np.float32)}
 
-    def physics_of(self, sensor: CalibratedSensor) -> TractionForce | None:
+    def physics_of(self, sensor: DatasetSensorCalibration) -> TractionForce | None:
         """Return the estimator by physics of a sensor whose gel has the design's shear modulus, where it is needed."""
         if not self.with_physics:
             return None
@@ -131,7 +131,7 @@ class _CachedFields:
         return build_traction_force(sensor.shape, gel)
 
 
-def _require_calibrations(names: Shaped[Array, " n"], sensors: Mapping[str, CalibratedSensor]) -> None:
+def _require_calibrations(names: Shaped[Array, " n"], sensors: Mapping[str, DatasetSensorCalibration]) -> None:
     """Refuse images of sensors without calibration."""
     if missing := sorted(set(names.tolist()) - set(sensors)):
         raise SensorCalibrationMissing(
@@ -140,10 +140,12 @@ def _require_calibrations(names: Shaped[Array, " n"], sensors: Mapping[str, Cali
         )
 
 
-def _digest_inputs(files: Sequence[Path], cache: Path, sensors: Mapping[str, CalibratedSensor], grid: SkinGrid) -> str:
+def _digest_inputs(
+    files: Sequence[Path], cache: Path, sensors: Mapping[str, DatasetSensorCalibration], grid: SkinGrid
+) -> str:
     """Return a digest of everything that the heights depend on."""
     calibrations = sorted((name, sensor.digest) for name, sensor in sensors.items())
-    data = digest_files([*files, files[0].parents[1] / REFERENCES_FILE], cache)
+    data = digest_files_with_cache([*files, files[0].parents[1] / REFERENCES_FILE], cache)
     return blake2b(repr((data, calibrations, grid)).encode(), digest_size=6).hexdigest()
 
 
@@ -169,7 +171,7 @@ def _compute_missing_files(
     files: Sequence[Path],
     target: Path,
     fields: _CachedFields,
-    sensors: Mapping[str, CalibratedSensor],
+    sensors: Mapping[str, DatasetSensorCalibration],
     workers: int,
     progress: bool,
 ) -> None:
@@ -183,20 +185,20 @@ def _compute_missing_files(
             bar.update()
 
 
-def _select_sensors(file: Path, sensors: Mapping[str, CalibratedSensor]) -> dict[str, CalibratedSensor]:
+def _select_sensors(file: Path, sensors: Mapping[str, DatasetSensorCalibration]) -> dict[str, DatasetSensorCalibration]:
     """Return the calibrations of the sensors in one file, so that a process receives no others."""
     names = {row["sensor"] or "" for row in iterate_rows(file, ["sensor"])}
     return {name: sensors[name] for name in names if name in sensors}
 
 
 def _compute_cache_file(
-    file: Path, target: Path, sensors: Mapping[str, CalibratedSensor], fields: _CachedFields
+    file: Path, target: Path, sensors: Mapping[str, DatasetSensorCalibration], fields: _CachedFields
 ) -> None:
     """Write the fields of one Parquet file; they are zero for sensors that are not given.
 
     Raises `DatasetDamaged`, `SensorCalibrationMissing`, `FileNotWritten`, `TractionImpossible`.
     """
-    reader = FileDepthReader(file, sensors, read_file_references(file))
+    reader = RowReadingComputer(file, sensors, read_file_references(file))
     physics = {name: fields.physics_of(sensor) for name, sensor in sensors.items()}
     rows = []
     for row in iterate_rows(file, READ_COLUMNS):

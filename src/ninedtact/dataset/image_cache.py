@@ -78,7 +78,7 @@ def load_decoded_images(
         )
     cache = folder / "cache" if cache is None else cache
     files = [*find_pair_files(folder), folder / REFERENCES_FILE]
-    final = cache / f"{size[0]}x{size[1]}-{digest_files(files, cache)}"
+    final = cache / f"{size[0]}x{size[1]}-{digest_files_with_cache(files, cache)}"
     decoded = _map_decoded_images(final, size)
     if decoded is None:
         _remove_damaged(final)
@@ -119,8 +119,8 @@ def _map_decoded_images(folder: Path, size: tuple[int, int]) -> DecodedImages | 
     return DecodedImages(images, references, shapes) if are_images and fit else None
 
 
-def digest_files(files: Sequence[Path], cache: Path) -> str:
-    """Return a digest of the contents of all files; a file is only read if its size or time is not in the cache."""
+def digest_files_with_cache(files: Sequence[Path], cache: Path) -> str:
+    """Return one digest of the contents of all files; a file is only read if its size or time is not in the cache."""
     try:
         known = msgspec.json.decode((cache / _KNOWN_FILES).read_bytes(), type=dict[str, _KnownFile])
     except (OSError, msgspec.MsgspecError):

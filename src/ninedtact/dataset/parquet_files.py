@@ -53,8 +53,8 @@ def write_pair_file(path: Path, rows: Iterable[DatasetRow]) -> None:
     _write_parquet_file(path, map(row_to_columns, rows), PAIR_COLUMNS)
 
 
-def write_reference_image_file(path: Path, references: Iterable[ReferenceImage]) -> None:
-    """Write a file of reference images; raises `FileNotWritten`."""
+def write_reference_images_file(path: Path, references: Iterable[ReferenceImage]) -> None:
+    """Write the Parquet file of all reference images; raises `FileNotWritten`."""
     _write_parquet_file(path, map(reference_to_columns, references), REFERENCE_COLUMNS)
 
 
@@ -120,7 +120,7 @@ def wrench_array(table: Any) -> Float32[Array, "n 6"]:
     return np.array(values, np.float32).reshape(-1, 6)
 
 
-def wrench_vector(value: Any) -> Float32[Array, "6"]:
+def decode_stored_wrench(value: Any) -> Float32[Array, "6"]:
     """Return the wrench of one row, NaN where it is missing."""
     numbers = [float("nan") if number is None else number for number in (value or _NO_WRENCH)]
     return np.asarray(numbers, np.float32)
@@ -197,14 +197,14 @@ def stored_image_bytes(stored: Any) -> bytes | None:
     return content if isinstance(content, bytes) else None
 
 
-def read_reference_values(path: Path, ids: Iterable[str | None]) -> dict[str, Any]:
+def read_references_by_id(path: Path, ids: Iterable[str | None]) -> dict[str, Any]:
     """Return the values of the column `image` of some reference images by their id; raises `DatasetDamaged`."""
     wanted = set(ids)
     rows = iterate_rows(path, ("reference_id", "image"))
     return {row["reference_id"]: row["image"] for row in rows if row["reference_id"] in wanted}
 
 
-class ReferenceImageStore:
+class ReferenceImageFile:
     """The reference images of a file by id: all as encoded files, the most recent ones decoded."""
 
     def __init__(self, path: Path) -> None:

@@ -16,12 +16,12 @@ from numpy import ndarray as Array
 
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact.dataset.parquet_files import (
-    ReferenceImageStore,
+    ReferenceImageFile,
     StoredImageUnreadable,
     decode_stored_image,
+    decode_stored_wrench,
     iterate_rows,
     iterate_rows_at,
-    wrench_vector,
 )
 from ninedtact.errors import InputError
 from ninedtact.force.brightness_channels import render_deformation, split_darker_brighter
@@ -55,7 +55,7 @@ def render_preview(folder: Path, pairs: int = 24) -> _ColourImage:
     Raises `DatasetDamaged`, `NothingToPreview`.
     """
     files = find_pair_files(folder)
-    references = ReferenceImageStore(folder / REFERENCES_FILE)
+    references = ReferenceImageFile(folder / REFERENCES_FILE)
     tiles = [_render_tile(row, references) for row in _read_rows_at(_spread_over_loads(files, pairs))]
     rendered = [tile for tile in tiles if tile is not None]
     if not rendered:
@@ -70,7 +70,7 @@ def _spread_over_loads(files: Sequence[Path], pairs: int) -> list[_PairPlace]:
     loads, places = [], []
     for file in files:
         for number, row in enumerate(iterate_rows(file, ["wrench"])):
-            wrench = wrench_vector(row["wrench"])
+            wrench = decode_stored_wrench(row["wrench"])
             if np.isfinite(wrench).all():
                 loads.append(-wrench[2])
                 places.append(_PairPlace(file, number))
@@ -92,7 +92,7 @@ def _read_rows_at(places: Sequence[_PairPlace]) -> Iterator[dict[str, Any]]:
     return (rows[place.file, place.row] for place in places)
 
 
-def _render_tile(row: dict[str, Any], references: ReferenceImageStore) -> _ColourImage | None:
+def _render_tile(row: dict[str, Any], references: ReferenceImageFile) -> _ColourImage | None:
     """Return the image of one pair with its caption; None if it cannot be drawn."""
     try:
         image = decode_stored_image(row["image"])
@@ -106,7 +106,7 @@ def _render_tile(row: dict[str, Any], references: ReferenceImageStore) -> _Colou
     ]
     darker, brighter = (_CONTRAST * part for part in split_darker_brighter(*image_and_reference))
     tile = render_deformation(Deformation(darker, brighter, image_and_reference[1], 1.0))
-    wrench = wrench_vector(row["wrench"])
+    wrench = decode_stored_wrench(row["wrench"])
     _draw_shear_arrow(tile, wrench)
     return np.concatenate([tile, _render_caption(row, wrench)])
 

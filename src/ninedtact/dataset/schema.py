@@ -132,19 +132,19 @@ def arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:
 def row_to_columns(row: DatasetRow) -> dict[str, Any]:
     """Return the column values of a row, with text as UTF-8 can store it."""
     values = {field.name: getattr(row, field.name) for field in fields(row) if field.name != "faults"}
-    values = {name: to_utf8(value) if isinstance(value, str) else value for name, value in values.items()}
+    values = {name: escape_invalid_utf8(value) if isinstance(value, str) else value for name, value in values.items()}
     return {**values, "image": {"bytes": row.image, "path": None}}
 
 
 def reference_to_columns(reference: ReferenceImage) -> dict[str, Any]:
     """Return the column values of a reference image."""
     return {
-        "reference_id": to_utf8(reference.id),
+        "reference_id": escape_invalid_utf8(reference.id),
         "image": {"bytes": reference.image, "path": None},
-        "sensor": to_utf8(reference.sensor),
+        "sensor": escape_invalid_utf8(reference.sensor),
     }
 
 
-def to_utf8(text: str) -> str:
+def escape_invalid_utf8(text: str) -> str:
     """Return text that UTF-8 can store: the bytes of a file name that are not UTF-8 become escape sequences."""
     return text.encode(errors="backslashreplace").decode()

@@ -18,7 +18,7 @@ from ninedtact.dataset.fault_report import QualityReport
 from ninedtact.dataset.folder import REPORT_FILE
 from ninedtact.dataset.generation.settings import GenerationSettings
 from ninedtact.dataset.parquet_files import read_columns, wrench_array
-from ninedtact.dataset.schema import NO_OBJECT, PAIR_COLUMNS, WRENCH_AXES, to_utf8
+from ninedtact.dataset.schema import NO_OBJECT, PAIR_COLUMNS, WRENCH_AXES, escape_invalid_utf8
 from ninedtact.dataset.sources.source import Source
 from ninedtact.errors import InputError
 from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM
@@ -42,7 +42,7 @@ _Percentiles = Float[Array, "6 3"]
 
 @dataclass(frozen=True, eq=False)
 class DatasetStatistics:
-    """Counts of the pairs of a data set, and the wrenches that percentiles are taken of."""
+    """Counts of the pairs of a data set by kind, sensor and object, and the percentiles of their wrenches."""
 
     kinds: dict[str, int]
     sensors: dict[str, int]
@@ -139,7 +139,7 @@ class UnknownLicence(InputError):
     """Raised for text that is not the name of a licence."""
 
 
-def require_licence(licence: str | None) -> None:
+def require_licence_name(licence: str | None) -> None:
     """Raise `UnknownLicence` for text that cannot be the name of a licence."""
     if licence is not None and not _LICENCE.fullmatch(licence):
         raise UnknownLicence(
@@ -167,7 +167,9 @@ def format_build_card(
         "",
     ]
     for source in sources:
-        lines.append(f"- `{source.name}`: {source.description}, from `{to_utf8(source.path.resolve().name)}`")
+        lines.append(
+            f"- `{source.name}`: {source.description}, from `{escape_invalid_utf8(source.path.resolve().name)}`"
+        )
         lines += [f"  - {statement}" for statement in source.statement_lines()]
     lines.append("")
     for source in sources:

@@ -51,7 +51,7 @@ class ChannelLayout(StrEnum):
 
 
 @dataclass(frozen=True)
-class DeformationReader:
+class DeformationBuilder:
     """Computes deformations relative to one reference image (no contact); raises `ImagesDoNotMatch`."""
 
     reference: Rectified
@@ -60,7 +60,7 @@ class DeformationReader:
 
     def __call__(self, rectified: Rectified) -> Deformation:
         """Return the deformation of an image at the requested size; raises `ImagesDoNotMatch`."""
-        require_match(rectified, self.reference)
+        require_matching_reference(rectified, self.reference)
         small = resize_to(rectified, self.shape)
         darker, brighter = split_darker_brighter(small.grey, self.small_reference.grey)
         return Deformation(
@@ -80,7 +80,7 @@ def compute_image_deformation(
 
     shape: rows and columns of the result; None keeps those of the image.
     """
-    return DeformationReader(reference, shape)(rectified)
+    return DeformationBuilder(reference, shape)(rectified)
 
 
 def resize_to(rectified: Rectified, shape: tuple[int, int] | None) -> Rectified:
@@ -116,7 +116,7 @@ def stack_deformation_channels(
     return xp.stack((xp.round(reference), *wrapped), axis=-3)
 
 
-def deformation_channels(
+def deformation_network_input(
     deformation: Deformation, layout: ChannelLayout = ChannelLayout.PLAIN
 ) -> Float32[Array, "3 rows cols"]:
     """Return the input of a network for one deformation."""
@@ -132,7 +132,7 @@ def encode_mixed_image(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
     (`to_whole_grey_levels`).
     """
     return np.ascontiguousarray(
-        deformation_channels(deformation, ChannelLayout.ORIGINAL).transpose(1, 2, 0).astype(np.uint8)
+        deformation_network_input(deformation, ChannelLayout.ORIGINAL).transpose(1, 2, 0).astype(np.uint8)
     )
 
 
@@ -163,9 +163,9 @@ def render_deformation(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
     return np.asarray(cv2.merge([np.zeros_like(green), green, red]))
 
 
-def require_match(rectified: Rectified, reference: Rectified) -> None:
+def require_matching_reference(rectified: Rectified, reference: Rectified) -> None:
     """Raise `ImagesDoNotMatch` where an image and its reference differ in size or in mm per pixel."""
-    sizes = [side(image.grey) for image in (rectified, reference)]
+    sizes = [format_image_size(image.grey) for image in (rectified, reference)]
     scales = rectified.mm_per_px, reference.mm_per_px
     if sizes[0] != sizes[1] or abs(scales[0] / scales[1] - 1) > SAME_SCALE:
         raise ImagesDoNotMatch(
@@ -185,6 +185,6 @@ def require_aspect(shape: tuple[int, int], wanted: tuple[int, int]) -> None:
         )
 
 
-def side(grey: Shaped[Array, "rows cols"]) -> str:
+def format_image_size(grey: Shaped[Array, "rows cols"]) -> str:
     """Return the columns and rows of an image as text."""
     return f"{grey.shape[1]} x {grey.shape[0]} pixels"

@@ -74,11 +74,13 @@ _RIM = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 def detect_contact(reading: Reading, threshold: ContactThreshold = ContactThreshold()) -> bool:
     """Return whether the skin is darker somewhere than noise would make it."""
-    darkening, limit = measure_darkening(reading, threshold)
+    darkening, limit = measure_darkening_and_limit(reading, threshold)
     return bool(darkening > limit)
 
 
-def measure_darkening(reading: Reading, threshold: ContactThreshold = ContactThreshold()) -> tuple[float, float]:
+def measure_darkening_and_limit(
+    reading: Reading, threshold: ContactThreshold = ContactThreshold()
+) -> tuple[float, float]:
     """Return the largest relative darkening, smoothed over about a millimetre, and the limit above which it is a contact.
 
     For a reading without a reference image, heights in mm are compared instead of brightness.
@@ -95,7 +97,7 @@ def measure_darkening(reading: Reading, threshold: ContactThreshold = ContactThr
         min_noise, min_change = _MIN_NOISE, threshold.min_darkening
     noise = max(estimate_cell_noise(signal), min_noise)
     if reading.reference is not None:
-        noise = min(noise, largest_cell_noise(reading.rectified.grey, reading.reference.grey, signal.size))
+        noise = min(noise, cell_noise_upper_bound(reading.rectified.grey, reading.reference.grey, signal.size))
     darkening = _smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
     return float(darkening.max()), float(_noise_limit(noise, threshold.noise_stds, min_change, _SMOOTHING_CELLS))
 
@@ -136,10 +138,13 @@ def estimate_cell_noise(field: Float[Array, "rows cols"]) -> float:
     return float(np.median(np.abs(field - smooth))) * _STD_PER_MEDIAN / _SMOOTHING_RESIDUE
 
 
-def largest_cell_noise(image: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"], cells: int) -> float:
-    """Return the largest noise of one of so many cells of the view that an image can have, as relative brightness.
+def cell_noise_upper_bound(
+    image: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"], cells: int
+) -> float:
+    """Return an upper bound on the noise of a cell, from the image's pixel noise, as relative brightness.
 
-    The noise of its pixels is estimated from second differences, to which structure over many pixels contributes little.
+    cells: their number in the view. The noise of its pixels is estimated from second differences, to which structure over many
+    pixels contributes little.
     """
     rows = np.s_[::_NOISE_EVERY_ROWS]
     brightness = image[rows] / np.maximum(reference[rows], np.float32(1))

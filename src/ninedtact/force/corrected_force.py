@@ -14,10 +14,10 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.force.network_force import STD_PER_LAPLACE_SCALE, is_beyond_training
+from ninedtact.force.network_force import STD_PER_LAPLACE_SCALE, is_wrench_beyond_training
 from ninedtact.force.network_input import NetworkInputBuilder, SensorFeatures
 from ninedtact.force.onnx_model import ForceModel
-from ninedtact.force.out_of_distribution import training_membership
+from ninedtact.force.out_of_distribution import training_range_membership
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
@@ -31,7 +31,7 @@ _UNCORRECTED_STD_FACTOR = 1.5
 
 
 @dataclass
-class CorrectedForce(ForceEstimator):
+class NetworkCorrectedForce(ForceEstimator):
     """Physics and the network that corrects it, on one sensor; the tractions are those of physics."""
 
     physics: TractionForce
@@ -54,7 +54,7 @@ class CorrectedForce(ForceEstimator):
         if not physics.touching or physics.traction is None:
             return physics
         trust, correction, std = self._correction(reading, physics)
-        return correct_estimate(physics, correction, std, trust)
+        return apply_network_correction(physics, correction, std, trust)
 
     def forget(self) -> None:
         """Forget the previous reading."""
@@ -66,14 +66,16 @@ class CorrectedForce(ForceEstimator):
         card, modulus_mpa = self.model.card, self.physics.gel.shear_modulus_mpa
         inputs = self.input.of_physics(reading.height, physics.traction, modulus_mpa)
         prediction, unit = self.model(inputs[None]), modulus_mpa / card.modulus_mpa
-        is_foreign = EstimateWarning.NOT_CONVERGED in physics.warnings or is_beyond_training(
+        is_foreign = EstimateWarning.NOT_CONVERGED in physics.warnings or is_wrench_beyond_training(
             physics.wrench.six / unit, card
         )
-        trust = 0.0 if is_foreign else training_membership(inputs, card.input.channels, card.input_ranges)
+        trust = 0.0 if is_foreign else training_range_membership(inputs, card.input.channels, card.input_ranges)
         return trust, prediction.wrench[0] * unit, STD_PER_LAPLACE_SCALE * prediction.scale[0] * unit
 
 
-def correct_estimate(physics: WrenchEstimate, correction: Six, correction_std: Six, trust: float) -> WrenchEstimate:
+def apply_network_correction(
+    physics: WrenchEstimate, correction: Six, correction_std: Six, trust: float
+) -> WrenchEstimate:
     """Return the estimate of physics with a correction of this standard deviation.
 
     trust: one where the input is like the training's, zero where the answer is that of physics. The errors of the axes are

@@ -135,7 +135,7 @@ def split_dataset(pairs: SplitKeys, settings: SplitSettings = SplitSettings()) -
     """
     if len(pairs.ids) < 2:
         raise SplitImpossible(f"expected at least 2 pairs to divide, got {len(pairs.ids)}; record more")
-    held = HeldOut(pairs, settings)
+    held = HeldOutSelection(pairs, settings)
     is_test, is_train = held.masks
     ids = np.asarray(pairs.ids, dtype=str)
     for name, part in (("train", is_train), ("test", is_test)):
@@ -149,7 +149,7 @@ def split_dataset(pairs: SplitKeys, settings: SplitSettings = SplitSettings()) -
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOutSelection:
     """Computes which of the pairs a split with these settings holds out."""
 
     pairs: SplitKeys

@@ -23,7 +23,7 @@ class ForceEstimator(ABC):
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches.
 
-        For an image that cannot be a press on this sensor it is the `unknown_wrench` with the warnings of the reading.
+        For an image that cannot be a press on this sensor it is the `unknown_wrench_estimate` with the warnings of the reading.
         """
 
     @abstractmethod
@@ -38,13 +38,13 @@ class NoForce(ForceEstimator):
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return a wrench of zero with an infinite standard deviation."""
-        return unknown_wrench(reading.frame.stamp_ns)
+        return unknown_wrench_estimate(reading.frame.stamp_ns)
 
     def forget(self) -> None:
         """Do nothing: no reading is remembered."""
 
 
-def unknown_wrench(stamp_ns: int, warnings: tuple[EstimateWarning, ...] = ()) -> WrenchEstimate:
+def unknown_wrench_estimate(stamp_ns: int, warnings: tuple[EstimateWarning, ...] = ()) -> WrenchEstimate:
     """Return the estimate where nothing is known: a wrench of zero with an infinite standard deviation."""
     return WrenchEstimate(zero_wrench(stamp_ns), np.diag(np.full(6, np.inf)), touching=False, warnings=warnings)
 

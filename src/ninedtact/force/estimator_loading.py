@@ -56,12 +56,12 @@ def load_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator
     >>> estimator.name
     'force by physics'
     """
-    from ninedtact.force.known_load_scale import load_scaled_estimator
+    from ninedtact.force.known_load_scale import apply_sensor_force_scale
 
     estimator = load_unscaled_estimator(spec, folder)
     if spec == NONE:
         return estimator
-    return load_scaled_estimator(estimator, folder.path)
+    return apply_sensor_force_scale(estimator, folder.path)
 
 
 def load_unscaled_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator":
@@ -82,8 +82,8 @@ def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEs
     return _build_network_estimator(_shipped_model() if spec == CORRECTED else Path(spec).expanduser(), shape, gel)
 
 
-def model_file(spec: str) -> Path | None:
-    """Return the path of the file that this name of an estimator is, None where it is none."""
+def model_file_of_spec(spec: str) -> Path | None:
+    """Return the path of the model file that an estimator's name is, None for the built-in estimators."""
     return None if spec in (CORRECTED, PHYSICS, NONE) else Path(spec).expanduser()
 
 
@@ -127,10 +127,10 @@ def _build_model_estimator(path: Path, shape: "CalibratedShape", gel: "Gel") -> 
 
     model, features = read_force_model(path), sensor_features_of(shape, gel)
     if model.card.input.channels.of_physics:
-        from ninedtact.force.corrected_force import CorrectedForce
+        from ninedtact.force.corrected_force import NetworkCorrectedForce
         from ninedtact.force.traction.estimator import build_traction_force
 
-        return CorrectedForce(build_traction_force(shape, gel), model, features)
+        return NetworkCorrectedForce(build_traction_force(shape, gel), model, features)
     from ninedtact.force.network_force import NetworkForce
 
     return NetworkForce(model, gel, features=features)

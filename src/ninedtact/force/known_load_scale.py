@@ -23,9 +23,9 @@ from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import open_atomic_file
-from ninedtact.checked_reading import CHECKSUM_KEY, convert_within_bounds, read_text_file, values_checksum
+from ninedtact.checked_reading import CHECKSUM_KEY, convert_tables_to_class, mapping_checksum, read_text_file
 from ninedtact.errors import FileFormatError, ForceEstimationError
-from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench
+from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate
 from ninedtact.quantities import Traction, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 
@@ -153,7 +153,7 @@ class ScaledForceEstimator(ForceEstimator):
         """
         if reading.image_warnings:
             self.estimator.forget()
-            return unknown_wrench(reading.frame.stamp_ns, reading.image_warnings)
+            return unknown_wrench_estimate(reading.frame.stamp_ns, reading.image_warnings)
         scaled = self.adaptation(self.estimator.estimate(reading))
         return replace(scaled, warnings=(*reading.reference_warnings, *scaled.warnings))
 
@@ -188,10 +188,10 @@ def fit_force_scale(presses: Sequence[KnownLoadPress]) -> ForceScaleFit:
     load = np.log([press.estimated_n for press in presses])
     wanted = np.log([press.weighed_n for press in presses]) - load
     by_factor = left_out_rms(load, wanted, 0)
-    by_curve = left_out_rms(load, wanted, 1) if can_bend(load) else None
+    by_curve = left_out_rms(load, wanted, 1) if loads_determine_power_law(load) else None
     bends = by_curve is not None and by_curve < CURVE_MUST_GAIN * by_factor
     about = float(np.exp(load.mean()))
-    curve, factor = (*line(load - load.mean(), wanted),) if bends else (0.0, wanted.mean())
+    curve, factor = (*fit_line(load - load.mean(), wanted),) if bends else (0.0, wanted.mean())
     error = by_curve if bends and by_curve is not None else by_factor
     if error > _MAX_ERROR:
         raise ForceScaleImpossible(
@@ -202,7 +202,7 @@ def fit_force_scale(presses: Sequence[KnownLoadPress]) -> ForceScaleFit:
     return ForceScaleFit(found, rms(wanted), by_factor, by_curve)
 
 
-def can_bend(load: Float[Array, " n"]) -> bool:
+def loads_determine_power_law(load: Float[Array, " n"]) -> bool:
     """Return whether the loads (logarithms) determine a power law: at least four of them, over more than a factor of two."""
     return len(load) >= FEWEST_FOR_CURVE and bool(np.ptp(load) > np.log(2))
 
@@ -214,7 +214,7 @@ def left_out_rms(load: Float[Array, " n"], wanted: Float[Array, " n"], degree: i
     return rms(np.array([wanted[n] - fit(load[n]) for n, fit in enumerate(fits)]))
 
 
-def line(x: Float[Array, " n"], y: Float[Array, " n"]) -> tuple[float, float]:
+def fit_line(x: Float[Array, " n"], y: Float[Array, " n"]) -> tuple[float, float]:
     """Return slope and intercept of the least-squares line."""
     slope, height = np.polyfit(x, y, 1)
     return float(slope), float(height)
@@ -247,7 +247,7 @@ class ForceScaleTables:
     """Whether the numbers of the file differ from those that `write_force_scale` wrote."""
 
 
-def load_scaled_estimator(estimator: ForceEstimator, sensor: Path) -> ScaledForceEstimator:
+def apply_sensor_force_scale(estimator: ForceEstimator, sensor: Path) -> ScaledForceEstimator:
     """Return an estimator with the force scale of a sensor folder, `UNCALIBRATED` where there is none.
 
     Raises `ForceScaleFileDamaged`.
@@ -261,7 +261,7 @@ def write_force_scale(sensor: Path, estimator: str, adaptation: ForceScale) -> P
     found = {**read_force_scale_tables(sensor).scales, estimator: adaptation}
     plain: dict[str, Any] = {name: msgspec.to_builtins(one) for name, one in found.items()}
     with open_atomic_file(sensor / FORCE_SCALE_FILE) as file:
-        tomli_w.dump({CHECKSUM_KEY: values_checksum(plain), **plain}, file)
+        tomli_w.dump({CHECKSUM_KEY: mapping_checksum(plain), **plain}, file)
     return sensor / FORCE_SCALE_FILE
 
 
@@ -272,8 +272,8 @@ def read_force_scale_tables(sensor: Path) -> ForceScaleTables:
         return ForceScaleTables({})
     try:
         tables = tomllib.loads(read_text_file(path))
-        is_edited = tables.pop(CHECKSUM_KEY, None) != values_checksum(tables)
-        return ForceScaleTables(convert_within_bounds(tables, dict[str, ForceScale]), is_edited)
+        is_edited = tables.pop(CHECKSUM_KEY, None) != mapping_checksum(tables)
+        return ForceScaleTables(convert_tables_to_class(tables, dict[str, ForceScale]), is_edited)
     except (OSError, ValueError, RecursionError) as trouble:
         raise ForceScaleFileDamaged(
             f"expected {path} as 'ninedtact adapt' wrote it, got: {trouble}; delete it and run 'ninedtact adapt' again"

@@ -52,7 +52,7 @@ def _format_card(card: ModelCard) -> Iterator[str]:
     yield f"Wrench of the object on the skin, N and N·m about {list(card.about_mm)} mm. Licence {card.licence}."
     if set(card.evaluation) - {VALIDATION}:
         yield from ("", _VALIDATED_ON)
-    yield from (line for name, table in _evaluations_to_show(card) for line in section(name, table))
+    yield from (line for name, table in _evaluations_to_show(card) for line in format_evaluation_section(name, table))
     yield from ("", "## Training", "")
     yield (
         f"{training.pairs} pairs for training and {training.validation_pairs} for choosing the epoch ({training.best_epoch} of "
@@ -70,8 +70,8 @@ def _evaluations_to_show(card: ModelCard) -> Iterator[tuple[str, Mapping[str, An
     yield from (others or card.evaluation).items()
 
 
-def section(name: str, table: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the lines of one evaluation's table, with the published network's skill on its own sensor for comparison."""
+def format_evaluation_section(name: str, table: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the lines of the section on one evaluation, with the published network's skill on its own sensor for comparison."""
     yield from ("", f"## {name[:1].upper()}{name[1:]}: {table.get('pairs', '?')} pairs", "")
     yield from (f"| | {' | '.join(AXES)} |", "|---|" + "---|" * len(AXES))
     for words, (place, written) in ROWS.items():
@@ -81,10 +81,10 @@ def section(name: str, table: Mapping[str, Any]) -> Iterator[str]:
             )
         if place == "skill_35_mm_below" and six is not None:
             yield _markdown_row("published network, its own sensor", np.array(PUBLISHED_SCORES.skill), "{:.3f}")
-    yield from (line for line in touches(table))
+    yield from (line for line in format_light_contact_errors(table))
 
 
-def touches(table: Mapping[str, Any]) -> Iterator[str]:
+def format_light_contact_errors(table: Mapping[str, Any]) -> Iterator[str]:
     """Yield lines with the errors of light contacts and of pairs without contact."""
     for name, part in table.get("by_load", {}).items():
         if name.startswith("below"):

@@ -15,11 +15,11 @@ from numpy import ndarray as Array
 from ninedtact.design import Gel
 from ninedtact.errors import ForceEstimationError
 from ninedtact.force.contact_detection import ContactTest, detect_contact
-from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench, zero_wrench
+from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate, zero_wrench
 from ninedtact.force.network_input import NetworkInputBuilder, SensorFeatures
 from ninedtact.force.onnx_model import ForceModel, ModelCard, WrenchPrediction
 from ninedtact.force.out_of_distribution import is_out_of_distribution
-from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, independent_errors
+from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
 from ninedtact.reading import Reading
 
 STD_PER_LAPLACE_SCALE = sqrt(2)
@@ -65,11 +65,11 @@ class NetworkForce(ForceEstimator):
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches."""
         if reading.image_warnings:
-            return unknown_wrench(reading.stamp_ns, reading.image_warnings)
+            return unknown_wrench_estimate(reading.stamp_ns, reading.image_warnings)
         if self.contact_test(reading):
             return self.estimate_contact(reading)
         return WrenchEstimate(
-            zero_wrench(reading.frame.stamp_ns), independent_errors(self.no_contact_std(reading)), touching=False
+            zero_wrench(reading.frame.stamp_ns), diagonal_covariance(self.no_contact_std(reading)), touching=False
         )
 
     def estimate_contact(self, reading: Reading) -> WrenchEstimate:
@@ -79,7 +79,7 @@ class NetworkForce(ForceEstimator):
         six = prediction.wrench[0]
         wrench = Wrench(six[:3], six[3:], stamp_ns=reading.frame.stamp_ns)
         warnings = tuple(prediction_warnings(inputs, six / self.relative_modulus, self.model.card))
-        covariance = independent_errors(STD_PER_LAPLACE_SCALE * prediction.scale[0])
+        covariance = diagonal_covariance(STD_PER_LAPLACE_SCALE * prediction.scale[0])
         return WrenchEstimate(wrench, covariance, touching=True, warnings=warnings)
 
     def estimate_many(self, inputs: Float32[Array, "n channels rows cols"]) -> WrenchPrediction:
@@ -112,13 +112,13 @@ def prediction_warnings(
     inputs: Float32[Array, "channels rows cols"], wrench: Float64[Array, "6"], card: ModelCard
 ) -> Iterator[EstimateWarning]:
     """Yield a warning where the wrench, or the input, is outside what the training covered."""
-    if is_beyond_training(wrench, card):
+    if is_wrench_beyond_training(wrench, card):
         yield EstimateWarning.OUT_OF_RANGE
     if is_out_of_distribution(inputs, card.input.channels, card.input_ranges):
         yield EstimateWarning.UNLIKE_TRAINING
 
 
-def is_beyond_training(wrench: Float64[Array, "6"], card: ModelCard) -> bool:
+def is_wrench_beyond_training(wrench: Float64[Array, "6"], card: ModelCard) -> bool:
     """Return whether a wrench, for a gel of the model's modulus, lies outside the wrenches of the training and a margin."""
     low, high = np.array(card.wrench_min), np.array(card.wrench_max)
     margin = _RANGE_MARGIN * (high - low)

@@ -27,8 +27,8 @@ from ninedtact.design import Gel, RectifiedImageSize, SensingArea
 from ninedtact.errors import ForceEstimationError
 from ninedtact.force.brightness_channels import (
     ChannelLayout,
-    DeformationReader,
-    deformation_channels,
+    DeformationBuilder,
+    deformation_network_input,
     split_darker_brighter,
     stack_deformation_channels,
 )
@@ -46,7 +46,7 @@ _PUBLISHED_MM_PER_PX = 0.0522
 
 @dataclass(frozen=True)
 class SensorFeatures:
-    """Features of one sensor; the defaults are typical values, used where a calibration has none."""
+    """Gel thickness and light parameters of one sensor, as a network's input; the defaults are typical values."""
 
     thickness_mm: float = Gel().thickness_mm
     darkening_per_mm: float = 0.1
@@ -163,20 +163,20 @@ class NetworkInputSettings:
         return self.channels.number, self.rows, self.cols
 
 
-def full_resolution_input(channels: InputChannels) -> NetworkInputSettings:
+def full_resolution_input_settings(channels: InputChannels) -> NetworkInputSettings:
     """Return settings with all pixels of the rectified image."""
     view = RectifiedImageSize()
     return NetworkInputSettings(channels, view.rows, view.cols, _PUBLISHED_MM_PER_PX)
 
 
-def resize_network_input(settings: NetworkInputSettings, size: tuple[int, int]) -> NetworkInputSettings:
+def resize_input_settings(settings: NetworkInputSettings, size: tuple[int, int]) -> NetworkInputSettings:
     """Return settings that show the same skin on another number of columns and rows."""
     cols, rows = size
     width_mm = settings.cols * settings.mm_per_px
     return replace(settings, rows=rows, cols=cols, mm_per_px=width_mm / cols if cols else 0.0)
 
 
-def scale_network_input_width(settings: NetworkInputSettings, width_mm: float) -> NetworkInputSettings:
+def scale_input_settings_to_width(settings: NetworkInputSettings, width_mm: float) -> NetworkInputSettings:
     """Return settings with the same pixels on skin of another width than the published sensor's."""
     return replace(settings, mm_per_px=settings.mm_per_px * (width_mm / SensingArea().width_mm))
 
@@ -188,7 +188,7 @@ class NetworkInputBuilder:
     settings: NetworkInputSettings = field(default_factory=NetworkInputSettings)
     features: SensorFeatures = TYPICAL_FEATURES
     """Features of the sensor whose readings are given."""
-    _reader: DeformationReader | None = field(default=None, init=False, repr=False)
+    _reader: DeformationBuilder | None = field(default=None, init=False, repr=False)
 
     def __call__(self, reading: Reading) -> Float32[Array, "channels rows cols"]:
         """Return the input for one reading; raises `NetworkInputImpossible`, `ImagesDoNotMatch`."""
@@ -215,17 +215,19 @@ class NetworkInputBuilder:
     ) -> Float32[Array, "channels rows cols"]:
         """Return the input for a height map and the tractions that physics found in it for a gel of this shear modulus."""
         grid = self.settings.grid
-        z_mm, relative = orthorectified_heights(height, grid), relative_tractions(traction, modulus_mpa, grid)
+        z_mm, relative = orthorectified_heights(height, grid), tractions_over_shear_modulus(traction, modulus_mpa, grid)
         return np.asarray(stack_height_channels(z_mm, self.features.row, self.settings.channels, relative))
 
     def of_image(self, rectified: Rectified, reference: Rectified) -> Float32[Array, "channels rows cols"]:
         """Return the input for an image and its reference, resized whole to the network's size; raises `ImagesDoNotMatch`."""
         if self._reader is None or self._reader.reference is not reference:
-            self._reader = DeformationReader(reference, (self.settings.rows, self.settings.cols))
-        return deformation_channels(self._reader(rectified), self.settings.channels.layout)
+            self._reader = DeformationBuilder(reference, (self.settings.rows, self.settings.cols))
+        return deformation_network_input(self._reader(rectified), self.settings.channels.layout)
 
 
-def relative_tractions(traction: Traction, modulus_mpa: float, grid: SkinGrid) -> Float32[Array, "3 rows cols"]:
+def tractions_over_shear_modulus(
+    traction: Traction, modulus_mpa: float, grid: SkinGrid
+) -> Float32[Array, "3 rows cols"]:
     """Return pressure and shear over the shear modulus at the places of a grid, zero beyond the cells of the traction."""
     fields = np.stack([traction.pressure_mpa, *traction.shear_mpa]) / np.float32(modulus_mpa)
     middle = np.array([(side - 1) / 2 for side in fields.shape[:0:-1]], np.float32)[:, None, None]

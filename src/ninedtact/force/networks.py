@@ -108,7 +108,7 @@ RESNET_LAYERS = {"resnet18": (2, 2, 2, 2), "resnet50": (3, 4, 6, 3)}
 RESNET_WIDTHS = (64, 128, 256, 512)
 
 
-class Basic(nn.Module):
+class BasicBlock(nn.Module):
     """Basic residual block: two convolutions beside a shortcut."""
 
     expansion = 1
@@ -162,7 +162,7 @@ class ResNet(nn.Module):
     """ResNet from images of any size to `outputs` numbers."""
 
     def __init__(
-        self, block: type[Basic] | type[Bottleneck], layers: tuple[int, ...], channels: int, outputs: int
+        self, block: type[BasicBlock] | type[Bottleneck], layers: tuple[int, ...], channels: int, outputs: int
     ) -> None:
         super().__init__()
         self.conv1 = nn.Conv2d(channels, 64, 7, 2, 3, bias=False)
@@ -186,7 +186,7 @@ class ResNet(nn.Module):
 
 def _build_resnet(name: str, channels: int, outputs: int) -> ResNet:
     """Return the ResNet of this name in `RESNET_LAYERS`, with random weights."""
-    return ResNet(Bottleneck if name == "resnet50" else Basic, RESNET_LAYERS[name], channels, outputs)
+    return ResNet(Bottleneck if name == "resnet50" else BasicBlock, RESNET_LAYERS[name], channels, outputs)
 
 
 VIT_PATCH_PX = 10
@@ -237,7 +237,7 @@ def convolution(before: int, after: int, kernel: int, stride: int = 1) -> Layer:
     return Layer(nn.Conv2d(before, after, kernel, stride, padding, bias=False), nn.BatchNorm2d(after))
 
 
-class MomentsBlock(nn.Module):
+class MomentsResidualBlock(nn.Module):
     """Residual block: two convolutions beside a shortcut."""
 
     def __init__(self, width: int) -> None:
@@ -250,7 +250,7 @@ class MomentsBlock(nn.Module):
         return self.active(x + self.second(self.active(self.first(x))))
 
 
-class Moments(nn.Module):
+class CellWrenchSum(nn.Module):
     """Sums forces and torques of cells about the skin's centre; all are in units of the labels' scale."""
 
     def __init__(self, settings: NetworkInputSettings, unit: tuple[float, ...]) -> None:
@@ -287,12 +287,12 @@ class MomentsNetwork(nn.Module):
             Layer(convolution(before, after, 4, 2), nn.Hardswish())
             for before, after in ((channels, FIRST), (FIRST, WIDTH))
         )
-        self.features = Layer(*halve, *(MomentsBlock(WIDTH) for _ in range(blocks)))
+        self.features = Layer(*halve, *(MomentsResidualBlock(WIDTH) for _ in range(blocks)))
         self.cells = nn.Conv2d(WIDTH, 6, 1)
         for weights in self.cells.parameters():
             nn.init.zeros_(weights)  # the initial output would otherwise be the sum of hundreds of random cells
-        self.moments = Moments(settings, unit)
-        self.spread = spread(2 * WIDTH + 3 * channels, outputs - 6) if outputs > 6 else None
+        self.moments = CellWrenchSum(settings, unit)
+        self.spread = error_scale_head(2 * WIDTH + 3 * channels, outputs - 6) if outputs > 6 else None
 
     def forward(self, x: Tensor) -> Tensor:
         """Return the outputs (n, outputs) for images (n, channels, rows, cols)."""
@@ -304,7 +304,7 @@ class MomentsNetwork(nn.Module):
         return torch.cat([wrench, self.spread(torch.cat(seen, 1)).float()], 1)
 
 
-def spread(before: int, after: int) -> Layer:
+def error_scale_head(before: int, after: int) -> Layer:
     """Return the layers that predict the logarithms of the scales from statistics of the whole image."""
     return Layer(nn.Linear(before, WIDTH), nn.Hardswish(), nn.Linear(WIDTH, after))
 

@@ -18,7 +18,7 @@ from jaxtyping import Float32, Float64
 from msgspec import Meta, Struct
 from numpy import ndarray as Array
 
-from ninedtact.checked_reading import convert_within_bounds, read_regular_file
+from ninedtact.checked_reading import convert_tables_to_class, read_regular_file
 from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact.force.network_input import NetworkInputSettings
 from ninedtact.force.out_of_distribution import StatisticRange
@@ -160,10 +160,10 @@ def read_force_model(path: Path | str) -> ForceModel:
 
 def parse_force_model(content: bytes, name: str) -> ForceModel:
     """Return the model in a file's bytes; raises `ForceModelUnusable` with this name in its message."""
-    session = session_of(content, name)
+    session = build_onnx_session(content, name)
     try:
         card = read_model_card(session, name)
-        require_graph(session, card, name)
+        require_graph_matches_card(session, card, name)
         is_edited = not _has_own_checksum(session, content)
     except UnicodeDecodeError as trouble:  # of any text in the file
         raise ForceModelUnusable(
@@ -195,7 +195,7 @@ def _has_own_checksum(session: "InferenceSession", content: bytes) -> bool:
     return sha256(content).hexdigest() == _SHIPPED_SHA256
 
 
-def session_of(content: bytes, name: str) -> "InferenceSession":
+def build_onnx_session(content: bytes, name: str) -> "InferenceSession":
     """Return an ONNX Runtime session of the model that uses one thread; raises `ForceModelUnusable`."""
     try:
         from onnxruntime import InferenceSession, SessionOptions
@@ -231,7 +231,7 @@ def read_model_card(session: "InferenceSession", name: str) -> ModelCard:
             raise ForceModelUnusable(
                 f"expected {name} in format {MODEL_FORMAT}, got format {table.get('format')}; update ninedtact, or train again"
             )
-        return convert_within_bounds(table, ModelCard)
+        return convert_tables_to_class(table, ModelCard)
     except (ValueError, RecursionError, NinedtactError) as trouble:
         if isinstance(trouble, ForceModelUnusable):
             raise
@@ -240,7 +240,7 @@ def read_model_card(session: "InferenceSession", name: str) -> ModelCard:
         ) from trouble
 
 
-def require_graph(session: "InferenceSession", card: ModelCard, name: str) -> None:
+def require_graph_matches_card(session: "InferenceSession", card: ModelCard, name: str) -> None:
     """Raise `ForceModelUnusable` for a graph whose inputs or outputs differ from what its card describes."""
     taken = [(one.name, tuple(one.shape[1:])) for one in session.get_inputs()]
     given = [(one.name, tuple(one.shape[1:])) for one in session.get_outputs()]

@@ -19,11 +19,11 @@ from torch import Tensor
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import FileFormatError
 from ninedtact.force.contact_detection import ContactTest, detect_contact
-from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench, zero_wrench
+from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate, zero_wrench
 from ninedtact.force.evaluation.evaluation import PUBLISHED_SCORES_AT_SKIN
-from ninedtact.force.network_input import InputChannels, NetworkInputBuilder, full_resolution_input
+from ninedtact.force.network_input import InputChannels, NetworkInputBuilder, full_resolution_input_settings
 from ninedtact.force.networks import DenseNet, build_densenet
-from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, independent_errors
+from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
 from ninedtact.reading import Reading
 
 NETWORK = "densenet169"
@@ -43,13 +43,13 @@ class OriginalNetworkForce(ForceEstimator):
     name: str = field(default="original", init=False)
 
     def __post_init__(self) -> None:
-        self.input = NetworkInputBuilder(full_resolution_input(InputChannels.MIXED))
+        self.input = NetworkInputBuilder(full_resolution_input_settings(InputChannels.MIXED))
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches."""
         if reading.image_warnings:
-            return unknown_wrench(reading.stamp_ns, reading.image_warnings)
-        errors, stamp_ns = independent_errors(np.array(PUBLISHED_SCORES_AT_SKIN.rmse)), reading.frame.stamp_ns
+            return unknown_wrench_estimate(reading.stamp_ns, reading.image_warnings)
+        errors, stamp_ns = diagonal_covariance(np.array(PUBLISHED_SCORES_AT_SKIN.rmse)), reading.frame.stamp_ns
         if not self.contact_test(reading):
             return WrenchEstimate(zero_wrench(stamp_ns), errors, touching=False)
         parts = self.parts(reading)
@@ -76,7 +76,7 @@ def read_original_network(path: Path | str, contact_test: ContactTest = detect_c
     """
     network = build_densenet(NETWORK, InputChannels.MIXED.number, 6)
     state = read_pt_weights(Path(path))
-    require_names(state, network.state_dict(), path)
+    require_weight_names(state, network.state_dict(), path)
     try:
         network.load_state_dict(state, strict=True)
     except RuntimeError as trouble:
@@ -105,7 +105,7 @@ def read_pt_weights(path: Path) -> dict[str, Tensor]:
     return state
 
 
-def require_names(state: dict[str, Tensor], wanted: dict[str, Tensor], path: Path | str) -> None:
+def require_weight_names(state: dict[str, Tensor], wanted: dict[str, Tensor], path: Path | str) -> None:
     """Raise `OriginalWeightsUnusable` for weights whose names are not those of the network."""
     missing, unknown = wanted.keys() - state.keys(), state.keys() - wanted.keys()
     if missing or unknown:

@@ -30,8 +30,8 @@ MARGIN = 0.2
 """Fraction of a range by which a statistic may lie beyond it."""
 
 
-def input_statistics(inputs: Inputs, channels: InputChannels) -> dict[str, Float64[Array, " n"]]:
-    """Return the statistics of every input by name."""
+def out_of_distribution_statistics(inputs: Inputs, channels: InputChannels) -> dict[str, Float64[Array, " n"]]:
+    """Return the statistics of every input by which unlike inputs are recognised, by name."""
     pressed = inward_signal(inputs, channels)
     flat = pressed.reshape(len(inputs), -1)
     found: dict[str, Any] = {
@@ -75,14 +75,14 @@ def is_out_of_distribution(
     inputs: Float32[Array, "channels rows cols"], channels: InputChannels, known: dict[str, StatisticRange]
 ) -> bool:
     """Return whether any statistic of one input lies outside its range in training and the margin of this range."""
-    return training_membership(inputs, channels, known) == 0
+    return training_range_membership(inputs, channels, known) == 0
 
 
-def training_membership(
+def training_range_membership(
     inputs: Float32[Array, "channels rows cols"], channels: InputChannels, known: dict[str, StatisticRange]
 ) -> float:
     """Return one where all statistics of an input lie in their ranges in training, falling to zero at the margin of a range."""
-    found = input_statistics(inputs[None], channels).items()
+    found = out_of_distribution_statistics(inputs[None], channels).items()
     return min((_membership(float(values[0]), known[name]) for name, values in found if name in known), default=1.0)
 
 

@@ -18,7 +18,7 @@ layer, and grow with the shell where that is wider still."""
 
 
 @dataclass(frozen=True)
-class PlanView:
+class HorizontalDimensions:
     """Widths and positions in x and y, from the sensing area outwards."""
 
     design: "HardwareDesign"

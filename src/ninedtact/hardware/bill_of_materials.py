@@ -93,7 +93,7 @@ def _gel_items(volumes_mm3: Mapping[str, float]) -> Iterator[BillItem]:
 
 def _bought_items(design: HardwareDesign) -> Iterator[BillItem]:
     """Yield the parts that are bought."""
-    wide, deep = design.plan_view.led_board
+    wide, deep = design.horizontal_dimensions.led_board
     diameter, long = design.fasteners.insert_mm
     yield BillItem("sensor", "camera", 1, "Frank-S15-V1.0-160 (OV5647, 160°), with its flat cable", CAMERA_USD)
     outline = f"{wide:g} x {deep:g} mm, FR4 {design.board.thick_mm:.2f} mm thick, two layers; see led_board/"
@@ -127,7 +127,7 @@ def _tool_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[Bi
         MATERIAL_OF_PART["calibration_board"].name,
         TRAY_USD_PER_CM3 * cm3["calibration_board"],
     )
-    yield BillItem("tool", "clamp screw and nut", 8, f"M3 x {clamp_screw_length_mm(design)}, with nut", 0.05)
+    yield BillItem("tool", "clamp screw and nut", 8, f"M3 x {mould_clamp_screw_length_mm(design)}, with nut", 0.05)
     yield BillItem(
         "tool", "ball", 1, f"steel ball, diameter {2 * design.sensor.ball.radius_mm:g} mm, to calibrate with", 0.5
     )
@@ -136,7 +136,7 @@ def _tool_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[Bi
     )
 
 
-def clamp_screw_length_mm(design: HardwareDesign) -> int:
+def mould_clamp_screw_length_mm(design: HardwareDesign) -> int:
     """Return the length of the M3 screws that pass base board, shell, the thicker mould and a nut; sold in steps of 5
     mm."""
     shell = design.heights.rim - design.heights.plate_top
@@ -144,14 +144,14 @@ def clamp_screw_length_mm(design: HardwareDesign) -> int:
     return 5 * ceil((stack + NUT_MM) / 5)
 
 
-def cost_usd(items: Iterable[BillItem], *kinds: BillItemKind) -> float:
+def bill_items_cost_usd(items: Iterable[BillItem], *kinds: BillItemKind) -> float:
     """Return the estimated cost of all items, or of those of some kinds."""
     return round(sum(item.usd for item in items if not kinds or item.kind in kinds), 2)
 
 
 def sensor_cost_usd(items: Iterable[BillItem]) -> float:
     """Return the estimated cost of the parts of one sensor, which is what the paper states."""
-    return cost_usd(items, "sensor")
+    return bill_items_cost_usd(items, "sensor")
 
 
 CSV_HEADINGS = "kind", "name", "count", "what", "each_usd_estimated", "together_usd_estimated"
@@ -184,4 +184,6 @@ def bill_to_html(design: HardwareDesign, items: Sequence[BillItem], drawn: Colle
         lstrip_blocks=True,
     )
     page = pages.get_template("bill_of_materials.html.jinja")
-    return page.render(design=design, items=items, sections=BILL_SECTIONS, cost_usd=cost_usd, drawn=drawn).encode()
+    return page.render(
+        design=design, items=items, sections=BILL_SECTIONS, cost_usd=bill_items_cost_usd, drawn=drawn
+    ).encode()

@@ -14,7 +14,7 @@ from ninedtact.hardware.assembly_dimensions import XY
 from ninedtact.hardware.clearances import list_clearances
 from ninedtact.hardware.design import (
     HardwareDesign,
-    lens_reach_mm,
+    lens_view_radius_mm,
     required_camera_distance_mm,
     sensing_corner_distance_mm,
 )
@@ -62,7 +62,7 @@ def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
     yield "the insert bosses' wall (base.boss_mm less base.bore_mm, halved)", (base.boss_mm - base.bore_mm) / 2
     yield "base.floor_mm", base.floor_mm
     yield "the base under its counterbores", base.plate_mm - base.counterbore_deep_mm
-    yield "the ring's wall", (design.plan_view.ring_side - design.ring.bore_mm) / 2
+    yield "the ring's wall", (design.horizontal_dimensions.ring_side - design.ring.bore_mm) / 2
     if shell.relief_deep_mm:
         yield "shell.relief_left_mm", shell.relief_left_mm
 
@@ -70,7 +70,7 @@ def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
 def _check_isolation_ring_cone(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the isolation ring's cone opens from its bore to its land within its height."""
     ring, levels = design.ring, design.heights
-    wider = (design.plan_view.ring_side - ring.bore_mm) / 2 - ring.land_mm
+    wider = (design.horizontal_dimensions.ring_side - ring.bore_mm) / 2 - ring.land_mm
     deep, tall = wider / tan(radians(ring.cone_deg)), levels.floor_top - levels.ring_bottom
     if not 0 < deep < tall:
         yield BrokenRule(
@@ -82,7 +82,7 @@ def _check_isolation_ring_cone(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 def _shell_corner_thickness_mm(design: HardwareDesign) -> float:
     """Return the thickness of the shell along the diagonal of a corner of the gel cavity."""
-    shell, plan = design.shell, design.plan_view
+    shell, plan = design.shell, design.horizontal_dimensions
     outer, inner = shell.corner_radius_mm, shell.opening_radius_mm
     apart = [(plan.outer[axis] / 2 - outer) - (plan.opening[axis] / 2 - inner) for axis in (0, 1)]
     return outer - inner + sqrt(2) * min(apart)
@@ -124,7 +124,7 @@ def _check_boss_distances(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 def _boss_patterns(design: HardwareDesign) -> tuple[_BossPattern, ...]:
     """Return insert bosses, locating posts and screw bosses."""
-    plan, base = design.plan_view, design.base
+    plan, base = design.horizontal_dimensions, design.base
     return (
         _BossPattern("the base's insert bosses", tuple(plan.mount_inserts), base.boss_mm / 2, "base.mount_inset_mm"),
         _BossPattern("the locating posts", tuple(plan.posts), base.post_mm / 2, "board.locating_inset_mm"),
@@ -138,7 +138,7 @@ def _check_boss_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that insert bosses and locating posts are clear of the shell's wall, and of what lies in the middle: the
     camera's pocket, the receptacle and, for the posts, the driver."""
     inserts, posts, _ = _boss_patterns(design)
-    cavity, board = design.plan_view.cavity, design.board
+    cavity, board = design.horizontal_dimensions.cavity, design.board
     inside = max(design.base.pocket_wide_mm, board.usb_mm[0]) / 2
     driver = board.driver_at_mm[0] + board.driver_mm[0] / 2
     for pattern, name, least in ((inserts, "mount", inside + 0.5), (posts, "post", max(inside, driver))):
@@ -193,7 +193,7 @@ def _check_cable_ramp(design: HardwareDesign) -> Iterator[BrokenRule]:
             f"expected the ramp's slope of at least {blends:.2f} mm for its two blends, got {slope:.2f} mm; raise "
             "base.ramp_foot_mm, or reduce base.ramp_foot_round_mm",
         )
-    before = design.plan_view.outer[1] / 2 - base.ramp_foot_mm - base.pocket_back_mm
+    before = design.horizontal_dimensions.outer[1] / 2 - base.ramp_foot_mm - base.pocket_back_mm
     if before <= bend * base.ramp_foot_round_mm:
         yield BrokenRule(
             "pocket_in_ramp",
@@ -251,7 +251,7 @@ def _check_insert_bores(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 def _check_gel_seat(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the translucent gel and its black coat end on the shell's rim."""
-    plan = design.plan_view
+    plan = design.horizontal_dimensions
     if min(plan.outer[axis] - plan.black[axis] for axis in (0, 1)) < 0:
         yield BrokenRule(
             "gel_beyond_the_shell",
@@ -275,8 +275,8 @@ def _check_calibration_board_fit(design: HardwareDesign) -> Iterator[BrokenRule]
 
 def _check_clamp_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the M3 screws of the moulds and their nuts are clear of the shell."""
-    (wide, deep), gap_mm = design.plan_view.outer, M3_NUT_WIDTH_MM / 2
-    for x, y in design.plan_view.clamps:
+    (wide, deep), gap_mm = design.horizontal_dimensions.outer, M3_NUT_WIDTH_MM / 2
+    for x, y in design.horizontal_dimensions.clamps:
         if abs(x) < wide / 2 + gap_mm and abs(y) < deep / 2 + gap_mm:
             yield BrokenRule(
                 "clamps_in_the_shell",
@@ -304,7 +304,7 @@ def _check_camera_distance(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 def _check_lens_coverage(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the lens sees the corners of the sensing area through air, acrylic and silicone."""
-    reach, corner = lens_reach_mm(design), sensing_corner_distance_mm(design)
+    reach, corner = lens_view_radius_mm(design), sensing_corner_distance_mm(design)
     if reach < corner - 1e-6:
         yield BrokenRule(
             "lens_does_not_see_the_corner",
@@ -315,7 +315,7 @@ def _check_lens_coverage(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 def _check_window_size(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the window does not cut off the cone of view at its upper face."""
-    reach, half = lens_reach_mm(design, design.heights.window_top), design.window.side_mm / 2
+    reach, half = lens_view_radius_mm(design, design.heights.window_top), design.window.side_mm / 2
     if reach > half:
         yield BrokenRule(
             "window_cuts_the_view",

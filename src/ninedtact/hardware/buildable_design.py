@@ -9,7 +9,7 @@ from typing import Any
 from ninedtact.hardware.bill_of_materials import BillItem, build_bill_of_materials, sensor_cost_usd
 from ninedtact.hardware.buildability import require_buildable_design
 from ninedtact.hardware.clearances import Clearance, list_clearances
-from ninedtact.hardware.design import HardwareDesign, lens_reach_mm, sensing_corner_distance_mm
+from ninedtact.hardware.design import HardwareDesign, lens_view_radius_mm, sensing_corner_distance_mm
 from ninedtact.hardware.led_board.board_parameters import led_board_for_design
 from ninedtact.hardware.led_board.complete_layout import BoardLayout
 from ninedtact.hardware.led_board.design_rule_check import find_violations, lay_out_checked_board
@@ -19,7 +19,7 @@ from ninedtact.hardware.published_specifications import (
     PUBLICATION_DISCREPANCIES,
     PUBLISHED_9DTACT,
     SensorSpecification,
-    format_specification_table,
+    format_sensor_comparison,
     specification_of_design,
 )
 from ninedtact.hardware.sensor_assembly import AssemblyBody, BodyPair, find_adjacent_bodies, place_assembly_bodies
@@ -85,7 +85,7 @@ class BuildableDesign:
             "specification": {**asdict(self.specification), "ratio_mm": self.specification.ratio_mm},
             "paper": {**asdict(PUBLISHED_9DTACT), "ratio_mm": PUBLISHED_9DTACT.ratio_mm},
             "others": [{**asdict(other), "ratio_mm": other.ratio_mm} for other in OTHER_PUBLISHED_SENSORS],
-            "lens_reach_mm": lens_reach_mm(self.design),
+            "lens_reach_mm": lens_view_radius_mm(self.design),
             "sensing_corner_distance_mm": sensing_corner_distance_mm(self.design),
             "interferences": [asdict(pair) for pair in self.interferences],
             "adjacent_bodies": [asdict(pair) for pair in self.adjacent_bodies],
@@ -104,11 +104,11 @@ class BuildableDesign:
         faults = find_violations(self.led_board_layout)
         yield f"  the LED board breaks {len(faults)} of its own rules{f', the first {faults[0]}' if faults else ''}"
         yield from _format_clearances(self.clearances)
-        reach, corner = lens_reach_mm(self.design), sensing_corner_distance_mm(self.design)
+        reach, corner = lens_view_radius_mm(self.design), sensing_corner_distance_mm(self.design)
         yield f"the lens reaches {reach:.2f} mm, the sensing area's corner is at {corner:.2f} mm"
         yield "comparison with Table I of the paper (mass of this design by assumed densities, its cost by estimated prices):"
         rows = (self.specification, PUBLISHED_9DTACT, *OTHER_PUBLISHED_SENSORS)
-        yield from ("  " + line for line in format_specification_table(rows))
+        yield from ("  " + line for line in format_sensor_comparison(rows))
         yield "where the paper and its files disagree (here: the published size):"
         for each in PUBLICATION_DISCREPANCIES:
             yield f"  {each.feature}: paper {each.paper or 'states nothing'}; files {each.files}; here {each.here}"

@@ -21,9 +21,9 @@ def _lens_to_parts_below_mm(design: HardwareDesign) -> float:
     """Return the distance from the lens to the nearer of receptacle and LED driver, which hang below the board."""
     board, levels = design.board, design.heights
     (wide, deep, tall), (x, from_edge) = board.driver_mm, board.driver_at_mm
-    y = design.plan_view.led_board[1] / 2 + from_edge
+    y = design.horizontal_dimensions.led_board[1] / 2 + from_edge
     driver = _rectangle_distance_mm(abs(x) - wide / 2, abs(y) - deep / 2)
-    receptacle = design.plan_view.usb_mouth - board.usb_mm[1]
+    receptacle = design.horizontal_dimensions.usb_mouth - board.usb_mm[1]
     lowest = min(levels.usb_bottom, levels.board_bottom - tall)
     return min(driver, receptacle) - _lens_diameter_mm(design, lowest, levels.board_bottom) / 2
 
@@ -39,16 +39,17 @@ def _board_to_ceiling_mm(design: HardwareDesign) -> float:
 
 def _led_to_ring_mm(design: HardwareDesign) -> float:
     """Return the distance from the nearest LED edge to the square of the ring, seen from above."""
-    half, (wide, deep, _) = design.plan_view.ring_side / 2, design.board.led_mm
+    half, (wide, deep, _) = design.horizontal_dimensions.ring_side / 2, design.board.led_mm
     return min(
-        _rectangle_distance_mm(abs(x) - wide / 2 - half, abs(y) - deep / 2 - half) for x, y in design.plan_view.leds
+        _rectangle_distance_mm(abs(x) - wide / 2 - half, abs(y) - deep / 2 - half)
+        for x, y in design.horizontal_dimensions.leds
     )
 
 
 def _led_to_cavity_wall_mm(design: HardwareDesign) -> float:
     """Return the distance from the LEDs to the nearest wall or screw boss, less what the ceiling's fillet takes at the
     LEDs' tops."""
-    plan, radius, (wide, deep, _) = design.plan_view, design.shell.fillet_mm, design.board.led_mm
+    plan, radius, (wide, deep, _) = design.horizontal_dimensions, design.shell.fillet_mm, design.board.led_mm
     up = max(design.heights.led_top - (design.heights.ceiling - radius), 0.0)
     fillet = radius - sqrt(max(radius**2 - up**2, 0.0))
     walls = [min(plan.cavity[0] / 2 - abs(x) - wide / 2, plan.cavity[1] / 2 - abs(y) - deep / 2) for x, y in plan.leds]
@@ -66,7 +67,9 @@ def _rectangle_distance_mm(along_x: float, along_y: float) -> float:
 
 def _plug_stop_distance_mm(design: HardwareDesign) -> float:
     """Return how far the receptacle's mouth lies behind the face that stops the plug's overmould."""
-    return design.plan_view.outer[1] / 2 - design.shell.relief_deep_mm - design.plan_view.usb_mouth
+    return (
+        design.horizontal_dimensions.outer[1] / 2 - design.shell.relief_deep_mm - design.horizontal_dimensions.usb_mouth
+    )
 
 
 BASE, SHELL, RING, WINDOW, TRAY = (

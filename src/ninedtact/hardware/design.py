@@ -21,12 +21,12 @@ from ninedtact.design import (
     SILICONE_REFRACTIVE_INDEX,
     DesignFileUnreadable,
     SensorDesign,
-    convert_design_tables,
+    convert_tables_to_design,
     design_to_toml,
     read_design_tables,
     sensor_design_from_tables,
 )
-from ninedtact.hardware.assembly_dimensions import PlanView, StackHeights
+from ninedtact.hardware.assembly_dimensions import HorizontalDimensions, StackHeights
 from ninedtact.hardware.part_dimensions import (
     ORIGINAL_BASE,
     ORIGINAL_BOARD,
@@ -51,7 +51,7 @@ DesignVariant = Literal["default", "original"]
 
 @dataclass(frozen=True)
 class HardwareDesign:
-    """The chosen dimensions of every part; `plan_view` and `heights` hold what follows from them."""
+    """The chosen dimensions of every part; `horizontal_dimensions` and `heights` hold what follows from them."""
 
     sensor: SensorDesign = SensorDesign()
     variant: DesignVariant = "default"
@@ -67,9 +67,9 @@ class HardwareDesign:
     fasteners: FastenerDimensions = FastenerDimensions()
 
     @property
-    def plan_view(self) -> PlanView:
+    def horizontal_dimensions(self) -> HorizontalDimensions:
         """Widths and positions in x and y."""
-        return PlanView(self)
+        return HorizontalDimensions(self)
 
     @property
     def heights(self) -> StackHeights:
@@ -144,7 +144,7 @@ def _replace_dimensions(design: HardwareDesign, tables: Any, path: Path | str) -
     new = {}
     for name, table in tables.items():
         part = getattr(design, name)
-        new[name] = convert_design_tables({**asdict(part), **table}, type(part), path)
+        new[name] = convert_tables_to_design({**asdict(part), **table}, type(part), path)
     return replace(design, **new)
 
 
@@ -154,7 +154,7 @@ def hardware_design_to_toml(design: HardwareDesign) -> str:
     return f"{design_to_toml(design.sensor)}\n{tomli_w.dumps({HARDWARE_TABLE: {VARIANT_KEY: design.variant, **parts}})}"
 
 
-def lens_reach_mm(design: HardwareDesign, height_mm: float | None = None) -> float:
+def lens_view_radius_mm(design: HardwareDesign, height_mm: float | None = None) -> float:
     """Return the radius in mm that the lens sees at a height in the assembly; at the skin if none is given.
 
     The pupil is taken to be at the lens front, where wide-angle lenses have it nearly.
@@ -179,7 +179,7 @@ def sensing_corner_distance_mm(design: HardwareDesign) -> float:
 
 def required_camera_distance_mm(design: HardwareDesign) -> float:
     """Return the least camera distance from which the lens sees the corner of the sensing area."""
-    more = (sensing_corner_distance_mm(design) - lens_reach_mm(design)) / _refracted_slope(
+    more = (sensing_corner_distance_mm(design) - lens_view_radius_mm(design)) / _refracted_slope(
         _lens_half_angle_rad(design), SILICONE_REFRACTIVE_INDEX
     )
     return design.sensor.camera.distance_mm + more

@@ -14,10 +14,10 @@ from ninedtact.design import SensingArea, SensorDesign, shore_a_to_shear_modulus
 from ninedtact.errors import InputError, NinedtactError
 from ninedtact.hardware.design import HardwareDesign, required_camera_distance_mm
 from ninedtact.hardware.performance_prediction import (
+    CalibrationValidationErrors,
     PerformancePrediction,
-    SimulatedCalibrationErrors,
     predict_performance,
-    simulate_calibration_and_press,
+    validate_simulated_calibration,
 )
 from ninedtact.parallel_jobs import Workers, run_jobs
 
@@ -49,14 +49,14 @@ class DesignSweep:
     lens_deg: tuple[float, ...] = ()
     """Angles that the lens sees in air."""
 
-    def designs(self, basis: HardwareDesign) -> "Iterator[DesignChoice]":
+    def designs(self, basis: HardwareDesign) -> "Iterator[SweepCombination]":
         """Yield every combination; raises `SweepTooLarge` on the first iteration."""
         many = prod(max(len(values), 1) for values in vars(self).values())
         if many > MAX_DESIGNS:
             raise SweepTooLarge(f"expected at most {MAX_DESIGNS} designs, got {many}; give fewer values")
         gels, shores, lenses = self.gel_mm or (None,), self.shore_a or (None,), self.lens_deg or (None,)
         for gel, shore, area, lens in product(gels, shores, self.area_mm or (None,), lenses):
-            yield DesignChoice(basis, gel, shore, area, lens)
+            yield SweepCombination(basis, gel, shore, area, lens)
 
 
 USUAL_SWEEP = DesignSweep(gel_mm=(1.5, 2.5, 4.0), shore_a=(5.0, 15.0))
@@ -64,7 +64,7 @@ USUAL_SWEEP = DesignSweep(gel_mm=(1.5, 2.5, 4.0), shore_a=(5.0, 15.0))
 
 
 @dataclass(frozen=True)
-class DesignChoice:
+class SweepCombination:
     """One combination applied to a base design; `None` keeps the base design's value."""
 
     basis: HardwareDesign
@@ -124,7 +124,7 @@ class ExploredDesign:
     prediction: PerformancePrediction | None = None
     refusal: str | None = None
     """Why the design cannot be built, or why its twin cannot be pressed."""
-    calibration_errors: SimulatedCalibrationErrors | None = None
+    calibration_errors: CalibrationValidationErrors | None = None
     """Errors of its twin after a simulated calibration, if that was requested."""
     calibration_failure: str | None = None
     """Why the simulated calibration failed."""
@@ -156,7 +156,7 @@ class ExploredDesign:
 
 
 def explore_designs(
-    choices: Sequence[DesignChoice], calibrated: bool = False, workers: Workers = 1
+    choices: Sequence[SweepCombination], calibrated: bool = False, workers: Workers = 1
 ) -> Iterator[ExploredDesign]:
     """Yield the results in the order of the designs; raises `DesignImpossible` for values that no sensor has.
 
@@ -171,13 +171,13 @@ def explore_designs(
             expected += 1
 
 
-def _explore_design(choice: DesignChoice, calibrated: bool) -> ExploredDesign:
+def _explore_design(choice: SweepCombination, calibrated: bool) -> ExploredDesign:
     """Return the prediction for a design, and with `calibrated` the errors after a simulated calibration."""
     found = _predict_design(choice)
     return _simulate_calibration(found) if calibrated else found
 
 
-def _predict_design(choice: DesignChoice) -> ExploredDesign:
+def _predict_design(choice: SweepCombination) -> ExploredDesign:
     """Return the predicted performance of a design, or why there is none."""
     design = choice.hardware
     try:
@@ -191,7 +191,7 @@ def _simulate_calibration(found: ExploredDesign) -> ExploredDesign:
     if found.prediction is None:
         return found
     try:
-        return replace(found, calibration_errors=simulate_calibration_and_press(found.design.sensor))
+        return replace(found, calibration_errors=validate_simulated_calibration(found.design.sensor))
     except NinedtactError as refusal:
         return replace(found, calibration_failure=str(refusal))
 

@@ -13,21 +13,21 @@ from build123d import Axis, Part, Pos, Rot
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.design import SensorDesign
-from ninedtact.hardware.bill_of_materials import clamp_screw_length_mm
+from ninedtact.hardware.bill_of_materials import mould_clamp_screw_length_mm
 from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import HardwareDesign, hardware_design_of_variant
-from ninedtact.hardware.materials import BLACK_GEL_SILICONE, TRANSLUCENT_SILICONE, TRANSPARENT_SILICONE, Silicone
+from ninedtact.hardware.materials import BLACK_GEL_SILICONE, TRANSLUCENT_SILICONE, TRANSPARENT_SILICONE, GelSilicone
 from ninedtact.hardware.part_and_assembly_images import (
     FROM_ABOVE,
     FROM_BELOW,
     BgrImage,
-    ViewDirection,
+    ViewAngles,
     colour_bodies,
     cut_bodies_open,
     render_solids,
 )
 from ninedtact.hardware.sensor_assembly import AssemblyBody
-from ninedtact.simulation.twin import paraxial_radius_mm_per_rad
+from ninedtact.simulation.twin import paraxial_skin_mm_per_rad
 
 _AssemblyState = Literal[
     "inserts",
@@ -107,8 +107,9 @@ def _casting_steps(sensor: BuildableDesign) -> Iterator[_GuideStep]:
         "first_mould",
         "Clamp the first mould",
         f"Screw the shell on the base board with four M2 screws from below. Lay the first mould, "
-        f"{design.sensor.gel.thickness_mm:g} mm thick, on the rim and clamp it with eight M3 x {clamp_screw_length_mm(design)} "
-        "screws and nuts, crosswise and gently, with release agent on the mould's window.",
+        f"{design.sensor.gel.thickness_mm:g} mm thick, on the rim and clamp it with eight "
+        f"M3 x {mould_clamp_screw_length_mm(design)} screws and nuts, crosswise and gently, with release agent on the mould's "
+        "window.",
         f"Measure the whole stack with a calliper at four corners and subtract base board and shell: "
         f"{design.sensor.gel.thickness_mm:.2f} ± 0.10 mm remain. This is the gel's thickness, on which all depths rest.",
     )
@@ -142,7 +143,7 @@ def _assembly_steps(sensor: BuildableDesign) -> Iterator[_GuideStep]:
     design = sensor.design
     own = "" if design.sensor == SensorDesign() else OWN_DESIGN
     nearest_mm, farthest_mm = (
-        paraxial_radius_mm_per_rad(design.sensor),
+        paraxial_skin_mm_per_rad(design.sensor),
         design.sensor.camera.distance_mm + FOCUS_BEYOND_MM,
     )
     yield _GuideStep(
@@ -174,7 +175,8 @@ def _assembly_steps(sensor: BuildableDesign) -> Iterator[_GuideStep]:
         "Close it",
         "Leave the shell upside down, so that the ring stays, and lower the base with camera and board onto it, the cable through "
         f"its gap. Tighten four M2 x {design.fasteners.screw_mm:g} screws, crosswise.",
-        f"It measures {design.plan_view.outer[0]:.1f} x {design.plan_view.outer[1]:.1f} x {design.heights.top:.1f} mm. "
+        f"It measures {design.horizontal_dimensions.outer[0]:.1f} x {design.horizontal_dimensions.outer[1]:.1f} x "
+        f"{design.heights.top:.1f} mm. "
         "`ninedtact live` shows an evenly bright image without a dark ring or a bright spot at its rim.",
     )
     yield _GuideStep(
@@ -186,14 +188,14 @@ def _assembly_steps(sensor: BuildableDesign) -> Iterator[_GuideStep]:
     )
 
 
-def _mixture(sensor: BuildableDesign, silicone: Silicone) -> str:
+def _mixture(sensor: BuildableDesign, silicone: GelSilicone) -> str:
     """State the mass to mix for one layer, the product and the ratio of its components."""
     mass_g = silicone.grams(sensor.parts[silicone.part].volume_mm3)
     return f"{mass_g:.1f} g of {silicone.product}, {silicone.ratio} by weight"
 
 
 SIZE_PX = 800, 600
-SECTION_VIEW = ViewDirection(-68.0, 24.0)
+SECTION_VIEW = ViewAngles(-68.0, 24.0)
 BETWEEN_MM = 24.0
 """Distance of two parts that stand beside one another."""
 
@@ -203,7 +205,7 @@ class _AssemblyScene:
     """The bodies in an image and the direction from which they are seen."""
 
     bodies: list[AssemblyBody]
-    eye: ViewDirection = FROM_ABOVE
+    eye: ViewAngles = FROM_ABOVE
     cut: bool = False
     """Whether the half at -y is removed."""
 
@@ -245,13 +247,13 @@ class _AssemblyScenes:
             "board": lambda: _AssemblyScene([*self.base(), self.body("camera"), self.body("led_board")]),
             "ring": lambda: _AssemblyScene([*self.shell_with_gels(), self.body("isolation_ring", -14.0)], FROM_BELOW),
             "closed": lambda: _AssemblyScene(self.sensor.bodies),
-            "calibrated": lambda: _AssemblyScene([*self.sensor.bodies, self.tray()], ViewDirection(-52.0, -20.0)),
+            "calibrated": lambda: _AssemblyScene([*self.sensor.bodies, self.tray()], ViewAngles(-52.0, -20.0)),
         }[state]()
 
     def beside(self, bodies: list[AssemblyBody]) -> Iterator[AssemblyBody]:
         """Yield bodies next to the middle, upside down on the shell's rim."""
         design = self.sensor.design
-        away, rim = design.plan_view.outer[0] + BETWEEN_MM, design.heights.rim
+        away, rim = design.horizontal_dimensions.outer[0] + BETWEEN_MM, design.heights.rim
         for body in bodies:
             turned = body.solid.rotate(Axis.X, 180)
             yield replace(body, solid=Part() + Pos(away, 0, rim) * turned)

@@ -57,7 +57,7 @@ WASTE_FACTOR = 1.5
 
 
 @dataclass(frozen=True)
-class Silicone:
+class GelSilicone:
     """The silicone of one of the three gel layers."""
 
     part: str
@@ -71,11 +71,11 @@ class Silicone:
         return volume_mm3 / 1000 * MATERIAL_OF_PART[self.part].g_per_cm3 * WASTE_FACTOR
 
 
-TRANSPARENT_SILICONE = Silicone(
+TRANSPARENT_SILICONE = GelSilicone(
     "transparent_gel", "Hongye Jie 9345 (Shore A 45)", "1 : 1", "4 h at 25 °C, then 6 h at 50 °C"
 )
-TRANSLUCENT_SILICONE = Silicone("translucent_gel", "Posilicone DRSGJ02 (Shore A 5)", "1 : 1", "6 h at 25 °C")
-BLACK_GEL_SILICONE = Silicone(
+TRANSLUCENT_SILICONE = GelSilicone("translucent_gel", "Posilicone DRSGJ02 (Shore A 5)", "1 : 1", "6 h at 25 °C")
+BLACK_GEL_SILICONE = GelSilicone(
     "black_gel", "Ecoflex 00-30 with black silicone pigment", "1 : 1", "as its maker says: 4 h at room temperature"
 )
 SILICONES = TRANSPARENT_SILICONE, TRANSLUCENT_SILICONE, BLACK_GEL_SILICONE

@@ -17,7 +17,7 @@ from ninedtact.hardware.export.part_files import Triangles, triangulate_solid
 from ninedtact.hardware.materials import Colour
 from ninedtact.hardware.parts.part_catalogue import BuiltPart
 from ninedtact.hardware.sensor_assembly import AssemblyBody
-from ninedtact.simulation.objects.mesh_raster import lower_to_triangles, split_into_batches
+from ninedtact.simulation.objects.mesh_raster import lower_to_triangles, split_triangles_into_batches
 
 SUPERSAMPLING = 2
 """Images are rendered this many times finer and averaged."""
@@ -38,7 +38,7 @@ DepthImage = Float[Array, "rows cols"]
 
 
 @dataclass(frozen=True)
-class ViewDirection:
+class ViewAngles:
     """The direction from which bodies are seen: azimuth about z, then elevation above the horizon."""
 
     azimuth_deg: float = -52.0
@@ -53,8 +53,8 @@ class ViewDirection:
         return np.stack([right, np.cross(away, right), away])
 
 
-FROM_ABOVE = ViewDirection()
-FROM_BELOW = ViewDirection(elevation_deg=-32.0)
+FROM_ABOVE = ViewAngles()
+FROM_BELOW = ViewAngles(elevation_deg=-32.0)
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class ColouredMesh:
 
 
 def render_solids(
-    bodies: Sequence[ColouredMesh], eye: ViewDirection = FROM_ABOVE, size_px: tuple[int, int] = (900, 700)
+    bodies: Sequence[ColouredMesh], eye: ViewAngles = FROM_ABOVE, size_px: tuple[int, int] = (900, 700)
 ) -> BgrImage:
     """Render bodies as large as they fit on white; returns BGR.
 
@@ -114,7 +114,7 @@ class _ProjectedMesh:
         placed = self.places.copy()
         placed[..., :2] = placed[..., :2] * self.scale + self.shift - (cols.start, rows.start)
         table = np.full((rows.stop - rows.start, cols.stop - cols.start), np.inf)
-        for portion in split_into_batches(placed):
+        for portion in split_triangles_into_batches(placed):
             lower_to_triangles(table, portion)
         return table
 
@@ -157,7 +157,7 @@ def _darken_edges(image: Float[Array, "rows cols 3"], depth_px: DepthImage) -> F
 
 PARTS_SHOWN_FROM_BELOW = ("sensor_shell",)
 """Parts whose lower side shows more; they are drawn from both sides."""
-SECTION_VIEW = ViewDirection(-68.0, 18.0)
+SECTION_VIEW = ViewAngles(-68.0, 18.0)
 FAR_MM = 500.0
 """Half the side of a block that is larger than any sensor."""
 LIFTS_MM = {
@@ -192,12 +192,12 @@ def render_sensor(bodies: Sequence[AssemblyBody]) -> BgrImage:
 
 def render_exploded_view(bodies: Sequence[AssemblyBody]) -> BgrImage:
     """Render the bodies pulled apart along z, in the order of assembly."""
-    further = explosion_scale(bodies)
+    further = shell_enlargement_factor(bodies)
     moved = [replace(body, solid=Pos(0, 0, further * _lift_mm(body)) * body.solid) for body in bodies]
-    return render_solids(colour_bodies(moved), ViewDirection(-52.0, 20.0), (560, 1500))
+    return render_solids(colour_bodies(moved), ViewAngles(-52.0, 20.0), (560, 1500))
 
 
-def explosion_scale(bodies: Sequence[AssemblyBody]) -> float:
+def shell_enlargement_factor(bodies: Sequence[AssemblyBody]) -> float:
     """Return the factor by which the shell is larger than the published one, along its side that grew most; at least 1."""
     (shell,) = (body for body in bodies if body.name == "sensor_shell")
     sides = zip(tuple(shell.solid.bounding_box().size), PUBLISHED_SHELL_MM, strict=True)

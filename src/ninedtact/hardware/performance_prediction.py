@@ -14,7 +14,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.design import SensorDesign
 from ninedtact.force.traction.estimator import build_traction_force
 from ninedtact.hardware.buildable_design import BuildableDesign
-from ninedtact.hardware.design import HardwareDesign, lens_reach_mm
+from ninedtact.hardware.design import HardwareDesign, lens_view_radius_mm
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Ball
@@ -79,7 +79,7 @@ def predict_performance(design: HardwareDesign) -> PerformancePrediction:
         depth_noise_mm=_depth_noise_mm(twin),
         mm_per_px=_mm_per_px(twin),
         blur_mm=twin.renderer.light.point_spread_mm,
-        view_radius_mm=lens_reach_mm(design),
+        view_radius_mm=lens_view_radius_mm(design),
         size_mm=sensor.specification.size_mm,
         ratio_mm=sensor.specification.ratio_mm,
         mass_g=sum(body.mass_g for body in sensor.bodies),
@@ -113,7 +113,7 @@ DEPTH_PART, PLACE_PART = 0.5, 0.125
 
 
 @dataclass(frozen=True)
-class SimulatedCalibrationErrors:
+class CalibrationValidationErrors:
     """Errors of a calibrated twin for a press with which it was not calibrated."""
 
     depth_error_mm: float
@@ -122,7 +122,7 @@ class SimulatedCalibrationErrors:
     """Error of the load estimated by physics, over the load; the shear modulus is taken as designed."""
 
 
-def simulate_calibration_and_press(design: SensorDesign) -> SimulatedCalibrationErrors:
+def validate_simulated_calibration(design: SensorDesign) -> CalibrationValidationErrors:
     """Calibrate the twin of a design by its board and ball and read a press of another ball; takes some ten seconds.
 
     Raises `BoardNotFound`, `BallPressUnusable` where the design cannot be calibrated, and what pressing raises.
@@ -137,7 +137,7 @@ def simulate_calibration_and_press(design: SensorDesign) -> SimulatedCalibration
     load_n, read_n = (
         -wrench.force_n[2] for wrench in (contact.wrench(), build_traction_force(shape, gel).estimate(reading).wrench)
     )
-    return SimulatedCalibrationErrors(mean_height_error_mm(true, reading.height), float(abs(read_n - load_n) / load_n))
+    return CalibrationValidationErrors(mean_height_error_mm(true, reading.height), float(abs(read_n - load_n) / load_n))
 
 
 def _validation_press(design: SensorDesign) -> ScriptedPress:

@@ -12,7 +12,7 @@ BoxSize = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class SensorSpecification:
-    """One row of the comparison table."""
+    """Size, sensing area, mass, cost and image rate of one sensor, published or designed."""
 
     name: str
     size_mm: BoxSize
@@ -56,7 +56,7 @@ def specification_of_design(design: HardwareDesign, masses_g: Iterable[float], c
     area = design.sensor.sensing_area
     return SensorSpecification(
         f"this design ({design.variant})",
-        (*design.plan_view.outer, design.heights.top),
+        (*design.horizontal_dimensions.outer, design.heights.top),
         area.width_mm * area.height_mm,
         sum(masses_g),
         cost_usd,
@@ -64,8 +64,8 @@ def specification_of_design(design: HardwareDesign, masses_g: Iterable[float], c
     )
 
 
-def format_specification_table(rows: Iterable[SensorSpecification]) -> Iterator[str]:
-    """Yield the comparison table as lines of text."""
+def format_sensor_comparison(rows: Iterable[SensorSpecification]) -> Iterator[str]:
+    """Yield a table that compares sensors, one line of text for each."""
     yield f"{'':24}{'size mm':>20}{'area mm²':>10}{'D/A mm':>8}{'mass g':>8}{'Hz':>5}{'cost $':>8}  of"
     for row in rows:
         size = " x ".join(f"{side:.1f}" for side in row.size_mm)

@@ -57,7 +57,7 @@ def place_assembly_bodies(design: HardwareDesign, parts: Mapping[str, BuiltPart]
 
 def _place_fasteners(design: HardwareDesign) -> Iterator[AssemblyBody]:
     """Yield inserts and screws, each as a body of its own."""
-    plan, levels = design.plan_view, design.heights
+    plan, levels = design.horizontal_dimensions, design.heights
     long = design.fasteners.insert_mm[1]
     inserts = [build_heat_set_insert(design, place, levels.boss_top) for place in plan.mount_inserts]
     inserts += [build_heat_set_insert(design, place, levels.plate_top + long) for place in plan.shell_screws]

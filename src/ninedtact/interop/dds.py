@@ -29,8 +29,8 @@ _STATUS_DEPTH = 10
 """Messages on `status` that are kept, whatever its profile: answers to commands sent at once must not replace each other."""
 
 
-class DdsUnavailable(DeviceError):
-    """Raised where DDS finds no network interface, or not the one that is named."""
+class DdsNetworkUnavailable(DeviceError):
+    """Raised where DDS finds no usable network interface, or cannot write on it."""
 
 
 class InvalidRos2Option(InputError):
@@ -71,12 +71,12 @@ def dds_type(message_type: str) -> Any:
     made: Any = idl_dataclass(new_class(name, (IdlStruct,), {"typename": f"{package}::msg::dds_::{name}_"}, fill))
     made.serialize = lambda self, buffer=None, endianness=None, use_version_2=None: self.cdr
     made.deserialize = classmethod(
-        lambda this, data, has_header=True, use_version_2=None: wrap_cdr(message_type, bytes(data))
+        lambda this, data, has_header=True, use_version_2=None: wrap_cdr_in_dds_type(message_type, bytes(data))
     )
     return made
 
 
-def wrap_cdr(message_type: str, cdr: bytes) -> Any:
+def wrap_cdr_in_dds_type(message_type: str, cdr: bytes) -> Any:
     """Return an object of the DDS type that carries a message in CDR."""
     sample = dds_type(message_type).__new__(dds_type(message_type))
     sample.cdr = cdr
@@ -113,20 +113,22 @@ class DdsParticipant:
         self._configured: Any = None
 
     def __enter__(self) -> "DdsParticipant":
-        """Join the domain; raises `DdsUnavailable`."""
+        """Join the domain; raises `DdsNetworkUnavailable`."""
         known = [name for _, name in if_nameindex()]
         if self.interface is not None and self.interface not in known:
-            raise DdsUnavailable(
+            raise DdsNetworkUnavailable(
                 f"expected --interface to name one of {', '.join(known) or 'no network interfaces'}, got {self.interface}; name one"
             )
         from cyclonedds.core import DDSException
         from cyclonedds.domain import Domain, DomainParticipant
 
         try:
-            self._configured = None if self.interface is None else Domain(self.domain, configuration(self.interface))
+            self._configured = (
+                None if self.interface is None else Domain(self.domain, cyclonedds_configuration(self.interface))
+            )
             self._participant = DomainParticipant(self.domain)
         except DDSException as error:
-            raise DdsUnavailable(
+            raise DdsNetworkUnavailable(
                 f"expected a network interface for DDS in domain {self.domain}, got none that works; name one with --interface, "
                 f"{_LOOPBACK} for this computer alone, or correct {_CONFIGURATION_VARIABLE}"
             ) from error
@@ -155,8 +157,8 @@ class DdsParticipant:
         return DdsTopic(self._participant, f"rt{path}", dds_type(message_type))
 
 
-def configuration(interface: str) -> str:
-    """Return Cyclone's configuration for one network interface."""
+def cyclonedds_configuration(interface: str) -> str:
+    """Return the configuration (XML) of CycloneDDS for one network interface."""
     loopback = interface == _LOOPBACK
     multicast = ' multicast="true"' if loopback else ""
     return (
@@ -215,10 +217,10 @@ class DdsWriter:
         from cyclonedds.core import DDSException
 
         try:
-            self._writer.write(wrap_cdr(self._message_type, cdr))
+            self._writer.write(wrap_cdr_in_dds_type(self._message_type, cdr))
         except DDSException as error:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:
-                raise DdsUnavailable(
+                raise DdsNetworkUnavailable(
                     f"expected to write on the network, got: {error.msg}; check the network"
                 ) from error
             self.dropped += 1

@@ -75,7 +75,7 @@ class FoxgloveChannel:
 
 
 class FoxgloveMessages:
-    """The channels of a sensor. points_every: the points of every so many rows and columns of the height map are sent."""
+    """Encodes a sensor's readings as Foxglove messages, a channel for each topic. points_every: every so many rows and columns."""
 
     def __init__(self, folder: SensorFolder, points_every: int = 3) -> None:
         self._ros = SensorMessages(folder, folder.id, points_every)

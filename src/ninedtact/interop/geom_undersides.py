@@ -160,7 +160,7 @@ class MeshSolid(Solid):
 
 
 @dataclass(frozen=True, eq=False)
-class SolidsInPlace(Indenter):
+class CompoundIndenter(Indenter):
     """Solids as they stand over the skin, as one indenter about a point of it.
 
     They are turned already: the angles of a pose say only how they turned since the last step, which carries the skin that sticks.

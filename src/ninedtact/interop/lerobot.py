@@ -19,7 +19,8 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import create_folder_atomically
 from ninedtact.errors import InputError, MissingLibraryError
-from ninedtact.recording.export import ExportRefused, require_exportable
+from ninedtact.recording.errors import ExportTargetTaken
+from ninedtact.recording.export import require_exportable
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import Topic
@@ -62,7 +63,7 @@ def export_lerobot(
 ) -> dict[str, int]:
     """Write recordings as the episodes of one data set into a new or empty folder; return its episodes, frames and features.
 
-    task: what is done in them, in words. Wrenches are interpolated linearly at the times of the images. Raises `ExportRefused`,
+    task: what is done in them, in words. Wrenches are interpolated linearly at the times of the images. Raises `ExportTargetTaken`,
     `RecordingsDiffer`, `ArrowMissing`, and `RecordingUnreadable` for a damaged recording; the folder is then as it was before.
     """
     if find_spec("pyarrow") is None:
@@ -70,7 +71,7 @@ def export_lerobot(
             "expected pyarrow, which writes LeRobot's files, got none; run pip install 'ninedtact[datasets]'"
         )
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise ExportRefused(f"expected --out to be a new or empty folder, got {out}; choose another name")
+        raise ExportTargetTaken(f"expected --out to be a new or empty folder, got {out}; choose another name")
     for recording in recordings:
         require_exportable([recording])
     features, fps = _common_features(recordings)

@@ -19,10 +19,10 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact._version import find_mismatched_library
+from ninedtact._version import find_incompatible_library
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
 from ninedtact.errors import MissingLibraryError, SimulationError
-from ninedtact.interop.geom_undersides import SolidsInPlace, Vector
+from ninedtact.interop.geom_undersides import CompoundIndenter, Vector
 from ninedtact.interop.mujoco_contacts import BodyContact, MujocoScene
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.pose import Pose
@@ -66,7 +66,7 @@ def require_mujoco(*packages: str) -> None:
         raise MujocoMissing(
             f"expected {' and '.join(absent)}, got no such package; run pip install 'ninedtact[mujoco]'"
         )
-    if other := find_mismatched_library("mujoco"):
+    if other := find_incompatible_library("mujoco"):
         raise MujocoMissing(f"{other}; run pip install 'ninedtact[mujoco]'")
 
 
@@ -106,11 +106,11 @@ class _Press:
 
 
 @dataclass(frozen=True)
-class GelStep:
+class ContactSolveRequest:
     """A contact to be solved: the object goes near a pose, and sinks in until the gel resists with a load."""
 
     last: Contact
-    solids: SolidsInPlace
+    solids: CompoundIndenter
     pose: Pose
     load_n: float
     friction: float
@@ -194,7 +194,7 @@ class TactileSensor(FrameSource):
             contact: Contact | None = ended.value
         return self.show(contact, self.twin.renderer(contact, self._frames + 1))
 
-    def press_steps(self) -> Generator[GelStep, Contact, Contact | None]:
+    def press_steps(self) -> Generator[ContactSolveRequest, Contact, Contact | None]:
         """Yield the contacts to be solved for the scene as it is now, receive each, and return the one that is shown.
 
         `step` solves them one by one, `TactileSensorBatch` those of many scenes at once.
@@ -221,10 +221,10 @@ class TactileSensor(FrameSource):
         )
         return self.last
 
-    def _press(self, touching: list[BodyContact]) -> Generator[GelStep, Contact, _Press]:
+    def _press(self, touching: list[BodyContact]) -> Generator[ContactSolveRequest, Contact, _Press]:
         """Press the bodies that touch until the gel resists with their load and, where they stick, with their friction."""
         leader = max(touching, key=lambda one: one.load_n)
-        self._require_above_base(touching)
+        self._require_depth_within_gel(touching)
         before = self._press_before
         last = before if before is not None and before.leader.body == leader.body else None
         wanted = np.sum([one.wrench.force_n for one in touching], axis=0)
@@ -240,7 +240,7 @@ class TactileSensor(FrameSource):
             about = (float(pose.x_mm + lag[0]), float(pose.y_mm + lag[1]))
             solids = self._solids([one.body for one in touching], lag, about)
             at = replace(pose, x_mm=about[0], y_mm=about[1])
-            solved = yield GelStep(contact, solids, at, float(-wanted[2]), round(leader.friction, 3))
+            solved = yield ContactSolveRequest(contact, solids, at, float(-wanted[2]), round(leader.friction, 3))
             tried.append((lag, self._gel_force_n(solved)))
             stiffness = _shear_stiffness(solved, tried, stiffness)
             missing = wanted - tried[-1][1]
@@ -264,7 +264,7 @@ class TactileSensor(FrameSource):
         """Twins by friction, because each prepares its skin once."""
         return {}
 
-    def _require_above_base(self, touching: list[BodyContact]) -> None:
+    def _require_depth_within_gel(self, touching: list[BodyContact]) -> None:
         """Refuse bodies that overlap the gel by more than its thickness; raises `BodyThroughBase`."""
         for one in touching:
             if one.deepest_mm >= self.twin.thickness_mm:
@@ -274,14 +274,14 @@ class TactileSensor(FrameSource):
                     "skin, move it slower, or take smaller time steps"
                 )
 
-    def _solids(self, bodies: list[int], lag_mm: Vector, about_mm: tuple[float, float]) -> SolidsInPlace:
+    def _solids(self, bodies: list[int], lag_mm: Vector, about_mm: tuple[float, float]) -> CompoundIndenter:
         """Return the bodies as one indenter about a point, moved on by the lag of the gel."""
         solids = tuple(self._scene.solid(geom, lag_mm) for body in bodies for geom in self._scene.geoms_of(body))
         names = "+".join(self.model.body(body).name or f"body {body}" for body in bodies)
         grid = self.twin.model.skin.grid
         sides = zip(self.twin.gel_mm, (grid.width_mm, grid.height_mm), about_mm, strict=True)
         reach = [(max(-gel / 2, at - side / 2), min(gel / 2, at + side / 2)) for gel, side, at in sides]
-        whole = SolidsInPlace(names, solids, about_mm, [(low + _RIM_MM, high - _RIM_MM) for low, high in reach])
+        whole = CompoundIndenter(names, solids, about_mm, [(low + _RIM_MM, high - _RIM_MM) for low, high in reach])
         lowest = float(whole.underside_mm(*self.twin.model.skin.coordinates_mm).min())
         return replace(whole, base_mm=lowest)
 

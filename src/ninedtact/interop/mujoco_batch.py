@@ -15,8 +15,8 @@ import numpy as np
 from array_api_compat import to_device
 
 from ninedtact.errors import InputError, NinedtactError
-from ninedtact.interop.geom_undersides import SolidsInPlace
-from ninedtact.interop.mujoco import GelStep, TactileReading, TactileSensor
+from ninedtact.interop.geom_undersides import CompoundIndenter
+from ninedtact.interop.mujoco import ContactSolveRequest, TactileReading, TactileSensor
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.contact_result import Contact, ContactLeavesGrid
 from ninedtact.mechanics.indenter import Heights, Indenter, PosedHeights
@@ -34,7 +34,7 @@ _FIELDS = ("pressure_mpa", "shear_mpa", "height_mm", "tangential_mm")
 class _SolidsOfScenes(Indenter):
     """The bodies of each scene as one indenter: the k-th contact of a batch meets those of the k-th scene."""
 
-    each: Sequence[SolidsInPlace]
+    each: Sequence[CompoundIndenter]
     model: ContactModel
     name = "bodies of several scenes"
 
@@ -113,7 +113,7 @@ class TactileSensorBatch:
         running = {number: sensor.press_steps() for number, sensor in enumerate(self.sensors)}
         responses: dict[int, Contact | None] = dict.fromkeys(running)
         while responses:
-            requests: dict[int, GelStep] = {}
+            requests: dict[int, ContactSolveRequest] = {}
             for number, response in responses.items():
                 try:
                     requests[number] = running[number].send(response)  # type: ignore[arg-type]  # None starts it
@@ -124,7 +124,7 @@ class TactileSensorBatch:
             responses = self._solve(requests) if requests else {}
         return contacts
 
-    def _solve(self, requests: dict[int, GelStep]) -> dict[int, Contact | None]:
+    def _solve(self, requests: dict[int, ContactSolveRequest]) -> dict[int, Contact | None]:
         """Return the contact of each request, solved in one batch for each friction."""
         groups: dict[float, list[int]] = defaultdict(list)
         for number, request in requests.items():
@@ -139,7 +139,7 @@ class TactileSensorBatch:
             solved |= dict(zip(numbers, contacts, strict=True))
         return solved
 
-    def _solve_group(self, model: ContactModel, batch: Sequence[GelStep]) -> list[Contact]:
+    def _solve_group(self, model: ContactModel, batch: Sequence[ContactSolveRequest]) -> list[Contact]:
         """Return the contacts of requests with equal friction, copied to the processor."""
         for request in batch:
             self.twin.require_in_view(request.pose)
@@ -163,12 +163,12 @@ class TactileSensorBatch:
             self.twin.require_on_gel(request.solids, contact)
         return each
 
-    def _solve_alone(self, request: GelStep, number: int) -> Contact:
+    def _solve_alone(self, request: ContactSolveRequest, number: int) -> Contact:
         """Return one contact; raises its refusal with the number of the scene."""
         try:
             return self._solve_group(self._model(request.friction), [request])[0]
         except ContactLeavesGrid as beyond:
-            raise _name_scene(self.twin.object_too_large(request.solids, "more than that"), number) from beyond
+            raise _name_scene(self.twin.contact_leaves_gel(request.solids, "more than that"), number) from beyond
         except NinedtactError as refusal:
             raise _name_scene(refusal, number) from refusal
 

@@ -23,7 +23,7 @@ from websockets.exceptions import ConnectionClosed
 from ninedtact.errors import DeviceError
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import DeliveryWatch, SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.studio.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
 
 _POLL_S = 0.1
 
@@ -143,7 +143,7 @@ class ReadingBroadcast(Generic[Shared]):
 
 
 class BroadcastServer(ABC, Generic[Shared]):
-    """A server of readings that runs in a thread of its own while it is open (`with`). It is made as `ReadingBroadcast` is."""
+    """The base of the servers that broadcast readings from a thread of their own while they are open (`with`)."""
 
     def __init__(self, share: Callable[[Reading | SensorSnapshot], Shared], queued: int) -> None:
         self._broadcast = ReadingBroadcast(share, queued)
@@ -177,7 +177,7 @@ async def feed_until_closed(connection: ServerConnection, *feeds: Awaitable[None
             await task
 
 
-def serve_sensor(
+def publish_readings(
     publish: Callable[[Reading | SensorSnapshot], None],
     sensor: Sensor,
     should_stop: Callable[[], bool],
@@ -188,7 +188,7 @@ def serve_sensor(
     Returns the number of readings. notify: receives a sentence where no readings arrive any more, and where they do again.
     Raises what the sensor raises.
     """
-    served, watch = 0, DeliveryWatch(notify)
+    served, watch = 0, SensorOutageNotifier(notify)
 
     def count_and_publish(reading: Reading) -> None:
         nonlocal served

@@ -102,15 +102,15 @@ class StreamedStatus(msgspec.Struct, tag="status", tag_field="type"):
     """Why there are no readings, and what to do; empty where there is no reason, or no longer."""
 
 
-class StreamEndReason(msgspec.Struct, tag="error", tag_field="type"):
-    """Why the stream ends."""
+class StreamedError(msgspec.Struct, tag="error", tag_field="type"):
+    """Why the stream ends or is refused; the last message to a client."""
 
     message: str
 
 
 def reading_stream_json_schema() -> dict[str, Any]:
     """Return the JSON schema of the messages."""
-    found = msgspec.json.schema(StreamedReading | StreamedStatus | StreamEndReason)
+    found = msgspec.json.schema(StreamedReading | StreamedStatus | StreamedError)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "ninedtact reading stream", **found}
 
 
@@ -241,7 +241,7 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
 
         try:
             request = await self._tcp_request(reader)
-            if isinstance(request, StreamEndReason):
+            if isinstance(request, StreamedError):
                 await send(msgspec.json.encode(request))
                 writer.close()
             else:
@@ -256,22 +256,22 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
             if not writer.is_closing():
                 writer.transport.abort()
 
-    async def _tcp_request(self, reader: asyncio.StreamReader) -> StreamRequest | StreamEndReason:
+    async def _tcp_request(self, reader: asyncio.StreamReader) -> StreamRequest | StreamedError:
         """Return the request of a TCP client, or why it is refused."""
         if len(self._connections) > self.guard.limits.clients:
-            return StreamEndReason(f"expected at most {self.guard.limits.clients} clients, got one more; close others")
+            return StreamedError(f"expected at most {self.guard.limits.clients} clients, got one more; close others")
         try:
             async with asyncio.timeout(_REQUEST_S):
                 line = await reader.readline()
             request = msgspec.json.decode(line, type=StreamRequest)
         except TimeoutError:
-            return StreamEndReason(f"expected a request within {_REQUEST_S:g} s, got none; send {{}} and a line break")
+            return StreamedError(f"expected a request within {_REQUEST_S:g} s, got none; send {{}} and a line break")
         except (ValueError, msgspec.DecodeError):
-            return StreamEndReason(
+            return StreamedError(
                 'expected one line of JSON such as {"images": "jpeg"}, got something else; send {} for no images'
             )
         if not hmac.compare_digest(request.token.encode(), self.guard.token.encode()):
-            return StreamEndReason('expected "token" to be the one that the server printed, got another; copy it again')
+            return StreamedError('expected "token" to be the one that the server printed, got another; copy it again')
         return request
 
 

@@ -32,7 +32,8 @@ from ninedtact.atomic_write import open_atomic_file
 from ninedtact.errors import DeviceError
 from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
-from ninedtact.recording.export import ExportRefused, require_exportable
+from ninedtact.recording.errors import ExportTargetTaken
+from ninedtact.recording.export import require_exportable
 from ninedtact.recording.metadata import wall_minus_monotonic_ns
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.topics_and_messages import Topic, ros_name
@@ -148,11 +149,11 @@ def export_rerun(
 ) -> dict[str, int]:
     """Write a recording as one new Rerun file (.rrd); return how much of each kind it has.
 
-    Heights are computed from the images by the sensor of the recording. Raises `ExportRefused`, `FileNotWritten`, and
+    Heights are computed from the images by the sensor of the recording. Raises `ExportTargetTaken`, `FileNotWritten`, and
     `RecordingUnreadable` for a damaged recording or one without its sensor; no file is left then.
     """
     if out.suffix != SUFFIX or out.exists():
-        raise ExportRefused(f"expected --out to be a new file ending in {SUFFIX}, got {out}; choose another name")
+        raise ExportTargetTaken(f"expected --out to be a new file ending in {SUFFIX}, got {out}; choose another name")
     require_exportable([recording])
     out.parent.mkdir(parents=True, exist_ok=True)
     stream = rr.RecordingStream("ninedtact", recording_id=recording.metadata.id)

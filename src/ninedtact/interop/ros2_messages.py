@@ -35,7 +35,7 @@ from ninedtact.recording.topics_and_messages import (
     encode_reference_grey,
     encode_warnings_as_diagnostics,
     encode_wrench,
-    header,
+    message_header,
     ros_name,
     type_store,
 )
@@ -191,7 +191,7 @@ class SensorMessages:
         region = type_store().types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
         return encode_message(
             _CAMERA_INFO_TYPE,
-            header=header(wall_ns, self.frame("camera_optical")),
+            header=message_header(wall_ns, self.frame("camera_optical")),
             height=rows,
             width=cols,
             distortion_model="plumb_bob",
@@ -213,7 +213,7 @@ class SensorMessages:
             turn = quaternion(0.0, 0.0, float(np.sin(roll_rad / 2)), float(np.cos(roll_rad / 2)))
             moved = types["geometry_msgs/msg/Transform"](vector(0.0, 0.0, -depth_mm * _M_PER_MM), turn)
             return types["geometry_msgs/msg/TransformStamped"](
-                header(wall_ns, self.frame("skin")), self.frame(part), moved
+                message_header(wall_ns, self.frame("skin")), self.frame(part), moved
             )
 
         parts = [
@@ -224,7 +224,7 @@ class SensorMessages:
 
     def _compressed_image(self, image: UInt8[Array, "rows cols 3"], wall_ns: int) -> bytes:
         jpeg = cv2.imencode(".jpg", image)[1].reshape(-1)
-        stamped = header(wall_ns, self.frame("camera_optical"))
+        stamped = message_header(wall_ns, self.frame("camera_optical"))
         return encode_message(_COMPRESSED_TYPE, header=stamped, format="bgr8; jpeg compressed bgr8", data=jpeg)
 
     def _height(self, reading: Reading, wall_ns: int) -> bytes:
@@ -245,7 +245,7 @@ class SensorMessages:
         field = type_store().types["sensor_msgs/msg/PointField"]
         return encode_message(
             _POINTS_TYPE,
-            header=header(wall_ns, self.frame("skin")),
+            header=message_header(wall_ns, self.frame("skin")),
             height=1,
             width=len(values),
             fields=[field(name, 4 * place, _FLOAT32, 1) for place, name in enumerate(POINT_FIELDS)],
@@ -272,12 +272,12 @@ class SensorMessages:
         return encode_warnings_as_diagnostics(warnings, self.name, wall_ns, self.frame("skin")) if warnings else None
 
 
-def encode_status(fields: Mapping[str, Any]) -> bytes:
+def encode_ros2_status(fields: Mapping[str, Any]) -> bytes:
     """Return a status as JSON in a string message."""
     return encode_message(STRING_TYPE, data=json.dumps(fields, ensure_ascii=False))
 
 
-def decode_command(data: bytes) -> str:
+def decode_ros2_command(data: bytes) -> str:
     """Return the text of a command, without surrounding white space."""
     text: str = type_store().deserialize_cdr(data, STRING_TYPE).data
     return text.strip()

@@ -29,18 +29,18 @@ from ninedtact.interop.ros2_messages import (
     TF_TYPE,
     QosProfile,
     SensorMessages,
-    decode_command,
-    encode_status,
+    decode_ros2_command,
+    encode_ros2_status,
 )
 from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingStopped
 from ninedtact.recording.metadata import RecordingMetadata, wall_minus_monotonic_ns
-from ninedtact.recording.recorder import new_reading_writer, report_kept_messages
+from ninedtact.recording.recorder import new_reading_writer, report_kept_on_failure
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import DeliveryWatch, SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.studio.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
 
 _COMMAND_WAIT_S = 0.05
 _STATUS_S = 1.0
@@ -60,7 +60,7 @@ class _RunningRecording:
         self._waiting: Queue[Reading | Wrench | None] = Queue()
         self._room = Semaphore(_WAITING_READINGS)
         self._opened, self._kept = ExitStack(), list[str]()
-        self._opened.enter_context(report_kept_messages(writer.path, self._kept.append))
+        self._opened.enter_context(report_kept_on_failure(writer.path, self._kept.append))
         self._opened.enter_context(writer)
         self._thread = Thread(target=self._run, name=f"record {writer.path}", daemon=True)
         self._thread.start()
@@ -93,7 +93,7 @@ class _RunningRecording:
 
 @dataclass
 class ReadingRecorder:
-    """Makes recordings of a sensor's readings and measured wrenches on command, one at a time."""
+    """Records a sensor's readings and measured wrenches between the commands start and stop, one recording at a time."""
 
     messages: SensorMessages
     source: str
@@ -194,7 +194,7 @@ class SensorOnRos2:
         transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
         transforms.write(self.messages.encode_static_transforms(monotonic_ns() + wall_minus_monotonic_ns()))
         commands = self.participant.reader(self.messages.path(COMMAND), STRING_TYPE, QosProfile.RELIABLE)
-        last, status_at, watch = None, 0.0, DeliveryWatch(self.notify)
+        last, status_at, watch = None, 0.0, SensorOutageNotifier(self.notify)
         try:
             with self._measuring(), SensorPoller(self.sensor, self._recorder.add) as poller:
                 while not should_stop():
@@ -207,7 +207,7 @@ class SensorOnRos2:
                     if now.reading is not None and now.reading is not last:
                         self.publish(last := now.reading)
                     for command in commands.take():
-                        self._write_status(now, **self._obey(decode_command(command), poller))
+                        self._write_status(now, **self._obey(decode_ros2_command(command), poller))
                     has_recording_failed = self._recorder.end_if_failed()
                     if has_recording_failed:
                         self.notify(self._recorder.trouble)
@@ -300,4 +300,4 @@ class SensorOnRos2:
             "recording_trouble": self._recorder.trouble,
             "camera_info_residual_px": round(self.messages.camera.residual_px, 3),
         }
-        self._writers[STATUS].write(encode_status({**state, **fields}))
+        self._writers[STATUS].write(encode_ros2_status({**state, **fields}))

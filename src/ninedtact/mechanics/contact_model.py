@@ -19,8 +19,8 @@ from ninedtact.mechanics.alternating_solver import AlternatingSolver, SolverSett
 from ninedtact.mechanics.array_namespace import array_namespace_of, forward_transform, inverse_transform
 from ninedtact.mechanics.contact_result import (
     Contact,
-    require_above_base,
     require_converged,
+    require_depth_within_gel,
     require_inside_grid,
     require_positive_load,
 )
@@ -31,8 +31,8 @@ from ninedtact.mechanics.shrinking_batch import (
     PerContact,
     ScalarPerContact,
     drop_grid_axes,
+    drop_grid_axes_of_counts,
     expand_over_grid,
-    to_counts,
 )
 from ninedtact.mechanics.surface_displacement import PointMask, ScalarField, Skin, VectorField
 
@@ -85,7 +85,7 @@ class ContactProblem:
             *region.whole_grid_operators.displacement_mm(*tractions),
             self.friction,
             drop_grid_axes(result.residual_mm),
-            to_counts(result.iterations),
+            drop_grid_axes_of_counts(result.iterations),
         )
         deeper = pressure.depth_increase_mm
         level = settings.tolerance_mm(self.depth_mm + deeper) - deeper
@@ -134,7 +134,7 @@ class ContactModel:
         its own periodic image, `ContactNotConverged`.
         """
         problem = pose_contact_problem(last, indenter, pose, ContactConstraint(), self.friction)
-        require_above_base(problem.max_overlap_mm, self.skin.thickness_mm)
+        require_depth_within_gel(problem.max_overlap_mm, self.skin.thickness_mm)
         if problem.max_overlap_mm <= 0:
             return self._no_contact(pose, problem.overlap_mm)
         require_inside_grid(self.skin.grid, problem.overlap_mm)
@@ -153,7 +153,7 @@ class ContactModel:
     def require_valid(self, contact: Contact) -> None:
         """Refuse a contact at the grid's border, through the base or not converged; raises what `step` raises."""
         require_inside_grid(self.skin.grid, contact.pressure_mpa)
-        require_above_base(float(np.max(contact.pose.depth_mm)), self.skin.thickness_mm)
+        require_depth_within_gel(float(np.max(contact.pose.depth_mm)), self.skin.thickness_mm)
         if self.settings.must_converge:
             tolerance = self.settings.tolerance_mm(contact.pose.depth_mm)
             require_converged(contact.residual_mm, tolerance, contact.iterations)

@@ -159,7 +159,7 @@ def periodic_image_error_mm(contact: Contact, times: int = 3) -> Float64[Array, 
     return to_numpy(contact.height_mm) - to_numpy(alone)[inside]
 
 
-def require_above_base(deepest_mm: float, thickness_mm: float) -> None:
+def require_depth_within_gel(deepest_mm: float, thickness_mm: float) -> None:
     """Refuse an object that reaches through the gel, and depths that are not finite; raises `InvalidPose`."""
     if not deepest_mm < thickness_mm:
         raise InvalidPose(

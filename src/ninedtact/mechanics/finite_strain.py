@@ -5,7 +5,7 @@ finite elements: a neo-Hookean, incompressible layer bonded to a rigid base, and
 in (`benchmarks/finite_strain.py`; docs/mechanics.md has tables and images). Other shapes, drags and twists were not fitted. For a
 skin that slides, the linear load is within 4 % down to 1.7 mm in 2.5 mm of gel without a correction.
 
-For a ball pressed straight in, `finite_strain_ball_height_mm` gives the heights of the finite elements themselves, from the table
+For a ball pressed straight in, `finite_strain_ball_change_mm` gives the change of height in the finite elements, from the table
 `ball_at_finite_strain.npz`. The skin is lower at the edge of the contact, by up to 0.02 of the thickness, higher one thickness
 beyond it, and lower again far out. The difference is small, but a calibration that leaves it out attributes it to thinner gel: it
 finds the gel up to a sixth too thin and the ball up to 7 % too deep (`benchmarks/finite_strain_calibration.py`).
@@ -55,7 +55,7 @@ def correct_for_finite_strain(
     on_both_axes = height[..., None, :, :] + 0 * contact.shear_mpa
     if isinstance(indenter, Ball):
         distance_mm, depth_mm = np.hypot(*contact.skin.grid.positions_mm), float(contact.pose.depth_mm)
-        added_mm = finite_strain_ball_height_mm(distance_mm, indenter.radius_mm, depth_mm, thickness_mm)
+        added_mm = finite_strain_ball_change_mm(distance_mm, indenter.radius_mm, depth_mm, thickness_mm)
         corrected = height + (share * added_mm).astype(height.dtype)
     else:
         corrected = height + share * (finite_strain_height_mm(contact, thickness_mm) - height)
@@ -88,14 +88,16 @@ def finite_strain_height_mm(contact: Contact, thickness_mm: float) -> ScalarFiel
     the skin that is pushed outwards: 0.24 s b − 0.29 s G(b) − 0.12 ∇·(b u), where s is the greatest indentation over the thickness,
     u the tangential displacement and G a Gaussian mean over one thickness.
     """
-    grown, redistributed, carried = height_change_terms_mm(contact, thickness_mm)
+    grown, redistributed, carried = finite_strain_height_terms_mm(contact, thickness_mm)
     change = GROWTH * grown + REDISTRIBUTION * redistributed + TRANSPORT * carried
     xp, height = array_namespace_of(contact.height_mm), contact.height_mm
     return height + xp.where(contact.pressure_mpa > 0, 0 * height, change)
 
 
-def height_change_terms_mm(contact: Contact, thickness_mm: float) -> tuple[ScalarField, ScalarField, ScalarField]:
-    """Return what growth, redistribution and transport would each change in the height, with constants of one."""
+def finite_strain_height_terms_mm(
+    contact: Contact, thickness_mm: float
+) -> tuple[ScalarField, ScalarField, ScalarField]:
+    """Return the changes of height at finite strain, with constants of one: the bulge grows, spreads and is carried along."""
     xp, height, grid = array_namespace_of(contact.height_mm), contact.height_mm, contact.skin.grid
     bulge = xp.where(height > 0, height, 0 * height)
     deepest = xp.max(xp.max(-height, axis=-1, keepdims=True), axis=-2, keepdims=True) / thickness_mm
@@ -131,7 +133,7 @@ class _BallTable:
         return np.asarray((1 - down) * between[upper] + down * between[lower])
 
 
-def finite_strain_ball_height_mm(
+def finite_strain_ball_change_mm(
     distance_mm: Float[Array, "*any"], ball_radius_mm: float, depth_mm: float, thickness_mm: float
 ) -> Float[Array, "*any"]:
     """Return what is added to the linear height of the skin at these distances from the axis of a ball pressed straight in.

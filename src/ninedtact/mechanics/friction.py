@@ -14,10 +14,10 @@ from ninedtact.mechanics.shrinking_batch import (
     ContactFlags,
     ContactIndices,
     PerContact,
+    half_with_all_unconverged,
     nonzero_divisor,
     put_contacts,
     take_contacts,
-    unconverged_half,
 )
 from ninedtact.mechanics.surface_displacement import DisplacementOperators, PointMask, ScalarField, VectorField
 
@@ -163,7 +163,7 @@ def _iterate_shear(
     for count in counts:
         if not bool(unconverged.any()):
             break
-        if (half := unconverged_half(unconverged)) is not None:
+        if (half := half_with_all_unconverged(unconverged)) is not None:
             selected = (
                 problem.select(half),
                 iterate.select(half),

@@ -79,7 +79,7 @@ def indenter_from_heights(name: str, heights_mm: Float[Array, "rows cols"], pitc
 
 
 @dataclass
-class HeightGridStore:
+class DeviceHeightGrids:
     """The height grids of the objects used so far, concatenated in one array of a device; makes batches of objects."""
 
     like: Any
@@ -111,7 +111,7 @@ class IndenterBatch(Indenter):
     """Different objects as one indenter: the k-th contact of a batch meets the k-th object."""
 
     indenters: tuple[Indenter, ...]
-    store: HeightGridStore
+    store: DeviceHeightGrids
 
     @property
     def name(self) -> str:  # type: ignore[override]

@@ -15,12 +15,12 @@ from ninedtact.mechanics.shrinking_batch import (
     ContactFlags,
     ContactIndices,
     PerContact,
+    half_with_all_unconverged,
     max_over_grid,
     nonzero_divisor,
     put_contacts,
     sum_over_grid,
     take_contacts,
-    unconverged_half,
 )
 from ninedtact.mechanics.surface_displacement import DisplacementOperators, PointMask, ScalarField
 
@@ -157,7 +157,7 @@ def _iterate_pressure(
     """
     iterations = 0 * problem.tolerance_mm
     while bool(unconverged.any()) and left:
-        if (half := unconverged_half(unconverged)) is not None:
+        if (half := half_with_all_unconverged(unconverged)) is not None:
             selected = (
                 problem.select(half),
                 iterate.select(half),

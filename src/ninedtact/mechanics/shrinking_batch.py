@@ -64,14 +64,14 @@ def drop_grid_axes(numbers: PerContact) -> ScalarPerContact:
     return float(values) if values.ndim == 0 else values
 
 
-def to_counts(numbers: PerContact) -> CountPerContact:
+def drop_grid_axes_of_counts(numbers: PerContact) -> CountPerContact:
     """Return whole numbers without the grid's axes: an int, or a NumPy array (batch,)."""
     values = drop_grid_axes(numbers)
     return int(values) if isinstance(values, float) else np.asarray(values).astype(int)
 
 
-def unconverged_half(unconverged: ContactFlags) -> ContactIndices | None:
-    """Return half of the batch, rounded up, with all unconverged contacts in it.
+def half_with_all_unconverged(unconverged: ContactFlags) -> ContactIndices | None:
+    """Return the indices of half of the batch, rounded up, which contains all unconverged contacts.
 
     None where more than half have not converged, where the batch is small, and for a single contact.
     """

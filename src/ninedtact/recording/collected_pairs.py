@@ -30,7 +30,7 @@ class TareReferenceImages:
 
 
 @dataclass(frozen=True)
-class SavedPair:
+class RecordedPair:
     """One raw image and the wrench that the object applied to the skin when it was taken."""
 
     image: UInt8[Array, "rows cols 3"]
@@ -49,7 +49,7 @@ class SavedPair:
     reference: TareReferenceImages
 
 
-def read_saved_pairs(recording: Path | str) -> Iterator[SavedPair]:
+def read_recorded_pairs(recording: Path | str) -> Iterator[RecordedPair]:
     """Yield the pairs of a recording, finished or cut short, in the order of saving, undone contacts excluded.
 
     Raises `CameraNotFound` where there is no file, and `RecordingUnreadable`.
@@ -74,7 +74,7 @@ def read_saved_pairs(recording: Path | str) -> Iterator[SavedPair]:
                     f"expected a pair of {', '.join(PAIR_KINDS)} with its images in {opened.path}, got a {label.kind!r} at "
                     f"{label.stamp_ns} ns; restore the file from a copy"
                 )
-            yield SavedPair(
+            yield RecordedPair(
                 image=opened.frame(image_positions[label.stamp_ns]).image,
                 wrench=label.wrench,
                 object=label.object,

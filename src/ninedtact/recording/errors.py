@@ -21,7 +21,11 @@ class RecordingLibrariesMissing(MissingLibraryError):
     """Raised where the libraries that read and write recordings are not installed."""
 
 
-class SourcesMismatched(InputError):
+class ExportTargetTaken(OutputError):
+    """Raised where files exist already at the path to export to."""
+
+
+class WrenchSourceMismatched(InputError):
     """Raised for a camera and a force/torque sensor that cannot belong together."""
 
 

@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 
 from ninedtact.atomic_write import create_folder_atomically, write_file_atomically
-from ninedtact.errors import OutputError
-from ninedtact.recording.errors import RecordingUnreadable
+from ninedtact.recording.errors import ExportTargetTaken, RecordingUnreadable
 from ninedtact.recording.reader import SENSOR_FOLDER, Recording
 from ninedtact.recording.topics_and_messages import Topic
 
@@ -24,29 +23,25 @@ _TIME_COLUMNS = ("monotonic_ns", "wall_ns")
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
-class ExportRefused(OutputError):
-    """Raised where the folder to export to holds other files."""
-
-
 def export_recording(recording: Recording, out: Path, on_image: Callable[[], None] = lambda: None) -> dict[str, int]:
     """Write everything into a new or empty folder and return how many rows or files of each kind were written.
 
-    Images are PNG, wrenches and times CSV, heights .npy in mm. `on_image` is called after every image. Raises `ExportRefused`, and
-    `RecordingUnreadable` for a damaged recording or one that was cut short before its first image; the folder is then as it
-    was before.
+    Images are PNG, wrenches and times CSV, heights .npy in mm. `on_image` is called after every image. Raises
+    `ExportTargetTaken`, and `RecordingUnreadable` for a damaged recording or one that was cut short before its first image; the
+    folder is then as it was before.
 
         with Recording("press.mcap") as recording:
             export_recording(recording, Path("press"))
     """
-    return export_recordings([recording], out, on_image)
+    return export_each_sensor([recording], out, on_image)
 
 
-def export_recordings(
+def export_each_sensor(
     recordings: Sequence[Recording], out: Path, on_image: Callable[[], None] = lambda: None
 ) -> dict[str, int]:
     """Write the sensors of one recording, each into a folder of its name where there are several, as `export_recording`."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise ExportRefused(f"expected --out to be a new or empty folder, got {out}; choose another name")
+        raise ExportTargetTaken(f"expected --out to be a new or empty folder, got {out}; choose another name")
     require_exportable(recordings)
     written: Counter[str] = Counter()
     with create_folder_atomically(out) as folder:
@@ -58,7 +53,7 @@ def export_recordings(
 
 
 def require_exportable(recordings: Sequence[Recording]) -> None:
-    """Raise `RecordingUnreadable` where a file was cut short before its first image, and perhaps in its sensor folder."""
+    """Raise `RecordingUnreadable` for a file that was cut short before its first image, which leaves nothing to export."""
     if any(one.is_finished or len(one.positions(Topic.IMAGES)) for one in recordings):
         return
     raise RecordingUnreadable(

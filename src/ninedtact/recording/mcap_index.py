@@ -137,8 +137,8 @@ def _add_record(found: McapIndex, span: McapRecordSpan, file: BinaryIO) -> None:
         found.positions[channel].append(_positions(channel, chunk, entries["stamp_ns"], entries["offset"]))
 
 
-def index_first_and_last_chunk(found: McapIndex, file: BinaryIO, name: str) -> None:
-    """Add schemas and channels from the first chunk, and positions from a last chunk whose index was cut off."""
+def complete_mcap_index(found: McapIndex, file: BinaryIO, name: str) -> None:
+    """Complete an index by the schemas and channels of the first chunk, and by the positions of a last chunk without index."""
     if not found.chunks:
         return
     for record in breakup_chunk(read_mcap_chunk(file, found.chunks[0], name)):

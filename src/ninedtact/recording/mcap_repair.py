@@ -39,7 +39,7 @@ from ninedtact.recording.mcap_index import (
     open_record_content,
     read_attachment,
 )
-from ninedtact.recording.reader import SPANS_ATTACHMENT, Recording, sensor_addresses
+from ninedtact.recording.reader import SPANS_ATTACHMENT, Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 
 _WRITTEN_WITHIN_S = 5.0
@@ -52,11 +52,11 @@ _EDIT_LOCKS: dict[Path, Lock] = {}
 
 
 def repair_recording(path: Path) -> bool:
-    """Complete the file if it was truncated, and return whether it was.
+    """Complete a truncated recording in place, and return whether it was truncated.
 
     Raises what `Recording` raises, and `OSError` on a full disk.
     """
-    with Recording(sensor_addresses(path)[0]) as recording:
+    with Recording(recorded_sensor_addresses(path)[0]) as recording:
         found = recording.index
     if found.finished:
         return False
@@ -72,26 +72,28 @@ def repair_recording(path: Path) -> bool:
     return True
 
 
-def edit_spans(path: Path, change: Callable[[list[LabelledSpan]], Iterable[LabelledSpan]]) -> list[LabelledSpan]:
+def edit_labelled_spans(
+    path: Path, change: Callable[[list[LabelledSpan]], Iterable[LabelledSpan]]
+) -> list[LabelledSpan]:
     """Change the labelled spans that a recording has now, whoever wrote them, and return the new ones in their order.
 
-    Edits of one recording within this program follow each other, so that none is lost. Raises what `save_spans` raises.
+    Edits of one recording within this program follow each other, so that none is lost. Raises what `save_labelled_spans` raises.
     """
     with _EDIT_LOCKS.setdefault(path.resolve(), Lock()):
-        with Recording(sensor_addresses(path)[0]) as recording:
+        with Recording(recorded_sensor_addresses(path)[0]) as recording:
             before = recording.spans()
         spans = sorted(change(before), key=lambda span: (span.begin_ns, span.end_ns))
         if spans != before:
-            save_spans(path, spans)
+            save_labelled_spans(path, spans)
     return spans
 
 
-def save_spans(path: Path, spans: Sequence[LabelledSpan]) -> None:
+def save_labelled_spans(path: Path, spans: Sequence[LabelledSpan]) -> None:
     """Replace the labelled spans of a recording; the file is replaced as a whole by a copy, or stays as it was.
 
     Raises what `Recording` raises, `RecordingRefused` for a file that is still being written, and `FileNotWritten`.
     """
-    with Recording(sensor_addresses(path)[0]) as recording:
+    with Recording(recorded_sensor_addresses(path)[0]) as recording:
         if not recording.is_finished and time.time() - path.stat().st_mtime < _WRITTEN_WITHIN_S:
             raise RecordingRefused(
                 f"expected a recording that has ended, got {path}, which is still being written; wait, and label it then"
@@ -105,7 +107,7 @@ def save_spans(path: Path, spans: Sequence[LabelledSpan]) -> None:
         copy = Path(file.name)
         shutil.copymode(path, copy)
         repair_recording(copy)  # the index of its last chunk must stand before the new record
-        with Recording(sensor_addresses(copy)[0]) as recording:
+        with Recording(recorded_sensor_addresses(copy)[0]) as recording:
             end = _end_before_spans(recording)
         with copy.open("r+b", buffering=0) as raw:
             raw.truncate(end)

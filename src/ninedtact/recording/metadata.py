@@ -13,7 +13,7 @@ from math import isfinite
 from secrets import token_hex
 from typing import Any, Literal, get_args
 
-from ninedtact.checked_reading import CHECKSUM_KEY, values_checksum
+from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.recording.errors import RecordingUnreadable
 
 METADATA_RECORD = "ninedtact"
@@ -79,7 +79,7 @@ class RecordingMetadata:
         """Return the format number and all fields as strings by name, as MCAP keeps them, with their checksum; no empty name."""
         stated = {name: str(value) for name, value in asdict(self).items() if name != "name" or value}
         values = {"format": str(RECORDING_FORMAT), **stated}
-        return {**values, CHECKSUM_KEY: values_checksum(values)}
+        return {**values, CHECKSUM_KEY: mapping_checksum(values)}
 
 
 def parse_recording_metadata(metadata: Mapping[str, str], name: str) -> RecordingMetadata:
@@ -94,7 +94,7 @@ def parse_recording_metadata(metadata: Mapping[str, str], name: str) -> Recordin
         raise RecordingUnreadable(
             f"expected {name} in format {RECORDING_FORMAT}, got format {version} from {age} ninedtact; {remedy}"
         )
-    if metadata.get(CHECKSUM_KEY) not in (None, values_checksum(metadata)):
+    if metadata.get(CHECKSUM_KEY) not in (None, mapping_checksum(metadata)):
         raise RecordingUnreadable(
             f"expected the description of {name} as it was written, got other values than its checksum; restore it from a copy"
         )

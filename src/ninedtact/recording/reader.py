@@ -24,8 +24,8 @@ from ninedtact.recording.mcap_index import (
     MESSAGE_POSITION,
     McapIndex,
     StoredMessage,
+    complete_mcap_index,
     damage_error,
-    index_first_and_last_chunk,
     index_mcap_records,
     open_record_content,
     parse_message_record,
@@ -41,12 +41,12 @@ from ninedtact.recording.topics_and_messages import (
     RecordingEventKind,
     Topic,
     combine_estimate,
-    decode_covariance_message,
+    decode_covariance,
     decode_event,
     decode_height,
     decode_image,
     decode_labelled_span,
-    decode_pair_label_message,
+    decode_pair_label,
     decode_reference_grey,
     decode_warnings,
     decode_wrench,
@@ -177,12 +177,12 @@ class Recording:
         Raises `RecordingUnreadable` where the recording carries no sensor folder.
         """
         from ninedtact.calibration.sensor_folder import load_sensor
-        from ninedtact.recording.recorded_source import read_recorded_reference
+        from ninedtact.recording.recorded_source import depth_reader_from_recording
         from ninedtact.recording.recorder import ReadingComputer
 
         with TemporaryDirectory(prefix="ninedtact_") as folder:
             shape = load_sensor(self.save_sensor_folder(Path(folder) / "sensor")).shape
-            computer = ReadingComputer(shape, depth_reader=read_recorded_reference(self.path, shape))
+            computer = ReadingComputer(shape, depth_reader=depth_reader_from_recording(self.path, shape))
             for frame in self.frames():
                 yield from computer.readings(frame)
 
@@ -197,7 +197,7 @@ class Recording:
 
     def covariances(self) -> Iterator[Float64[Array, "6 6"]]:
         """Yield the covariance of every estimated wrench, in the order of `Wrench.six`, N and N·m."""
-        return (decode_covariance_message(message.data) for message in self.messages(Topic.COVARIANCE))
+        return (decode_covariance(message.data) for message in self.messages(Topic.COVARIANCE))
 
     def warnings(self) -> Iterator[tuple[int, list[str]]]:
         """Yield the image index and the warnings of every estimate that has any."""
@@ -219,7 +219,7 @@ class Recording:
 
     def labels(self) -> Iterator[PairLabel]:
         """Yield the labels of all saved pairs, undone contacts included."""
-        return (decode_pair_label_message(message.data, message.stamp_ns) for message in self.messages(Topic.LABELS))
+        return (decode_pair_label(message.data, message.stamp_ns) for message in self.messages(Topic.LABELS))
 
     def kept_labels(self) -> list[PairLabel]:
         """Return the labels of all saved pairs, undone contacts excluded."""
@@ -308,14 +308,14 @@ def sensor_folder_attachments(folder: Path, name: str = "") -> dict[str, bytes]:
 
     name: of the sensor among several.
     """
-    return {f"{_attached_folder(name)}/{file}": content for file, content in read_folder(folder).items()}
+    return {f"{_attached_folder(name)}/{file}": content for file, content in read_folder_files(folder).items()}
 
 
 def _attached_folder(name: str) -> str:
     return f"{SEVERAL_FOLDERS}/{name}" if name else SENSOR_FOLDER
 
 
-def sensor_addresses(path: Path | str) -> list[str]:
+def recorded_sensor_addresses(path: Path | str) -> list[str]:
     """Return how `Recording` opens each sensor of a recording: its path alone, or with several sensors `grasp.mcap#left`.
 
     A path that names a sensor already is returned as it is. Raises what `Recording` raises.
@@ -345,7 +345,7 @@ def _choose_metadata(found: tuple[RecordingMetadata, ...], name: str, path: Path
     return chosen[0]
 
 
-def read_folder(folder: Path) -> dict[str, bytes]:
+def read_folder_files(folder: Path) -> dict[str, bytes]:
     """Return the content of all files of a folder by their paths in it."""
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
@@ -377,7 +377,7 @@ def _read_structure(file: BinaryIO, name: str) -> tuple[McapIndex, tuple[Recordi
     try:
         index = index_mcap_records(file, name)
         metadata = _read_metadata(index, file, name)
-        index_first_and_last_chunk(index, file, name)
+        complete_mcap_index(index, file, name)
     except (McapError, ValueError, IndexError, MemoryError, struct.error) as error:
         raise RecordingUnreadable(
             f"expected a recording in {name}, got a damaged file ({error}); restore it from a copy"

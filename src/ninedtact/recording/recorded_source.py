@@ -1,6 +1,7 @@
 """A recording as a frame source and a wrench source: its frames and measured wrenches, bit for bit, with their recorded stamps.
 
-`read_references_at` reads reference images from a later moment of a recording, so that the rest of it is measured from a new zero.
+`read_references_at_moments` reads reference images from a later moment of a recording, so that the rest of it is measured from a
+new zero.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,7 +12,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy import ndarray as Array
 
-from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceChecker, describe_new_contact
+from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImageChecker, describe_new_contact
 from ninedtact.capture.frame_source import FrameSource, Openable, SourceEnded, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, HeightSource, Rectified, Wrench
@@ -73,10 +74,10 @@ class _RecordedTopic(Openable):
             return decode(self._recording, self._positions[self._next - 1])
 
 
-class RecordedSource(_RecordedTopic, FrameSource):
+class RecordedFrameSource(_RecordedTopic, FrameSource):
     """The frames of a recording, bit for bit, with their recorded stamps and indices, as fast as they are requested.
 
-    with RecordedSource("press.mcap") as source:
+    with RecordedFrameSource("press.mcap") as source:
         for frame in source:
             print(frame.index, frame.stamp_ns)
     """
@@ -104,11 +105,11 @@ class RecordedWrenchSource(_RecordedTopic, WrenchSource):
         return self._read_next(Recording.wrench)
 
 
-def read_references_at(
+def read_references_at_moments(
     path: Path | str,
     moments_s: Sequence[float],
     shape: CalibratedShape,
-    check: ReferenceChecker,
+    check: ReferenceImageChecker,
     before: Rectified | None = None,
 ) -> list[list[Frame]]:
     """Read the reference images (no contact) at moments of a recording, ten at each, for `Sensor.later_references`.
@@ -131,8 +132,8 @@ def read_references_at(
     return found
 
 
-def read_recorded_reference(path: Path | str, shape: CalibratedShape) -> DepthReader | None:
-    """Return the depth reader for the reference image that a recording of the live page begins with; None for other recordings.
+def depth_reader_from_recording(path: Path | str, shape: CalibratedShape) -> DepthReader | None:
+    """Return a depth reader for the reference image that a recording starts with, as those of the live page do; None without one.
 
     Raises what reading a recording raises, and `RecordingUnreadable` where the image is not that of the sensor.
     """
@@ -166,7 +167,7 @@ def _read_frames(recording: Recording, positions: Array) -> list[Frame]:
 
 
 def _require_no_contact(
-    where: str, frames: list[Frame], before: Rectified, shape: CalibratedShape, check: ReferenceChecker
+    where: str, frames: list[Frame], before: Rectified, shape: CalibratedShape, check: ReferenceImageChecker
 ) -> Rectified:
     """Return the rectified mean of reference images; raises `ReferenceMomentRefused` where they cannot be a reference."""
     fault = next(iter(check.find_faults(frames)), None)

@@ -11,7 +11,7 @@ from threading import Event
 from time import monotonic, monotonic_ns
 from typing import NamedTuple
 
-from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
+from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_pacing import DelayCorrectedSource
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
@@ -23,7 +23,7 @@ from ninedtact.reading import Reading
 from ninedtact.recording.errors import ReferenceMomentRefused
 from ninedtact.recording.merge_streams import BackgroundReader
 from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
-from ninedtact.recording.reader import Recording, sensor_addresses, sensor_folder_attachments
+from ninedtact.recording.reader import Recording, recorded_sensor_addresses, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -78,7 +78,7 @@ def record(
     part = SensorToRecord(source, sensor, force_torque, estimator, camera_delay_ms)
     recorder = _new_recorder("", part, out, stored, heights, notify)
     end_at = float("inf") if seconds is None else monotonic() + seconds
-    with report_kept_messages(Path(out), notify):
+    with report_kept_on_failure(Path(out), notify):
         with recorder.writer as writer:
             recorder.run(lambda: should_stop() or monotonic() >= end_at, lambda: on_progress(writer))
         recorder.require_reference()
@@ -135,7 +135,7 @@ def record_several(
                     RecordingEvent(monotonic_ns(), RecordingEventKind.REMARK, "lost", str(error))
                 )
 
-    with report_kept_messages(Path(out), notify), next(iter(writers.values())), ExitStack() as opened:
+    with report_kept_on_failure(Path(out), notify), next(iter(writers.values())), ExitStack() as opened:
         streams = {name: opened.enter_context(recorder.opened()) for name, recorder in recorders.items()}
         with ThreadPoolExecutor(len(recorders), "record") as pool:
             written = [pool.submit(write, *one) for one in streams.items()]
@@ -166,8 +166,8 @@ def _new_recorder(
     """Return the recorder of one sensor, whose file and sources are still closed."""
     sensor, force_torque, estimates = part.sensor, part.force_torque, None
     if heights or part.estimator:
-        find_faults = load_reference_check(sensor).find_faults
-        estimates = RecordedEstimates(sensor.shape, part.estimator or NoForce(), heights, find_faults, notify)
+        find_faults = load_reference_image_checker(sensor).find_faults
+        estimates = EstimateRecorder(sensor.shape, part.estimator or NoForce(), heights, find_faults, notify)
     topics = {Topic.IMAGES, *(estimates.topics if estimates else ()), *([Topic.MEASURED] if force_torque else ())}
     metadata = replace(
         stored,
@@ -209,7 +209,7 @@ def new_reading_writer(
 
 
 @contextmanager
-def report_kept_messages(path: Path, notify: Callable[[str], None]) -> Iterator[None]:
+def report_kept_on_failure(path: Path, notify: Callable[[str], None]) -> Iterator[None]:
     """Where the block fails, notify of what the recording that it began holds, as read back from the file."""
     existed = path.exists()
     try:
@@ -218,7 +218,7 @@ def report_kept_messages(path: Path, notify: Callable[[str], None]) -> Iterator[
         with suppress(NinedtactError, OSError):
             if not existed and path.exists():
                 counts = []
-                for address in sensor_addresses(path):
+                for address in recorded_sensor_addresses(path):
                     with Recording(address) as recording:
                         counts += [f"{topic.messages} of {topic.topic}" for topic in recording.summary().topics]
                 notify(f"{path} keeps the messages before the failure: {', '.join(counts)}")
@@ -227,7 +227,7 @@ def report_kept_messages(path: Path, notify: Callable[[str], None]) -> Iterator[
 
 @dataclass
 class ReadingComputer:
-    """Computes readings from frames; where no reference image (no contact) is known, the first ten are, and are also read."""
+    """Computes readings from frames, against a known reference image (no contact) or that of the first ten frames."""
 
     shape: CalibratedShape
     find_reference_faults: Callable[[Sequence[Frame]], Sequence[str]] = lambda _: ()
@@ -268,8 +268,8 @@ class ReadingComputer:
 
 
 @dataclass
-class RecordedEstimates:
-    """Heights and estimated wrenches that are written beside the images."""
+class EstimateRecorder:
+    """Computes heights and wrenches of frames and writes them beside the images."""
 
     shape: CalibratedShape
     estimator: ForceEstimator = field(default_factory=NoForce)
@@ -330,7 +330,7 @@ class Recorder:
     writer: RecordingWriter
     camera: FrameSource
     force_torque: WrenchSource | None = None
-    estimates: RecordedEstimates | None = None
+    estimates: EstimateRecorder | None = None
     notify: Callable[[str], None] = lambda sentence: None
     """Receives a sentence each time that a device has delivered nothing for a while."""
 

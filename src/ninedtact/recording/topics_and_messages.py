@@ -44,7 +44,7 @@ def ros_name(sensor: str) -> str:
 
 
 class Topic(StrEnum):
-    """The topics of a recording, without the name of the sensor that precedes them."""
+    """The names of a recording's topics, without the sensor's name that precedes them."""
 
     IMAGES = "image_raw"
     REFERENCE = "reference"
@@ -165,22 +165,22 @@ def encode_image(
     if images == "png":
         png = np.frombuffer(cv2.imencode(".png", np.ascontiguousarray(image), _PNG_PARAMETERS)[1], np.uint8)
         message = type_store().types[_COMPRESSED_IMAGE_TYPE](
-            header=header(wall_ns, frame), format="bgr8; png compressed bgr8", data=png
+            header=message_header(wall_ns, frame), format="bgr8; png compressed bgr8", data=png
         )
         return bytes(type_store().serialize_cdr(message, _COMPRESSED_IMAGE_TYPE))
-    return _encode_pixels(Topic.IMAGES, header(wall_ns, frame), image.shape[:2], "bgr8", image)
+    return _encode_pixels(Topic.IMAGES, message_header(wall_ns, frame), image.shape[:2], "bgr8", image)
 
 
 def encode_height(
     z_mm: Float32[Array, "rows cols"], wall_ns: int, step_mm: float = 0.0, frame: str = SKIN_FRAME
 ) -> bytes:
-    """Return a height message in metres, NaN out of view; with a step, as multiples of it in 16 bits."""
+    """Return heights as an image message in metres, NaN out of view; with a step, as multiples of it in 16 bits."""
     if step_mm:
         steps = np.clip(np.rint(z_mm / step_mm), _OUT_OF_VIEW_16_BIT + 1, -_OUT_OF_VIEW_16_BIT - 1)
         whole = np.where(np.isnan(z_mm), _OUT_OF_VIEW_16_BIT, steps).astype("<i2")
-        return _encode_pixels(Topic.HEIGHTS, header(wall_ns, frame), whole.shape, "16SC1", whole)
+        return _encode_pixels(Topic.HEIGHTS, message_header(wall_ns, frame), whole.shape, "16SC1", whole)
     z_m = (z_mm.astype(np.float64) / _MM_PER_M).astype("<f4")
-    return _encode_pixels(Topic.HEIGHTS, header(wall_ns, frame), z_m.shape, "32FC1", z_m)
+    return _encode_pixels(Topic.HEIGHTS, message_header(wall_ns, frame), z_m.shape, "32FC1", z_m)
 
 
 def encode_wrench(wrench: Wrench, wall_ns: int, frame: str = SKIN_FRAME) -> bytes:
@@ -190,7 +190,7 @@ def encode_wrench(wrench: Wrench, wall_ns: int, frame: str = SKIN_FRAME) -> byte
     vector = types["geometry_msgs/msg/Vector3"]
     force, torque = vector(*about_centre.force_n.tolist()), vector(*about_centre.torque_nm.tolist())
     message = types["geometry_msgs/msg/Wrench"](force, torque)
-    return _encode(Topic.MEASURED, header=header(wall_ns, frame), wrench=message)
+    return _encode(Topic.MEASURED, header=message_header(wall_ns, frame), wrench=message)
 
 
 def encode_covariance(covariance: Float64[Array, "6 6"]) -> bytes:
@@ -209,10 +209,10 @@ def encode_warnings_as_diagnostics(
     statuses = [
         status(level=_WARN, name=f"{sensor}: force", message=text, hardware_id=sensor, values=[]) for text in warnings
     ]
-    return _encode(Topic.WARNINGS, header=header(wall_ns, frame), status=statuses)
+    return _encode(Topic.WARNINGS, header=message_header(wall_ns, frame), status=statuses)
 
 
-def encode_label(label: PairLabel) -> bytes:
+def encode_pair_label(label: PairLabel) -> bytes:
     """Return the label of a pair as a JSON message."""
     wrench = {"force_n": label.wrench.force_n.tolist(), "torque_nm": label.wrench.torque_nm.tolist()}
     return _encode_json(Topic.LABELS, {**_without_stamp(label), "wrench": wrench})
@@ -225,7 +225,7 @@ def encode_labelled_span(span: LabelledSpan) -> bytes:
 
 def encode_reference_grey(grey: Float32[Array, "rows cols"], wall_ns: int, frame: str = SKIN_FRAME) -> bytes:
     """Return a message with the grey levels of a rectified reference image."""
-    return _encode_pixels(Topic.REFERENCE_GREY, header(wall_ns, frame), grey.shape, "32FC1", grey.astype("<f4"))
+    return _encode_pixels(Topic.REFERENCE_GREY, message_header(wall_ns, frame), grey.shape, "32FC1", grey.astype("<f4"))
 
 
 def encode_event(event: RecordingEvent) -> bytes:
@@ -262,7 +262,7 @@ def decode_wrench(data: bytes, stamp_ns: int) -> Wrench:
     return Wrench(np.array(force), np.array(torque), stamp_ns=stamp_ns)
 
 
-def decode_covariance_message(data: bytes) -> Float64[Array, "6 6"]:
+def decode_covariance(data: bytes) -> Float64[Array, "6 6"]:
     """Return the covariance of a message, in the order of `Wrench.six`."""
     return np.array(_decode(Topic.COVARIANCE, data).data, float).reshape(6, 6)
 
@@ -273,14 +273,14 @@ def decode_warnings(data: bytes) -> list[str]:
 
 
 def combine_estimate(wrench: Wrench, covariance: bytes | None, warnings: bytes | None) -> WrenchEstimate:
-    """Return the estimate of an image from its wrench and two messages. Without that of the covariance, nothing is known."""
-    matrix = np.diag(np.full(6, np.inf)) if covariance is None else decode_covariance_message(covariance)
+    """Return the estimate of an image from its wrench and two messages; without a covariance, the variances are infinite."""
+    matrix = np.diag(np.full(6, np.inf)) if covariance is None else decode_covariance(covariance)
     texts = [] if warnings is None else decode_warnings(warnings)
     known = tuple(EstimateWarning(text) for text in texts if text in set(EstimateWarning))
     return WrenchEstimate(wrench, matrix, bool(wrench.six.any()), known)
 
 
-def decode_pair_label_message(data: bytes, stamp_ns: int) -> PairLabel:
+def decode_pair_label(data: bytes, stamp_ns: int) -> PairLabel:
     """Return the label of a message."""
     fields = json.loads(_decode(Topic.LABELS, data).data)
     wrench = fields.pop("wrench")
@@ -334,7 +334,7 @@ def _encode_pixels(topic: Topic, header: Any, shape: tuple[int, ...], encoding: 
     return _encode(topic, header=header, data=data, **layout)
 
 
-def header(wall_ns: int, frame: str) -> Any:
+def message_header(wall_ns: int, frame: str) -> Any:
     """Return the header of a message: wall time, and the frame that its coordinates refer to."""
     types = type_store().types
     stamp = types["builtin_interfaces/msg/Time"](*divmod(wall_ns, _NS_PER_S))

@@ -31,8 +31,8 @@ from ninedtact.recording.topics_and_messages import (
     encode_event,
     encode_height,
     encode_image,
-    encode_label,
     encode_labelled_span,
+    encode_pair_label,
     encode_reference_grey,
     encode_warnings_as_diagnostics,
     encode_wrench,
@@ -170,7 +170,7 @@ class RecordingWriter:
 
     def write_label(self, label: PairLabel) -> None:
         """Write that an image was saved as a pair; the label is on disk when this returns."""
-        self._add(Topic.LABELS, label.stamp_ns, encode_label(label))
+        self._add(Topic.LABELS, label.stamp_ns, encode_pair_label(label))
         self.flush()
 
     def write_span(self, span: LabelledSpan) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ninedtact.errors import CalibrationError
 from ninedtact.quantities import EstimateWarning, Frame, Rectified
-from ninedtact.shape.depth import FINE_SMOOTHING, Deblurring, DepthCurve, DepthReader, Smoothing, WholeImageLightLoss
+from ninedtact.shape.depth import FINE_SMOOTHING, Deblurring, DepthCurve, DepthReader, GlobalDimmingModel, Smoothing
 from ninedtact.shape.rectification import Rectification
 
 MIN_LIT_GREY_LEVEL = 15.0
@@ -34,7 +34,7 @@ class CalibratedShape:
     noise_mm: float
     camera_distance_mm: float
     smoothing: Smoothing = Smoothing()
-    loss: WholeImageLightLoss = WholeImageLightLoss()
+    loss: GlobalDimmingModel = GlobalDimmingModel()
     deblurring: Deblurring | None = None
     """The removal of the point spread of this sensor's light; None where the calibration does not determine it."""
     warnings: tuple[EstimateWarning, ...] = ()

@@ -142,7 +142,7 @@ def _matplotlib_colour_map(scale: ColourScale) -> "Colormap":
     return ListedColormap((scale.colour(z_mm) / 255).tolist())
 
 
-def summary_sentence(summary: ShapeSummary) -> str:
+def shape_summary_sentence(summary: ShapeSummary) -> str:
     """Return the measures of a height map in one line."""
     if summary.contact_area_mm2 == 0:
         return f"no contact: nowhere pressed in by more than {summary.contact_threshold_mm:.2f} mm"
@@ -152,7 +152,7 @@ def summary_sentence(summary: ShapeSummary) -> str:
     )
 
 
-def format_signed_number(length_mm: float) -> str:
+def format_with_minus_sign(length_mm: float) -> str:
     """Return a number with a true minus sign and no trailing zeros."""
     return f"{length_mm:g}".replace("-", "\N{MINUS SIGN}")
 
@@ -183,7 +183,7 @@ def draw_height_map_figure(height: HeightMap, title: str = "Height of the skin")
     rows, cols = height.z_mm.shape
     width_px, height_px = cols * LONGEST_PX // max(rows, cols), rows * LONGEST_PX // max(rows, cols)
     figure, scale = (
-        new_figure_page(title, summary_sentence(summarise_shape(height)), width_px, height_px),
+        new_figure_page(title, shape_summary_sentence(summarise_shape(height)), width_px, height_px),
         fit_colour_scale(height),
     )
     axes = add_axes_at(figure, LEFT_PX, TOP_PX, width_px, height_px)
@@ -229,7 +229,7 @@ def _draw_contour_lines(axes: "Axes", height: HeightMap, scale: ColourScale) -> 
     colours = ["white" if -level > 0.45 * scale.pressed_mm else "#1f3b5c" for level in levels]
     if levels:
         lines = axes.contour(x, y, z_mm, levels, colors=colours, linewidths=0.8, linestyles="solid", alpha=0.8)
-        axes.clabel(lines, fmt=format_signed_number, fontsize=8)
+        axes.clabel(lines, fmt=format_with_minus_sign, fontsize=8)
     near_contact = cv2.dilate(contact_mask(height).astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
     z_there = np.ma.masked_where(~near_contact, z_mm)
     axes.contour(x, y, z_there, [-threshold], colors=INK, linewidths=1.2, linestyles="solid")
@@ -254,7 +254,7 @@ def _draw_legend(axes: "Axes", height: HeightMap, axes_height_px: int) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    edge = format_signed_number(-round(ContactRule().threshold_mm(height.noise_mm), 3))
+    edge = format_with_minus_sign(-round(ContactRule().threshold_mm(height.noise_mm), 3))
     entries: list[Line2D | Patch] = [Line2D([], [], color=INK, linewidth=1.2, label=f"edge of the contact, {edge} mm")]
     if (height.source == HeightSource.EXTRAPOLATED).any():
         entries.append(Patch(label="extrapolated", linestyle="dashed", **BEYOND))

@@ -4,7 +4,7 @@ Thinner gel is darker and thicker gel is brighter. The brightness signal is eith
 docs/references.md) or the *ratio* to the reference image, which is uniform over an image even where the light is not. The signal is
 quantised finely and converted to height by one look-up table.
 
-Where the calibration provides them, two corrections precede the look-up. `WholeImageLightLoss` estimates, from the image itself,
+Where the calibration provides them, two corrections precede the look-up. `GlobalDimmingModel` estimates, from the image itself,
 the light that the whole image loses when a part of the skin is dark, and adds it back. `Deblurring` sharpens the brightness field
 by the known point spread (Wiener 1949, docs/references.md).
 """
@@ -38,7 +38,7 @@ ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class WholeImageLightLoss:
+class GlobalDimmingModel:
     """The model of the relative loss of light c of a whole image, in which a part of the skin is dark."""
 
     global_dimming: Annotated[float, Meta(ge=0, le=10)] = 0.0
@@ -82,7 +82,7 @@ COARSEST = 3
 
 @dataclass(frozen=True)
 class Deblurring:
-    """The removal of a Gaussian point spread, as far as noise allows."""
+    """Wiener deconvolution of the brightness by its Gaussian point spread."""
 
     point_spread_mm: Annotated[float, Meta(ge=0.01, le=5)]
     """Standard deviation of the point spread."""
@@ -102,7 +102,7 @@ class Deblurring:
         coarser = int(np.clip(self.point_spread_mm / mm_per_px / LEAST_POINTS, 1, COARSEST))
         rows, cols = (side // coarser for side in field.shape)
         few = cv2.resize(field, (cols, rows), interpolation=cv2.INTER_AREA)
-        return sharpen(few, self.point_spread_mm / mm_per_px * cols / field.shape[1], self.floor)
+        return deconvolve_gaussian_blur(few, self.point_spread_mm / mm_per_px * cols / field.shape[1], self.floor)
 
 
 def upsample(field: Shaped[Array, "few_rows few_cols"], shape: tuple[int, ...]) -> Shaped[Array, "rows cols"]:
@@ -110,12 +110,14 @@ def upsample(field: Shaped[Array, "few_rows few_cols"], shape: tuple[int, ...]) 
     return np.asarray(cv2.resize(field, shape[::-1], interpolation=cv2.INTER_CUBIC))
 
 
-def sharpen(field: Float32[Array, "rows cols"], sigma_px: float, floor: float) -> Float32[Array, "rows cols"]:
+def deconvolve_gaussian_blur(
+    field: Float32[Array, "rows cols"], sigma_px: float, floor: float
+) -> Float32[Array, "rows cols"]:
     """Return the field deblurred on its own grid."""
     from scipy.fft import irfft2, rfft2
 
     rows, cols = field.shape
-    tall, wide, gain = sharpening(rows, cols, round(sigma_px, 6), floor)
+    tall, wide, gain = wiener_deconvolution_filter(rows, cols, round(sigma_px, 6), floor)
     down, right = tall - rows, wide - cols
     padded = cv2.copyMakeBorder(field, down // 2, down - down // 2, right // 2, right - right // 2, cv2.BORDER_REFLECT)
     sharp = irfft2(rfft2(padded) * gain, s=(tall, wide))
@@ -123,7 +125,9 @@ def sharpen(field: Float32[Array, "rows cols"], sigma_px: float, floor: float) -
 
 
 @lru_cache(maxsize=8)
-def sharpening(rows: int, cols: int, sigma_px: float, floor: float) -> tuple[int, int, Float32[Array, "tall half"]]:
+def wiener_deconvolution_filter(
+    rows: int, cols: int, sigma_px: float, floor: float
+) -> tuple[int, int, Float32[Array, "tall half"]]:
     """Return the size of the padded field and the factor of its transform, G/(G² + floor), normalised to one for the mean."""
     from scipy.fft import next_fast_len
 
@@ -297,7 +301,7 @@ class DepthReader:
     smoothing: Smoothing = Smoothing()
     noise_mm: float = 0.0
     camera_distance_mm: float = np.inf
-    loss: WholeImageLightLoss = WholeImageLightLoss()
+    loss: GlobalDimmingModel = GlobalDimmingModel()
     deblurring: Deblurring | None = None
     """Given for `fine` reading; without it, reading is `fast`."""
 

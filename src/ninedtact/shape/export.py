@@ -49,13 +49,13 @@ class HeightImageUnreadable(FileFormatError):
 
 def encode_height_png(height: HeightMap) -> bytes:
     """Encode heights, rounded to the micrometre; raises `HeightNotStorable` beyond ±32.767 mm."""
-    png = cv2.imencode(".png", levels(height))[1].tobytes()
+    png = cv2.imencode(".png", heights_to_grey_levels(height))[1].tobytes()
     numbers = {name: repr(float(getattr(height, name))) for name in SCALES}
     text = {"Description": LEGEND, **numbers, "stamp_ns": str(height.stamp_ns)}
     return png[:TEXT_PLACE] + b"".join(text_chunk(*entry) for entry in text.items()) + png[TEXT_PLACE:]
 
 
-def levels(height: HeightMap) -> UInt16[Array, "rows cols"]:
+def heights_to_grey_levels(height: HeightMap) -> UInt16[Array, "rows cols"]:
     """Return the grey levels of the PNG."""
     z_mm = np.where(height.in_view, height.z_mm, 0)
     # The comparison is written so that NaN is refused too.

@@ -82,7 +82,7 @@ def find_image_warnings(image: Rectified, reference: Rectified, height: HeightMa
     seen = _shrink((height.source != HeightSource.OUT_OF_VIEW).astype(np.float32)) > 0.9
     if not seen.any():
         return ()
-    light = _find_light_warning(now[seen], then[seen])
+    light = _find_exposure_warning(now[seen], then[seen])
     if light is not None:
         return (light,)
     ratio = (now / then)[seen]
@@ -97,13 +97,15 @@ def find_image_warnings(image: Rectified, reference: Rectified, height: HeightMa
     return (EstimateWarning.IMAGE_UNLIKE_REFERENCE,) if differs else ()
 
 
-def find_light_warning(grey: UInt8[Array, "rows cols"], reference: UInt8[Array, "rows cols"]) -> EstimateWarning | None:
+def find_exposure_warning(
+    grey: UInt8[Array, "rows cols"], reference: UInt8[Array, "rows cols"]
+) -> EstimateWarning | None:
     """Return whether an image is dark or overexposed, without a calibration; None for one that is neither."""
     now, then = (_shrink(image.astype(np.float32)) for image in (grey, reference))
-    return _find_light_warning(now.ravel(), np.maximum(then, np.float32(1)).ravel())
+    return _find_exposure_warning(now.ravel(), np.maximum(then, np.float32(1)).ravel())
 
 
-def _find_light_warning(now: Float32[Array, " cells"], then: Float32[Array, " cells"]) -> EstimateWarning | None:
+def _find_exposure_warning(now: Float32[Array, " cells"], then: Float32[Array, " cells"]) -> EstimateWarning | None:
     """Return whether cells are dark or overexposed; those of the reference image are at least one."""
     if now.mean() < _MIN_GREY or np.median(now / then) < _DARKEST_MEDIAN:
         return EstimateWarning.IMAGE_DARK

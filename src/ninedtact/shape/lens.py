@@ -4,11 +4,11 @@
 `LensModel`, the default: a wide-angle lens sees the plane through window and gel. The model is a homography (tilt, distance,
 position) followed by radial and tangential terms about a free centre (Brown 1971, as in OpenCV's camera model; docs/references.md).
 
-`CorrectedLens` adds a smooth displacement to it, for lenses and gels that the model does not follow.
+`CorrectedLensModel` adds a smooth displacement to it, for lenses and gels that the model does not follow.
 
-`PinMap`, for reproducing the paper: five central anchors, an equidistant grid, and a cubic radial-basis map through all pins
-(docs/references.md: 9DTact, section on camera calibration). It passes exactly through every pin, so every pin's error enters the
-map.
+`RadialBasisProjection`, for reproducing the paper: five central anchors, an equidistant grid, and a cubic radial-basis map
+through all pins (docs/references.md: 9DTact, section on camera calibration). It passes exactly through every pin, so every pin's
+error enters the map.
 """
 
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ CENTRE_TERMS = 2
 TANGENTIAL_TERMS = 2
 
 
-class PointNotSeen(CalibrationError):
+class PixelNotOnSkin(CalibrationError):
     """No point of the skin appears at this pixel."""
 
 
@@ -145,7 +145,7 @@ class LensModel:
         return np.asarray(np.eye(2) * np.reshape(growth, (-1, 1, 1)) + outer + bend.T.reshape(-1, 2, 2))
 
     def to_mm(self, points_px: Points) -> Points:
-        """Return the skin points in mm that appear at these pixels; raises `PointNotSeen` where there is none."""
+        """Return the skin points in mm that appear at these pixels; raises `PixelNotOnSkin` where there is none."""
         target = np.asarray(points_px, float)
         points = self.from_affine(target)
         for _ in range(30):
@@ -156,7 +156,7 @@ class LensModel:
             points = points + np.linalg.solve(slope, miss[..., None])[..., 0]
             if np.abs(miss).max(initial=0.0) < 1e-9 * self.unit_px:
                 return points
-        raise PointNotSeen(
+        raise PixelNotOnSkin(
             "expected pixels on the skin, got some that the lens model cannot reach; stay inside the image"
         )
 
@@ -184,7 +184,7 @@ def central_mm_per_px(projection: Projection, reach_mm: float) -> float:
 
 
 @dataclass(frozen=True)
-class LensCorrection:
+class LensModelCorrection:
     """A smooth displacement in the image on top of a lens model: Gaussians about the pins, so that it vanishes far from them."""
 
     points_mm: Points
@@ -194,21 +194,21 @@ class LensCorrection:
 
     def shift_px(self, points_mm: Points) -> Points:
         """Return the displacement in pixels at these skin points."""
-        return gaussian_kernel(np.asarray(points_mm, float), self.points_mm, self.width_mm) @ self.weights_px
+        return gaussian_basis_matrix(np.asarray(points_mm, float), self.points_mm, self.width_mm) @ self.weights_px
 
 
-def gaussian_kernel(points_mm: Points, centres_mm: Float[Array, "k 2"], width_mm: float) -> Float[Array, "n k"]:
+def gaussian_basis_matrix(points_mm: Points, centres_mm: Float[Array, "k 2"], width_mm: float) -> Float[Array, "n k"]:
     """Return the Gaussians about the centres, which are one there, at these points."""
     squared = sum((points_mm[:, None, axis] - centres_mm[None, :, axis]) ** 2 for axis in (0, 1))
     return np.asarray(np.exp(-squared / (2 * width_mm**2)))
 
 
 @dataclass(frozen=True)
-class CorrectedLens:
-    """A lens model with a smooth correction."""
+class CorrectedLensModel:
+    """A lens model plus a smooth displacement of its pixels."""
 
     lens: LensModel
-    correction: LensCorrection
+    correction: LensModelCorrection
 
     def to_px(self, points_mm: Points) -> Points:
         """Return the pixels (x, y) at which skin points appear."""
@@ -216,7 +216,7 @@ class CorrectedLens:
 
 
 @dataclass(frozen=True)
-class PinMap:
+class RadialBasisProjection:
     """Cubic radial-basis interpolation from the skin to the image."""
 
     points_mm: Points

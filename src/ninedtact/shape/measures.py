@@ -81,7 +81,7 @@ def contact_mask(height: HeightMap, rule: ContactRule = ContactRule()) -> Bool[A
 
 
 def max_indentation_mm(height: HeightMap) -> float:
-    """Return the maximum indentation in view, 0 where nothing is indented."""
+    """Return the deepest indentation of a height map, 0 where nothing is indented."""
     return max(0.0, -_extremes_mm(height)[0])
 
 

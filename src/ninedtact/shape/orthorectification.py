@@ -5,8 +5,8 @@ sight through (u, v) on the plane of the untouched skin meets skin of height z a
 is therefore found at the pixel of (x, y) / (1 + z/D), which is an equation for z. Two solvers are used:
 
 * bisection on the map's own grid (`orthorectify`), which converges however steep the skin is;
-* fixed-point iteration (`find_sightline_pixels`), which is fast, and whose error shrinks in each iteration by the slope of the skin
-  times the slope of the line of sight. Coarse grids of heights are smooth enough for it.
+* fixed-point iteration (`find_pixels_of_skin_places`), which is fast, and whose error shrinks in each iteration by the slope of
+  the skin times the slope of the line of sight. Coarse grids of heights are smooth enough for it.
 """
 
 from dataclasses import dataclass, replace
@@ -60,11 +60,11 @@ def orthorectified_heights(height: HeightMap, grid: SkinGrid) -> Grid:
     """Return the heights in mm at the places of a coarse grid; beyond the view the heights of its border are repeated."""
     field, pitch_mm = _average_to_pitch(height, grid.mm_per_px)
     place_mm = np.stack(skin_grid_mm((grid.rows, grid.cols), grid.mm_per_px))
-    pixel = find_sightline_pixels(field, pitch_mm, place_mm, height.camera_distance_mm, _GRID_ITERATIONS)
+    pixel = find_pixels_of_skin_places(field, pitch_mm, place_mm, height.camera_distance_mm, _GRID_ITERATIONS)
     return np.asarray(sample_field(field, pixel, cv2.INTER_CUBIC))
 
 
-def find_sightline_pixels(
+def find_pixels_of_skin_places(
     z_mm: Float32[Array, "map_rows map_cols"],
     pitch_mm: tuple[float, float],
     place_mm: Places,

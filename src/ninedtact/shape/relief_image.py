@@ -20,20 +20,20 @@ from ninedtact.shape.coloured_height_map import (
     add_text_at,
     figure_to_png,
     fit_colour_scale,
-    format_signed_number,
+    format_with_minus_sign,
     new_figure_page,
     round_up_to_1_2_5,
-    summary_sentence,
+    shape_summary_sentence,
 )
 from ninedtact.shape.measures import max_bulge_mm, max_indentation_mm, summarise_shape
 from ninedtact.shape.orthorectification import orthorectify
 from ninedtact.shape.relief_renderer import (
-    Block,
-    Viewpoint,
-    fit_viewpoint_to_corners,
-    paint_skin,
-    render_block,
-    trace_sightlines,
+    ReliefBlock,
+    ReliefViewpoint,
+    relief_texture,
+    render_relief_block,
+    trace_rays_to_relief,
+    viewpoint_framing_corners,
 )
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ CLOSEST, CLOSEST_HEIGHTS = 1 / 8, 0.025
 
 
 @dataclass(frozen=True)
-class Edge:
+class ReliefAxisEdge:
     """One coordinate axis along one edge of the block."""
 
     name: str
@@ -71,28 +71,28 @@ class Edge:
         return [self.step * count for count in range(first, last + 1)]
 
 
-def _number_edges(axes: "Axes", block: Block, view: Viewpoint, times: int) -> None:
+def _number_edges(axes: "Axes", block: ReliefBlock, view: ReliefViewpoint, times: int) -> None:
     """Draw the numbers of x along the front, of y along the right, and of the heights, exaggerated `times`, up the left corner."""
     (left, front, base), (right, back, top) = block.low.tolist(), block.high.tolist()
     length, lowest, highest = 2 * max(right, back), base / times, top / times
     step, step_up = round_up_to_1_2_5(CLOSEST * length), round_up_to_1_2_5(CLOSEST_HEIGHTS * length / times)
     for edge in (
-        Edge("x (mm)", lambda x: (x, front, base), (0.0, -1.0, 0.0), "center", step / 2, left, right, step),
-        Edge("y (mm)", lambda y: (right, y, base), (1.0, 0.0, 0.0), "left", step / 2, front, back, step),
-        Edge(
+        ReliefAxisEdge("x (mm)", lambda x: (x, front, base), (0.0, -1.0, 0.0), "center", step / 2, left, right, step),
+        ReliefAxisEdge("y (mm)", lambda y: (right, y, base), (1.0, 0.0, 0.0), "left", step / 2, front, back, step),
+        ReliefAxisEdge(
             "z (mm)", lambda z: (left, front, z * times), (-1.0, 0.0, 0.0), "right", step_up, lowest, highest, step_up
         ),
     ):
         _number_edge(axes, edge, view, length)
 
 
-def _number_edge(axes: "Axes", edge: Edge, view: Viewpoint, length: float) -> None:
+def _number_edge(axes: "Axes", edge: ReliefAxisEdge, view: ReliefViewpoint, length: float) -> None:
     """Draw the tick marks, numbers and name of one edge."""
     out = length * np.array(edge.outwards)
     for value in edge.values:
         tick = np.array(edge.at(value)) + np.outer([0, TICK_LENGTH], out)
         axes.plot(*view.project(tick).T, color=PALE_INK, linewidth=0.8)
-    words = {value: format_signed_number(round(value, 6)) for value in edge.values} | {edge.name_at: edge.name}
+    words = {value: format_with_minus_sign(round(value, 6)) for value in edge.values} | {edge.name_at: edge.name}
     for value, word in words.items():
         x, y = view.project(np.array([edge.at(value)]) + NUMBER[edge.align] * out)[0]
         axes.text(x, y, word, color=INK, size=9, ha=edge.align, va="center")
@@ -116,7 +116,7 @@ UNDER_DEEPEST = 1 / 30
 
 def render_relief(height: HeightMap, title: str = "Height of the skin") -> bytes:
     """Return a PNG with the skin in perspective, seen from outside; axes and heights are in mm, and any exaggeration is stated."""
-    figure = new_figure_page(title, summary_sentence(summarise_shape(height)), WIDTH_PX, HEIGHT_PX)
+    figure = new_figure_page(title, shape_summary_sentence(summarise_shape(height)), WIDTH_PX, HEIGHT_PX)
     axes = add_axes_at(figure, LEFT_PX, TOP_PX, WIDTH_PX, HEIGHT_PX)
     straight, times = orthorectify(height), exaggeration(height)
     _draw_block(axes, straight, times)
@@ -147,17 +147,19 @@ def _draw_block(axes: "Axes", height: HeightMap, times: int) -> None:
     """Draw the block and the numbers along its edges, in axes whose coordinates are the pixels of its viewpoint."""
     rows, cols = round(HEIGHT_PX * FINER), round(WIDTH_PX * FINER)
     block, margin = _block_under(height, times), NUMBERS_PX * FINER
-    view = fit_viewpoint_to_corners(block.corners, (margin, margin), (cols - margin, rows - margin))
-    image = render_block(block, paint_skin(height, fit_colour_scale(height)), trace_sightlines(block, view, rows, cols))
+    view = viewpoint_framing_corners(block.corners, (margin, margin), (cols - margin, rows - margin))
+    image = render_relief_block(
+        block, relief_texture(height, fit_colour_scale(height)), trace_rays_to_relief(block, view, rows, cols)
+    )
     shown = cv2.resize(image, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
     axes.imshow(shown, extent=(-0.5, cols - 0.5, rows - 0.5, -0.5), aspect="auto")
     axes.set_axis_off()
     _number_edges(axes, block, view, times)
 
 
-def _block_under(height: HeightMap, times: int) -> Block:
+def _block_under(height: HeightMap, times: int) -> ReliefBlock:
     """Return the gel under the skin with exaggerated heights; it is level where the camera does not see it."""
     seen_mm = np.where(height.in_view, height.z_mm, np.float32(0))
     skin = cv2.GaussianBlur(seen_mm, (0, 0), SMOOTHING_PX) * np.float32(times)
     under_mm = UNDER_DEEPEST * max(skin.shape) * height.mm_per_px
-    return Block(skin, height.mm_per_px, min(float(skin.min()), 0.0) - under_mm)
+    return ReliefBlock(skin, height.mm_per_px, min(float(skin.min()), 0.0) - under_mm)

@@ -1,6 +1,7 @@
-"""The renderer of the relief image: viewpoint, ray tracing, texture and shading. A `Viewpoint` is a pinhole camera in front of a
-`Block` of gel. `trace_sightlines` follows the line of sight of every pixel to the block, `paint_skin` makes the texture (colours of
-height, a millimetre grid, the calibrated range), and `render_block` shades what the lines of sight meet.
+"""The renderer of the relief image: viewpoint, ray tracing, texture and shading. A `ReliefViewpoint` is a pinhole camera in front
+of a `ReliefBlock` of gel. `trace_rays_to_relief` follows the line of sight of every pixel to the block, `relief_texture` makes the
+texture (colours of height, a millimetre grid, the calibrated range), and `render_relief_block` shades what the lines of sight
+meet.
 """
 
 from collections.abc import Callable
@@ -22,8 +23,8 @@ DISTANCE = 2.6
 
 
 @dataclass(frozen=True)
-class Viewpoint:
-    """A pinhole camera whose image has z upwards."""
+class ReliefViewpoint:
+    """The pinhole camera from which the relief is drawn; its image has z upwards."""
 
     eye: Float[Array, "3"]
     axes: Float[Array, "3 3"]
@@ -43,20 +44,20 @@ class Viewpoint:
         return np.asarray(np.einsum("ij,irc->jrc", self.axes, here), np.float32)
 
 
-def fit_viewpoint_to_corners(
+def viewpoint_framing_corners(
     corners: Float[Array, "n 3"], top_left_px: tuple[float, float], bottom_right_px: tuple[float, float]
-) -> Viewpoint:
+) -> ReliefViewpoint:
     """Return the viewpoint from which all `corners` appear as large as fits between two pixels (x, y)."""
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     eye = middle + TOWARDS_EYE * DISTANCE * np.linalg.norm(np.ptp(corners, axis=0))
     right = np.cross([0, 0, 1], TOWARDS_EYE)
     right /= np.linalg.norm(right)
     axes = np.array([right, np.cross(right, TOWARDS_EYE), -TOWARDS_EYE])
-    seen = Viewpoint(eye, axes, 1.0, np.zeros(2)).project(corners)
+    seen = ReliefViewpoint(eye, axes, 1.0, np.zeros(2)).project(corners)
     room = np.subtract(bottom_right_px, top_left_px)
     focal_px = float((room / np.ptp(seen, axis=0)).min())
     centre_px = np.add(top_left_px, room / 2) - focal_px * (seen.min(axis=0) + seen.max(axis=0)) / 2
-    return Viewpoint(eye, axes, focal_px, centre_px)
+    return ReliefViewpoint(eye, axes, focal_px, centre_px)
 
 
 PixelField = Float32[Array, "rows cols"]
@@ -70,7 +71,7 @@ RAY_HALVINGS = 6
 
 
 @dataclass(frozen=True)
-class Block:
+class ReliefBlock:
     """Gel from a flat base up to the skin; heights are as drawn, exaggeration included."""
 
     skin: Float32[Array, "skin_rows skin_cols"]
@@ -99,7 +100,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class VisiblePointGrid:
+class RayHitGrid:
     """The point that each pixel of an image shows: a place on the block (columns and rows of the skin, height) or nothing."""
 
     col: PixelField
@@ -109,10 +110,10 @@ class VisiblePointGrid:
     on_wall: Bool[Array, "rows cols"]
 
 
-def trace_sightlines(block: Block, view: Viewpoint, rows: int, cols: int) -> VisiblePointGrid:
+def trace_rays_to_relief(block: ReliefBlock, view: ReliefViewpoint, rows: int, cols: int) -> RayHitGrid:
     """Return the intersection of every line of sight with the block."""
     rays = view.rays(rows, cols)
-    near, far = through_box(block, view, rays)
+    near, far = box_entry_and_exit(block, view, rays)
     origin = (view.eye - block.low).astype(np.float32) / np.float32(block.mm_per_px)
     slant = rays[:2] / np.float32(block.mm_per_px)
 
@@ -127,10 +128,12 @@ def trace_sightlines(block: Block, view: Viewpoint, rows: int, cols: int) -> Vis
     wall = hit & (above(near) < -AT_THE_EDGE)
     ahead = first_crossing(above, near, far)
     skin = hit & ~wall & np.isfinite(ahead)
-    return VisiblePointGrid(*place(np.where(skin, ahead, near)), skin, wall)
+    return RayHitGrid(*place(np.where(skin, ahead, near)), skin, wall)
 
 
-def through_box(block: Block, view: Viewpoint, rays: Float32[Array, "3 rows cols"]) -> tuple[PixelField, PixelField]:
+def box_entry_and_exit(
+    block: ReliefBlock, view: ReliefViewpoint, rays: Float32[Array, "3 rows cols"]
+) -> tuple[PixelField, PixelField]:
     """Return the distances at which each line enters and leaves the bounding box; a line that leaves before it enters misses the
     box.
     """
@@ -162,20 +165,20 @@ LINE_STRENGTH = 0.25
 RANGE_EDGE_WIDTH_PX = 11
 
 
-def paint_skin(height: HeightMap, scale: ColourScale) -> UInt8[Array, "fine_rows fine_cols 3"]:
+def relief_texture(height: HeightMap, scale: ColourScale) -> UInt8[Array, "fine_rows fine_cols 3"]:
     """Return the texture of the skin as RGB."""
-    fine = enlarge_image(height)
+    fine = upsample_height_map(height)
     paint = np.ascontiguousarray(colourise_heights(fine, scale)[..., ::-1])
-    lines = graph_paper(fine) & fine.in_view
-    paint[lines] = darken_or_lighten(paint[lines])
-    paint[range_edge(fine)] = rgb_of_hex(EXTRAPOLATED)
+    lines = millimetre_grid_mask(fine) & fine.in_view
+    paint[lines] = blend_contrasting_ink(paint[lines])
+    paint[calibrated_range_edge_mask(fine)] = rgb_of_hex(EXTRAPOLATED)
     return paint
 
 
-def enlarge_image(height: HeightMap) -> HeightMap:
+def upsample_height_map(height: HeightMap) -> HeightMap:
     """Return the same height map on a finer grid."""
     seen, measured = (
-        enlarged_mask(height.source >= kind) for kind in (HeightSource.EXTRAPOLATED, HeightSource.MEASURED)
+        upsample_mask(height.source >= kind) for kind in (HeightSource.EXTRAPOLATED, HeightSource.MEASURED)
     )
     z_mm = cv2.resize(
         np.where(height.in_view, height.z_mm, np.float32(0)), None, fx=PAINT_PX_PER_PX, fy=PAINT_PX_PER_PX
@@ -185,7 +188,7 @@ def enlarge_image(height: HeightMap) -> HeightMap:
     )
 
 
-def enlarged_mask(mask: Bool[Array, "rows cols"]) -> Bool[Array, "fine_rows fine_cols"]:
+def upsample_mask(mask: Bool[Array, "rows cols"]) -> Bool[Array, "fine_rows fine_cols"]:
     """Return a mask on a finer grid, with its edge smoothed."""
     share = cv2.resize(
         mask.astype(np.float32), None, fx=PAINT_PX_PER_PX, fy=PAINT_PX_PER_PX, interpolation=cv2.INTER_LINEAR
@@ -193,7 +196,7 @@ def enlarged_mask(mask: Bool[Array, "rows cols"]) -> Bool[Array, "fine_rows fine
     return np.asarray(share > 0.5)
 
 
-def graph_paper(height: HeightMap) -> Bool[Array, "rows cols"]:
+def millimetre_grid_mask(height: HeightMap) -> Bool[Array, "rows cols"]:
     """Return the pixels on the lines of the millimetre grid."""
     x, y = height.axes_mm
     paper = np.zeros(height.z_mm.shape, bool)
@@ -207,13 +210,13 @@ def is_near_grid_line(axis_mm: Float32[Array, " n"], distance_mm: float, width_m
     return np.asarray(np.abs(axis_mm - distance_mm * np.rint(axis_mm / distance_mm)) < width_mm / 2)
 
 
-def darken_or_lighten(paint: UInt8[Array, "n 3"]) -> UInt8[Array, "n 3"]:
+def blend_contrasting_ink(paint: UInt8[Array, "n 3"]) -> UInt8[Array, "n 3"]:
     """Return the texture under a line: darkened where it is bright, lightened where it is dark."""
     ink = np.where(paint.mean(axis=1, keepdims=True) > 110, 0, 255)
     return np.asarray(paint * (1 - LINE_STRENGTH) + ink * LINE_STRENGTH, np.uint8)
 
 
-def range_edge(height: HeightMap) -> Bool[Array, "rows cols"]:
+def calibrated_range_edge_mask(height: HeightMap) -> Bool[Array, "rows cols"]:
     """Return the extrapolated side of the edge of the calibrated range."""
     measured = (height.source == HeightSource.MEASURED).astype(np.uint8)
     touching = cv2.dilate(measured, np.ones((RANGE_EDGE_WIDTH_PX, RANGE_EDGE_WIDTH_PX), np.uint8)).astype(bool)
@@ -231,8 +234,8 @@ BASE_SHADE = 0.16
 """Brightness that a wall loses from the skin to the base."""
 
 
-def render_block(
-    block: Block, colours: UInt8[Array, "fine_rows fine_cols 3"], sight: VisiblePointGrid
+def render_relief_block(
+    block: ReliefBlock, colours: UInt8[Array, "fine_rows fine_cols 3"], sight: RayHitGrid
 ) -> UInt8[Array, "rows cols 3"]:
     """Return the shaded image, white where no line of sight meets the block; `colours` cover the whole skin, at any resolution."""
     finer, half = np.float32(colours.shape[1] / block.skin.shape[1]), np.float32(0.5)
@@ -242,18 +245,18 @@ def render_block(
     light = cv2.remap(shading(block), sight.col, sight.row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     image = np.full(skin.shape, 255, np.uint8)
     image[sight.on_skin] = np.minimum(skin * light[..., None], 255)[sight.on_skin]
-    image[sight.on_wall] = gel_block_wall_greys(block, sight)[sight.on_wall]
+    image[sight.on_wall] = relief_wall_greys(block, sight)[sight.on_wall]
     return image
 
 
-def shading(block: Block) -> Float32[Array, "skin_rows skin_cols"]:
+def shading(block: ReliefBlock) -> Float32[Array, "skin_rows skin_cols"]:
     """Return the brightness of the skin at each pixel, 1 where it is level."""
     y, x = np.gradient(block.skin, block.mm_per_px)
     facing = (LIGHT[2] - x * LIGHT[0] - y * LIGHT[1]) / np.sqrt(1 + x * x + y * y)
     return np.asarray(AMBIENT + (1 - AMBIENT) * np.maximum(facing, 0) / LIGHT[2], np.float32)
 
 
-def gel_block_wall_greys(block: Block, sight: VisiblePointGrid) -> Float32[Array, "rows cols 3"]:
+def relief_wall_greys(block: ReliefBlock, sight: RayHitGrid) -> Float32[Array, "rows cols 3"]:
     """Return the grey of the walls, darker on the side and towards the base."""
     brightness = np.where(sight.row < AT_THE_EDGE, np.float32(1), SIDE_WALL)
     depth = (block.high[2] - sight.z) / (block.high[2] - block.low[2])

@@ -85,7 +85,7 @@ def pixel_footprint_mm2(height: HeightMap) -> Grid:
 
 
 def sightline_scale(height: HeightMap) -> Grid:
-    """Return k: the distance of the skin from the centre, relative to that of its pixel."""
+    """Return k = 1 + z/D, the factor from the (u, v) of each pixel to the (x, y) of the skin seen there."""
     scale = height.z_mm * np.float32(1 / height.camera_distance_mm)
     scale += 1
     return np.asarray(scale)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.capture.frame_source import CameraExposure, CameraSettingRefused, FrameSource, SourceNotOpen
+from ninedtact.capture.frame_source import CameraSettingRefused, ExposureWithLimits, FrameSource, SourceNotOpen
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.indenter import Ball
@@ -23,7 +23,7 @@ from ninedtact.simulation.calibration_images import (
     CALIBRATION_SOLVER_SETTINGS,
     GUIDED_PRESSES,
     pin_board_indenter,
-    twin_for_board,
+    refine_twin_grid_for_board,
 )
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import Twin
@@ -44,7 +44,7 @@ class HeldCalibrationObject:
     """Position on the skin."""
 
 
-_EXPOSURE = CameraExposure(10.0, 1.0, 40.0)
+_EXPOSURE = ExposureWithLimits(10.0, 1.0, 40.0)
 """The exposure at which the twin's images are as bright as its reference image, and the limits that the camera pretends to have."""
 
 
@@ -56,7 +56,7 @@ class SimulatedCalibrationCamera(FrameSource):
     def __init__(self, twin: Twin, design: SensorDesign, plays_by_itself: bool = True, rate_hz: float = 15.0) -> None:
         self.refusal = ""
         """Why the mechanics refused the last press, which is then not shown; empty where it did not."""
-        self._twin, self._design, self._fine_twin = twin, design, twin_for_board(twin, design)
+        self._twin, self._design, self._fine_twin = twin, design, refine_twin_grid_for_board(twin, design)
         self._plays_by_itself, self._offered, self._rate_hz = plays_by_itself, HeldCalibrationObject(), rate_hz
         self._lock, self._is_closed, self._due_at, self._number = Lock(), Event(), 0.0, 0
         self._held = self._rendered = HeldCalibrationObject()
@@ -65,7 +65,7 @@ class SimulatedCalibrationCamera(FrameSource):
         self._is_closed.set()
 
     @property
-    def exposure(self) -> CameraExposure:
+    def exposure(self) -> ExposureWithLimits:
         """The exposure, which brightens or darkens the images in proportion."""
         return replace(_EXPOSURE, now_ms=self._exposure_ms)
 

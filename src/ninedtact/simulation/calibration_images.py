@@ -26,7 +26,7 @@ CALIBRATION_SOLVER_SETTINGS = SolverSettings(tolerance=5e-3)
 
 
 @dataclass(frozen=True)
-class CalibrationPresses:
+class CalibrationPressSettings:
     """How a person presses pin board and ball. Presses by hand are never exactly vertical: boards tilt, and balls are dragged."""
 
     board_depth_mm: float = 0.7
@@ -37,17 +37,17 @@ class CalibrationPresses:
     exposure_drift: float = 0.0
     """Relative exposure of the pressed images over that of their reference images, less one."""
 
-    def scaled(self, factor: float) -> "CalibrationPresses":
+    def scaled(self, factor: float) -> "CalibrationPressSettings":
         """Return presses whose depths are multiplied by a factor."""
         return replace(self, board_depth_mm=self.board_depth_mm * factor, ball_depth_mm=self.ball_depth_mm * factor)
 
-    def for_gel(self, gel: Gel) -> "CalibrationPresses":
+    def for_gel(self, gel: Gel) -> "CalibrationPressSettings":
         """Return the presses for a gel; one that is thinner than the published gel is pressed proportionally less deep."""
         return self.scaled(min(1.0, gel.thickness_mm / SensorDesign().gel.thickness_mm))
 
 
-DEFAULT_PRESSES = CalibrationPresses()
-GUIDED_PRESSES = CalibrationPresses(board_depth_mm=GUIDED_BOARD_MM)
+DEFAULT_PRESSES = CalibrationPressSettings()
+GUIDED_PRESSES = CalibrationPressSettings(board_depth_mm=GUIDED_BOARD_MM)
 """The presses of a guided calibration."""
 
 
@@ -65,7 +65,7 @@ def simulate_calibration_images(
     twin: Twin,
     design: SensorDesign = SensorDesign(),
     first_number: int = 0,
-    presses: CalibrationPresses = DEFAULT_PRESSES,
+    presses: CalibrationPressSettings = DEFAULT_PRESSES,
     frames: int = 1,
 ) -> SimulatedCalibrationImages:
     """Return the four calibration images of a twin.
@@ -74,7 +74,7 @@ def simulate_calibration_images(
     published one is pressed proportionally less deep.
     """
     settings = CALIBRATION_SOLVER_SETTINGS
-    finer, scaled = twin_for_board(twin, design), presses.for_gel(design.gel)
+    finer, scaled = refine_twin_grid_for_board(twin, design), presses.for_gel(design.gel)
     board_press = ScriptedPress(scaled.board_depth_mm, tilt_rad=scaled.board_tilt_rad)
     ball_press = ScriptedPress(scaled.ball_depth_mm, drag_mm=scaled.ball_drag_mm)
     board = board_press.simulate(finer, pin_board_indenter(design.pin_board), settings)
@@ -90,7 +90,7 @@ def simulate_calibration_images(
     )
 
 
-def twin_for_board(twin: Twin, design: SensorDesign) -> Twin:
+def refine_twin_grid_for_board(twin: Twin, design: SensorDesign) -> Twin:
     """Return the twin on a grid that is fine enough for the pins of the board."""
     return replace(twin, pitch_mm=design.pin_board.pitch_mm / GRID_POINTS_PER_PIN_PITCH)
 

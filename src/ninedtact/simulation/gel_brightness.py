@@ -65,7 +65,7 @@ class BrightnessModel:
         """Return f(u), the relative change of brightness at heights of any shape, before scattering; NumPy or torch."""
         xp = array_namespace(height_mm)
         pressed = xp.clip(height_mm, -self.thickness_mm, 0.0)
-        dark = saturating_response_mm(pressed, self.saturation, self.thickness_mm) * self.darkening_per_mm
+        dark = darkening_equivalent_height_mm(pressed, self.saturation, self.thickness_mm) * self.darkening_per_mm
         return dark + self.brightening_per_mm * xp.clip(height_mm, 0.0, None)
 
     def image_dimming(self, change: Float[Array, "*view"]) -> float:
@@ -73,10 +73,13 @@ class BrightnessModel:
         return -self.global_dimming * float(np.maximum(-change, 0).mean())
 
 
-def saturating_response_mm(
+def darkening_equivalent_height_mm(
     pressed_mm: Float[Any, "*shape"], saturation: float, thickness_mm: float
 ) -> Float[Any, "*shape"]:
-    """Return u(1 + s)/(1 + s(1 + u/h)), which has slope one at u = 0 and is steeper where the gel is thin."""
+    """Return the height to which darkening is proportional: u(1 + s)/(1 + s(1 + u/h)).
+
+    Its slope is one at u = 0, and steeper where the gel is thin.
+    """
     return pressed_mm * (1 + saturation) / (1 + saturation * (1 + pressed_mm / thickness_mm))
 
 

@@ -9,7 +9,7 @@ from numpy import ndarray as Array
 from ninedtact.mechanics.array_namespace import to_numpy
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import HeightMap, HeightSource, centred_axis_mm
-from ninedtact.simulation.pixel_to_skin_map import SightlineGrid, grid_coordinates, sample_periodic
+from ninedtact.simulation.pixel_to_skin_map import SightlineGrid, grid_indices_at_positions, sample_periodic
 
 PRESSED_MM = 0.05
 """Indentation from which on an error counts; image noise stays below it."""
@@ -59,7 +59,7 @@ def resample_skin_field(
     contact: Contact, field: Array, shape: tuple[int, int], mm_per_px: float
 ) -> Float32[Array, "rows cols"]:
     """Interpolate a field of the simulated skin linearly at the pixels of a grid."""
-    at = grid_coordinates(contact.skin.grid, contact.centre_mm, *_pixel_grid_mm(shape, mm_per_px))
+    at = grid_indices_at_positions(contact.skin.grid, contact.centre_mm, *_pixel_grid_mm(shape, mm_per_px))
     return sample_periodic(to_numpy(field).astype(np.float32), *at)
 
 

@@ -1,6 +1,6 @@
 """An object that a person moves over a twin: to a depth or under a load, dragged, twisted and tilted.
 
-A person states a target at any time; `HandMotion.step` moves the object towards it in steps that are small enough for friction,
+A person states a target at any time; `SimulatedHand.step` moves the object towards it in steps that are small enough for friction,
 which depends on the path. A step that mechanics refuse leaves the object where it was; `refusal` says why.
 """
 
@@ -32,8 +32,8 @@ class HandTarget:
     """Load instead of a depth."""
 
 
-class HandMotion:
-    """The object in a person's hand; safe to set and to read from different threads."""
+class SimulatedHand:
+    """A hand that takes an object, holds it at a target and moves it in steps; it may be set and read from different threads."""
 
     def __init__(self) -> None:
         self._lock = Lock()

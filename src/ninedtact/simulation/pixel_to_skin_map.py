@@ -118,7 +118,10 @@ FineFields = Float32[Array, "n fine_rows fine_cols"]
 
 @dataclass(frozen=True)
 class SightlineGrid:
-    """Lines of sight through points of the undeformed plane, in mm, seen from a distance D below; the inverse distance is 1/D."""
+    """Lines of sight through a grid of points of the undeformed plane, in mm, on which heights of the skin are found.
+
+    The eye is at a distance D below; the inverse distance is 1/D.
+    """
 
     x_mm: Float32[Array, "a b"]
     y_mm: Float32[Array, "a b"]
@@ -132,19 +135,21 @@ class SightlineGrid:
         centre_mm: where the middle of the grid lies on the sensor. fine: refine the height before interpolation.
         """
         stretch = self._stretch(grid, centre_mm, height)
-        at = grid_coordinates(grid, centre_mm, self.x_mm * stretch, self.y_mm * stretch, REFINEMENT if fine else 1)
+        at = grid_indices_at_positions(
+            grid, centre_mm, self.x_mm * stretch, self.y_mm * stretch, REFINEMENT if fine else 1
+        )
         return sample_periodic(refine_fields(grid, height)[0] if fine else height, *at)
 
     def _stretch(self, grid: PeriodicGrid, centre_mm: tuple[float, float], height: Field) -> Float32[Array, "a b"]:
         """Return 1 + u/D: the factor by which each line meets the skin farther from the middle than it meets the plane."""
         stretch = np.ones_like(self.x_mm)
         for _ in range(FIXED_POINT_STEPS if self.inverse_distance_per_mm else 0):
-            at = grid_coordinates(grid, centre_mm, self.x_mm * stretch, self.y_mm * stretch)
+            at = grid_indices_at_positions(grid, centre_mm, self.x_mm * stretch, self.y_mm * stretch)
             stretch = 1 + np.float32(self.inverse_distance_per_mm) * sample_periodic(height, *at)
         return stretch
 
 
-def grid_coordinates(
+def grid_indices_at_positions(
     grid: PeriodicGrid, centre_mm: tuple[float, float], x_mm: Array, y_mm: Array, finer: int = 1
 ) -> tuple[Array, Array]:
     """Return columns and rows of a grid, or of one `finer` times as fine, at positions on the sensor."""

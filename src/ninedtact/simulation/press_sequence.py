@@ -21,14 +21,14 @@ from ninedtact.errors import SimulationError
 from ninedtact.mechanics.array_namespace import to_numpy
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.simulation.hand_moved_object import HandMotion, hover_contact
+from ninedtact.simulation.hand_moved_object import SimulatedHand, hover_contact
 from ninedtact.simulation.trajectory import Trajectory
 from ninedtact.simulation.twin import Twin
 
 
 @dataclass
 class SimulationClock:
-    """A clock that starts when the first source is opened and stops when the last is closed."""
+    """The common clock of simulated sources; it starts when the first is opened and stops when the last is closed."""
 
     real_time: bool = True
     """Whether sources wait in real time. If false, samples follow each other as fast as they are read, with the stamps of a real
@@ -102,7 +102,7 @@ class ObjectTrajectory:
 
 
 @dataclass(frozen=True)
-class TwinPress:
+class PressStep:
     """An object on the twin at one step, with the contact as it is rendered and measured."""
 
     indenter: Indenter
@@ -133,7 +133,7 @@ class PressSequence:
     real_time: bool = True
     rounds: int | None = None
     """Number of rounds after which the sources end; None: they never end."""
-    hand: HandMotion = field(default_factory=HandMotion)
+    hand: SimulatedHand = field(default_factory=SimulatedHand)
     """The object that a person moves instead; empty at the beginning."""
     clock: SimulationClock = field(init=False)
     contacts: dict[int, Contact] = field(default_factory=dict, init=False, repr=False)
@@ -193,7 +193,7 @@ class PressSequence:
                 raise self._step_expired(number, self.contacts)
             return self.twin.correct_contact(self.contacts[number], self.indenters[number])
 
-    def press_at(self, stamp_ns: int) -> TwinPress | None:
+    def press_at(self, stamp_ns: int) -> PressStep | None:
         """Return the object and the contact that the camera saw at a time; None where that step is no longer stored."""
         number = round((stamp_ns - self.clock.start_ns) * self.hz / 1e9)
         with self.lock:
@@ -201,7 +201,7 @@ class PressSequence:
                 return None
             number = min(self.contacts, key=lambda step: abs(step - number))
             contact, indenter = self.contacts[number], self.indenters[number]
-        return TwinPress(indenter, self.twin.correct_contact(contact, indenter))
+        return PressStep(indenter, self.twin.correct_contact(contact, indenter))
 
     def wrench_six_at(self, at_s: float) -> Float64[Array, "6"]:
         """Return the true wrench (N, N·m) about the centre of the skin at a time, interpolated linearly between steps.

@@ -60,7 +60,7 @@ def rectified_mm_per_px(size: tuple[int, int], design: SensorDesign = SensorDesi
 def rectified_renderer(member: SampledSensor, size: tuple[int, int]) -> RectifiedRenderer:
     """Return the renderer of a sensor for images of (cols, rows). Small images are means over pixels and have less noise."""
     raw = member.renderer()
-    plane = misaligned_positions_mm(size, rectified_mm_per_px(size, member.design), member.misalignment)
+    plane = misaligned_pixel_positions_mm(size, rectified_mm_per_px(size, member.design), member.misalignment)
     untouched = interpolate_image(raw.reference, raw_pixels_seeing(raw.pixel_map, plane))
     calmer = member.noise_grey_levels * min(1.0, size[0] / _PUBLISHED_COLS)
     rows, cols = plane.shape[:2]
@@ -68,12 +68,14 @@ def rectified_renderer(member: SampledSensor, size: tuple[int, int]) -> Rectifie
     return RectifiedRenderer(Renderer(PixelToSkinMap(plane), untouched, raw.light, noise))
 
 
-def misaligned_positions_mm(size: tuple[int, int], mm_per_px: float, misreading: CalibrationMisalignment) -> Plane:
+def misaligned_pixel_positions_mm(
+    size: tuple[int, int], mm_per_px: float, misalignment: CalibrationMisalignment
+) -> Plane:
     """Return where on the skin the pixels of a rectified image of (cols, rows) truly lie, given the error of its calibration."""
     x, y = np.meshgrid(*(centred_axis_mm(side, mm_per_px) for side in size))
-    cos, sin = np.cos(misreading.turn_rad), np.sin(misreading.turn_rad)
+    cos, sin = np.cos(misalignment.turn_rad), np.sin(misalignment.turn_rad)
     turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
-    return (misreading.scale * turned + misreading.offset_mm).astype(np.float32)
+    return (misalignment.scale * turned + misalignment.offset_mm).astype(np.float32)
 
 
 def raw_pixels_seeing(view: PixelToSkinMap, plane_mm: Plane) -> Plane:

@@ -23,7 +23,7 @@ from ninedtact.simulation.pixel_to_skin_map import (
     PixelToSkinMap,
     SightlineGrid,
     blur_and_refine_fields,
-    grid_coordinates,
+    grid_indices_at_positions,
     zero_pad_spectrum,
 )
 
@@ -116,7 +116,7 @@ class Renderer:
     def lens(self) -> tuple[Float32[Array, "raw_rows raw_cols"], Float32[Array, "raw_rows raw_cols"]]:
         """The column and the row of the refined plane that each raw pixel sees."""
         x, y = (self.pixel_map.plane_mm[..., axis] for axis in range(2))
-        cols, rows = grid_coordinates(self.plane, (0.0, 0.0), x, y, REFINEMENT)
+        cols, rows = grid_indices_at_positions(self.plane, (0.0, 0.0), x, y, REFINEMENT)
         return np.ascontiguousarray(cols), np.ascontiguousarray(rows)
 
 

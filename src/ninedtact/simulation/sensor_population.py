@@ -27,7 +27,7 @@ from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
-from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPresses
+from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPressSettings
 from ninedtact.simulation.gel_brightness import BrightnessModel, synthetic_reference_image
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
@@ -35,9 +35,9 @@ from ninedtact.simulation.twin import (
     PITCH_MM,
     PUBLISHED_DESIGN,
     Twin,
-    illumination_pixel_map,
     lens_for_design,
     scale_brightness_to_design,
+    scale_pixel_map_to_published,
 )
 
 
@@ -87,7 +87,7 @@ def _sample_clipped_normal(rng: Random, count: int) -> Float[Array, " count"]:
     return np.clip(rng.standard_normal(count), -REACH, REACH)
 
 
-def fit_deviation(light: BrightnessModel, gel: Gel, design: SensorDesign = PUBLISHED_DESIGN) -> float:
+def deviation_from_population(light: BrightnessModel, gel: Gel, design: SensorDesign = PUBLISHED_DESIGN) -> float:
     """Return how far a fitted sensor is from the middle of the population: the root of the summed squares of the deviations of its
     parameters, each in standard deviations.
 
@@ -112,7 +112,7 @@ def _sample_brightness_model(rng: Random, design: SensorDesign) -> BrightnessMod
     return scale_brightness_to_design(published, design)
 
 
-def _sample_presses(rng: Random, gel: Gel, design: SensorDesign) -> CalibrationPresses:
+def _sample_presses(rng: Random, gel: Gel, design: SensorDesign) -> CalibrationPressSettings:
     """Sample how a person presses board and ball for the calibration."""
     deepest = min(_BALL_DEPTH_MM[1], _MAX_BALL_DEPTH_FRACTION * gel.thickness_mm)
     # Depths are multiplied by the thickness of the design's gel when the images are simulated.
@@ -163,7 +163,7 @@ def sample_transparent_layer(rng: np.random.Generator, gel: Gel) -> Gel:
     return Gel(float(rng.uniform(4.0, 8.0)), float(modulus), gel.poisson_ratio)
 
 
-def gel_compliance(gel: Gel, base: Gel | None) -> ComplianceFunction:
+def gel_on_base_compliance(gel: Gel, base: Gel | None) -> ComplianceFunction:
     """Return the compliance of gel on a compliant base, or on a rigid one where the base is None."""
     return partial(bonded_layer_compliance, gel=gel) if base is None else layered_compliance((gel, base))
 
@@ -260,7 +260,7 @@ class SampledSensor:
     misalignment: CalibrationMisalignment = field(default_factory=CalibrationMisalignment)
     design: SensorDesign = SensorDesign()
     """The design from which the sensor deviates."""
-    presses: CalibrationPresses = GUIDED_PRESSES
+    presses: CalibrationPressSettings = GUIDED_PRESSES
     """The presses with which it is calibrated."""
 
     @property
@@ -270,7 +270,7 @@ class SampledSensor:
 
     def renderer(self) -> Renderer:
         """Return the renderer of the sensor's raw images."""
-        lit = illumination_pixel_map(self.pixel_map, self.design)
+        lit = scale_pixel_map_to_published(self.pixel_map, self.design)
         reference = synthetic_reference_image(lit, **asdict(self.reference_image))
         return Renderer(self.pixel_map, reference, self.light, CameraNoise(self.noise_grey_levels, RAW_SHAPE))
 
@@ -279,7 +279,7 @@ class SampledSensor:
         compliant_mm = self.gel.thickness_mm + (self.base.thickness_mm if self.base else 0.0)
         return Twin(
             self.name,
-            gel_compliance(self.gel, self.base),
+            gel_on_base_compliance(self.gel, self.base),
             self.renderer(),
             self.friction,
             pitch_mm,

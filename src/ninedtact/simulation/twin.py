@@ -1,6 +1,6 @@
 """The digital twin of a sensor: its gel, brightness model, lens, reference image and camera noise.
 
-`build_sensor_twin` of `ninedtact.calibration` makes the twin of a calibrated sensor, `twin_from_design` that of a sensor which
+`build_twin_from_folder` of `ninedtact.calibration` makes the twin of a calibrated sensor, `twin_from_design` that of a sensor which
 is designed but not built, `default_twin` that of the published design.
 
 A design differs from the published one in three ways. The gel's thickness t changes the reflectance St/(1 + St) of its layer
@@ -41,8 +41,8 @@ class PoseOutOfView(SimulationError):
     """Raised for an object beside the part of the skin that the camera sees."""
 
 
-class ObjectTooLarge(SimulationError):
-    """Raised for an object that would touch more than the gel."""
+class ContactLeavesGel(SimulationError):
+    """Raised for a contact that reaches beyond the edge of the gel."""
 
 
 @runtime_checkable
@@ -94,7 +94,7 @@ class Twin:
         """Return the contact after the object has moved to a pose, or to a load near that pose, before `correct_contact`.
 
         The load is that of the corrected contact, to `LOAD_TOLERANCE`.
-        Raises `PoseOutOfView`, `ObjectTooLarge`, and what `ContactModel` raises.
+        Raises `PoseOutOfView`, `ContactLeavesGel`, and what `ContactModel` raises.
         """
         if load_n is None:
             return self.step_linear_layer(last, indenter, pose)
@@ -133,7 +133,7 @@ class Twin:
             else:
                 contact = self.model.step_to_load(last, indenter, pose, load_n)
         except ContactLeavesGrid as beyond:
-            raise self.object_too_large(indenter, "more than that") from beyond
+            raise self.contact_leaves_gel(indenter, "more than that") from beyond
         self.require_on_gel(indenter, contact)
         return contact
 
@@ -147,18 +147,18 @@ class Twin:
             )
 
     def require_on_gel(self, indenter: Indenter, contact: Contact) -> None:
-        """Refuse a contact that reaches beyond the edge of the gel; raises `ObjectTooLarge`."""
+        """Refuse a contact that reaches beyond the edge of the gel; raises `ContactLeavesGel`."""
         pressed = to_numpy(contact.pressure_mpa) > 0
         if not pressed.any():
             return
         reach = [float(np.abs(place[pressed]).max()) for place in contact.surface_points_mm[:2]]
         if reach[0] > self.gel_mm[0] / 2 or reach[1] > self.gel_mm[1] / 2:
-            raise self.object_too_large(indenter, f"contact up to x = ±{reach[0]:.1f} mm and y = ±{reach[1]:.1f} mm")
+            raise self.contact_leaves_gel(indenter, f"contact up to x = ±{reach[0]:.1f} mm and y = ±{reach[1]:.1f} mm")
 
-    def object_too_large(self, indenter: Indenter, got: str) -> ObjectTooLarge:
+    def contact_leaves_gel(self, indenter: Indenter, got: str) -> ContactLeavesGel:
         """Return the error for an object that does not fit on the gel."""
         width, height = self.gel_mm
-        return ObjectTooLarge(
+        return ContactLeavesGel(
             f"expected {indenter.name} to touch no more than the gel of {width:g} x {height:g} mm, got {got}; take a "
             "smaller object, press less deep, or press nearer to the centre"
         )
@@ -190,7 +190,7 @@ AIR_MM, ACRYLIC_MM = 0.35, 2.0
 def twin_from_design(design: SensorDesign, seed: int = 0) -> Twin:
     """Return the twin of a sensor of this design; the published design gives `default_twin`."""
     pixel_map = lens_for_design(design).pixel_map()
-    reference = synthetic_reference_image(illumination_pixel_map(pixel_map, design), seed=seed)
+    reference = synthetic_reference_image(scale_pixel_map_to_published(pixel_map, design), seed=seed)
     noise = CameraNoise(shape=pixel_map.raw_shape, seed=seed)
     renderer = Renderer(pixel_map, reference, brightness_model_for_design(design), noise)
     area = design.sensing_area
@@ -237,19 +237,19 @@ def _reflectance_slope_per_mm(thickness_mm: float, model: BrightnessModel) -> fl
 def lens_for_design(design: SensorDesign) -> WideAngleLens:
     """Return the average lens at the design's camera distance; a lens of smaller angle sees less skin."""
     lens = WideAngleLens()
-    nearer = paraxial_radius_mm_per_rad(design) / paraxial_radius_mm_per_rad(PUBLISHED_DESIGN)
+    nearer = paraxial_skin_mm_per_rad(design) / paraxial_skin_mm_per_rad(PUBLISHED_DESIGN)
     narrower = design.camera.lens_angle_deg / PUBLISHED_DESIGN.camera.lens_angle_deg
     return replace(lens, mm_per_unit=lens.mm_per_unit * nearer * narrower)
 
 
-def paraxial_radius_mm_per_rad(design: SensorDesign) -> float:
-    """Return the paraxial radius in mm per radian of ray angle, through air, acrylic and silicone."""
+def paraxial_skin_mm_per_rad(design: SensorDesign) -> float:
+    """Return the mm on the skin per radian of ray angle near the optical axis, through air, acrylic and silicone."""
     silicone = max(design.camera.distance_mm - AIR_MM - ACRYLIC_MM, 0.0)
     return AIR_MM + ACRYLIC_MM / ACRYLIC_REFRACTIVE_INDEX + silicone / SILICONE_REFRACTIVE_INDEX
 
 
-def illumination_pixel_map(pixel_map: PixelToSkinMap, design: SensorDesign) -> PixelToSkinMap:
-    """Return the pixel map that shows the same illumination on the published sensor.
+def scale_pixel_map_to_published(pixel_map: PixelToSkinMap, design: SensorDesign) -> PixelToSkinMap:
+    """Scale the positions of a pixel map to the sensing area of the published design, so that its illumination applies.
 
     LEDs stand around the sensing area whatever its size, so positions scale with the area.
     """

@@ -2,7 +2,7 @@
 
     sensor thread:  Sensor ──read──▶ newest SensorSnapshot, estimates in a WrenchHistory    as fast as the camera
     force threads:  WrenchSource ──read──▶ WrenchHistory                                    one for each source
-    page thread:    SensorSnapshot ──▶ PageMoment ──▶ each Viewer ──▶ its panels            at the display rate
+    page thread:    SensorSnapshot ──▶ PageMoment ──▶ each ViewerPage ──▶ its panels        at the display rate
 
 A `Sensor` and wrench sources go in; a page comes out that shows image, heights, wrenches, rates and warnings, saves readings as
 files, and presses a twin by hand. `sensor_poller` and `wrench_history` read in threads of their own. `page_controller` makes one

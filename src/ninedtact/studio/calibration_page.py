@@ -15,23 +15,23 @@ from numpy import ndarray as Array
 from viser import GuiEvent, Icon, ViserServer
 
 from ninedtact.calibration.certificate.checks import certificate_headline, check_certificate, overall_check_level
-from ninedtact.calibration.guidance import PinSighting
+from ninedtact.calibration.guidance import PinSearchResult
 from ninedtact.calibration.save import CERTIFICATE_FILE
 from ninedtact.calibration.sensor_toml_schema import Certificate
-from ninedtact.open_sensor import is_simulated
+from ninedtact.open_sensor import is_twin_address
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
-from ninedtact.studio.calibration_session import CalibrationSession, CalibrationState, Phase
+from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession, CalibrationState
 from ninedtact.studio.guided_page import (
-    BrowserImages,
     CameraChoiceControls,
+    GuidedPageImage,
     ListCameras,
-    advice_html,
     attempt,
+    instruction_html,
     quality_rows,
     steps_html,
 )
 from ninedtact.studio.page_cards import DIM, TONES, name_value_table_html
-from ninedtact.studio.viewer import NOTICE_S, ControlFollower, is_from_browser, set_control
+from ninedtact.studio.viewer import NOTICE_S, ControlFollower, is_user_event, set_gui_control
 
 REFRESH_HZ = 8.0
 _IMAGE_PX = 640
@@ -61,7 +61,7 @@ class CalibrationPage:
         """list_cameras: returns the cameras that can be chosen. simulated: the camera that is pressed on the page."""
         self._server, self._session, self._simulated = server, session, simulated
         self._drawn: tuple[int, int] | None = None
-        gui, self._images = server.gui, BrowserImages(server, "Calibration")
+        gui, self._images = server.gui, GuidedPageImage(server, "Calibration")
         self._follower = ControlFollower()
         self._steps, self._advice = gui.add_html(""), gui.add_html("")
         self._progress = gui.add_progress_bar(0.0, visible=False)
@@ -79,12 +79,12 @@ class CalibrationPage:
         state = self._session.state
         with self._server.atomic():
             self._steps.content, self._advice.content = _steps_html(state), _advice_html(state)
-            self._figures.content = "" if state.phase is Phase.RESULT else _figures_html(state)
+            self._figures.content = "" if state.phase is CalibrationPhase.RESULT else _figures_html(state)
             self._result.content = _result_html(state)
             self._show_image(state)
             self._show_buttons(state)
-            self._progress.visible = state.phase is Phase.FIT
-            set_control(self._progress, 100 * state.fit_progress)
+            self._progress.visible = state.phase is CalibrationPhase.FIT
+            set_gui_control(self._progress, 100 * state.fit_progress)
             if self._simulated is not None:
                 self._follow_presses(self._simulated)
 
@@ -124,13 +124,13 @@ class CalibrationPage:
             simulated.hold(simulated.good_press(hold.value))
 
         def move(event: GuiEvent[Any]) -> None:
-            if is_from_browser(event):
+            if is_user_event(event):
                 tilt = self._tilt_x.value, self._tilt_y.value
                 simulated.plays_by_itself = False
                 simulated.hold(replace(simulated.held, depth_mm=self._depth.value, tilt_deg=tilt))
 
         def play(event: GuiEvent[Any]) -> None:
-            if is_from_browser(event):
+            if is_user_event(event):
                 simulated.plays_by_itself = self._plays.value
 
         hold.on_click(choose)
@@ -142,7 +142,10 @@ class CalibrationPage:
         """Show what is held on the simulated sensor."""
         held = simulated.held
         state = self._session.state
-        self._presses.visible = is_simulated(state.source) and state.phase not in (Phase.FIT, Phase.RESULT)
+        self._presses.visible = is_twin_address(state.source) and state.phase not in (
+            CalibrationPhase.FIT,
+            CalibrationPhase.RESULT,
+        )
         self._follower.follow((self._plays, simulated.plays_by_itself))
         for slider, value in zip(
             (self._depth, self._tilt_x, self._tilt_y), (held.depth_mm, *held.tilt_deg), strict=True
@@ -173,20 +176,20 @@ class CalibrationPage:
     def _show_buttons(self, state: CalibrationState) -> None:
         """Show the buttons that do something now."""
         phase, complete = state.phase, state.step == len(_STEP_NAMES) - 1
-        can_fit = phase is Phase.REFUSED and complete
-        self._camera.show(state.source, state.exposure, phase is Phase.PREVIEW, state.image is not None)
-        self._start.visible = phase is Phase.PREVIEW
+        can_fit = phase is CalibrationPhase.REFUSED and complete
+        self._camera.show(state.source, state.exposure, phase is CalibrationPhase.PREVIEW, state.image is not None)
+        self._start.visible = phase is CalibrationPhase.PREVIEW
         self._start.disabled = bool(state.camera_trouble) or state.image is None
-        self._replace.visible = (phase is Phase.PREVIEW or can_fit) and self._session.would_replace
+        self._replace.visible = (phase is CalibrationPhase.PREVIEW or can_fit) and self._session.would_replace
         self._fit_again.visible = can_fit
-        self._live.visible = self._download.visible = phase is Phase.RESULT
+        self._live.visible = self._download.visible = phase is CalibrationPhase.RESULT
         self._force.visible = state.result is not None and state.result.record.twin is not None
-        self._back.visible = phase in (Phase.CAPTURE, Phase.REFUSED) and state.step > 0
-        self._start_over.visible = phase not in (Phase.PREVIEW, Phase.FIT)
+        self._back.visible = phase in (CalibrationPhase.CAPTURE, CalibrationPhase.REFUSED) and state.step > 0
+        self._start_over.visible = phase not in (CalibrationPhase.PREVIEW, CalibrationPhase.FIT)
 
 
 def draw_found_pins(
-    image: UInt8[Array, "rows cols 3"], pins: PinSighting | None
+    image: UInt8[Array, "rows cols 3"], pins: PinSearchResult | None
 ) -> UInt8[Array, "few_rows few_cols 3"]:
     """Return an image with the pins that were found circled and the missing ones crossed, BGR, at most 640 columns wide."""
     scale = min(1.0, _IMAGE_PX / image.shape[1])
@@ -202,7 +205,13 @@ def draw_found_pins(
 
 def _steps_html(state: CalibrationState) -> str:
     """Return the steps, the present one marked, as HTML."""
-    done = len(_STEP_NAMES) if state.phase is Phase.RESULT else -1 if state.phase is Phase.PREVIEW else state.step
+    done = (
+        len(_STEP_NAMES)
+        if state.phase is CalibrationPhase.RESULT
+        else -1
+        if state.phase is CalibrationPhase.PREVIEW
+        else state.step
+    )
     return steps_html(_STEP_NAMES, done)
 
 
@@ -211,14 +220,14 @@ def _advice_html(state: CalibrationState) -> str:
     sentence, detail, tone = state.instruction, state.advice, "held"
     if state.camera_trouble:
         sentence, detail, tone = "No images arrive.", state.camera_trouble, "lost"
-    elif state.phase is Phase.PREVIEW:
+    elif state.phase is CalibrationPhase.PREVIEW:
         sentence = "Choose the camera of the sensor."
-    elif state.phase is Phase.REFUSED:
+    elif state.phase is CalibrationPhase.REFUSED:
         sentence, tone = "This calibration is refused.", "lost"
-    elif state.phase is Phase.RESULT and state.result is not None:
+    elif state.phase is CalibrationPhase.RESULT and state.result is not None:
         sentence, tone = _GRADES[overall_check_level(_certificate(state))]
         detail = certificate_headline(_certificate(state))
-    return advice_html(sentence, detail, tone)
+    return instruction_html(sentence, detail, tone)
 
 
 def _figures_html(state: CalibrationState) -> str:

@@ -21,19 +21,19 @@ from ninedtact.calibration.guidance import (
     TOUCHED_LEVELS,
     CaptureStep,
     ImageWatcher,
-    PinSighting,
+    PinSearchResult,
     guided_capture_steps,
-    locate_pins,
-    max_brightness_change,
+    peak_local_brightness_change,
+    search_board_pins,
 )
 from ninedtact.calibration.press_brightness import BgrImage, require_same_image_size
 from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
 from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
-from ninedtact.capture.frame_source import CameraExposure, FrameSource
+from ninedtact.capture.frame_source import ExposureWithLimits, FrameSource
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError, OutputError
-from ninedtact.studio.guided_camera import ImageQuality, WatchedCamera, measure_image_quality
+from ninedtact.studio.guided_camera import ImageQuality, SwitchableCamera, measure_image_quality
 
 _PIN_COUNT_PAUSE = 1.0
 """Pause between two searches for pins while the board moves, in durations of a search, so that the images are not slowed."""
@@ -47,7 +47,7 @@ class SensorWouldBeReplaced(OutputError):
     """Raised where a calibration would replace a sensor and nobody has agreed to that."""
 
 
-class Phase(Enum):
+class CalibrationPhase(Enum):
     """What a guided calibration is doing."""
 
     PREVIEW = "preview"
@@ -61,7 +61,7 @@ class Phase(Enum):
 class CalibrationState:
     """All that a page shows of a guided calibration."""
 
-    phase: Phase = Phase.PREVIEW
+    phase: CalibrationPhase = CalibrationPhase.PREVIEW
     source: str = ""
     step: int = 0
     """Number of images taken."""
@@ -70,10 +70,10 @@ class CalibrationState:
     camera_trouble: str = ""
     """Why no images arrive; empty while they do."""
     image: BgrImage | None = None
-    pins: PinSighting | None = None
+    pins: PinSearchResult | None = None
     """The pins in the latest image that was searched for them."""
     quality: ImageQuality | None = None
-    exposure: CameraExposure | None = None
+    exposure: ExposureWithLimits | None = None
     """The camera's exposure; None where it cannot be set."""
     fit_progress: float = 0.0
     """Share of the usual number of steps of a fit that are done."""
@@ -87,7 +87,7 @@ class _StepProgress:
 
     step: CaptureStep
     watch: ImageWatcher
-    search: "Future[tuple[PinSighting, float]] | None" = None
+    search: "Future[tuple[PinSearchResult, float]] | None" = None
     """The search for pins in an earlier image, and how long it takes, s."""
     searched_until_s: float = -np.inf
 
@@ -112,7 +112,7 @@ class CalibrationSession:
     """Set when somebody wants to calibrate its force with known loads."""
 
     def __post_init__(self) -> None:
-        self._changed, self.camera = Condition(), WatchedCamera(self.open_source, self.source)
+        self._changed, self.camera = Condition(), SwitchableCamera(self.open_source, self.source)
         self._steps = list(guided_capture_steps(self.design, self.settings))
         self._taken: dict[str, BgrImage] = {}
         self._progress: _StepProgress | None = None
@@ -150,7 +150,7 @@ class CalibrationSession:
     def choose_source(self, source: str) -> None:
         """Show another camera; nothing happens while images are being taken, since all four must be of one camera."""
         with self._changed:
-            if self._state.phase is Phase.PREVIEW and source != self.source:
+            if self._state.phase is CalibrationPhase.PREVIEW and source != self.source:
                 self.source = source
                 self.camera.choose(source)
                 self._set(
@@ -167,14 +167,14 @@ class CalibrationSession:
 
         Raises `CameraSettingRefused`.
         """
-        if self.state.phase is Phase.PREVIEW:
+        if self.state.phase is CalibrationPhase.PREVIEW:
             self.camera.set_exposure(exposure_ms)
             self._set(exposure=self.camera.exposure)
 
     def start(self, replace_sensor: bool = False) -> None:
         """Take the first image; raises `SensorWouldBeReplaced`, `SensorFolderNotReplaceable`. Once started, nothing happens."""
         with self._changed:
-            if self._state.phase is Phase.PREVIEW:
+            if self._state.phase is CalibrationPhase.PREVIEW:
                 self._agree(replace_sensor)
                 self.camera.restart_recording()
                 self._begin_step(0)
@@ -182,7 +182,10 @@ class CalibrationSession:
     def back(self) -> None:
         """Take the latest image again, also after a refusal."""
         with self._changed:
-            if self._state.phase not in (Phase.CAPTURE, Phase.REFUSED) or monotonic() - self._last_back_s < ONCE_S:
+            if (
+                self._state.phase not in (CalibrationPhase.CAPTURE, CalibrationPhase.REFUSED)
+                or monotonic() - self._last_back_s < ONCE_S
+            ):
                 return
             self._last_back_s = monotonic()
             # The reference image of a press is taken again with it, since the skin has been touched meanwhile.
@@ -193,7 +196,7 @@ class CalibrationSession:
     def start_over(self) -> None:
         """Give up the images and go back to the choice of the camera; a fit that runs is not interrupted."""
         with self._changed:
-            if self._state.phase not in (Phase.PREVIEW, Phase.FIT):
+            if self._state.phase not in (CalibrationPhase.PREVIEW, CalibrationPhase.FIT):
                 self._taken, self._progress = {}, None
                 self._state = CalibrationState(source=self.source)
                 self.camera.restart_recording()
@@ -203,7 +206,7 @@ class CalibrationSession:
     def fit_again(self, replace_sensor: bool = False) -> None:
         """Repeat the fit of the four images after a refusal; raises what `start` raises."""
         with self._changed:
-            if self._state.phase is Phase.REFUSED and len(self._taken) == len(self._steps):
+            if self._state.phase is CalibrationPhase.REFUSED and len(self._taken) == len(self._steps):
                 self._agree(replace_sensor)
                 self._begin_step(len(self._steps))
 
@@ -231,11 +234,18 @@ class CalibrationSession:
         self._progress = None
         if number == len(self._steps):
             self.on_step("")
-            self._set(phase=Phase.FIT, step=number, instruction="Calibrating.", advice="", pins=None, fit_progress=0.0)
+            self._set(
+                phase=CalibrationPhase.FIT,
+                step=number,
+                instruction="Calibrating.",
+                advice="",
+                pins=None,
+                fit_progress=0.0,
+            )
             return
         step = self._steps[number]
         self.on_step(step.name)
-        self._set(phase=Phase.CAPTURE, step=number, instruction=step.instruction, advice="", pins=None)
+        self._set(phase=CalibrationPhase.CAPTURE, step=number, instruction=step.instruction, advice="", pins=None)
 
     def _run_until_closed(self) -> None:
         """Run the session, and hand an error that is no refusal to whoever asks for the state."""
@@ -247,37 +257,37 @@ class CalibrationSession:
     def _run(self) -> None:
         """Fit when all images are taken; else read images, and wait for a source that is absent."""
         while not self.camera.closing.is_set():
-            if self.state.phase is Phase.FIT:
+            if self.state.phase is CalibrationPhase.FIT:
                 self._fit()
-            elif self.state.phase is Phase.RESULT:
+            elif self.state.phase is CalibrationPhase.RESULT:
                 with self._changed:
                     self._changed.wait_for(
-                        lambda: self.camera.closing.is_set() or self._state.phase is not Phase.RESULT
+                        lambda: self.camera.closing.is_set() or self._state.phase is not CalibrationPhase.RESULT
                     )
             else:
                 self._watch_camera()
 
     def _watch_camera(self) -> None:
         """Evaluate the images of the chosen source until another is chosen, all are taken, or it is lost."""
-        is_wanted = lambda: self.state.phase not in (Phase.FIT, Phase.RESULT)  # noqa: E731
+        is_wanted = lambda: self.state.phase not in (CalibrationPhase.FIT, CalibrationPhase.RESULT)  # noqa: E731
         for image in self.camera.images(is_wanted, self._end_recording, lambda said: self._set(camera_trouble=said)):
             self._evaluate(image)
 
     def _end_recording(self) -> None:
         """Begin a recording again in the preview; refuse one that has ended before all images were taken."""
-        if self.state.phase is Phase.CAPTURE:
+        if self.state.phase is CalibrationPhase.CAPTURE:
             missing = self._steps[self.state.step].instruction
             self._set(
-                phase=Phase.REFUSED,
+                phase=CalibrationPhase.REFUSED,
                 advice=f"expected images until the step '{missing}' was done, got the end of the recording; start over",
             )
 
     def _evaluate(self, image: BgrImage) -> None:
         """Update quality and advice by one image, and go on to the next step where this one is done."""
         quality, before = measure_image_quality(image, self.state.quality), self.state
-        if before.phase is not Phase.CAPTURE:
+        if before.phase is not CalibrationPhase.CAPTURE:
             hint = quality.advice or "Check brightness and focus, then start."
-            advice = hint if before.phase is Phase.PREVIEW else before.advice
+            advice = hint if before.phase is CalibrationPhase.PREVIEW else before.advice
             exposure = self.camera.exposure if before.image is None else before.exposure
             self._set(image=image, quality=quality, exposure=exposure, camera_trouble="", advice=advice)
             return
@@ -292,7 +302,7 @@ class CalibrationSession:
             self._set(advice=str(refusal))
             return
         with self._changed:
-            if self._state.phase is not Phase.CAPTURE or self._taken.keys() != taken.keys():
+            if self._state.phase is not CalibrationPhase.CAPTURE or self._taken.keys() != taken.keys():
                 return  # somebody has gone back meanwhile
             self._progress = progress
             self._set(advice=seen.sentence, pins=seen.pins or pins or self._state.pins)
@@ -300,7 +310,9 @@ class CalibrationSession:
                 self._taken[step.name] = seen.image
                 self._begin_step(len(self._taken))
 
-    def _count_pins(self, image: BgrImage, progress: _StepProgress, taken: dict[str, BgrImage]) -> PinSighting | None:
+    def _count_pins(
+        self, image: BgrImage, progress: _StepProgress, taken: dict[str, BgrImage]
+    ) -> PinSearchResult | None:
         """Return the pins in a recent image of the board, which may still move; None where there is no news of them.
 
         They are searched in a thread of their own, because a search takes up to seconds.
@@ -308,9 +320,9 @@ class CalibrationSession:
         if progress.step.name != "board":
             return None
         reference = taken["board_reference"]
-        if max_brightness_change(reference, image) < TOUCHED_LEVELS:
+        if peak_local_brightness_change(reference, image) < TOUCHED_LEVELS:
             progress.search = None
-            return PinSighting(self.design.pin_board.count, np.empty((0, 2)), np.empty((0, 2)), False, "")
+            return PinSearchResult(self.design.pin_board.count, np.empty((0, 2)), np.empty((0, 2)), False, "")
         if progress.search is None:
             if monotonic() > progress.searched_until_s:
                 progress.search = self._searches.submit(self._search_pins, reference, image)
@@ -321,10 +333,10 @@ class CalibrationSession:
         progress.searched_until_s = monotonic() + _PIN_COUNT_PAUSE * duration_s
         return pins
 
-    def _search_pins(self, reference: BgrImage, image: BgrImage) -> tuple[PinSighting, float]:
+    def _search_pins(self, reference: BgrImage, image: BgrImage) -> tuple[PinSearchResult, float]:
         """Return the pins in an image and the time that the search took, s."""
         began_s = monotonic()
-        return locate_pins(reference, image, self.design, self.settings), monotonic() - began_s
+        return search_board_pins(reference, image, self.design, self.settings), monotonic() - began_s
 
     def _require_same_size(self, image: BgrImage, taken: dict[str, BgrImage]) -> None:
         """Raise `ImageUnusable` for an image of another size than those taken."""
@@ -348,9 +360,9 @@ class CalibrationSession:
             self._require_agreement()
             folder = save_sensor(self.out, made)
         except (NinedtactError, OSError) as refusal:
-            self._set(phase=Phase.REFUSED, advice=str(refusal))
+            self._set(phase=CalibrationPhase.REFUSED, advice=str(refusal))
         else:
-            self._set(phase=Phase.RESULT, result=folder, fit_progress=1.0, advice="")
+            self._set(phase=CalibrationPhase.RESULT, result=folder, fit_progress=1.0, advice="")
 
 
 def _read_sensor_file(out: Path) -> bytes | None:

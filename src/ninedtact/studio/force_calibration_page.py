@@ -9,26 +9,26 @@ import numpy as np
 from viser import GuiEvent, Icon, ViserServer
 
 from ninedtact.force.known_load_scale import ForceScaleFit, weight_of_grams_n
-from ninedtact.open_sensor import is_simulated
+from ninedtact.open_sensor import is_twin_address
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
 from ninedtact.studio.force_calibration_session import (
+    ForceCalibrationPhase,
     ForceCalibrationSession,
     ForceCalibrationState,
-    LoadPhase,
     LoadScaleSoFar,
     TakenPress,
 )
 from ninedtact.studio.guided_page import (
-    BrowserImages,
     CameraChoiceControls,
+    GuidedPageImage,
     ListCameras,
-    advice_html,
     attempt,
+    instruction_html,
     quality_rows,
     steps_html,
 )
 from ninedtact.studio.page_cards import DIM, TONES, name_value_table_html
-from ninedtact.studio.viewer import ControlFollower, is_from_browser
+from ninedtact.studio.viewer import ControlFollower, is_user_event
 
 _IMAGE_PX = 640
 """Largest number of columns of the image that is sent."""
@@ -60,7 +60,7 @@ class ForceCalibrationPage:
         self._ball = f"the ball (radius {ball_radius_mm:g} mm)"
         self._drawn: int | None = None
         self._follower = ControlFollower()
-        gui, self._images = server.gui, BrowserImages(server, "Force calibration")
+        gui, self._images = server.gui, GuidedPageImage(server, "Force calibration")
         self._steps, self._advice = gui.add_html(""), gui.add_html("")
         self._camera = CameraChoiceControls(gui, session, list_cameras)
         self._build_buttons()
@@ -77,12 +77,15 @@ class ForceCalibrationPage:
         with self._server.atomic():
             self._steps.content = _progress_html(state, len(self._session.loads_g))
             self._advice.content = self._advice_html(state)
-            self._presses.content = _scale_html(state, self._stiffness if is_simulated(state.source) else None)
+            self._presses.content = _scale_html(state, self._stiffness if is_twin_address(state.source) else None)
             self._figures.content = (
                 "" if state.quality is None or state.presses else name_value_table_html(quality_rows(state.quality))
             )
             self._camera.show(
-                state.source, state.exposure, state.phase is LoadPhase.PREVIEW, has_image=state.image is not None
+                state.source,
+                state.exposure,
+                state.phase is ForceCalibrationPhase.PREVIEW,
+                has_image=state.image is not None,
             )
             self._show_image(state)
             self._show_buttons(state)
@@ -118,13 +121,13 @@ class ForceCalibrationPage:
             self._refusal = gui.add_html("")
 
         def hold(event: GuiEvent[Any]) -> None:
-            if is_from_browser(event):
+            if is_user_event(event):
                 grams = float(self._weight.value)
                 simulated.plays_by_itself = False
-                simulated.hold(simulated_load(grams, float(self._place.value)))
+                simulated.hold(ball_press_under_load(grams, float(self._place.value)))
 
         def play(event: GuiEvent[Any]) -> None:
-            if is_from_browser(event):
+            if is_user_event(event):
                 simulated.plays_by_itself = self._plays.value
 
         self._plays.on_update(play)
@@ -134,7 +137,10 @@ class ForceCalibrationPage:
     def _follow_load(self, state: ForceCalibrationState, simulated: SimulatedCalibrationCamera) -> None:
         """Show what rests on the simulated sensor."""
         held = simulated.held
-        self._folder.visible = is_simulated(state.source) and state.phase not in (LoadPhase.PREVIEW, LoadPhase.SAVED)
+        self._folder.visible = is_twin_address(state.source) and state.phase not in (
+            ForceCalibrationPhase.PREVIEW,
+            ForceCalibrationPhase.SAVED,
+        )
         self._follower.follow((self._plays, simulated.plays_by_itself))
         self._follower.follow((self._weight, round((held.load_n or 0.0) / weight_of_grams_n(1.0))))
         self._follower.follow((self._place, held.at_mm[0] if held.load_n else self._place.value))
@@ -144,7 +150,7 @@ class ForceCalibrationPage:
 
     def _set_load(self, event: GuiEvent[Any]) -> None:
         """State the load that a person has typed."""
-        if is_from_browser(event):
+        if is_user_event(event):
             attempt(event.client, partial(self._session.set_load, float(self._load.value)))
 
     def _remove_doubtful(self, event: GuiEvent[Any]) -> None:
@@ -157,16 +163,16 @@ class ForceCalibrationPage:
         """Return what to do in one large sentence, and below it what the images say, as HTML."""
         detail, tone, phase = state.advice, "held", state.phase
         if state.camera_trouble:
-            return advice_html("No images arrive.", state.camera_trouble, "lost")
-        if phase is LoadPhase.PREVIEW:
+            return instruction_html("No images arrive.", state.camera_trouble, "lost")
+        if phase is ForceCalibrationPhase.PREVIEW:
             sentence = "Choose the camera of the sensor."
-        elif phase is LoadPhase.REFERENCE:
+        elif phase is ForceCalibrationPhase.REFERENCE:
             sentence = "Do not touch the gel."
-        elif phase is LoadPhase.PRESS:
+        elif phase is ForceCalibrationPhase.PRESS:
             sentence = f"Load {self._ball} with {state.load_g:g} g in the middle of the skin, and hold still."
-        elif phase is LoadPhase.LIFT:
+        elif phase is ForceCalibrationPhase.LIFT:
             sentence = f"Taken with {state.load_g:g} g. Take the load away."
-        elif phase is LoadPhase.SAVED:
+        elif phase is ForceCalibrationPhase.SAVED:
             sentence, tone = "The force of this sensor is calibrated.", "live"
             detail = f"Saved in {state.saved}."
         elif state.scale.fit is None:
@@ -174,8 +180,12 @@ class ForceCalibrationPage:
         else:
             sentence, tone = "All loads are taken.", "live"
             detail = "Save the force scale if its error is small enough for you."
-        how = f'<div style="margin:0 0.9em;font-size:0.85em;{DIM}">{_HOW}</div>' if phase is LoadPhase.PRESS else ""
-        return advice_html(sentence, detail, tone) + how
+        how = (
+            f'<div style="margin:0 0.9em;font-size:0.85em;{DIM}">{_HOW}</div>'
+            if phase is ForceCalibrationPhase.PRESS
+            else ""
+        )
+        return instruction_html(sentence, detail, tone) + how
 
     def _show_image(self, state: ForceCalibrationState) -> None:
         """Send the image to all browsers where it has changed."""
@@ -188,21 +198,21 @@ class ForceCalibrationPage:
     def _show_buttons(self, state: ForceCalibrationState) -> None:
         """Show the controls that do something now."""
         phase, doubtful = state.phase, state.scale.doubtful
-        self._start.visible = phase is LoadPhase.PREVIEW
+        self._start.visible = phase is ForceCalibrationPhase.PREVIEW
         self._start.disabled = bool(state.camera_trouble) or state.image is None
-        self._load.visible = phase in (LoadPhase.PRESS, LoadPhase.LIFT)
+        self._load.visible = phase in (ForceCalibrationPhase.PRESS, ForceCalibrationPhase.LIFT)
         self._follower.follow((self._load, state.load_g))
-        self._save.visible = state.scale.fit is not None and phase is not LoadPhase.SAVED
-        self._save.color = "gray" if phase is not LoadPhase.COMPLETE else None
-        self._live.visible = phase is LoadPhase.SAVED
-        self._another.visible = phase is LoadPhase.COMPLETE
-        self._remove.visible = doubtful is not None and phase is not LoadPhase.SAVED
+        self._save.visible = state.scale.fit is not None and phase is not ForceCalibrationPhase.SAVED
+        self._save.color = "gray" if phase is not ForceCalibrationPhase.COMPLETE else None
+        self._live.visible = phase is ForceCalibrationPhase.SAVED
+        self._another.visible = phase is ForceCalibrationPhase.COMPLETE
+        self._remove.visible = doubtful is not None and phase is not ForceCalibrationPhase.SAVED
         if doubtful is not None:
             self._remove.label = f"Remove press {doubtful + 1} ({state.presses[doubtful].grams:g} g)"
-        self._start_over.visible = phase is not LoadPhase.PREVIEW
+        self._start_over.visible = phase is not ForceCalibrationPhase.PREVIEW
 
 
-def simulated_load(grams: float, x_mm: float = 0.0) -> HeldCalibrationObject:
+def ball_press_under_load(grams: float, x_mm: float = 0.0) -> HeldCalibrationObject:
     """Return the press of the ball under a load; nothing for no load."""
     return (
         HeldCalibrationObject("ball", load_n=weight_of_grams_n(grams), at_mm=(x_mm, 0.0))
@@ -216,8 +226,12 @@ def _progress_html(state: ForceCalibrationState, suggested: int) -> str:
     taken = len(state.presses)
     names = ["untouched", *(f"{press.grams:g} g" for press in state.presses)]
     names += [f"press {number + 1}" for number in range(taken, suggested)] + ["save"]
-    done = {LoadPhase.PREVIEW: -1, LoadPhase.REFERENCE: 0, LoadPhase.SAVED: len(names)}.get(state.phase, taken + 1)
-    return steps_html(names, len(names) - 1 if state.phase is LoadPhase.COMPLETE else done)
+    done = {
+        ForceCalibrationPhase.PREVIEW: -1,
+        ForceCalibrationPhase.REFERENCE: 0,
+        ForceCalibrationPhase.SAVED: len(names),
+    }.get(state.phase, taken + 1)
+    return steps_html(names, len(names) - 1 if state.phase is ForceCalibrationPhase.COMPLETE else done)
 
 
 def _scale_html(state: ForceCalibrationState, stiffness: float | None) -> str:
@@ -231,7 +245,7 @@ def _scale_html(state: ForceCalibrationState, stiffness: float | None) -> str:
         lines.append(name_value_table_html(_fit_rows(state.scale.fit)))
     elif state.presses and not state.scale.refusal:
         lines.append(f'<div style="margin:0.4em 0.9em;{DIM}">One more press gives the first scale.</div>')
-    if state.phase is LoadPhase.SAVED and stiffness is not None:
+    if state.phase is ForceCalibrationPhase.SAVED and stiffness is not None:
         lines.append(
             f'<div style="margin:0.4em 0.9em">The simulated gel is {stiffness:.3f} times as stiff as the calibration assumes.</div>'
         )

@@ -21,10 +21,10 @@ from ninedtact.calibration.guidance import (
     CalibrationStepAdvice,
     ImageWatcher,
     make_still_press_watcher,
-    watch_reference,
+    make_untouched_skin_watcher,
 )
 from ninedtact.calibration.press_brightness import BgrImage
-from ninedtact.capture.frame_source import CameraExposure, FrameSource
+from ninedtact.capture.frame_source import ExposureWithLimits, FrameSource
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.known_load_scale import (
@@ -39,7 +39,7 @@ from ninedtact.force.known_load_scale import (
 )
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
-from ninedtact.studio.guided_camera import ImageQuality, WatchedCamera, measure_image_quality
+from ninedtact.studio.guided_camera import ImageQuality, SwitchableCamera, measure_image_quality
 
 USUAL_LOADS_G = (50.0, 100.0, 200.0, 400.0)
 """Loads that are suggested one after the other; enough for a curve, and light enough for the range in which the gel is linear."""
@@ -66,7 +66,7 @@ class _PressReader(Protocol):
         """Return the reading of an image with its estimate; raises `ImageImplausible`."""
 
 
-class LoadPhase(Enum):
+class ForceCalibrationPhase(Enum):
     """What a force calibration is doing."""
 
     PREVIEW = "preview"
@@ -107,7 +107,7 @@ class LoadScaleSoFar:
 class ForceCalibrationState:
     """All that a page shows of a force calibration."""
 
-    phase: LoadPhase = LoadPhase.PREVIEW
+    phase: ForceCalibrationPhase = ForceCalibrationPhase.PREVIEW
     source: str = ""
     load_g: float = USUAL_LOADS_G[0]
     """The load of the press that is awaited, or of the one that was just taken."""
@@ -116,7 +116,7 @@ class ForceCalibrationState:
     """Why no images arrive; empty while they do."""
     image: BgrImage | None = None
     quality: ImageQuality | None = None
-    exposure: CameraExposure | None = None
+    exposure: ExposureWithLimits | None = None
     """The camera's exposure; None where it cannot be set."""
     presses: tuple[TakenPress, ...] = ()
     scale: LoadScaleSoFar = LoadScaleSoFar()
@@ -167,7 +167,7 @@ class ForceCalibrationSession:
     """Set when somebody wants to see the sensor live."""
 
     def __post_init__(self) -> None:
-        self._lock, self.camera = RLock(), WatchedCamera(self.open_source, self.source)
+        self._lock, self.camera = RLock(), SwitchableCamera(self.open_source, self.source)
         self._state = ForceCalibrationState(source=self.source, load_g=self.loads_g[0])
         self._watch: ImageWatcher | None = None
         self._reference: BgrImage | None = None
@@ -194,23 +194,23 @@ class ForceCalibrationSession:
     def choose_source(self, source: str) -> None:
         """Show another camera; nothing happens once the calibration has begun."""
         with self._lock:
-            if self._state.phase is LoadPhase.PREVIEW and source != self.source:
+            if self._state.phase is ForceCalibrationPhase.PREVIEW and source != self.source:
                 self.source = source
                 self.camera.choose(source)
                 self._set(source=source, image=None, quality=None, exposure=None, camera_trouble="")
 
     def set_exposure(self, exposure_ms: float) -> None:
         """Set the camera's exposure before the calibration begins; raises `CameraSettingRefused`."""
-        if self.state.phase is LoadPhase.PREVIEW:
+        if self.state.phase is ForceCalibrationPhase.PREVIEW:
             self.camera.set_exposure(exposure_ms)
             self._set(exposure=self.camera.exposure)
 
     def start(self) -> None:
         """Take the first reference image; once started, nothing happens."""
         with self._lock:
-            if self._state.phase is LoadPhase.PREVIEW:
+            if self._state.phase is ForceCalibrationPhase.PREVIEW:
                 self.camera.restart_recording()
-                self._enter(LoadPhase.REFERENCE)
+                self._enter(ForceCalibrationPhase.REFERENCE)
 
     def set_load(self, grams: float) -> None:
         """State the load of the press that is awaited, or correct that of the press just taken; raises `ForceScaleImpossible`."""
@@ -218,33 +218,37 @@ class ForceCalibrationSession:
             raise ForceScaleImpossible(f"expected a load above zero, got {grams:g} g; read the scale again")
         with self._lock:
             phase, presses = self._state.phase, self._state.presses
-            if phase is LoadPhase.LIFT:
+            if phase is ForceCalibrationPhase.LIFT:
                 self._set_presses((*presses[:-1], replace(presses[-1], grams=grams)))
-            if phase in (LoadPhase.PRESS, LoadPhase.LIFT):
+            if phase in (ForceCalibrationPhase.PRESS, ForceCalibrationPhase.LIFT):
                 self._set(load_g=grams)
-            if phase is LoadPhase.PRESS:
+            if phase is ForceCalibrationPhase.PRESS:
                 self.on_load(grams)
 
     def remove(self, number: int) -> None:
         """Drop a press, counted from 0; its load is asked for again. A number that is gone already does nothing."""
         with self._lock:
             presses, phase = self._state.presses, self._state.phase
-            if number < len(presses) and phase is not LoadPhase.SAVED:
+            if number < len(presses) and phase is not ForceCalibrationPhase.SAVED:
                 self._set_presses(presses[:number] + presses[number + 1 :])
                 self._set(load_g=presses[number].grams)
-                self._enter(LoadPhase.REFERENCE if phase is LoadPhase.LIFT else LoadPhase.PRESS)
+                self._enter(
+                    ForceCalibrationPhase.REFERENCE
+                    if phase is ForceCalibrationPhase.LIFT
+                    else ForceCalibrationPhase.PRESS
+                )
 
     def take_another(self) -> None:
         """Wait for one more press than was suggested."""
         with self._lock:
-            if self._state.phase is LoadPhase.COMPLETE:
-                self._enter(LoadPhase.PRESS)
+            if self._state.phase is ForceCalibrationPhase.COMPLETE:
+                self._enter(ForceCalibrationPhase.PRESS)
 
     def save(self) -> None:
         """Keep the scale in the sensor folder; raises `ForceScaleImpossible` where there is none, and what writing raises."""
         with self._lock:
             scale = self._state.scale
-            if self._state.phase is LoadPhase.SAVED:
+            if self._state.phase is ForceCalibrationPhase.SAVED:
                 return
             if scale.fit is None:
                 raise ForceScaleImpossible(
@@ -256,7 +260,7 @@ class ForceCalibrationSession:
                 raise ForceScaleImpossible(
                     f"expected to write the force scale into {self.sensor}, got: {trouble}; make room or change its permissions"
                 ) from trouble
-            self._enter(LoadPhase.SAVED)
+            self._enter(ForceCalibrationPhase.SAVED)
             self._set(saved=file)
 
     def start_over(self) -> None:
@@ -276,12 +280,12 @@ class ForceCalibrationSession:
         """Change the presses and fit the scale to them."""
         self._set(presses=presses, scale=fit_scale_so_far(presses))
 
-    def _enter(self, phase: LoadPhase) -> None:
+    def _enter(self, phase: ForceCalibrationPhase) -> None:
         """Begin a phase with a new watcher."""
         with self._lock:
             self._watch, self._refusal = None, ""
             self._set(phase=phase, advice="")
-            self.on_load(self._state.load_g if phase is LoadPhase.PRESS else 0.0)
+            self.on_load(self._state.load_g if phase is ForceCalibrationPhase.PRESS else 0.0)
 
     def _run_until_closed(self) -> None:
         """Run the session, and hand an error that is no refusal to whoever asks for the state."""
@@ -297,7 +301,7 @@ class ForceCalibrationSession:
 
     def _end_recording(self) -> None:
         """Say that a recording has ended; the presses that it showed stay."""
-        if self.state.phase not in (LoadPhase.PREVIEW, LoadPhase.SAVED):
+        if self.state.phase not in (ForceCalibrationPhase.PREVIEW, ForceCalibrationPhase.SAVED):
             self._report_trouble("expected further images, got the end of the recording; save the scale, or start over")
 
     def _evaluate(self, image: BgrImage) -> None:
@@ -306,9 +310,13 @@ class ForceCalibrationSession:
         quality = measure_image_quality(image, before.quality)
         exposure = self.camera.exposure if before.image is None else before.exposure
         self._set(image=image, quality=quality, exposure=exposure, camera_trouble="")
-        if before.phase is LoadPhase.PREVIEW:
+        if before.phase is ForceCalibrationPhase.PREVIEW:
             self._set(advice=quality.advice or "Check the brightness, then start.")
-        if before.phase not in (LoadPhase.REFERENCE, LoadPhase.PRESS, LoadPhase.LIFT):
+        if before.phase not in (
+            ForceCalibrationPhase.REFERENCE,
+            ForceCalibrationPhase.PRESS,
+            ForceCalibrationPhase.LIFT,
+        ):
             return
         with self._lock:
             if self._state.phase is not before.phase:
@@ -331,16 +339,16 @@ class ForceCalibrationSession:
             elif seen.image is not None:
                 self._watch = None  # this press is refused, and another one is awaited
 
-    def _watcher(self, phase: LoadPhase) -> ImageWatcher:
+    def _watcher(self, phase: ForceCalibrationPhase) -> ImageWatcher:
         """Return the watcher of a phase."""
-        if phase is LoadPhase.PRESS:
+        if phase is ForceCalibrationPhase.PRESS:
             assert self._reference is not None
             return make_still_press_watcher(self._reference, self.hold_s)
-        return watch_reference(self._reference)
+        return make_untouched_skin_watcher(self._reference)
 
     def _done_with(self, before: ForceCalibrationState, image: BgrImage) -> Callable[[], None]:
         """Return what follows from the image with which a phase ends; raises why it cannot be used."""
-        if before.phase is not LoadPhase.PRESS:
+        if before.phase is not ForceCalibrationPhase.PRESS:
             self.reader.use_reference([Frame(image)])
             return lambda: self._go_on(image)
         reading = self.reader.read(f"the press with {before.load_g:g} g", Frame(image))
@@ -350,14 +358,14 @@ class ForceCalibrationSession:
 
     def _go_on(self, reference: BgrImage) -> None:
         """Wait for the next load, or for a person once all are taken."""
-        was_lift, taken = self._state.phase is LoadPhase.LIFT, len(self._state.presses)
+        was_lift, taken = self._state.phase is ForceCalibrationPhase.LIFT, len(self._state.presses)
         self._reference = reference
         if taken < len(self.loads_g):
             if was_lift:
                 self._set(load_g=self._next_load_g())
-            self._enter(LoadPhase.PRESS)
+            self._enter(ForceCalibrationPhase.PRESS)
         else:
-            self._enter(LoadPhase.COMPLETE)
+            self._enter(ForceCalibrationPhase.COMPLETE)
 
     def _next_load_g(self) -> float:
         """Return the first suggested load that differs from all that were taken."""
@@ -368,7 +376,7 @@ class ForceCalibrationSession:
     def _take(self, press: TakenPress) -> None:
         """Keep a press and wait until its load is taken away."""
         self._set_presses((*self._state.presses, press))
-        self._enter(LoadPhase.LIFT)
+        self._enter(ForceCalibrationPhase.LIFT)
 
 
 def _require_in_middle(reading: Reading) -> None:

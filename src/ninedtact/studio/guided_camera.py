@@ -1,7 +1,7 @@
 """The camera of a guided procedure: the one that is chosen, its exposure, and the quality of its images.
 
-`WatchedCamera.images` opens the chosen camera and yields its images in the thread of the procedure. A camera that is absent or lost
-is waited for, and gets back the exposure that a person has set.
+`SwitchableCamera.images` opens the chosen camera and yields its images in the thread of the procedure. A camera that is absent or
+lost is waited for, and gets back the exposure that a person has set.
 """
 
 from collections.abc import Callable, Iterator
@@ -13,7 +13,7 @@ import cv2
 from ninedtact.calibration.guidance import exposure_advice
 from ninedtact.calibration.press_brightness import OVEREXPOSED, BgrImage, to_grey_float
 from ninedtact.capture.frame_pacing import LatestFrameSource
-from ninedtact.capture.frame_source import CameraExposure, FrameSource, SourceEnded
+from ninedtact.capture.frame_source import ExposureWithLimits, FrameSource, SourceEnded
 from ninedtact.errors import NinedtactError
 
 MAX_AGE_MS = 2000.0
@@ -50,8 +50,8 @@ def measure_image_quality(image: BgrImage, last: ImageQuality | None) -> ImageQu
 
 
 @dataclass
-class WatchedCamera:
-    """Reads the chosen camera until it is closed; choices and the exposure may be set from any thread."""
+class SwitchableCamera:
+    """Reads the chosen camera until it is closed; another may be chosen while it reads, and its exposure set, from any thread."""
 
     open_source: Callable[[str], FrameSource]
     """Returns the source of an address, not yet opened."""
@@ -75,7 +75,7 @@ class WatchedCamera:
         self._reopen = self.is_recording
 
     @property
-    def exposure(self) -> CameraExposure | None:
+    def exposure(self) -> ExposureWithLimits | None:
         """The exposure of the camera that is open; None where none is open, or where it cannot be set."""
         with self._lock:
             return None if self._opened is None else self._opened.exposure

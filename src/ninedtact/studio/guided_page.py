@@ -14,7 +14,7 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 from viser import ClientHandle, GuiApi, GuiEvent, GuiImageHandle, Icon, ViserServer
 
-from ninedtact.capture.frame_source import CameraExposure
+from ninedtact.capture.frame_source import ExposureWithLimits
 from ninedtact.errors import NinedtactError
 from ninedtact.studio.guided_camera import ImageQuality
 from ninedtact.studio.page_and_server import set_title_and_icon
@@ -26,7 +26,7 @@ from ninedtact.studio.viewer import (
     PHONE_STYLE,
     ControlFollower,
     ThemeChoice,
-    is_from_browser,
+    is_user_event,
 )
 
 _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900
@@ -40,7 +40,7 @@ _BRIGHTER = {"darker": 0.8, "brighter": 1.25}
 """Factors of the exposure of the two buttons."""
 
 
-class BrowserImages:
+class GuidedPageImage:
     """The camera's image in every browser of a guided page, and the look of that page."""
 
     def __init__(self, server: ViserServer, title: str) -> None:
@@ -116,13 +116,13 @@ class CameraChoiceControls:
         self._exposure = gui.add_number("exposure (ms)", 10.0, min=0.0, step=0.1, visible=False)
         self._brighter = gui.add_button_group("image", tuple(_BRIGHTER), visible=False)
         self._no_exposure = gui.add_html("")
-        self._limits: CameraExposure | None = None
+        self._limits: ExposureWithLimits | None = None
         self._follower = ControlFollower()
         self._camera.on_update(self._choose_camera)
         self._exposure.on_update(self._set_exposure)
         self._brighter.on_click(self._brighten)
 
-    def show(self, source: str, exposure: CameraExposure | None, is_shown: bool, has_image: bool) -> None:
+    def show(self, source: str, exposure: ExposureWithLimits | None, is_shown: bool, has_image: bool) -> None:
         """Show the camera and its exposure, or nothing of them."""
         self._limits = exposure
         self._camera.visible = is_shown
@@ -155,13 +155,13 @@ class CameraChoiceControls:
 
     def _choose_camera(self, event: GuiEvent[Any]) -> None:
         """Show the chosen camera."""
-        if is_from_browser(event):
+        if is_user_event(event):
             addresses = {label: address for address, label in self._labels.items()}
             self._session.choose_source(addresses[self._camera.value])
 
     def _set_exposure(self, event: GuiEvent[Any]) -> None:
         """Set the exposure that a person has typed."""
-        if is_from_browser(event):
+        if is_user_event(event):
             attempt(event.client, lambda: self._session.set_exposure(float(self._exposure.value)))
 
     def _brighten(self, event: GuiEvent[Any]) -> None:
@@ -197,8 +197,8 @@ def steps_html(names: Sequence[str], done: int) -> str:
     return f'{PHONE_STYLE}{_TALL_STYLE}<div style="margin:0.5em;display:flex;flex-wrap:wrap;gap:0.3em">{"".join(chips)}</div>'
 
 
-def advice_html(sentence: str, detail: str, tone: str) -> str:
-    """Return what to do in one large sentence, and below it what the images say, as HTML."""
+def instruction_html(sentence: str, detail: str, tone: str) -> str:
+    """Return the instruction in large letters, and below it the advice about the images, as HTML."""
     return (
         f'<div role="status" style="margin:0.5em;padding:0.6em 0.8em;border-radius:6px;color:#fff;background:{TONES[tone]};'
         f'overflow-wrap:anywhere"><div style="font-size:1.35em;font-weight:600;line-height:1.25">{escape(sentence)}</div>'

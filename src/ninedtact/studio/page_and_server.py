@@ -15,14 +15,14 @@ from viser._messages import RunJavascriptMessage
 
 from ninedtact.errors import DeviceError
 from ninedtact.studio.page_controller import PageController, PageMoment
-from ninedtact.studio.press_control import PressControl
+from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.scene_3d import GelBlock, set_up_view
 from ninedtact.studio.sensor_group import SensorGroupCurvesPanel
-from ninedtact.studio.sensor_panels import CurvesPanel, SensorPanel, StatusPanel, WrenchPanel
+from ninedtact.studio.sensor_panels import CurvesPanel, ReferenceAndRatesPanel, StatusPanel, WrenchPanel
 from ninedtact.studio.socket_guard import SocketGuard
 from ninedtact.studio.twin_press_panel import TwinPressPanel
-from ninedtact.studio.view_panels import ImagePanel, ProfilePanel, ViewPanel
-from ninedtact.studio.viewer import LIGHT, PanelFactory, Viewer
+from ninedtact.studio.view_panels import ImagesPanel, ProfilePanel, ScenePanel
+from ninedtact.studio.viewer import LIGHT, PanelFactory, ViewerPage
 from ninedtact.studio.viser_server import start_guarded_viser
 
 LAST_WORDS_S = 0.1
@@ -97,7 +97,7 @@ PAGE_ICON = (
 
 
 class SensorPage:
-    """A `PageDisplay` in browsers: each one gets its own panels, and all of them each moment."""
+    """A `MomentDisplay` in browsers: each one gets its own panels, and all of them each moment."""
 
     def __init__(
         self,
@@ -105,27 +105,27 @@ class SensorPage:
         controller: PageController,
         block: GelBlock,
         title: str,
-        press: PressControl | Sequence[PressControl] | None = None,
+        press: TwinPressController | Sequence[TwinPressController] | None = None,
         more_panels: Sequence[PanelFactory] = (),
     ) -> None:
         """press: what a person does with a twin; None for a sensor that is no twin, one for each sensor where all are twins.
         more_panels: further tabs, before the last."""
         self._server, self._controller, self._block = server, controller, block
-        self._viewers: dict[int, Viewer] = {}
+        self._viewers: dict[int, ViewerPage] = {}
         self._lock = Lock()
-        presses = (press,) if isinstance(press, PressControl) else tuple(press or ())
+        presses = (press,) if isinstance(press, TwinPressController) else tuple(press or ())
         press_panels: list[PanelFactory] = [partial(TwinPressPanel, controls=presses)] if presses else []
         several = len(controller.sensors) > 1
         curves: list[PanelFactory] = [SensorGroupCurvesPanel if several else CurvesPanel] if controller.wrenches else []
         self._panels: tuple[PanelFactory, ...] = (
-            ImagePanel,
+            ImagesPanel,
             StatusPanel,
             partial(WrenchPanel, is_above=True),
             *press_panels,
-            ViewPanel,
+            ScenePanel,
             ProfilePanel,
             *more_panels,
-            SensorPanel,
+            ReferenceAndRatesPanel,
             WrenchPanel,
             *curves,
         )
@@ -143,7 +143,7 @@ class SensorPage:
         return bool(self._viewers)
 
     @property
-    def viewers(self) -> tuple[Viewer, ...]:
+    def viewers(self) -> tuple[ViewerPage, ...]:
         """The pages of all browsers that are connected."""
         with self._lock:
             return tuple(self._viewers.values())
@@ -154,7 +154,7 @@ class SensorPage:
             viewer.show(moment)
 
     def _add_viewer(self, client: ClientHandle) -> None:
-        viewer = Viewer(client, self._controller, self._block, self._panels)
+        viewer = ViewerPage(client, self._controller, self._block, self._panels)
         with self._lock:
             if client.client_id in self._server.get_clients():
                 self._viewers[client.client_id] = viewer

@@ -11,13 +11,13 @@ from viser import GuiApi, GuiUplotHandle, uplot
 
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.measures import ShapeSummary
-from ninedtact.studio.page_controller import SensorStatus
+from ninedtact.studio.page_controller import SensorStatusMessage
 from ninedtact.studio.page_recorder import RecorderState
 from ninedtact.studio.reading_view import HeightProfile
 from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, format_signed_tenths
 from ninedtact.studio.sensor_poller import HISTORY_S
 from ninedtact.studio.skin_fields import NO_CONTACT, SLIP, STICK
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchSample, WrenchSnapshot
+from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 
 TONES = {"live": "#2b8a3e", "busy": "#b7791f", "held": "#1c6fb7", "lost": "#c92a2a", "warned": "#c92a2a"}
 DIM = "color:var(--mantine-color-dimmed)"
@@ -27,7 +27,7 @@ NOTABLE_SHARE = 0.01
 """Share of the contact beyond the calibrated range from which the page shows a warning."""
 
 
-def status_html(status: SensorStatus) -> str:
+def status_html(status: SensorStatusMessage) -> str:
     """Return the state of the sensor as HTML, in its colour."""
     return (
         f'<div role="status" style="margin:0.5em;padding:0.5em 0.8em;border-radius:6px;color:#fff;font-weight:600;'
@@ -76,7 +76,7 @@ def name_value_table_html(rows: dict[str, str]) -> str:
     return f'<table style="margin:0.2em 0.9em;font-size:0.9em;border-collapse:collapse">{cells}</table>'
 
 
-def colour_legend_html(scale: ColourScale) -> str:
+def height_legend_html(scale: ColourScale) -> str:
     """Return the colours of heights with their mm as HTML."""
     colours = ",".join("#" + bytes(colour).hex() for colour in scale.table[1::6].tolist())
     ends = [
@@ -120,7 +120,7 @@ def sticking_legend_html() -> str:
     )
 
 
-def profile_html(profile: HeightProfile) -> str:
+def profile_summary_html(profile: HeightProfile) -> str:
     """Return the heights at both ends and the lowest point of a line as HTML."""
     rows = {"A": _format_height(profile, 0), "B": _format_height(profile, -1)}
     if np.isfinite(profile.height_mm).any():
@@ -157,7 +157,7 @@ class WrenchCurves:
         self._forces = _add_curves(gui, "force (N)", "F", LEAST_N, sources)
         self._torques = _add_curves(gui, "torque (N·mm)", "T", LEAST_NMM, sources)
 
-    def draw(self, moments: Sequence[WrenchSnapshot]) -> None:
+    def draw(self, moments: Sequence[WrenchSourceSnapshot]) -> None:
         """Draw the last seconds of every source."""
         at_s = np.linspace(-HISTORY_S, 0.0, CURVE_POINTS)
         for plot, first, unit, least in ((self._forces, 0, 1.0, LEAST_N), (self._torques, 3, 1e3, LEAST_NMM)):
@@ -167,13 +167,13 @@ class WrenchCurves:
             plot.scales = _curve_scales(max(largest * 1.1, least))
 
 
-def wrenches_html(moments: Sequence[WrenchSnapshot], is_past: bool) -> str:
+def wrench_table_html(moments: Sequence[WrenchSourceSnapshot], is_past: bool) -> str:
     """Return the wrenches in columns, what the columns mean, warnings and the scale of the arrow as HTML."""
     known = [moment for moment in moments if moment.sample is not None]
     head = "".join(f'<th style="text-align:right;font-weight:600">{escape(moment.name)}</th>' for moment in known)
     rows = "".join(_component_row_html(number, known) for number in range(6))
     warnings = [warning for moment in known if moment.sample for warning in moment.sample.warnings]
-    badges = "".join(badge_html(warning) for warning in warnings)
+    badges = "".join(warning_badge_html(warning) for warning in warnings)
     lines = [(TONES["lost"], str(moment.trouble)) for moment in moments if moment.trouble is not None]
     lines += [(TONES["busy"], notice) for moment in moments for notice in moment.notices]
     below = "".join(f'<div style="font-size:0.85em;color:{colour}">{escape(line)}</div>' for colour, line in lines)
@@ -186,7 +186,7 @@ def wrenches_html(moments: Sequence[WrenchSnapshot], is_past: bool) -> str:
     )
 
 
-def _component_row_html(number: int, moments: Sequence[WrenchSnapshot]) -> str:
+def _component_row_html(number: int, moments: Sequence[WrenchSourceSnapshot]) -> str:
     """Return one component of every wrench as a row of a table, with one standard deviation where it is known."""
     axis, letter, unit, scale = (
         "xyz"[number % 3],
@@ -203,7 +203,7 @@ def _component_row_html(number: int, moments: Sequence[WrenchSnapshot]) -> str:
     return f'<tr>{name} <span style="font-weight:400;{DIM}">{unit}</span></td>{cells}</tr>'
 
 
-def _format_component(sample: WrenchSample, number: int, scale: float) -> str:
+def _format_component(sample: WrenchWithUncertainty, number: int, scale: float) -> str:
     """Return a component and its standard deviation; nothing is known where the standard deviation is infinite."""
     std = scale * sample.std[number]
     if np.isinf(std):
@@ -212,7 +212,7 @@ def _format_component(sample: WrenchSample, number: int, scale: float) -> str:
     return value + (f' <span style="{DIM}">± {std:.2f}</span>' if np.isfinite(std) else "")
 
 
-def badge_html(text: str) -> str:
+def warning_badge_html(text: str) -> str:
     """Return a warning as a badge."""
     return (
         f'<span style="display:inline-block;margin:0.1em 0.3em 0.1em 0;padding:0.1em 0.6em;border-radius:1em;color:#fff;'
@@ -243,15 +243,15 @@ def _add_curves(gui: GuiApi, title: str, letter: str, half: float, sources: Sequ
 
 
 def _curves_of(
-    moment: WrenchSnapshot, at_s: Float64[Array, " n"], first: int, unit: float
+    moment: WrenchSourceSnapshot, at_s: Float64[Array, " n"], first: int, unit: float
 ) -> Iterator[Float64[Array, " n"]]:
     """Yield what `_add_curves` draws of one source: each axis, and its upper and lower end where errors are stated."""
     for axis in range(first, first + 3):
-        yield from component_curves(moment, at_s, axis, unit)
+        yield from component_curve_and_error_band(moment, at_s, axis, unit)
 
 
-def component_curves(
-    moment: WrenchSnapshot, at_s: Float64[Array, " n"], axis: int, unit: float
+def component_curve_and_error_band(
+    moment: WrenchSourceSnapshot, at_s: Float64[Array, " n"], axis: int, unit: float
 ) -> Iterator[Float64[Array, " n"]]:
     """Yield one component of a source over the last seconds, and its upper and lower end where errors are stated."""
     sampled_s, values, stds = moment.history[0], moment.history[1 + axis] * unit, moment.history[7 + axis] * abs(unit)

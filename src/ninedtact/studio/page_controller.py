@@ -18,11 +18,11 @@ from ninedtact.reading import Reading
 from ninedtact.sensor import Stopwatch
 from ninedtact.shape.calibrated_shape import ReferenceUnusable
 from ninedtact.shape.coloured_height_map import ColourScale
-from ninedtact.simulation.press_sequence import TwinPress
-from ninedtact.studio.reading_view import ReadingView, render_reading, session_colour_scale
+from ninedtact.simulation.press_sequence import PressStep
+from ninedtact.studio.reading_view import ReadingView, full_range_colour_scale
 from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_moment_files
 from ninedtact.studio.sensor_poller import RateMeter, SensorPhase, SensorPoller, SensorSnapshot
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchSnapshot
+from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot
 
 SILENT_AFTER_MS = 1000.0
 """Time without images after which the page no longer counts as current: ten images of the slowest camera in use."""
@@ -31,7 +31,7 @@ Tone = Literal["live", "busy", "held", "lost", "warned"]
 
 
 @dataclass(frozen=True)
-class SensorStatus:
+class SensorStatusMessage:
     """The status of the sensor as one sentence and one colour."""
 
     tone: Tone
@@ -43,10 +43,10 @@ class SensorStatus:
         return self.tone == "lost"
 
 
-WAITING_STATUS = SensorStatus("busy", "waiting for the first image…")
+WAITING_STATUS = SensorStatusMessage("busy", "waiting for the first image…")
 
 
-def sensor_status(moment: SensorSnapshot, shown: Reading | None, frozen: bool, now_ns: int) -> SensorStatus:
+def most_urgent_status(moment: SensorSnapshot, shown: Reading | None, frozen: bool, now_ns: int) -> SensorStatusMessage:
     """Return the most urgent state of the sensor."""
     behind_ms = (now_ns - moment.heard_ns) / 1e6
     silent_ms = min(behind_ms, (now_ns - moment.arrived_ns) / 1e6)
@@ -55,11 +55,11 @@ def sensor_status(moment: SensorSnapshot, shown: Reading | None, frozen: bool, n
     if moment.phase is SensorPhase.FAILED:
         return _final_status(moment)
     if moment.phase is SensorPhase.ENDED:
-        return SensorStatus("held", f"recording ended, its last image is shown ({_format_duration(age_ms)} old)")
+        return SensorStatusMessage("held", f"recording ended, its last image is shown ({_format_duration(age_ms)} old)")
     if silent_ms > SILENT_AFTER_MS:
-        return SensorStatus("lost", f"no image for {_format_duration(silent_ms)}: unplugged? reconnecting…")
+        return SensorStatusMessage("lost", f"no image for {_format_duration(silent_ms)}: unplugged? reconnecting…")
     if behind_ms > SILENT_AFTER_MS and not frozen:
-        return SensorStatus(
+        return SensorStatusMessage(
             "warned",
             f"images arrive, but this computer is {_format_duration(behind_ms)} behind: lower the camera's rate or size, or use "
             "--force none",
@@ -69,39 +69,39 @@ def sensor_status(moment: SensorSnapshot, shown: Reading | None, frozen: bool, n
     if reading is None:
         return WAITING_STATUS
     if frozen:
-        return SensorStatus("held", f"frozen, what is shown is {_format_duration(age_ms)} old")
+        return SensorStatusMessage("held", f"frozen, what is shown is {_format_duration(age_ms)} old")
     return _reading_status(reading, age_ms)
 
 
-def _reading_status(reading: Reading, age_ms: float) -> SensorStatus:
+def _reading_status(reading: Reading, age_ms: float) -> SensorStatusMessage:
     """Return the warnings of a recent reading, or its age."""
     if EstimateWarning.CALIBRATION_EDITED in reading.reference_warnings:
-        return SensorStatus(
+        return SensorStatusMessage(
             "warned", f"{', '.join(reading.reference_warnings)}; calibrate again if you did not edit it"
         )
     if reading.reference_warnings:
-        return SensorStatus(
+        return SensorStatusMessage(
             "warned", f"{', '.join(reading.reference_warnings)}; take it again, or name the right sensor"
         )
     if reading.image_warnings:
-        return SensorStatus(
+        return SensorStatusMessage(
             "warned", f"{', '.join(reading.image_warnings)}: nothing is estimated; check light and sensor"
         )
-    return SensorStatus("live", f"live, {age_ms:.0f} ms old")
+    return SensorStatusMessage("live", f"live, {age_ms:.0f} ms old")
 
 
-def _final_status(moment: SensorSnapshot) -> SensorStatus:
+def _final_status(moment: SensorSnapshot) -> SensorStatusMessage:
     """Return the status of a page that receives no more readings."""
-    return SensorStatus(
+    return SensorStatusMessage(
         "lost", f"stopped: {moment.trouble if moment.phase is SensorPhase.FAILED else 'the program has ended'}"
     )
 
 
-def _reference_status(trouble: BaseException | None) -> SensorStatus:
+def _reference_status(trouble: BaseException | None) -> SensorStatusMessage:
     """Return the state while the reference is taken."""
     if isinstance(trouble, ReferenceUnusable):
-        return SensorStatus("lost", f"{trouble}; trying again…")
-    return SensorStatus("busy", "taking the reference: do not touch the gel…")
+        return SensorStatusMessage("lost", f"{trouble}; trying again…")
+    return SensorStatusMessage("busy", "taking the reference: do not touch the gel…")
 
 
 def _format_duration(ms: float) -> str:
@@ -120,11 +120,11 @@ class NothingToSave(InputError):
 class PageMoment:
     """Everything that the page shows of one sensor at one refresh, with the moments of the other sensors beside it."""
 
-    status: SensorStatus
+    status: SensorStatusMessage
     sensor: SensorSnapshot
     view: ReadingView | None
     """The newest reading with what is drawn of it, dimmed where it is not current; None before the first reading."""
-    wrenches: tuple[WrenchSnapshot, ...] = ()
+    wrenches: tuple[WrenchSourceSnapshot, ...] = ()
     """State of each wrench source at the time of the reading."""
     shown_hz: float = 0.0
     page_ms: dict[str, float] = field(default_factory=dict)
@@ -144,15 +144,15 @@ class PageMoment:
         """The reading of this moment."""
         return None if self.view is None else self.view.reading
 
-    def status_while_frozen(self, now: "PageMoment", now_ns: int) -> SensorStatus:
+    def status_while_frozen(self, now: "PageMoment", now_ns: int) -> SensorStatusMessage:
         """Return the status for a viewer who has frozen this moment and for whom the sensor is now in another."""
         if now.sensor.phase is SensorPhase.RECORDED:
-            return SensorStatus("held", "frozen, a moment of a recording is shown")
-        return sensor_status(now.sensor, self.reading, True, now_ns)
+            return SensorStatusMessage("held", "frozen, a moment of a recording is shown")
+        return most_urgent_status(now.sensor, self.reading, True, now_ns)
 
 
 @runtime_checkable
-class PageDisplay(Protocol):
+class MomentDisplay(Protocol):
     """The interface of a display of moments. No reading is drawn while no browser is connected."""
 
     @property
@@ -189,14 +189,14 @@ class PageController:
         out: Path,
         wrenches: Sequence[WrenchHistory] = (),
         save_limits: SaveLimits = SaveLimits(),
-        press_at: Callable[[int], TwinPress | None] | None = None,
+        press_at: Callable[[int], PressStep | None] | None = None,
         name: str = "",
         others: Sequence["PageController"] = (),
     ) -> None:
         """press_at: returns what pressed a twin at a stamp; None for a sensor that is no twin. name: of the sensor among several.
         others: the controllers of the other sensors, which this one refreshes too."""
         self.name, self.sensors = name, (self, *others)
-        scales = [session_colour_scale(loop.sensor.shape.curve), *(other.scale for other in others)]
+        scales = [full_range_colour_scale(loop.sensor.shape.curve), *(other.scale for other in others)]
         self.scale: ColourScale = max(scales, key=lambda scale: scale.pressed_mm)
         for other in others:
             other.scale = self.scale
@@ -213,7 +213,7 @@ class PageController:
         """The newest reading on the page; None before the first."""
         return None if self._view is None else self._view.reading
 
-    def run(self, display: PageDisplay, display_hz: float = 15.0, until: Callable[[], bool] = lambda: False) -> None:
+    def run(self, display: MomentDisplay, display_hz: float = 15.0, until: Callable[[], bool] = lambda: False) -> None:
         """Show readings until interrupted or `until` is true; raises the error with which the sensor thread failed."""
         due_at, slowdown = time.monotonic(), 1.0
         try:
@@ -227,7 +227,7 @@ class PageController:
         finally:
             self.show_final_state(display)
 
-    def refresh(self, display: PageDisplay) -> list[SensorSnapshot]:
+    def refresh(self, display: MomentDisplay) -> list[SensorSnapshot]:
         """Update the display once and return the states of the sensors; raises the error with which the sensor thread failed, of
         several when all have failed."""
         now_ns = time.monotonic_ns()
@@ -236,14 +236,14 @@ class PageController:
         for one, sensor in zip(self.sensors, snapshots, strict=True):
             if display.is_watched:
                 one._take(sensor.reading)
-            moments.append(one._moment(sensor, sensor_status(sensor, one.shown_reading, False, now_ns)))
+            moments.append(one._moment(sensor, most_urgent_status(sensor, one.shown_reading, False, now_ns)))
         self._present(display, moments)
         troubles = [sensor.trouble for sensor in snapshots if sensor.phase is SensorPhase.FAILED]
         if len(troubles) == len(self.sensors) and troubles[0] is not None:
             raise troubles[0]
         return snapshots
 
-    def show_final_state(self, display: PageDisplay) -> None:
+    def show_final_state(self, display: MomentDisplay) -> None:
         """Mark the page as ended, because a browser keeps the last page that it received."""
         snapshots = [(one, one._loop.snapshot(time.monotonic_ns())) for one in self.sensors]
         self._present(display, [one._moment(sensor, _final_status(sensor)) for one, sensor in snapshots])
@@ -264,10 +264,10 @@ class PageController:
         if reading is None or reading is self.shown_reading:
             return
         press = None if self._press_at is None else self._press_at(reading.stamp_ns)
-        self._view, self._views = render_reading(reading, self.scale, press), self._views + 1
+        self._view, self._views = ReadingView(reading, self.scale, press), self._views + 1
         self._shown.tick(time.monotonic_ns(), self._views)
 
-    def _moment(self, sensor: SensorSnapshot, status: SensorStatus) -> PageMoment:
+    def _moment(self, sensor: SensorSnapshot, status: SensorStatusMessage) -> PageMoment:
         """Return the newest view of this sensor with everything that belongs to its moment."""
         if self._view is not None and self._view.is_past != status.is_past:
             # A view that is dimmed, or no longer, is another view: nothing of it has been drawn yet.
@@ -276,7 +276,7 @@ class PageController:
         wrenches = tuple(history.snapshot(at_ns, now_ns) for history in self.wrenches)
         return PageMoment(status, sensor, self._view, wrenches, self._shown.hz(now_ns), self._page_ms, self.name)
 
-    def _present(self, display: PageDisplay, moments: Sequence[PageMoment]) -> None:
+    def _present(self, display: MomentDisplay, moments: Sequence[PageMoment]) -> None:
         """Show the moments of all sensors as one."""
         watch = Stopwatch()
         display.show(replace(moments[0], beside=tuple(moments)) if len(moments) > 1 else moments[0])

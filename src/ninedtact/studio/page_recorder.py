@@ -18,7 +18,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.errors import InputError
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata
-from ninedtact.recording.recorder import new_reading_writer, report_kept_messages
+from ninedtact.recording.recorder import new_reading_writer, report_kept_on_failure
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.saved_files import SaveQuota
@@ -34,7 +34,7 @@ class NotRecording(InputError):
 
 
 @dataclass(frozen=True)
-class RecordedPageSensor:
+class PageSensorToRecord:
     """One of the sensors of a page, as it is recorded."""
 
     sensor: SensorFolder
@@ -76,7 +76,7 @@ class RecorderState:
 class PageRecorder:
     """Writes one recording at a time into the page's folder, until it is stopped or nothing more may be written."""
 
-    def __init__(self, sensors: Sequence[RecordedPageSensor], out: Path, quota: SaveQuota) -> None:
+    def __init__(self, sensors: Sequence[PageSensorToRecord], out: Path, quota: SaveQuota) -> None:
         """sensors: are all recorded into one file."""
         self.sensors, self.out, self._quota = tuple(sensors), out, quota
         self._queue: Queue[tuple[int, Reading]] = Queue(BUFFERED_READINGS * len(self.sensors))
@@ -114,7 +114,7 @@ class PageRecorder:
             path = self.out / f"recording_{datetime.now():%Y%m%d_%H%M%S_%f}.mcap"
             opened = ExitStack()
             kept: list[str] = []
-            opened.enter_context(report_kept_messages(path, kept.append))
+            opened.enter_context(report_kept_on_failure(path, kept.append))
             writers = self._new_writers(path)
             opened.enter_context(writers[0])
             self._queue, self._span = Queue(self._queue.maxsize), None
@@ -223,7 +223,7 @@ class PageRecorder:
 class _MeasuredWrenchWriter:
     """Writes the measured wrenches of one sensor."""
 
-    def __init__(self, part: RecordedPageSensor, writer: RecordingWriter) -> None:
+    def __init__(self, part: PageSensorToRecord, writer: RecordingWriter) -> None:
         self._writer, self._measured = writer, part.measured
         self._measured_ns = monotonic_ns()
 

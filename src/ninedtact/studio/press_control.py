@@ -1,6 +1,6 @@
 """What a person can do with the twin: choose an object or bring one's own, and hold it to a depth or under a load.
 
-One `PressControl` is shared by all viewers: they press the same twin. Each change is checked and applied to the hand of the
+One `TwinPressController` is shared by all viewers: they press the same twin. Each change is checked and applied to the hand of the
 simulation; `revision` tells the panels of other viewers to follow.
 """
 
@@ -27,7 +27,7 @@ from ninedtact.simulation.objects.mesh_objects import (
     MeshUnusable,
     load_mesh_object,
 )
-from ninedtact.simulation.press_sequence import PressSequence, TwinPress
+from ninedtact.simulation.press_sequence import PressSequence, PressStep
 from ninedtact.simulation.trajectory import HOVER_MM
 
 OBJECTS_BY_KIND: dict[str, tuple[str, ...]] = {"primitives": tuple(PRIMITIVES)} | {
@@ -51,8 +51,8 @@ class UploadRefused(FileFormatError):
 
 
 @dataclass(frozen=True)
-class HeldObject:
-    """The object in the hand and where it is held, as the page shows it."""
+class HandPressState:
+    """Which object presses the twin by hand, and its pose, depth or load, as the page shows it."""
 
     kind: str = "primitives"
     family: str = "ball"
@@ -82,7 +82,7 @@ class HeldObject:
         return HandTarget(Pose(self.x_mm, self.y_mm, self.depth_mm, *turns), self.load_n if self.by_load else None)
 
 
-class PressControl:
+class TwinPressController:
     """Presses one twin for all viewers; safe to use from different threads."""
 
     def __init__(self, simulation: PressSequence) -> None:
@@ -91,11 +91,11 @@ class PressControl:
         self.reach_mm = float(int(reach_mm[0])), float(int(reach_mm[1]))
         """Largest x and y of an object, so that the camera sees it."""
         self._lock = RLock()
-        self._state, self._revision = HeldObject(), 0
+        self._state, self._revision = HandPressState(), 0
         self._own_mesh: MeshObject | None = None
 
     @property
-    def state(self) -> HeldObject:
+    def state(self) -> HandPressState:
         """The object and where it is held."""
         with self._lock:
             return self._state
@@ -112,7 +112,7 @@ class PressControl:
         with self._lock:
             return None if self._own_mesh is None else self._own_mesh.relief.name
 
-    def press_at(self, stamp_ns: int) -> TwinPress | None:
+    def press_at(self, stamp_ns: int) -> PressStep | None:
         """Return the object and the contact at the stamp of an image."""
         return self.simulation.press_at(stamp_ns)
 
@@ -125,7 +125,7 @@ class PressControl:
     def move(self, **changes: Any) -> None:
         """Hold the object somewhere else, within the limits; an object is taken into the hand if the sequence plays.
 
-        changes: fields of `HeldObject`, of the pose, the depth or the load.
+        changes: fields of `HandPressState`, of the pose, the depth or the load.
         """
         with self._lock:
             self._state = _within_limits(replace(self._state, **changes), self.reach_mm)
@@ -160,7 +160,7 @@ class PressControl:
         self.simulation.hand.take(self._find_object(self._state))
         self._state = replace(self._state, is_playing=False)
 
-    def _find_object(self, state: HeldObject) -> Indenter:
+    def _find_object(self, state: HandPressState) -> Indenter:
         """Return the chosen object."""
         if state.kind != OWN_KIND:
             return indenter_from_name(state.object_name)
@@ -204,7 +204,7 @@ def read_uploaded_mesh(name: str, content: bytes, placement: MeshPlacement = Mes
     return mesh
 
 
-def _within_limits(state: HeldObject, reach_mm: tuple[float, float]) -> HeldObject:
+def _within_limits(state: HandPressState, reach_mm: tuple[float, float]) -> HandPressState:
     """Return the state with every number within what the controls allow."""
     clip = {
         "depth_mm": (-HOVER_MM, MAX_DEPTH_MM),
@@ -219,7 +219,7 @@ def _within_limits(state: HeldObject, reach_mm: tuple[float, float]) -> HeldObje
     return replace(state, **numbers)
 
 
-def state_from_rotation(rotation: np.ndarray) -> dict[str, float]:
+def twist_and_tilts_deg(rotation: np.ndarray) -> dict[str, float]:
     """Return twist and tilts in degrees of a rotation matrix, as `Pose.rotation` composes them."""
     return {
         "twist_deg": degrees(np.arctan2(rotation[1, 0], rotation[1, 1])),

@@ -22,8 +22,8 @@ from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.shape.surface import point_cloud, triangulate_view
-from ninedtact.simulation.pixel_to_skin_map import grid_coordinates, sample_periodic
-from ninedtact.simulation.press_sequence import TwinPress
+from ninedtact.simulation.pixel_to_skin_map import grid_indices_at_positions, sample_periodic
+from ninedtact.simulation.press_sequence import PressStep
 from ninedtact.studio.skin_fields import SkinTractions, colourise_magnitudes, estimated_tractions, true_tractions
 
 MAX_SURFACE_POINTS = 40_000
@@ -159,7 +159,8 @@ class ReadingView:
 
     reading: Reading
     scale: ColourScale
-    press: TwinPress | None = None
+    """The colours of the heights."""
+    press: PressStep | None = None
     """The object and the contact of the twin; None for a sensor that is no twin, or where it is no longer known."""
     is_past: bool = False
     """Whether the view is dimmed because it is not current."""
@@ -294,12 +295,7 @@ class ReadingView:
         return replace(surface, colours=_darken(surface.colours)) if self.is_past else surface
 
 
-def render_reading(reading: Reading, scale: ColourScale, press: TwinPress | None = None) -> ReadingView:
-    """Return the view of a reading, with heights in the colours of `scale`."""
-    return ReadingView(reading, scale, press)
-
-
-def tiles_jpeg(
+def sensor_tiles_jpeg(
     views: Sequence[ReadingView], names: Sequence[str], kind: ImageKind, with_outline: bool, source: ShownTraction
 ) -> bytes:
     """Return the same image of several sensors in one JPEG, with their names, encoded once for all viewers."""
@@ -321,7 +317,7 @@ def _encode_tiles(
     return cv2.imencode(".jpg", np.vstack(pairs), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
 
 
-def session_colour_scale(curve: DepthCurve) -> ColourScale:
+def full_range_colour_scale(curve: DepthCurve) -> ColourScale:
     """Return the colour scale of a session, symmetric about zero, which spans the whole calibrated range."""
     deepest_mm = max(round(curve.max_indentation_mm, 1), 0.1, round(curve.bulge_mm[-1], 1) if curve.bulge_mm else 0.0)
     return ColourScale(deepest_mm, deepest_mm)
@@ -341,10 +337,10 @@ def _heights_at(height: HeightMap, x_mm: Float[Array, " n"], y_mm: Float[Array, 
     return np.where(inside, z_mm, np.nan)
 
 
-def _true_heights_at(press: TwinPress, x_mm: Float[Array, " n"], y_mm: Float[Array, " n"]) -> Float[Array, " n"]:
+def _true_heights_at(press: PressStep, x_mm: Float[Array, " n"], y_mm: Float[Array, " n"]) -> Float[Array, " n"]:
     """Return the heights of the simulated skin at positions."""
     contact = press.contact
-    at = grid_coordinates(
+    at = grid_indices_at_positions(
         contact.skin.grid, contact.centre_mm, x_mm[None].astype(np.float32), y_mm[None].astype(np.float32)
     )
     return np.asarray(sample_periodic(to_numpy(contact.height_mm).astype(np.float32), *at)[0], float)

@@ -1,6 +1,6 @@
 """A recording on the page: its readings one by one, and the player that makes one consistent moment of each.
 
-    file ──RecordedReadings──▶ Reading ──RecordingPlayer──▶ PageMoment ──▶ one Viewer
+    file ──RecordedReadings──▶ Reading ──RecordingPlayer──▶ PageMoment ──▶ one ViewerPage
 
 Each viewer has a player of its own. Image, heights, wrenches and curves of a moment are those of one stamp of the recording, which
 is "now" of the curves. Heights that are stored are shown as stored; the others are computed against the reference image that the
@@ -24,7 +24,7 @@ from ninedtact.errors import InputError, NinedtactError
 from ninedtact.quantities import Frame, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable
-from ninedtact.recording.mcap_repair import edit_spans
+from ninedtact.recording.mcap_repair import edit_labelled_spans
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import (
@@ -38,10 +38,10 @@ from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.depth import DepthReader
 from ninedtact.shape.measures import max_indentation_mm
 from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
-from ninedtact.studio.page_controller import SILENT_AFTER_MS, WAITING_STATUS, PageMoment, SensorStatus
-from ninedtact.studio.reading_view import ReadingView, render_reading
+from ninedtact.studio.page_controller import SILENT_AFTER_MS, WAITING_STATUS, PageMoment, SensorStatusMessage
+from ninedtact.studio.reading_view import ReadingView
 from ninedtact.studio.sensor_poller import HISTORY_S, NS_PER_S, SensorPhase, SensorSnapshot
-from ninedtact.studio.wrench_history import MOST_HZ, WrenchHistory, WrenchSample, WrenchSnapshot
+from ninedtact.studio.wrench_history import MOST_HZ, WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 
 REFERENCE_FRAMES = 10
 CURVE_IMAGES = 600
@@ -50,12 +50,13 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 _UNKNOWN_STD = np.full(6, np.nan)
 
 
-class SpanRefused(InputError):
+class LabelledSpanRefused(InputError):
     """Raised for a label without a name, or for a stretch of time that ends before it begins."""
 
 
 class RecordedReadings:
-    """The readings of a recording by their number, as the sensor measured them. One thread at a time; close it."""
+    """Reads the readings of a recording by their number: computed again from the images, with the heights and estimates that are
+    stored. One thread at a time; close it."""
 
     def __init__(self, path: Path, shape: CalibratedShape) -> None:
         """Open a recording; raises `RecordingUnreadable`, also where it has no image."""
@@ -96,7 +97,7 @@ class RecordedReadings:
         """Yield the readings from one number up to and including another."""
         return map(self.reading, range(first, len(self) if last is None else last + 1))
 
-    def samples(self, topic: Topic) -> list[tuple[int, WrenchSample]]:
+    def samples(self, topic: Topic) -> list[tuple[int, WrenchWithUncertainty]]:
         """Return the wrenches of a topic by their stamps, at most as many as the page keeps of a sensor."""
         positions = self.recording.positions(topic)
         positions = positions[np.argsort(positions["stamp_ns"], kind="stable")]
@@ -107,9 +108,9 @@ class RecordedReadings:
                 continue
             kept, estimate = stamp_ns, self._estimate_at(stamp_ns) if topic is Topic.ESTIMATED else None
             if estimate is None:
-                found.append((stamp_ns, WrenchSample(self.recording.wrench(position), _UNKNOWN_STD)))
+                found.append((stamp_ns, WrenchWithUncertainty(self.recording.wrench(position), _UNKNOWN_STD)))
             else:
-                found.append((stamp_ns, WrenchSample(estimate.wrench, estimate.std, tuple(estimate.warnings))))
+                found.append((stamp_ns, WrenchWithUncertainty(estimate.wrench, estimate.std, tuple(estimate.warnings))))
         return found
 
     def close(self) -> None:
@@ -162,8 +163,8 @@ class RecordedReadings:
             )
 
 
-def recorded_wrench_columns(path: Path, shape: CalibratedShape) -> list[WrenchHistory]:
-    """Return the columns of wrenches that a page of a recording has, still empty; raises what `RecordedReadings` raises."""
+def empty_wrench_histories(path: Path, shape: CalibratedShape) -> list[WrenchHistory]:
+    """Return an empty history for each source of wrenches in a recording; raises what `RecordedReadings` raises."""
     with RecordedReadings(path, shape) as readings:
         readings.reading(0)
         recording = readings.recording
@@ -257,20 +258,22 @@ class RecordingPlayer:
             self._at_s = float(self._times_s[min(max(self.number + images, 0), len(self._times_s) - 1)])
 
     def add_span(self, begin_s: float, end_s: float, label: str) -> None:
-        """Label a stretch of time and keep it in the file; raises `SpanRefused`, `FileNotWritten`, `RecordingUnreadable`."""
+        """Label a span of time and keep it in the file; raises `LabelledSpanRefused`, `FileNotWritten`, `RecordingUnreadable`."""
         if not label.strip() or not 0 <= begin_s <= end_s:
-            raise SpanRefused(
+            raise LabelledSpanRefused(
                 f"expected a label and an end after its beginning, got '{label}' from {begin_s:.2f} to {end_s:.2f} s; name it and "
                 "mark both ends"
             )
         first_ns = int(self._stamps_ns[0])
         begin_ns, end_ns = (first_ns + round(at_s * NS_PER_S) for at_s in (begin_s, end_s))
         added = LabelledSpan(begin_ns, end_ns, label.strip())
-        self.spans = edit_spans(self._readings.recording.path, lambda spans: [*spans, added])
+        self.spans = edit_labelled_spans(self._readings.recording.path, lambda spans: [*spans, added])
 
     def remove_span(self, span: LabelledSpan) -> None:
         """Remove a label from the file; raises what `add_span` raises."""
-        self.spans = edit_spans(self._readings.recording.path, lambda spans: [one for one in spans if one != span])
+        self.spans = edit_labelled_spans(
+            self._readings.recording.path, lambda spans: [one for one in spans if one != span]
+        )
 
     def span_s(self, span: LabelledSpan) -> tuple[float, float]:
         """Return beginning and end of a span in seconds after the first image."""
@@ -331,23 +334,23 @@ class RecordingPlayer:
     def _view(self, number: int) -> tuple[ReadingView | None, str]:
         """Return the view of an image, or the last one with the reason why this one cannot be shown."""
         try:
-            return render_reading(self._readings.reading(number), self._scale), ""
+            return ReadingView(self._readings.reading(number), self._scale), ""
         except (NinedtactError, OSError, cv2.error) as trouble:
             return self._shown[1], str(trouble)
 
-    def _status(self, moment: PageMoment, lead: "RecordingPlayer") -> SensorStatus:
+    def _status(self, moment: PageMoment, lead: "RecordingPlayer") -> SensorStatusMessage:
         """Return the status of this sensor, whose time is that of the first one."""
         (_, view, trouble), silent_s = self._shown, (lead._stamps_ns[lead.number] - moment.sensor.heard_ns) / NS_PER_S
         if trouble:
-            return SensorStatus("lost", trouble)
+            return SensorStatusMessage("lost", trouble)
         if abs(silent_s) > SILENT_AFTER_MS / 1e3:
-            return SensorStatus("lost", f"recorded, {lead.at_s:.2f} s; no image of this sensor here")
+            return SensorStatusMessage("lost", f"recorded, {lead.at_s:.2f} s; no image of this sensor here")
         state = f"playing at {lead.speed:g} ×" if lead._is_playing else "paused"
         place = f"recorded, {lead.at_s:.2f} of {lead.duration_s:.2f} s, {state}"
         warnings = () if view is None else (*view.reading.reference_warnings, *view.reading.image_warnings)
-        return SensorStatus("warned" if warnings else "held", "; ".join((place, *warnings)))
+        return SensorStatusMessage("warned" if warnings else "held", "; ".join((place, *warnings)))
 
-    def _wrenches_at(self, stamp_ns: int, estimate: WrenchEstimate | None) -> Iterator[WrenchSnapshot]:
+    def _wrenches_at(self, stamp_ns: int, estimate: WrenchEstimate | None) -> Iterator[WrenchSourceSnapshot]:
         """Yield the wrenches of the recording in the columns of the page; the estimate is that of the image itself."""
         forces = self._readings.recording.metadata.force_torque
         for source in self._sources:
@@ -357,10 +360,10 @@ class RecordingPlayer:
             near = samples[max(end - 1, 0) : end + 1]
             sample = min(near, key=lambda one: abs(one[0] - stamp_ns))[1] if near else None
             if source.states_errors and estimate is not None:
-                sample = WrenchSample(estimate.wrench, estimate.std, tuple(estimate.warnings))
+                sample = WrenchWithUncertainty(estimate.wrench, estimate.std, tuple(estimate.warnings))
             meaning = "as recorded" if source.states_errors or not forces else f"as recorded: {forces}"
             state = (None, (), source.states_errors)
-            yield WrenchSnapshot(source.name, meaning, sample, tuple(samples[begin:end]), stamp_ns, *state)
+            yield WrenchSourceSnapshot(source.name, meaning, sample, tuple(samples[begin:end]), stamp_ns, *state)
 
     def _history_until(self, stamp_ns: int) -> Array:
         """Return seconds before a stamp and indentations, as far as they have been computed."""

@@ -18,18 +18,18 @@ from viser._messages import GuiSliderMark
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.open_sensor import RECORDING_SUFFIX, load_named_sensor
+from ninedtact.open_sensor import RECORDING_SUFFIX, load_given_or_recorded_sensor
 from ninedtact.reading import Reading
-from ninedtact.recording.export import export_recordings
-from ninedtact.recording.reader import Recording, sensor_addresses
+from ninedtact.recording.export import export_each_sensor
+from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.studio.page_cards import recorder_html, shape_summary_html, status_html, wrenches_html
+from ninedtact.studio.page_cards import recorder_html, shape_summary_html, status_html, wrench_table_html
 from ninedtact.studio.page_controller import WITHOUT_READING, NothingToSave, PageMoment
 from ninedtact.studio.page_recorder import PageRecorder, RecorderState
 from ninedtact.studio.recording_player import SPEEDS, RecordingPlayer
-from ninedtact.studio.saved_files import Exporter, moment_page, save_surface_sequence, save_video
-from ninedtact.studio.viewer import Side, Viewer, is_from_browser, set_control
+from ninedtact.studio.saved_files import Exporter, save_surface_sequence, save_video, standalone_moment_html
+from ninedtact.studio.viewer import Side, ViewerPage, is_user_event, set_gui_control
 
 NOTHING, WHOLE = "none", "the whole recording"
 STEPS = {"back": -1, "play": 0, "next": 1}
@@ -37,15 +37,15 @@ PLAY_KEYS = "keys: J frame back, K play or pause, L frame forward"
 _LIST_EVERY_S = 1.0
 _HEIGHT_BYTES = 4
 _OF_CHOICE = "of the chosen label or of the whole recording"
-_TABLES = Exporter(export_recordings, "export", "PNG, CSV, .npy and the sensor folder", has_all_sensors=True)
+_TABLES = Exporter(export_each_sensor, "export", "PNG, CSV, .npy and the sensor folder", has_all_sensors=True)
 _MARK_LETTERS, _MARK_ROOM = 10, 0.2
 """Number of letters of a label that are drawn on the time slider, and the share of it that they take."""
 _SMALL = "margin:0.2em 0.9em;font-size:0.85em"
 
 
 @dataclass(frozen=True)
-class RecordingDesk:
-    """What the panels of all viewers share."""
+class RecordingsPanelContext:
+    """What the recordings panels of all viewers share: recorder, first recording, calibrations and exporters."""
 
     server: ViserServer
     sensor: SensorFolder
@@ -69,7 +69,7 @@ class RecordingDesk:
             carries_none = not recording.sensor_files()
             if carries_none and recording.sensor == self.sensor.id:
                 return self.sensor.shape
-        with load_named_sensor(None, str(path)) as folder:
+        with load_given_or_recorded_sensor(None, str(path)) as folder:
             return folder.shape
 
 
@@ -79,8 +79,8 @@ class RecordingsPanel:
     title, icon = "Record", Icon.VIDEO
     side: Side = "right"
 
-    def __init__(self, viewer: Viewer, desk: RecordingDesk) -> None:
-        self._viewer, self._desk = viewer, desk
+    def __init__(self, viewer: ViewerPage, context: RecordingsPanelContext) -> None:
+        self._viewer, self._context = viewer, context
         self._out, self._quota = viewer.controller.out, viewer.controller.quota
         self._player: RecordingPlayer | None = None
         self._listed_at, self._was_running = -_LIST_EVERY_S, False
@@ -88,10 +88,10 @@ class RecordingsPanel:
 
     def build(self, gui: GuiApi) -> None:
         """Add the controls of recording, playing, labels and export."""
-        if self._desk.recorder is not None:
-            self._build_record(gui, self._desk.recorder)
+        if self._context.recorder is not None:
+            self._build_record(gui, self._context.recorder)
         with gui.add_folder("play"):
-            if self._desk.opens is None:
+            if self._context.opens is None:
                 self._choice = gui.add_dropdown("recording", (NOTHING,), hint=f"recordings in {self._out}")
                 self._close_button = gui.add_button("Back to the sensor", icon=Icon.PLAYER_EJECT, visible=False)
                 self._choice.on_update(self._choose)
@@ -124,7 +124,7 @@ class RecordingsPanel:
                 "Surfaces (PLY)": (Icon.STACK_2, f"every surface, {_OF_CHOICE}", self._export_surfaces),
                 "Video (MP4)": (Icon.MOVIE, f"image beside heights, {_OF_CHOICE}", self._export_video),
             }
-            for name, one in self._desk.exporters.items():
+            for name, one in self._context.exporters.items():
                 exports[name] = Icon.FILE_EXPORT, one.hint, partial(self._export_with, one)
             self._exports: list[GuiButtonHandle] = []
             for name, (icon, hint, export) in exports.items():
@@ -134,21 +134,21 @@ class RecordingsPanel:
         gui.add_command("Frame back", hotkey="J").on_trigger(lambda event: self._step(-1))
         gui.add_command("Play or pause", hotkey="K").on_trigger(lambda event: self._step(0))
         gui.add_command("Frame forward", hotkey="L").on_trigger(lambda event: self._step(1))
-        if self._desk.opens is not None:
-            self._open(self._desk.opens)
+        if self._context.opens is not None:
+            self._open(self._context.opens)
 
     def update(self, moment: PageMoment) -> None:
         """Show the state of the recorder, and the place in time."""
         state = RecorderState()
-        if self._desk.recorder is not None:
-            state = self._desk.recorder.state()
+        if self._context.recorder is not None:
+            state = self._context.recorder.state()
             self._show_recorder(state)
         if self._player is not None and self._player.at_s != self._slid_s:
             # Only where time has gone on by itself: a slider that a person drags must not be set back.
             self._slid_s = self._player.at_s
-            set_control(self._slider, round(self._slid_s, 3))
+            set_gui_control(self._slider, round(self._slid_s, 3))
         is_due = monotonic() - self._listed_at > _LIST_EVERY_S or state.is_running != self._was_running
-        if self._desk.opens is None and is_due:
+        if self._context.opens is None and is_due:
             self._listed_at, self._was_running = monotonic(), state.is_running
             self._list_recordings(state)
 
@@ -192,7 +192,7 @@ class RecordingsPanel:
             self._choice.options = names
 
     def _choose(self, event: GuiEvent[Any]) -> None:
-        if is_from_browser(event):
+        if is_user_event(event):
             name = str(event.target.value)
             self._close() if name not in self._choice.options[1:] else self._open(self._out / name)
 
@@ -200,17 +200,17 @@ class RecordingsPanel:
         """Show a recording in place of the sensor, to this viewer."""
         viewer = self._viewer
         with self._viewer.notify_refusal("Not opened"), ExitStack() as opened:
-            paths, sensors = list(map(Path, sensor_addresses(path))), viewer.controller.sensors
+            paths, sensors = list(map(Path, recorded_sensor_addresses(path))), viewer.controller.sensors
             others: list[RecordingPlayer] = []
             for number, one in enumerate(paths[1:], start=1):
                 columns = sensors[min(number, len(sensors) - 1)].wrenches
-                others.append(RecordingPlayer(one, self._desk.shape_of(one), viewer.controller.scale, columns))
+                others.append(RecordingPlayer(one, self._context.shape_of(one), viewer.controller.scale, columns))
                 opened.callback(others[-1].close)
-            shape = self._desk.shape_of(paths[0])
+            shape = self._context.shape_of(paths[0])
             player = RecordingPlayer(paths[0], shape, viewer.controller.scale, sensors[0].wrenches, others)
             opened.pop_all()
             self._player = player
-            set_control(self._slider, 0.0)
+            set_gui_control(self._slider, 0.0)
             self._slider.max = max(round(player.duration_s, 3), 0.001)
             self._marks_s = [0.0, player.duration_s]
             viewer.play(player)
@@ -221,7 +221,7 @@ class RecordingsPanel:
         """Show the sensor again."""
         self._player = None
         self._viewer.play(None)
-        set_control(self._choice, NOTHING)
+        set_gui_control(self._choice, NOTHING)
         self._show_controls()
 
     def _show_controls(self) -> None:
@@ -230,11 +230,11 @@ class RecordingsPanel:
         self._slider.visible = self._steps.visible = self._speed.visible = is_open
         for button in self._exports:
             button.visible = is_open
-        if self._desk.opens is None:
+        if self._context.opens is None:
             self._close_button.visible = is_open
 
     def _seek(self, event: GuiEvent[Any]) -> None:
-        if is_from_browser(event) and self._player is not None:
+        if is_user_event(event) and self._player is not None:
             self._player.seek(float(event.target.value))
             self._slid_s = self._player.at_s
 
@@ -244,7 +244,7 @@ class RecordingsPanel:
 
     def _set_speed(self, event: GuiEvent[Any]) -> None:
         speeds = {f"{each:g} ×": each for each in SPEEDS}
-        if is_from_browser(event) and self._player is not None:
+        if is_user_event(event) and self._player is not None:
             self._player.speed = speeds.get(str(event.target.value), 1.0)
 
     def _chosen_span(self) -> LabelledSpan | None:
@@ -254,7 +254,7 @@ class RecordingsPanel:
 
     def _go_to_label(self, event: GuiEvent[Any]) -> None:
         span = self._chosen_span()
-        if is_from_browser(event) and self._player is not None and span is not None:
+        if is_user_event(event) and self._player is not None and span is not None:
             self._player.seek(self._player.span_s(span)[0])
             self._marks_s = list(self._player.span_s(span))
 
@@ -306,12 +306,12 @@ class RecordingsPanel:
         cards = (
             status_html(moment.status),
             shape_summary_html(view.summary, False),
-            wrenches_html(moment.wrenches, False) if moment.wrenches else "",
+            wrench_table_html(moment.wrenches, False) if moment.wrenches else "",
         )
         sample = moment.wrenches[0].sample if moment.wrenches else None
         wrench = None if sample is None else sample.wrench
-        title = f"{self._desk.sensor.id}, {moment.status.sentence}"
-        content = moment_page(view, cards, self._desk.server, self._viewer.block, title, wrench).encode()
+        title = f"{self._context.sensor.id}, {moment.status.sentence}"
+        content = standalone_moment_html(view, cards, self._context.server, self._viewer.block, title, wrench).encode()
         self._quota.require_space(len(content), self._out, "a web page")
         write_file_atomically(path, content)
         self._quota.add_bytes(len(content))

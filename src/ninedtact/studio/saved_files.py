@@ -33,7 +33,7 @@ from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.export import export_shape
 from ninedtact.studio.reading_view import ImageKind, ReadingView, ShownTraction, SkinColouring
 from ninedtact.studio.scene_3d import GelBlock, SkinScene
-from ninedtact.studio.wrench_history import WrenchSnapshot
+from ninedtact.studio.wrench_history import WrenchSourceSnapshot
 
 if TYPE_CHECKING:
     from ninedtact.recording.reader import Recording  # whose libraries a page without recordings does not need
@@ -114,7 +114,12 @@ class SaveQuota:
 
 
 def save_moment_files(
-    reading: Reading, status: str, wrenches: Iterable[WrenchSnapshot], folder: Path, quota: SaveQuota, sensor: str = ""
+    reading: Reading,
+    status: str,
+    wrenches: Iterable[WrenchSourceSnapshot],
+    folder: Path,
+    quota: SaveQuota,
+    sensor: str = "",
 ) -> list[Path]:
     """Write camera image, heights (mm), and wrenches with errors and warnings, to files named by the time and the sensor's name.
 
@@ -122,7 +127,7 @@ def save_moment_files(
     """
     with quota.writing:
         quota.count_save(reading.frame.image.nbytes + _SAVED_BYTES_PER_PX * reading.height.z_mm.size, folder)
-        paths = _write_moment_files(reading, moment_values(reading, status, wrenches), folder, sensor)
+        paths = _write_moment_files(reading, moment_json_dict(reading, status, wrenches), folder, sensor)
         quota.add_bytes(sum(path.stat().st_size for path in paths))
         return paths
 
@@ -141,7 +146,7 @@ def _write_moment_files(reading: Reading, values: dict[str, Any], folder: Path, 
     return [image, *heights, moment]
 
 
-def moment_values(reading: Reading, status: str, wrenches: Iterable[WrenchSnapshot]) -> dict[str, Any]:
+def moment_json_dict(reading: Reading, status: str, wrenches: Iterable[WrenchSourceSnapshot]) -> dict[str, Any]:
     """Return the numbers and words of a moment for JSON: N and N·m, one standard deviation, null where none is known."""
     return {
         "stamp_ns": reading.stamp_ns,
@@ -277,7 +282,7 @@ class _DetachedOwner:
         self.client_id, self._viser_server, self._websock_connection = 0, server, _DetachedConnection()
 
 
-def moment_page(
+def standalone_moment_html(
     view: ReadingView, cards: Iterable[str], server: ViserServer, block: GelBlock, title: str, wrench: Any = None
 ) -> str:
     """Return one HTML page of a moment that needs no other file: the surface in 3D, camera image, heights and cards.

@@ -19,7 +19,7 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.quantities import Wrench
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.surface import triangulate_view
-from ninedtact.simulation.press_sequence import TwinPress
+from ninedtact.simulation.press_sequence import PressStep
 from ninedtact.studio.reading_view import LIGHT_DIRECTION, SkinSurface
 
 Point = tuple[float, float, float]
@@ -150,7 +150,10 @@ def _add_arrow(scene: SceneApi, name: str, colour: tuple[int, int, int]) -> Arro
 
 
 def centre_of_pressure_mm(wrench: Wrench) -> Float64[Array, "3"] | None:
-    """Return the point of the undeformed skin about which only the torque about z remains; None for a very small force."""
+    """Return the centre of pressure: the point of the undeformed skin about which only the torque about z remains.
+
+    None for a very small force.
+    """
     force_z = float(wrench.force_n[2])
     if abs(force_z) < LEAST_FORCE_N:
         return None
@@ -249,14 +252,14 @@ class SkinScene:
             self._tractions.points = arrows_mm
         self._tractions.visible = arrows_mm is not None and len(arrows_mm) > 0
 
-    def show_object(self, press: TwinPress | None) -> None:
+    def show_object(self, press: PressStep | None) -> None:
         """Draw the object of a twin where it is; it is hidden while heights are exaggerated, because it is rigid."""
         if press is None or self._exaggeration != 1.0:
             self._object.visible = False
             return
         if press.indenter is not self._indenter:
             self._indenter = press.indenter
-            vertices, faces = underside_mesh(press.indenter)
+            vertices, faces = indenter_underside_mesh(press.indenter)
             self._object = self._scene.add_mesh_simple(
                 f"{self._at}/object", vertices, faces, color=OBJECT, wireframe=True, opacity=0.35, side="double"
             )
@@ -300,7 +303,7 @@ OBJECT_PITCH_MM, OBJECT_HALF_MM, OBJECT_HEIGHT_MM = 0.4, 14.0, 3.0
 drawn."""
 
 
-def underside_mesh(indenter: Indenter) -> tuple[Float32[Array, "n 3"], UInt32[Array, "m 3"]]:
+def indenter_underside_mesh(indenter: Indenter) -> tuple[Float32[Array, "n 3"], UInt32[Array, "m 3"]]:
     """Return the lowest part of the underside of an object as vertices in mm in its own frame, and triangles."""
     axis = np.arange(-OBJECT_HALF_MM, OBJECT_HALF_MM + OBJECT_PITCH_MM, OBJECT_PITCH_MM)
     x, y = np.meshgrid(axis, axis)
@@ -348,7 +351,7 @@ _SEEN_WIDTH = 1.65
 """Width at the middle of the view that the camera sees, in units of `far`, where the view is as wide as high."""
 
 
-class SideBySide:
+class SideBySideLayout:
     """The places of several sensors in the scene, in one column where the view is narrow, and the camera that sees all."""
 
     def __init__(self, block: GelBlock, sensors: int, aspect: float, covered: float = 0.0) -> None:

@@ -22,13 +22,13 @@ from ninedtact.studio.page_cards import (
     LEAST_NMM,
     PALE,
     TONES,
-    badge_html,
-    component_curves,
+    component_curve_and_error_band,
+    warning_badge_html,
 )
 from ninedtact.studio.page_controller import PageMoment
 from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
-from ninedtact.studio.viewer import Side, Viewer, is_from_browser
-from ninedtact.studio.wrench_history import WrenchSample, WrenchSnapshot
+from ninedtact.studio.viewer import Side, ViewerPage, is_user_event
+from ninedtact.studio.wrench_history import WrenchSourceSnapshot, WrenchWithUncertainty
 
 SENSOR_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 """Blue, vermilion, green and purple of Okabe and Ito, one for each sensor; a fifth begins again."""
@@ -68,7 +68,9 @@ def grip_forces(moments: Sequence[PageMoment]) -> Iterator[GripForce]:
                     yield _grip_force(one, other, first, second)
 
 
-def _grip_force(one: PageMoment, other: PageMoment, first: WrenchSnapshot, second: WrenchSnapshot) -> GripForce:
+def _grip_force(
+    one: PageMoment, other: PageMoment, first: WrenchSourceSnapshot, second: WrenchSourceSnapshot
+) -> GripForce:
     fingers, samples = (one.name, other.name), (first.sample, second.sample)
     known = [_has_force(moment, sample) for moment, sample in zip((one, other), samples, strict=True)]
     if samples[0] is None or samples[1] is None or not all(known):
@@ -78,7 +80,7 @@ def _grip_force(one: PageMoment, other: PageMoment, first: WrenchSnapshot, secon
     return GripForce(fingers, first.name, force_n, float(samples[0].std[2] + samples[1].std[2]) / 2)
 
 
-def _has_force(moment: PageMoment, sample: WrenchSample | None) -> bool:
+def _has_force(moment: PageMoment, sample: WrenchWithUncertainty | None) -> bool:
     """Return whether the normal force of a sensor is current and known."""
     return sample is not None and not moment.status.is_past and not np.isinf(sample.std[2])
 
@@ -101,7 +103,7 @@ def _sensor_status_html(moment: PageMoment) -> str:
     )
 
 
-def group_wrenches_html(moments: Sequence[PageMoment]) -> str:
+def group_wrench_table_html(moments: Sequence[PageMoment]) -> str:
     """Return the grip forces, then the wrench of every sensor from every source as a row, with errors and warnings, as HTML."""
     if not any(moment.wrenches for moment in moments):
         return ""
@@ -150,7 +152,7 @@ def _sensor_rows_html(number: int, moment: PageMoment) -> str:
     """Return the wrenches of one sensor as rows of the table."""
     known = [one for one in moment.wrenches if one.sample is not None]
     warnings = dict.fromkeys(warning for one in known if one.sample for warning in one.sample.warnings)
-    badges = "".join(map(badge_html, warnings))
+    badges = "".join(map(warning_badge_html, warnings))
     head = (
         f'<tr><td colspan="7" style="padding-top:0.3em"><span style="color:{colour_of_sensor(number)}">■</span> '
         f"<b>{escape(moment.name)}</b> {badges}</td></tr>"
@@ -159,7 +161,7 @@ def _sensor_rows_html(number: int, moment: PageMoment) -> str:
     return head + "".join(_source_row_html(one, pale) for one in known)
 
 
-def _source_row_html(source: WrenchSnapshot, opacity: float) -> str:
+def _source_row_html(source: WrenchSourceSnapshot, opacity: float) -> str:
     """Return one wrench as a row of the table: each component over its standard deviation."""
     if source.sample is None:
         return ""
@@ -170,7 +172,7 @@ def _source_row_html(source: WrenchSnapshot, opacity: float) -> str:
     return f'<tr style="opacity:{opacity}"><td style="vertical-align:top">{escape(source.name)}</td>{cells}</tr>'
 
 
-def _component_html(sample: WrenchSample, number: int) -> str:
+def _component_html(sample: WrenchWithUncertainty, number: int) -> str:
     scale = (1.0, 1e3)[number // 3]
     std = scale * sample.std[number]
     if np.isinf(std):
@@ -184,7 +186,7 @@ def colour_of_sensor(number: int) -> str:
     return SENSOR_COLOURS[number % len(SENSOR_COLOURS)]
 
 
-def may_plot(viewer: Viewer, moment: PageMoment, moments: int) -> bool:
+def is_curve_redraw_due(viewer: ViewerPage, moment: PageMoment, moments: int) -> bool:
     """Return whether curves are redrawn: from time to time, and with every moment of a recording, but not while frozen."""
     return not viewer.is_frozen and (moments % PLOT_EVERY == 0 or moment.sensor.phase is SensorPhase.RECORDED)
 
@@ -195,7 +197,7 @@ class SensorGroupCurvesPanel:
     title, icon = "Wrenches, last seconds", Icon.CHART_LINE
     side: Side = "lower left"
 
-    def __init__(self, viewer: Viewer) -> None:
+    def __init__(self, viewer: ViewerPage) -> None:
         self._viewer, self._moments, self._shown = viewer, 0, _NORMAL
 
     def build(self, gui: GuiApi) -> None:
@@ -241,11 +243,11 @@ class SensorGroupCurvesPanel:
         """Redraw the curves from time to time, and not while they are frozen."""
         self._moments += 1
         self._legend.content = self._legend_html(moment.sensors)
-        if may_plot(self._viewer, moment, self._moments):
+        if is_curve_redraw_due(self._viewer, moment, self._moments):
             self._draw(moment.sensors)
 
     def _choose(self, event: GuiEvent[Any]) -> None:
-        if is_from_browser(event) and event.target.value in _COMPONENTS:
+        if is_user_event(event) and event.target.value in _COMPONENTS:
             self._shown = str(event.target.value)
             if self._viewer.moment is not None:
                 self._draw(self._viewer.moment.sensors)
@@ -258,7 +260,7 @@ class SensorGroupCurvesPanel:
         curves: list[Float64[Array, " n"]] = []
         for column, size in zip(self._columns, self._sizes, strict=True):
             source = _find_source(moments, *column)
-            found = [] if source is None else list(component_curves(source, at_s, axis, scale))
+            found = [] if source is None else list(component_curve_and_error_band(source, at_s, axis, scale))
             values[column] = found[0] if found else absent
             curves += found if len(found) == size else [absent] * size
         with_grip = self._shown == _NORMAL
@@ -284,7 +286,7 @@ class SensorGroupCurvesPanel:
         return f'<div style="margin:0 0.9em;font-size:0.85em">{" ".join(parts)}{dashed}</div>'
 
 
-def _find_source(moments: Sequence[PageMoment], number: int, name: str) -> WrenchSnapshot | None:
+def _find_source(moments: Sequence[PageMoment], number: int, name: str) -> WrenchSourceSnapshot | None:
     """Return a source of wrenches of one sensor; None where the moment has none, as that of another recording."""
     found = moments[number].wrenches if number < len(moments) else ()
     return next((source for source in found if source.name == name), None)

@@ -11,12 +11,12 @@ from ninedtact.studio.page_cards import (
     name_value_table_html,
     shape_summary_html,
     status_html,
-    wrenches_html,
+    wrench_table_html,
 )
 from ninedtact.studio.page_controller import WAITING_STATUS, PageMoment
-from ninedtact.studio.sensor_group import group_status_html, group_wrenches_html, may_plot
+from ninedtact.studio.sensor_group import group_status_html, group_wrench_table_html, is_curve_redraw_due
 from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
-from ninedtact.studio.viewer import Side, Viewer
+from ninedtact.studio.viewer import Side, ViewerPage
 
 SIDE_BY_SIDE = "all side by side"
 SAVED_AS = "the camera's image as .png, heights in mm as .npy, .png and .ply, wrenches and warnings as .json"
@@ -30,7 +30,7 @@ class StatusPanel:
     title, icon = "", None
     side: Side = "right"
 
-    def __init__(self, viewer: Viewer) -> None:
+    def __init__(self, viewer: ViewerPage) -> None:
         self._viewer = viewer
 
     def build(self, gui: GuiApi) -> None:
@@ -99,7 +99,7 @@ class WrenchPanel:
     title, icon = "", None
     side: Side = "right"
 
-    def __init__(self, viewer: Viewer, is_above: bool = False) -> None:
+    def __init__(self, viewer: ViewerPage, is_above: bool = False) -> None:
         self._is_here = is_above == (viewer.is_shared and not viewer.is_narrow)
 
     def build(self, gui: GuiApi) -> None:
@@ -111,9 +111,9 @@ class WrenchPanel:
         if not self._is_here:
             return
         if moment.beside:
-            self._table.content = group_wrenches_html(moment.beside)
+            self._table.content = group_wrench_table_html(moment.beside)
             return
-        self._table.content = wrenches_html(moment.wrenches, moment.status.is_past) if moment.wrenches else ""
+        self._table.content = wrench_table_html(moment.wrenches, moment.status.is_past) if moment.wrenches else ""
 
 
 class CurvesPanel:
@@ -122,7 +122,7 @@ class CurvesPanel:
     title, icon = "Wrench, last seconds", Icon.CHART_LINE
     side: Side = "lower left"
 
-    def __init__(self, viewer: Viewer) -> None:
+    def __init__(self, viewer: ViewerPage) -> None:
         self._viewer, self._moments = viewer, 0
 
     def build(self, gui: GuiApi) -> None:
@@ -132,17 +132,17 @@ class CurvesPanel:
     def update(self, moment: PageMoment) -> None:
         """Redraw the curves from time to time, and not while they are frozen."""
         self._moments += 1
-        if may_plot(self._viewer, moment, self._moments) and moment.wrenches:
+        if is_curve_redraw_due(self._viewer, moment, self._moments) and moment.wrenches:
             self._curves.draw(moment.wrenches[: len(self._viewer.controller.wrenches)])
 
 
-class SensorPanel:
-    """Reference image, the last seconds of the indentation, and rates and costs behind a fold."""
+class ReferenceAndRatesPanel:
+    """The button that takes the reference, the curve of the indentation in the last seconds, and rates and costs behind a fold."""
 
     title, icon = "Sensor", Icon.SETTINGS
     side: Side = "right"
 
-    def __init__(self, viewer: Viewer) -> None:
+    def __init__(self, viewer: ViewerPage) -> None:
         self._viewer, self._moments = viewer, 0
 
     def build(self, gui: GuiApi) -> None:
@@ -174,7 +174,7 @@ class SensorPanel:
         self._costs.content = name_value_table_html(rates | _format_stage_costs(moment))
         self._reference.disabled = moment.sensor.phase is not SensorPhase.READING
         self._moments += 1
-        if may_plot(self._viewer, moment, self._moments):
+        if is_curve_redraw_due(self._viewer, moment, self._moments):
             self._plot.data = tuple(moment.sensor.history)
 
     def _take_reference(self, event: GuiEvent[Any] | CommandEvent) -> None:

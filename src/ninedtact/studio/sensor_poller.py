@@ -77,7 +77,7 @@ class _IndentationHistory:
         return np.stack([(self._kept[0] - now_ns) / NS_PER_S, self._kept[1]])
 
 
-class ReferenceRecordingTooShort(CameraError):
+class RecordingTooShortForReference(CameraError):
     """Raised where a recording ended before the reference images were complete."""
 
 
@@ -123,7 +123,7 @@ class SensorSnapshot:
         return self.phase.value
 
 
-class DeliveryWatch:
+class SensorOutageNotifier:
     """Notices when a sensor begins or ceases to deliver readings. notify: receives a sentence about it, for a terminal."""
 
     def __init__(self, notify: Callable[[str], None]) -> None:
@@ -256,7 +256,7 @@ class SensorPoller:
         if self._reading is not None:
             return SensorPhase.ENDED, None
         source, wanted = self.sensor.source.name, self.sensor.reference_frames
-        return SensorPhase.FAILED, ReferenceRecordingTooShort(
+        return SensorPhase.FAILED, RecordingTooShortForReference(
             f"expected {source} to begin with {wanted} reference images (no contact) and then to continue, got "
             f"{self.sensor.frames_read} images in all; give reference images with --reference"
         )

@@ -32,11 +32,11 @@ from ninedtact.studio.press_control import (
     OBJECTS_BY_KIND,
     OWN_KIND,
     UPLOAD_SUFFIXES,
-    HeldObject,
-    PressControl,
-    state_from_rotation,
+    HandPressState,
+    TwinPressController,
+    twist_and_tilts_deg,
 )
-from ninedtact.studio.viewer import ControlFollower, Side, Viewer, is_from_browser
+from ninedtact.studio.viewer import ControlFollower, Side, ViewerPage, is_user_event
 
 HANDLE_LIFT_MM = 7.0
 """Height of the 3D handle over the lowest point of the object, so that both can be seen."""
@@ -65,20 +65,20 @@ class TwinPressPanel:
     title, icon = "Press", Icon.HAND_FINGER
     side: Side = "right"
 
-    def __init__(self, viewer: Viewer, controls: Sequence[PressControl]) -> None:
+    def __init__(self, viewer: ViewerPage, controls: Sequence[TwinPressController]) -> None:
         """controls: one for each sensor of the page."""
         self._viewer, self._controls = viewer, tuple(controls)
         self._followed, self._follower = (-1, -1), ControlFollower()
         self._dragging = False
 
     @property
-    def _pressed(self) -> tuple[PressControl, ...]:
+    def _pressed(self) -> tuple[TwinPressController, ...]:
         """The twins that are pressed: those that the views show, in the same way, as the fingers of a gripper close."""
         number = self._viewer.options.sensor
         return self._controls if number is None else (self._controls[number],)
 
     @property
-    def _control(self) -> PressControl:
+    def _control(self) -> TwinPressController:
         """The twin that the controls follow: the first of those that are pressed."""
         return self._pressed[0]
 
@@ -89,7 +89,7 @@ class TwinPressPanel:
         self._kind = gui.add_dropdown("kind", (*OBJECTS_BY_KIND, OWN_KIND), initial_value=state.kind)
         self._family = gui.add_dropdown("object", OBJECTS_BY_KIND[state.kind], initial_value=state.family)
         self._number = gui.add_slider("number", 1, MAX_NUMBER, 1, state.number, hint="which one of its family")
-        self._thumbnails = gui.add_image(thumbnails_of_kind(state.kind), format="png")
+        self._thumbnails = gui.add_image(object_thumbnails(state.kind), format="png")
         self._depth = gui.add_slider("depth (mm)", -HOVER_MM, MAX_DEPTH_MM, 0.05, state.depth_mm)
         self._load = gui.add_slider("load (N)", 0.0, MAX_LOAD_N, 0.1, state.load_n)
         self._x = gui.add_slider("drag x (mm)", -reach[0], reach[0], 0.1, state.x_mm)
@@ -136,7 +136,7 @@ class TwinPressPanel:
         )
         self._handle.on_update(self._drag)
 
-    def _show_handle(self, state: HeldObject, moment: PageMoment) -> None:
+    def _show_handle(self, state: HandPressState, moment: PageMoment) -> None:
         """Put the handle where the object is held, unless this viewer is dragging it."""
         if self._dragging:
             return
@@ -155,7 +155,7 @@ class TwinPressPanel:
         rotation = SO3(np.asarray(event.target.wxyz)).as_matrix()
         moved = {"x_mm": float(x), "y_mm": float(y), "depth_mm": HANDLE_LIFT_MM - float(z)}
         for control in self._pressed:
-            control.move(by_load=False, **moved, **state_from_rotation(rotation))
+            control.move(by_load=False, **moved, **twist_and_tilts_deg(rotation))
 
     @property
     def _place_mm(self) -> tuple[float, float, float]:
@@ -164,7 +164,7 @@ class TwinPressPanel:
 
     def _choose_mode(self, event: GuiEvent[Any]) -> None:
         """Let the sequence play, or hold the object to a depth or under a load."""
-        if not is_from_browser(event):
+        if not is_user_event(event):
             return
         for control in self._pressed:
             if event.target.value == _SEQUENCE:
@@ -174,7 +174,7 @@ class TwinPressPanel:
 
     def _choose_object(self, event: GuiEvent[Any]) -> None:
         """Take another object, the first one of a kind that was not shown before."""
-        if not is_from_browser(event):
+        if not is_user_event(event):
             return
         kind, family = str(self._kind.value), str(self._family.value)
         if kind == OWN_KIND:
@@ -190,7 +190,7 @@ class TwinPressPanel:
 
     def _move(self, name: str, event: GuiEvent[Any]) -> None:
         """Hold the object where a slider is."""
-        if not is_from_browser(event) or not np.isfinite(event.target.value):
+        if not is_user_event(event) or not np.isfinite(event.target.value):
             return
         by_load = {"depth_mm": {"by_load": False}, "load_n": {"by_load": True}}.get(name, {})
         for control in self._pressed:
@@ -210,12 +210,12 @@ class TwinPressPanel:
         else:
             self._viewer.notify("Mesh taken", " ".join(said), "green")
 
-    def _follow(self, state: HeldObject) -> bool:
+    def _follow(self, state: HandPressState) -> bool:
         """Set all controls to the present state; return whether all show it, which one that is being changed does not yet."""
         names = OBJECTS_BY_KIND.get(state.kind, (self._control.own_mesh_name or "",))
         if tuple(self._family.options) != names:
             self._family.options = names
-            self._thumbnails.image = thumbnails_of_kind(state.kind, self._control.simulation.hand.held_object)
+            self._thumbnails.image = object_thumbnails(state.kind, self._control.simulation.hand.held_object)
         self._number.visible = state.kind not in ("primitives", OWN_KIND)
         self._depth.visible, self._load.visible = not state.by_load, state.by_load
         chosen = (self._mode, _mode_of(state)), (self._kind, state.kind), (self._family, state.family)
@@ -223,12 +223,12 @@ class TwinPressPanel:
         return self._follower.follow(*chosen, (self._number, state.number), *moved)
 
 
-def _mode_of(state: HeldObject) -> str:
+def _mode_of(state: HandPressState) -> str:
     """Return how the object is moved, as the menu names it."""
     return _SEQUENCE if state.is_playing else _BY_LOAD if state.by_load else _BY_DEPTH
 
 
-def _contact_html(moment: PageMoment, control: PressControl) -> str:
+def _contact_html(moment: PageMoment, control: TwinPressController) -> str:
     """Return what presses, whether it slips, and why the object does not go where it is held, as HTML."""
     press = None if moment.view is None else moment.view.press
     if press is None:
@@ -252,7 +252,7 @@ def _catalogue_thumbnails(kind: str) -> UInt8[Array, "rows cols 4"]:
     return np.vstack(rows)
 
 
-def thumbnails_of_kind(kind: str, held: Indenter | None = None) -> UInt8[Array, "rows cols 4"]:
+def object_thumbnails(kind: str, held: Indenter | None = None) -> UInt8[Array, "rows cols 4"]:
     """Return the objects of a kind as one image (RGBA); of one's own mesh, only the held object."""
     if kind in OBJECTS_BY_KIND:
         return _catalogue_thumbnails(kind)

@@ -8,7 +8,12 @@ import numpy as np
 from viser import GuiApi, GuiEvent, GuiImageHandle, Icon, SceneClickEvent, uplot
 
 from ninedtact.shape.coloured_height_map import ColourScale
-from ninedtact.studio.page_cards import colour_legend_html, magnitude_legend_html, profile_html, sticking_legend_html
+from ninedtact.studio.page_cards import (
+    height_legend_html,
+    magnitude_legend_html,
+    profile_summary_html,
+    sticking_legend_html,
+)
 from ninedtact.studio.page_controller import PageMoment
 from ninedtact.studio.reading_view import (
     PROFILE_POINTS,
@@ -16,30 +21,30 @@ from ninedtact.studio.reading_view import (
     ReadingView,
     ShownTraction,
     SkinColouring,
-    tiles_jpeg,
+    sensor_tiles_jpeg,
 )
 from ninedtact.studio.scene_3d import SkinScene
 from ninedtact.studio.viewer import (
     MAX_EXAGGERATION,
     Side,
     ThemeChoice,
-    Viewer,
+    ViewerPage,
     ViewOptions,
-    is_from_browser,
-    set_control,
+    is_user_event,
+    set_gui_control,
 )
 
 BLANK = np.full((3, 4, 3), 90, np.uint8)
 _DENSITIES = {"all": 1, "a quarter": 2, "a sixteenth": 4}
 
 
-class ImagePanel:
+class ImagesPanel:
     """Two images of the viewer's choice, each with the meaning of its colours."""
 
     title, icon = "Images", Icon.PHOTO
     side: Side = "left"
 
-    def __init__(self, viewer: Viewer) -> None:
+    def __init__(self, viewer: ViewerPage) -> None:
         self._viewer, self._scale = viewer, viewer.controller.scale
         self._images: list[GuiImageHandle] = []
 
@@ -62,26 +67,26 @@ class ImagePanel:
         for image, legend, kind in zip(self._images, self._legends, options.images, strict=True):
             # viser would encode the image for every viewer anew; the view has encoded it once for all.
             if len(views) > 1:
-                image._data = tiles_jpeg(views, names, kind, options.with_outline, options.source)
+                image._data = sensor_tiles_jpeg(views, names, kind, options.with_outline, options.source)
             else:
                 image._data = view.jpeg(kind, options.with_outline, options.source)
             legend.content = _legend_html(view, kind, self._scale, options.source)
 
     def _choose(self, slot: int, event: GuiEvent[Any]) -> None:
         """Show another image in one of both places."""
-        if is_from_browser(event):
+        if is_user_event(event):
             first, second = self._viewer.options.images
             kind = ImageKind(event.target.value)
             self._viewer.choose(images=(kind, second) if slot == 0 else (first, kind))
 
 
-class ViewPanel:
+class ScenePanel:
     """The choice of views, and the scene in 3D that it applies to."""
 
     title, icon = "View", Icon.EYE
     side: Side = "right"
 
-    def __init__(self, viewer: Viewer) -> None:
+    def __init__(self, viewer: ViewerPage) -> None:
         self._viewer = viewer
         self._drawn: dict[int, tuple[int, int, ViewOptions]] = {}
         self._stood = 0 if viewer.is_narrow else 1
@@ -170,7 +175,7 @@ class ProfilePanel:
     title, icon = "Profile", Icon.CHART_LINE
     side: Side = "right"
 
-    def __init__(self, viewer: Viewer) -> None:
+    def __init__(self, viewer: ViewerPage) -> None:
         self._viewer = viewer
         self._picks = 0
 
@@ -209,11 +214,11 @@ class ProfilePanel:
         profile = view.profile(*self._viewer.options.profile_mm)
         true = np.full(PROFILE_POINTS, np.nan) if profile.true_mm is None else profile.true_mm
         self._plot.data = (profile.distance_mm, profile.height_mm, true)
-        self._text.content = profile_html(profile)
+        self._text.content = profile_summary_html(profile)
 
     def _choose_line(self, event: GuiEvent[Any]) -> None:
         """Move one end of the line."""
-        if is_from_browser(event) and all(map(isfinite, (*self._start.value, *self._end.value))):
+        if is_user_event(event) and all(map(isfinite, (*self._start.value, *self._end.value))):
             self._viewer.choose(profile_mm=(self._start.value, self._end.value), with_profile=True)
 
     def _listen(self, is_picking: bool) -> None:
@@ -238,7 +243,7 @@ class ProfilePanel:
         x, y = np.clip(from_middles_mm[nearest, :2], -half_mm, half_mm).tolist()
         point = self._start if self._picks % 2 == 0 else self._end
         self._picks += 1
-        set_control(point, (round(x, 1), round(y, 1)))
+        set_gui_control(point, (round(x, 1), round(y, 1)))
         if self._viewer.options.sensor is None:
             self._viewer.choose(profile_sensor=nearest)
         self._viewer.choose(profile_mm=(self._start.value, self._end.value), with_profile=True)
@@ -247,7 +252,7 @@ class ProfilePanel:
 def _legend_html(view: ReadingView, kind: ImageKind, scale: ColourScale, source: ShownTraction) -> str:
     """Return the meaning of the colours of an image as HTML."""
     if kind is ImageKind.HEIGHT:
-        return colour_legend_html(scale)
+        return height_legend_html(scale)
     if kind is ImageKind.STICKING:
         return sticking_legend_html()
     end_mpa = view.scale_end_mpa(kind, source)

@@ -19,7 +19,7 @@ from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, P
 from ninedtact.errors import NinedtactError
 from ninedtact.studio.page_controller import PageController, PageMoment
 from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
-from ninedtact.studio.scene_3d import GelBlock, SideBySide
+from ninedtact.studio.scene_3d import GelBlock, SideBySideLayout
 
 NOTICE_S = 8.0
 """Time for which a notification stays."""
@@ -67,7 +67,7 @@ class ThemeChoice:
 
     def _choose(self, event: GuiEvent[Any]) -> None:
         self._show()
-        if is_from_browser(event):
+        if is_user_event(event):
             self._client.local_storage.set_item(_THEME_KEY, "dark" if self._dark.value else "light")
 
     def _show(self) -> None:
@@ -78,7 +78,7 @@ class ThemeChoice:
     def _restore(self) -> None:
         with suppress(RuntimeError, TimeoutError):  # the browser has left, or keeps nothing
             if self._client.local_storage.get_item(_THEME_KEY, _THEME_WITHIN_S) == "dark":
-                set_control(self._dark, True)
+                set_gui_control(self._dark, True)
 
 
 Side = Literal["left", "lower left", "right"]
@@ -131,7 +131,7 @@ class Panel(Protocol):
         """Show a moment; called with the same moment again where only the viewer's options have changed."""
 
 
-PanelFactory = Callable[["Viewer"], Panel]
+PanelFactory = Callable[["ViewerPage"], Panel]
 
 
 @runtime_checkable
@@ -145,7 +145,7 @@ class MomentSource(Protocol):
         """Close its file; nothing is asked for afterwards."""
 
 
-class ClientPace:
+class ClientSurfaceDensity:
     """How dense a surface one client gets, from whether it has got each moment before the next one is due."""
 
     def __init__(self) -> None:
@@ -180,7 +180,7 @@ class ClientPace:
             self.coarser, self._late_s = self.coarser // 2, now_s
 
 
-class Viewer:
+class ViewerPage:
     """The page of one browser."""
 
     def __init__(
@@ -194,7 +194,7 @@ class Viewer:
         self.options = ViewOptions(coarser=2 if self.is_narrow or self.is_shared else 1, sensor=sensor)
         self.moment: PageMoment | None = None
         """The moment that this viewer is shown, of the sensor that the views show; None before the first."""
-        self.pace = ClientPace()
+        self.pace = ClientSurfaceDensity()
         self._played: MomentSource | None = None
         self._frozen = False
         self._lock = RLock()
@@ -212,12 +212,14 @@ class Viewer:
         return self.options.profile_sensor if self.options.sensor is None else self.options.sensor
 
     @property
-    def arrangement(self) -> SideBySide:
+    def arrangement(self) -> SideBySideLayout:
         """The places of the sensors that the views show, in what the panels leave free of the window."""
         camera = self.client.camera
         free_px = camera.image_width - (0 if self.is_narrow else LEFT_PX + RIGHT_PX)
         aspect = max(free_px / max(camera.image_height, 1), 0.5)
-        return SideBySide(self.block, len(self.shown_controllers), aspect, PHONE_PANEL_SHARE if self.is_narrow else 0.0)
+        return SideBySideLayout(
+            self.block, len(self.shown_controllers), aspect, PHONE_PANEL_SHARE if self.is_narrow else 0.0
+        )
 
     @property
     def shown_controllers(self) -> tuple[PageController, ...]:
@@ -334,12 +336,12 @@ def _frozen_moment(kept: PageMoment, newest: PageMoment) -> PageMoment:
     return replace(kept, status=status, view=kept.view.dimmed_copy() if status.is_past else kept.view.bright_copy())
 
 
-def is_from_browser(event: GuiEvent[Any]) -> bool:
-    """Return whether a person changed a control; the page itself changes controls too, to follow what others do."""
+def is_user_event(event: GuiEvent[Any]) -> bool:
+    """Return whether a person changed the control; the page itself changes controls too, to follow what others do."""
     return event.client is not None
 
 
-def set_control(control: Any, value: Any) -> None:
+def set_gui_control(control: Any, value: Any) -> None:
     """Set a control of one viewer to a value; a control that has it already is left alone."""
     control.value = value
 
@@ -365,6 +367,6 @@ class ControlFollower:
             if changed_at != self._set_at.get(id(control), changed_at) and time() - changed_at < self.handled_within_s:
                 are_shown &= bool(control.value == value)
             else:
-                set_control(control, value)
+                set_gui_control(control, value)
                 self._set_at[id(control)] = control.update_timestamp
         return are_shown

@@ -27,7 +27,7 @@ _UNKNOWN_STD = np.full(6, np.nan)
 
 
 @dataclass(frozen=True)
-class WrenchSample:
+class WrenchWithUncertainty:
     """A wrench about the skin's centre, with its error and warnings where it is an estimate."""
 
     wrench: Wrench
@@ -42,16 +42,16 @@ class WrenchSample:
 
 
 @dataclass(frozen=True)
-class WrenchSnapshot:
+class WrenchSourceSnapshot:
     """The state of one source of wrenches at one moment."""
 
     name: str
     """One word, the head of its column: true, measured or estimated."""
     meaning: str
     """What the wrench is, and where it comes from."""
-    sample: WrenchSample | None
+    sample: WrenchWithUncertainty | None
     """The sample at the time of the shown reading; None before the first."""
-    samples: tuple[tuple[int, WrenchSample], ...]
+    samples: tuple[tuple[int, WrenchWithUncertainty], ...]
     """The last seconds: stamps in ns, and samples."""
     now_ns: int
     """Time of the snapshot."""
@@ -76,10 +76,10 @@ class WrenchHistory:
     def __init__(self, name: str, meaning: str, notices: tuple[str, ...] = (), states_errors: bool = False) -> None:
         self.name, self.meaning, self.notices, self.states_errors = name, meaning, notices, states_errors
         self.trouble: BaseException | None = None
-        self._samples: deque[tuple[int, WrenchSample]] = deque()
+        self._samples: deque[tuple[int, WrenchWithUncertainty]] = deque()
         self._lock = Lock()
 
-    def add(self, sample: WrenchSample) -> None:
+    def add(self, sample: WrenchWithUncertainty) -> None:
         """Keep a sample, unless it follows the last one within 1/`MOST_HZ`; drop those that are too old, or of a later time."""
         stamp_ns = sample.wrench.stamp_ns
         elapsed_ns = stamp_ns - self._samples[-1][0] if self._samples else np.inf
@@ -94,15 +94,15 @@ class WrenchHistory:
 
     def add_estimate(self, estimate: WrenchEstimate) -> None:
         """Keep an estimate with its standard deviations and warnings."""
-        self.add(WrenchSample(estimate.wrench, estimate.std, tuple(estimate.warnings)))
+        self.add(WrenchWithUncertainty(estimate.wrench, estimate.std, tuple(estimate.warnings)))
 
-    def snapshot(self, at_ns: int | None, now_ns: int) -> WrenchSnapshot:
+    def snapshot(self, at_ns: int | None, now_ns: int) -> WrenchSourceSnapshot:
         """Return the sample nearest to a time (None: the newest) and the last seconds."""
         with self._lock:
             samples = tuple(self._samples)
         sample = _nearest_sample(samples, at_ns)
         state = (self.trouble, self.notices, self.states_errors)
-        return WrenchSnapshot(self.name, self.meaning, sample, samples, now_ns, *state)
+        return WrenchSourceSnapshot(self.name, self.meaning, sample, samples, now_ns, *state)
 
 
 class WrenchPoller:
@@ -130,7 +130,7 @@ class WrenchPoller:
     def _run(self) -> None:
         try:
             while not self._closing.is_set():
-                self.history.add(WrenchSample(self.source.read().about(np.zeros(3)), _UNKNOWN_STD))
+                self.history.add(WrenchWithUncertainty(self.source.read().about(np.zeros(3)), _UNKNOWN_STD))
         except SourceEnded:
             pass
         except BaseException as trouble:  # the page shows it
@@ -138,7 +138,9 @@ class WrenchPoller:
                 self.history.trouble = trouble
 
 
-def _nearest_sample(samples: Sequence[tuple[int, WrenchSample]], at_ns: int | None) -> WrenchSample | None:
+def _nearest_sample(
+    samples: Sequence[tuple[int, WrenchWithUncertainty]], at_ns: int | None
+) -> WrenchWithUncertainty | None:
     """Return the sample nearest to a time, or the last one without a time."""
     if not samples:
         return None

@@ -16,8 +16,8 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
-from ninedtact.checked_reading import CHECKSUM_KEY, read_text_file, values_checksum
-from ninedtact.dataset.calibrated_readings import CalibratedSensor, SensorCalibrationMissing
+from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum, read_text_file
+from ninedtact.dataset.calibrated_readings import DatasetSensorCalibration, SensorCalibrationMissing
 from ninedtact.dataset.folder import SENSORS_FILE, DatasetFolder, read_dataset_settings
 from ninedtact.dataset.parquet_files import DatasetDamaged
 from ninedtact.errors import NinedtactError
@@ -32,7 +32,7 @@ _REFUSAL_FILE = "refused.txt"
 class DatasetSensors:
     """The calibrations of a data set's sensors."""
 
-    by_name: dict[str, CalibratedSensor]
+    by_name: dict[str, DatasetSensorCalibration]
     refused: dict[str, str]
     """Reason for each simulated sensor that could not be calibrated, by name; the pairs of these sensors are left out."""
 
@@ -49,7 +49,7 @@ def load_simulated_sensors(data: Path) -> dict[str, SampledSensor]:
         return {}
     try:
         tables = json.loads(read_text_file(path))
-        changed = [table["name"] for table in tables if table.get(CHECKSUM_KEY) not in (None, values_checksum(table))]
+        changed = [table["name"] for table in tables if table.get(CHECKSUM_KEY) not in (None, mapping_checksum(table))]
         if changed:
             raise ValueError(f"other parameters of {changed[0]} than its checksum")
         return {table["name"]: sampled_sensor_from_json(table) for table in tables}
@@ -66,7 +66,7 @@ def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progr
     carried are read, or its simulated sensors are calibrated. workers: number of processes that calibrate, or a cluster. Raises
     `SensorCalibrationMissing`, `SensorFolderDamaged`.
     """
-    require_dataset_sensors(data, given)
+    require_sensor_calibrations(data, given)
     refused: dict[str, str] = {}
     if given is None:
         members, given = load_simulated_sensors(data), DatasetFolder(data).sensor_folders
@@ -79,7 +79,7 @@ def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progr
     return DatasetSensors({folder.name: _load_calibrated_sensor(folder) for folder in folders}, refused)
 
 
-def require_dataset_sensors(data: Path, given: Path | None) -> None:
+def require_sensor_calibrations(data: Path, given: Path | None) -> None:
     """Raise `SensorCalibrationMissing` where a data set has no calibrations and none can be made; this takes no time."""
     carried = any(DatasetFolder(data).sensor_folders.glob(f"*/{SENSOR_FILE}"))
     if data.is_dir() and given is None and not carried and not load_simulated_sensors(data):
@@ -122,8 +122,8 @@ def calibrate_simulated_sensor(folder: Path, name: str, member: SampledSensor) -
         save_sensor(out, made)
 
 
-def _load_calibrated_sensor(folder: Path) -> CalibratedSensor:
+def _load_calibrated_sensor(folder: Path) -> DatasetSensorCalibration:
     """Read a sensor folder; raises `SensorFolderDamaged`."""
     sensor = load_sensor(folder)
     digest = sha256((folder / SENSOR_FILE).read_bytes()).hexdigest()
-    return CalibratedSensor(sensor.shape, sensor.gel, digest)
+    return DatasetSensorCalibration(sensor.shape, sensor.gel, digest)

@@ -14,9 +14,13 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from tqdm import tqdm
 
-from ninedtact.dataset.calibrated_readings import CalibratedSensor, StoredRows, iterate_row_groups
+from ninedtact.dataset.calibrated_readings import (
+    DatasetSensorCalibration,
+    RowsWithReferences,
+    iterate_rows_with_references,
+)
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file, without_contact_detection
+from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file_of_spec, without_contact_detection
 from ninedtact.force.evaluation import ErrorDistribution, WrenchPredictions, evaluate_predictions
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact.parallel_jobs import Cluster, Workers, run_jobs
@@ -75,7 +79,7 @@ def predict_dataset(
         sensors = {name: _with_true_modulus(sensor, members.get(name)) for name, sensor in sensors.items()}
     jobs = (
         (rows, _select(rows.sensors, sensors), _select(rows.sensors, members), settings, _read_model(settings, workers))
-        for rows in iterate_row_groups(data, settings.every, known.refused)
+        for rows in iterate_rows_with_references(data, settings.every, known.refused)
     )
     groups: dict[int, list[_EstimatedPair]] = {}
     with tqdm(unit="pair", disable=not progress) as bar:
@@ -109,13 +113,13 @@ def _select(names: Collection[str], all_of: Mapping[str, _Value]) -> dict[str, _
 
 def _read_model(settings: DatasetEvaluationSettings, workers: Workers) -> bytes | None:
     """Return the file of the force model for the workers of a cluster, which may not have it; None where they need none."""
-    path = model_file(settings.force) if isinstance(workers, Cluster) else None
+    path = model_file_of_spec(settings.force) if isinstance(workers, Cluster) else None
     return path.read_bytes() if path is not None and path.is_file() else None
 
 
 def _estimate_pairs(
-    rows: StoredRows,
-    sensors: dict[str, CalibratedSensor],
+    rows: RowsWithReferences,
+    sensors: dict[str, DatasetSensorCalibration],
     members: dict[str, SampledSensor],
     settings: DatasetEvaluationSettings,
     model: bytes | None,
@@ -146,7 +150,7 @@ _estimators: dict[Hashable, ForceEstimator] = {}
 _MOST_ESTIMATORS = 32
 
 
-def _with_true_modulus(sensor: CalibratedSensor, member: SampledSensor | None) -> CalibratedSensor:
+def _with_true_modulus(sensor: DatasetSensorCalibration, member: SampledSensor | None) -> DatasetSensorCalibration:
     """Return the calibration of a simulated sensor with the gel's true shear modulus, that of a real sensor as it is."""
     if member is None:
         return sensor
@@ -154,10 +158,13 @@ def _with_true_modulus(sensor: CalibratedSensor, member: SampledSensor | None) -
 
 
 def _build_estimator(
-    settings: DatasetEvaluationSettings, sensor: CalibratedSensor, member: SampledSensor | None, model: bytes | None
+    settings: DatasetEvaluationSettings,
+    sensor: DatasetSensorCalibration,
+    member: SampledSensor | None,
+    model: bytes | None,
 ) -> ForceEstimator:
     """Build the estimator for one sensor, with this content of its model's file where it was sent along."""
-    path = model_file(settings.force)
+    path = model_file_of_spec(settings.force)
     if model is None or path is None:
         estimator = build_estimator(settings.force, sensor.shape, sensor.gel)
     else:

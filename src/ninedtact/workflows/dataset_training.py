@@ -14,7 +14,7 @@ from ninedtact.dataset.height_cache import load_height_pairs
 from ninedtact.dataset.reader import load_dataset
 from ninedtact.design import Gel
 from ninedtact.force.dataset_split import NO_OBJECT, SplitKeys, SplitRows, SplitSettings, read_split, split_dataset
-from ninedtact.force.network_input import NetworkInputSettings, scale_network_input_width, sensor_features_of
+from ninedtact.force.network_input import NetworkInputSettings, scale_input_settings_to_width, sensor_features_of
 from ninedtact.force.training.examples import TrainingExamples
 from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
 from ninedtact.force.training.train import TrainingResult, train_network
@@ -142,7 +142,7 @@ def _scale_simulated_wrenches(examples: TrainingExamples, members: Mapping[str, 
     return examples.scale_to_design_modulus(np.array([moduli.get(name, usual) for name in examples.sensors]))
 
 
-def fit_input_to_dataset(settings: TrainingSettings, data: Path) -> TrainingSettings:
+def match_input_width_to_dataset(settings: TrainingSettings, data: Path) -> TrainingSettings:
     """Return the settings with the input's grid as wide as the designed sensing area of the data set's simulated sensors.
 
     Settings for a data set of real sensors stay as they are.
@@ -150,4 +150,4 @@ def fit_input_to_dataset(settings: TrainingSettings, data: Path) -> TrainingSett
     widths = [member.design.sensing_area.width_mm for member in load_simulated_sensors(data).values()]
     if not widths:
         return settings
-    return replace(settings, input=scale_network_input_width(settings.input, max(widths)))
+    return replace(settings, input=scale_input_settings_to_width(settings.input, max(widths)))

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_check
+from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.image_and_video_files import ImageList
+from ninedtact.capture.image_and_video_files import ImageFileList
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_interface import ForceEstimator
@@ -39,7 +39,7 @@ _PITCH_MM = 0.3
 _REFERENCE_FRAMES = 8
 
 
-class NothingToCalibrate(InputError):
+class NoForceToCalibrate(InputError):
     """The named estimator has no force that could be calibrated."""
 
 
@@ -64,10 +64,10 @@ def calibrate_force(
     """Fit the force scale of a sensor to images of presses with known loads, and save it in the sensor folder.
 
     reference: images without contact. presses: images with the load of each in grams. force: the estimator, as after `--force`.
-    Raises `NothingToCalibrate`, `ForceScaleImpossible`, and what reading images and sensor folders raises.
+    Raises `NoForceToCalibrate`, `ForceScaleImpossible`, and what reading images and sensor folders raises.
     """
     _require_one_load_for_each_image(presses)
-    reader = LoadPressReader(folder, force)
+    reader = UnscaledForceReader(folder, force)
     reader.use_reference([Frame(read_image(path)) for path in reference])
     estimated = list(_estimate_presses(reader, presses))
     fit = fit_force_scale(estimated)
@@ -75,17 +75,17 @@ def calibrate_force(
     return ForceCalibration(reader.estimator.name, fit, estimated, file)
 
 
-class LoadPressReader:
+class UnscaledForceReader:
     """Estimates the force of single presses by an estimator without its force scale, for the calibration with known loads."""
 
     def __init__(self, folder: SensorFolder, force: str = PHYSICS) -> None:
-        """force: the estimator, as after `--force`; raises `NothingToCalibrate` and what loading it raises."""
+        """force: the estimator, as after `--force`; raises `NoForceToCalibrate` and what loading it raises."""
         if force == NONE:
-            raise NothingToCalibrate(
+            raise NoForceToCalibrate(
                 f"expected an estimator to calibrate, got --force {NONE}; name {CORRECTED}, {PHYSICS} or a force model"
             )
         self.estimator: ForceEstimator = load_unscaled_estimator(force, folder)
-        self._shape, self._check = folder.shape, load_reference_check(folder)
+        self._shape, self._check = folder.shape, load_reference_image_checker(folder)
         self._depth_reader: DepthReader | None = None
 
     def use_reference(self, frames: Sequence[Frame]) -> None:
@@ -115,9 +115,9 @@ def _require_one_load_for_each_image(presses: Sequence[tuple[Path, float]]) -> N
         loads_g[path.resolve()] = grams
 
 
-def _estimate_presses(reader: LoadPressReader, presses: Sequence[tuple[Path, float]]) -> Iterator[KnownLoadPress]:
+def _estimate_presses(reader: UnscaledForceReader, presses: Sequence[tuple[Path, float]]) -> Iterator[KnownLoadPress]:
     """Yield the estimated force of every press with its load; raises `ForceScaleImpossible`, naming the image."""
-    with ImageList([path for path, _ in presses]) as images:
+    with ImageFileList([path for path, _ in presses]) as images:
         for (path, grams), frame in zip(presses, images, strict=True):
             reading = reader.read(str(path), frame)
             try:

@@ -36,7 +36,7 @@ from ninedtact.simulation.trajectory import press_trajectory
 from ninedtact.simulation.twin import Twin
 from ninedtact.workflows.dataset_calibrations import calibrate_simulated_sensor
 from ninedtact.workflows.dataset_evaluation import evaluate_per_mechanics_kind
-from ninedtact.workflows.dataset_training import HeldOutSettings, fit_input_to_dataset, train_on_dataset
+from ninedtact.workflows.dataset_training import HeldOutSettings, match_input_width_to_dataset, train_on_dataset
 
 _HELD_OUT_FAMILIES = frozenset(
     (
@@ -132,7 +132,7 @@ class TrueAndEstimatedWrench:
 
 @dataclass(frozen=True)
 class ForceModelResult:
-    """A model that was made from simulation alone, its card, and a demonstration on one more simulated sensor."""
+    """The files of a force model made from simulation, its card, and a demonstration on one more simulated sensor."""
 
     model: Path
     card_file: Path
@@ -167,7 +167,7 @@ def make_force_model(
     train_on_dataset(
         out / TRAINING_DATA_FOLDER,
         out / _TRAINING_FOLDER,
-        fit_input_to_dataset(replace(CORRECTOR_TRAINING, epochs=recipe.epochs), out / TRAINING_DATA_FOLDER),
+        match_input_width_to_dataset(replace(CORRECTOR_TRAINING, epochs=recipe.epochs), out / TRAINING_DATA_FOLDER),
         HeldOutSettings(recipe.held_out),
         workers=workers,
         name=name,

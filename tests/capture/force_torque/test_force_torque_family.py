@@ -16,8 +16,8 @@ from serial_device import SerialDevice
 
 from ninedtact.capture.force_torque.driver_source import DriverWrenchSource
 from ninedtact.capture.force_torque.mounted_wrench_source import (
+    CheckAndTareSettings,
     MountedWrenchSource,
-    WrenchPipelineSettings,
     build_wrench_source,
     force_torque_sensor_for,
 )
@@ -87,7 +87,7 @@ class Bench:
 
     def measured(self) -> WrenchSource:
         device = self.onrobot()
-        settings = WrenchPipelineSettings(tare=QUICK)
+        settings = CheckAndTareSettings(tare=QUICK)
         return build_wrench_source(device, ForceTorqueMount(), lambda loss: pytest.fail(str(loss)), settings=settings)
 
 

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from played import MS, Played, noisy
 
-from ninedtact.capture.force_torque.driver_source import DeviceClock, SampleCounter
+from ninedtact.capture.force_torque.driver_source import DeviceClock, MissingSampleCounter
 from ninedtact.capture.force_torque.mounted_wrench_source import (
+    CheckAndTareSettings,
     MountedWrenchSource,
-    WrenchPipelineSettings,
     build_wrench_source,
 )
 from ninedtact.capture.force_torque.netft import _N_PER_UNIT, _NM_PER_UNIT, ONROBOT, _parse_host
@@ -164,7 +164,7 @@ def test_measured_is_all_of_them_in_order() -> None:
     mount = ForceTorqueMount(rotation_deg=(0.0, 0.0, 90.0))
     pressed = BIAS + np.array([2.0, 0, -3.0, 0, 0, 0])
     played = Played([*noisy(1001, BIAS), *noisy(50, pressed), np.array([0, 0, -30, 0, 0, 0]), *noisy(50, pressed)])
-    settings = WrenchPipelineSettings(SampleCheckSettings(range_n=(30, 30, 30)))
+    settings = CheckAndTareSettings(SampleCheckSettings(range_n=(30, 30, 30)))
     with build_wrench_source(played, mount, lambda loss: None, settings=settings) as source:
         wrenches = [source.read() for _ in range(50)]
         with pytest.raises(WrenchSaturated):  # judged by what the device measured, not by what the tare leaves
@@ -192,7 +192,7 @@ def test_stamps_follow_the_device_through_bundles_wraps_and_a_clock_that_is_off(
 
 
 def test_numbers_that_never_arrived_are_counted_over_the_wrap() -> None:
-    numbering = SampleCounter(16)
+    numbering = MissingSampleCounter(16)
     assert [numbering.count_missing(number) for number in (65_533, 65_534, 2, 3, 0, 1)] == [0, 0, 3, 0, 0, 0]
     assert WrenchFrozen.__mro__[1] is WrenchJumped.__mro__[1] is WrenchSampleRejected
 

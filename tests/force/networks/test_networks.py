@@ -6,8 +6,8 @@ import torch
 from ninedtact.force.network_input import InputChannels, NetworkInputSettings
 from ninedtact.force.networks import (
     NETWORK_NAMES,
+    CellWrenchSum,
     LabelScale,
-    Moments,
     MomentsNetwork,
     NetworkUnknown,
     WrenchNetwork,
@@ -40,7 +40,7 @@ def test_the_same_touch_elsewhere_is_the_same_force_with_another_arm() -> None:
 
 
 def test_cells_lie_symmetric_about_the_centre_of_the_skin() -> None:
-    moments = Moments(NetworkInputSettings(), UNIT)
+    moments = CellWrenchSum(NetworkInputSettings(), UNIT)
     everywhere = torch.zeros(1, 6, 15, 20)
     everywhere[:, 2] = 1.0
     found = moments(everywhere)[0]

@@ -6,7 +6,7 @@ import torch
 from toy import of_heights, of_images
 
 from ninedtact.force.network_input import InputChannels
-from ninedtact.force.training.error_scale_and_model_card import LAPLACE_QUANTILES, fit_scale_correction
+from ninedtact.force.training.error_scale_and_model_card import LAPLACE_QUANTILES, fit_error_scale_correction
 from ninedtact.force.training.examples import BatchDataset, SeededBatchSampler
 
 
@@ -52,7 +52,7 @@ def test_told_errors_cover_what_they_claim(tail: str) -> None:
     true_scale = np.exp(rng.normal(0, 1, (20000, 6)))
     off = np.abs(getattr(rng, tail)(0, 1, true_scale.shape) * true_scale)
     claimed = 3 * true_scale
-    gain, power = fit_scale_correction(off[:10000], claimed[:10000])
+    gain, power = fit_error_scale_correction(off[:10000], claimed[:10000])
     told = gain * claimed[10000:] ** power
     covered = [(off[10000:] <= half * told).mean(0) for half in LAPLACE_QUANTILES]
     assert np.abs(covered[0] - 0.5).max() < 0.03 and np.abs(covered[1] - 0.9).max() < 0.02
@@ -61,5 +61,5 @@ def test_told_errors_cover_what_they_claim(tail: str) -> None:
 
 
 def test_too_few_images_change_nothing() -> None:
-    gain, power = fit_scale_correction(np.ones((5, 6)), np.ones((5, 6)))
+    gain, power = fit_error_scale_correction(np.ones((5, 6)), np.ones((5, 6)))
     assert (gain == 1).all() and (power == 1).all()

@@ -19,7 +19,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.cli import main
 from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing
 from ninedtact.dataset.height_cache import load_height_pairs
-from ninedtact.dataset.parquet_files import write_pair_file, write_reference_image_file
+from ninedtact.dataset.parquet_files import write_pair_file, write_reference_images_file
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
@@ -30,8 +30,8 @@ from ninedtact.force.network_input import (
     NetworkInputBuilder,
     NetworkInputSettings,
     SensorFeatures,
-    relative_tractions,
     stack_height_channels,
+    tractions_over_shear_modulus,
 )
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact.quantities import Frame
@@ -62,7 +62,7 @@ def data_set(
 ) -> Path:
     """Two files of presses by some objects on two sensors."""
     (folder / "data").mkdir(parents=True)
-    write_reference_image_file(
+    write_reference_images_file(
         folder / "references.parquet",
         [ReferenceImage(f"{name}/0", png(image_of(0, 99, size)), name) for name in "ab"],
     )
@@ -132,7 +132,7 @@ def test_what_physics_finds_is_kept_beside_the_heights(folder: Path, physics_sen
     estimate = estimator.estimate(reading)
     assert estimate.traction is not None and estimate.wrench.force_n[2] < -0.05
     np.testing.assert_allclose(pairs.physics[row], estimate.wrench.six, rtol=1e-4, atol=1e-6)
-    wanted = relative_tractions(estimate.traction, Gel().shear_modulus_mpa, GRID.grid)
+    wanted = tractions_over_shear_modulus(estimate.traction, Gel().shear_modulus_mpa, GRID.grid)
     np.testing.assert_allclose(pairs.tractions[row], wanted, atol=2e-3)
     np.testing.assert_array_equal(pairs.z_mm, load_height_pairs(folder, calibrated, GRID.grid, tmp_path).z_mm)
     for cached in tmp_path.glob("heights-*/*.npz"):  # a damaged cache is computed again

@@ -18,8 +18,8 @@ from ninedtact.force.networks import WrenchNetwork
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact.force.training import train as fitting
 from ninedtact.force.training.augmentation import NO_AUGMENTATION
-from ninedtact.force.training.error_scale_and_model_card import NetworkWithExamples
-from ninedtact.force.training.examples import ExamplesUnusable, TrainingExamples, move_torque_reference
+from ninedtact.force.training.error_scale_and_model_card import TrainedNetwork
+from ninedtact.force.training.examples import ExamplesUnusable, TrainingExamples, move_examples_to_torque_point
 from ninedtact.force.training.onnx_export import rewrite_card
 from ninedtact.force.training.settings import (
     PAPER_TRAINING,
@@ -179,13 +179,13 @@ def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
 
 def test_the_papers_labels_are_parts_of_ranges_below_the_skin(tmp_path: Path) -> None:
     settings = replace(PAPER_TRAINING, network="moments", input=IMAGES, epochs=1, batch=32)
-    examples = move_torque_reference(of_images(), settings.about_mm)
+    examples = move_examples_to_torque_point(of_images(), settings.about_mm)
     labels = fit_label_scaling(examples.wrench[ROWS.train], settings)
     learner = ForceTrainingModule(settings, labels)
     parts = (examples.wrench[ROWS.train] - np.array(labels.offset)) / np.array(labels.unit)
     assert parts.min() == pytest.approx(0, abs=1e-5) and parts.max() == pytest.approx(1, abs=1e-5)
     fit_network(learner, examples, ROWS, tmp_path, CPU)
-    evaluation = NetworkWithExamples(learner.model.eval(), examples, ROWS, settings).evaluate_held_out()
+    evaluation = TrainedNetwork(learner.model.eval(), examples, ROWS, settings).evaluate_held_out()
     np.testing.assert_allclose(evaluation.predictions.truth, of_images().wrench[ROWS.test], atol=1e-6)
     assert evaluation.coverage == () and evaluation.predictions.about_mm == (0.0, 0.0, 0.0)
 

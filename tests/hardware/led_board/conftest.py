@@ -4,24 +4,24 @@ import pytest
 
 pytest.importorskip("shapely", reason="expected the extra [hardware]; install it")
 
-from ninedtact.hardware.led_board.board_parameters import LedBoard
+from ninedtact.hardware.led_board.board_parameters import LedBoardDesign
 from ninedtact.hardware.led_board.complete_layout import BoardLayout, lay_out_board
-from ninedtact.hardware.led_board.fabrication_files import write_led_board
+from ninedtact.hardware.led_board.fabrication_files import write_checked_board_files
 
 
 @pytest.fixture(scope="session")
 def improved() -> BoardLayout:
-    return lay_out_board(LedBoard())
+    return lay_out_board(LedBoardDesign())
 
 
 @pytest.fixture(scope="session")
 def original() -> BoardLayout:
-    return lay_out_board(LedBoard.original())
+    return lay_out_board(LedBoardDesign.original())
 
 
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The improved board's files."""
     out = tmp_path_factory.mktemp("led_board")
-    write_led_board(LedBoard(), out)
+    write_checked_board_files(LedBoardDesign(), out)
     return out

@@ -11,18 +11,18 @@ from read_back import edge_of, hits_of, shape_of, slots_of
 from shapely import LineString, Point, union_all
 
 from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, LedBoardImpossible
-from ninedtact.hardware.led_board.board_parameters import LedBoard
+from ninedtact.hardware.led_board.board_parameters import LedBoardDesign
 from ninedtact.hardware.led_board.complete_layout import (
     BoardLayout,
-    bare_board_polygon,
     component_outline,
     hole_polygon,
     lay_out_board,
+    milled_board_polygon,
     pad_polygon,
 )
 from ninedtact.hardware.led_board.components import BoardSide
 from ninedtact.hardware.led_board.design_rule_check import list_copper_pieces
-from ninedtact.hardware.led_board.fabrication_files import build_board_files, write_led_board
+from ninedtact.hardware.led_board.fabrication_files import build_board_files, write_checked_board_files
 from ninedtact.hardware.led_board.silkscreen import place_designators
 
 PUBLISHED_AREA_MM2 = 551.23
@@ -35,7 +35,7 @@ def gerber(folder: Path, name: str) -> Path:
 
 
 def test_the_outline_read_back_is_the_boards(folder: Path, improved: BoardLayout) -> None:
-    read, meant = edge_of(gerber(folder, "Edge_Cuts.gbr")), bare_board_polygon(improved.board.outline)
+    read, meant = edge_of(gerber(folder, "Edge_Cuts.gbr")), milled_board_polygon(improved.board.outline)
     assert read.bounds == pytest.approx((-14, -10.5, 14, 10.5), abs=1e-5)
     assert read.symmetric_difference(meant).area < 0.05
     lens = 3.14159265 * 5.1**2
@@ -48,14 +48,14 @@ def test_other_outlines_read_back(outline: BoardOutline, tmp_path: Path) -> None
     from ninedtact.hardware.led_board.gerber_and_drill import format_gerber_outline
 
     (tmp_path / "edge.gbr").write_text(format_gerber_outline(outline_segments(outline)))
-    assert edge_of(tmp_path / "edge.gbr").symmetric_difference(bare_board_polygon(outline)).area < 0.08
+    assert edge_of(tmp_path / "edge.gbr").symmetric_difference(milled_board_polygon(outline)).area < 0.08
 
 
 def test_the_originals_board_has_the_published_volume(original: BoardLayout) -> None:
     """Small drills left in, as the published volume has it."""
     outline = original.board.outline
     holes = sum(hole_polygon(hole).area for hole in original.holes if not hole.plated and hole.width_mm > 1)
-    assert (bare_board_polygon(outline).area - holes) * outline.thickness_mm == pytest.approx(372.50, rel=1e-3)
+    assert (milled_board_polygon(outline).area - holes) * outline.thickness_mm == pytest.approx(372.50, rel=1e-3)
 
 
 @pytest.mark.parametrize(("side", "letter"), SIDES)
@@ -84,7 +84,7 @@ def test_marks_keep_off_pads_and_edges(folder: Path, improved: BoardLayout) -> N
         marks = shape_of(gerber(folder, f"{letter}_Silkscreen.gbr"))
         assert marks.area > 0
         assert marks.distance(shape_of(gerber(folder, f"{letter}_Mask.gbr"))) > 0.05
-        assert marks.distance(bare_board_polygon(improved.board.outline).boundary) > 0.1
+        assert marks.distance(milled_board_polygon(improved.board.outline).boundary) > 0.1
 
 
 def test_hits_are_the_holes(folder: Path, improved: BoardLayout) -> None:
@@ -143,7 +143,7 @@ def test_gerbers_and_placement_have_one_origin(folder: Path, improved: BoardLayo
 
 @pytest.mark.parametrize("size", [(28.0, 21.0), (64.0, 48.0)])
 def test_every_part_has_its_name_beside_it(size: tuple[float, float]) -> None:
-    layout = lay_out_board(LedBoard.for_size(*size))
+    layout = lay_out_board(LedBoardDesign.for_size(*size))
     for side, _ in SIDES:
         meant = {part.reference: part for part in layout.parts if part.side == side}
         words = place_designators(layout, side)
@@ -159,13 +159,13 @@ def test_notes_tell_the_thickness(folder: Path) -> None:
 
 
 def test_the_original_is_written_with_a_warning(tmp_path: Path) -> None:
-    write_led_board(LedBoard.original(), tmp_path)
+    write_checked_board_files(LedBoardDesign.original(), tmp_path)
     assert "DO NOT ORDER" in (tmp_path / "led_board_notes.txt").read_text()
 
 
 def test_a_faulty_board_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(LedBoardImpossible):
-        write_led_board(LedBoard(usb_contact_mm=1.5), tmp_path / "out")
+        write_checked_board_files(LedBoardDesign(usb_contact_mm=1.5), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

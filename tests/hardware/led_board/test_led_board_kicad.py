@@ -13,7 +13,7 @@ import pytest
 from read_back import shape_of
 from shapely import affinity
 
-from ninedtact.hardware.led_board.board_parameters import LedBoard
+from ninedtact.hardware.led_board.board_parameters import LedBoardDesign
 from ninedtact.hardware.led_board.complete_layout import BoardLayout, lay_out_board
 from ninedtact.hardware.led_board.kicad import SHEET_CENTRE_MM, format_kicad_board
 
@@ -106,7 +106,7 @@ def test_kicad_plots_the_same_copper(kicad: KiCad, folder: Path, layer: str) -> 
 
 def test_kicads_check_is_awake(folder: Path, tmp_path: Path) -> None:
     """It finds in the original what our own check finds there."""
-    told = ask(lay_out_board(LedBoard.original()), (folder / "led_board.kicad_pro").read_text(), tmp_path).told
+    told = ask(lay_out_board(LedBoardDesign.original()), (folder / "led_board.kicad_pro").read_text(), tmp_path).told
     assert told["violations"] > 0
     assert {"clearance", "hole_clearance", "copper_edge_clearance"} <= set(
         re.findall(r"^\[(\w+)\]", told["report"], re.M)
@@ -115,5 +115,7 @@ def test_kicads_check_is_awake(folder: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("size", [(34.0, 26.0), (64.0, 48.0)])
 def test_kicad_finds_no_violation_in_larger_boards(size: tuple[float, float], folder: Path, tmp_path: Path) -> None:
-    told = ask(lay_out_board(LedBoard.for_size(*size)), (folder / "led_board.kicad_pro").read_text(), tmp_path).told
+    told = ask(
+        lay_out_board(LedBoardDesign.for_size(*size)), (folder / "led_board.kicad_pro").read_text(), tmp_path
+    ).told
     assert (told["violations"], told["unconnected"]) == (0, 0), told["report"]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ninedtact.hardware.led_board.board_parameters import LedBoard
+from ninedtact.hardware.led_board.board_parameters import LedBoardDesign
 from ninedtact.hardware.led_board.complete_layout import BoardLayout
 from ninedtact.hardware.led_board.components import build_netlist
 
@@ -24,20 +24,20 @@ PUBLISHED_PLACES = {
 }
 
 
-def named(board: LedBoard) -> dict[str, set[str]]:
+def named(board: LedBoardDesign) -> dict[str, set[str]]:
     return {net.name: set(net.pins) for net in build_netlist(board)}
 
 
 def test_the_original_has_the_published_nets() -> None:
-    assert named(LedBoard.original()) == PUBLISHED
+    assert named(LedBoardDesign.original()) == PUBLISHED
 
 
 def test_the_improved_board_adds_a_capacitor_and_ties_the_shield() -> None:
-    assert named(LedBoard()) == {name: pins | ADDED.get(name, set()) for name, pins in PUBLISHED.items()}
+    assert named(LedBoardDesign()) == {name: pins | ADDED.get(name, set()) for name, pins in PUBLISHED.items()}
 
 
-@pytest.mark.parametrize("board", [LedBoard(), LedBoard.original()], ids=["improved", "original"])
-def test_no_pin_is_in_two_nets(board: LedBoard) -> None:
+@pytest.mark.parametrize("board", [LedBoardDesign(), LedBoardDesign.original()], ids=["improved", "original"])
+def test_no_pin_is_in_two_nets(board: LedBoardDesign) -> None:
     pins = [pin for net in build_netlist(board) for pin in net.pins]
     assert len(pins) == len(set(pins))
 

@@ -9,7 +9,7 @@ from shapely import LineString
 
 from ninedtact.design import DesignImpossible
 from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, LedBoardImpossible
-from ninedtact.hardware.led_board.board_parameters import BoardDesignRules, CopperWidths, LedBoard
+from ninedtact.hardware.led_board.board_parameters import BoardDesignRules, LedBoardDesign, TrackAndViaDimensions
 from ninedtact.hardware.led_board.complete_layout import BoardLayout, lay_out_board
 from ninedtact.hardware.led_board.design_rule_check import (
     find_open_nets,
@@ -29,7 +29,7 @@ def test_the_improved_board_breaks_no_rule(improved: BoardLayout) -> None:
 
 
 def test_the_improved_board_holds_together_without_its_pour() -> None:
-    assert find_violations(lay_out_board(LedBoard(copper=CopperWidths(pour=False)))) == ()
+    assert find_violations(lay_out_board(LedBoardDesign(copper=TrackAndViaDimensions(pour=False)))) == ()
 
 
 def test_the_originals_faults_are_named(original: BoardLayout) -> None:
@@ -85,7 +85,7 @@ def test_copper_over_the_edge_is_found(improved: BoardLayout) -> None:
 
 
 def test_a_part_over_a_boss_is_found() -> None:
-    low = LedBoard(outline=BoardOutline(boss_inset_mm=(9.0, 2.75)))
+    low = LedBoardDesign(outline=BoardOutline(boss_inset_mm=(9.0, 2.75)))
     assert "height over a boss" in rules_broken(lay_out_board(low))
 
 
@@ -98,7 +98,7 @@ def test_a_part_over_a_boss_is_found() -> None:
 )
 def test_any_size_is_sound_or_refused(width: float, height: float, columns: int, rows: int) -> None:
     try:
-        layout = lay_out_board(LedBoard.for_size(width, height, columns, rows))
+        layout = lay_out_board(LedBoardDesign.for_size(width, height, columns, rows))
         require_no_violations(layout)
     except DesignImpossible as refusal:
         assert "expected" in str(refusal) and "got" in str(refusal) and ";" in str(refusal)
@@ -109,29 +109,29 @@ def test_any_size_is_sound_or_refused(width: float, height: float, columns: int,
 @settings(deadline=None, max_examples=40)
 @given(width=st.floats(28, 70), height=st.floats(21, 56))
 def test_eight_leds_fit_every_larger_board(width: float, height: float) -> None:
-    require_no_violations(lay_out_board(LedBoard.for_size(width, height)))
+    require_no_violations(lay_out_board(LedBoardDesign.for_size(width, height)))
 
 
 @settings(deadline=None, max_examples=30)
 @given(led=st.floats(0.2, 0.6), ground=st.floats(0.2, 0.6), supply=st.floats(0.34, 0.8), neck=st.floats(0.15, 0.34))
 def test_narrower_tracks_are_sound(led: float, ground: float, supply: float, neck: float) -> None:
-    require_no_violations(lay_out_board(LedBoard(copper=CopperWidths(led, ground, supply, neck))))
+    require_no_violations(lay_out_board(LedBoardDesign(copper=TrackAndViaDimensions(led, ground, supply, neck))))
 
 
 @pytest.mark.parametrize(
     "refused",
     [
-        lambda: LedBoard.for_size(20, 21),
-        lambda: LedBoard.for_size(28, 21, columns=9),
+        lambda: LedBoardDesign.for_size(20, 21),
+        lambda: LedBoardDesign.for_size(28, 21, columns=9),
         lambda: BoardOutline(lens_hole_mm=11),
         lambda: BoardOutline(thickness_mm=1.6),
         lambda: BoardOutline(notch_radius_mm=0.5),
-        lambda: LedBoard(resistor_ohm=1000),
-        lambda: LedBoard(resistor_ohm=float("nan")),
-        lambda: LedBoard(usb_contact_mm=0.5),
+        lambda: LedBoardDesign(resistor_ohm=1000),
+        lambda: LedBoardDesign(resistor_ohm=float("nan")),
+        lambda: LedBoardDesign(usb_contact_mm=0.5),
         lambda: BoardDesignRules(clearance_mm=0.01),
-        lambda: require_no_violations(lay_out_board(LedBoard.for_size(28, 20.2))),
-        lambda: require_no_violations(lay_out_board(LedBoard(usb_contact_mm=1.5))),
+        lambda: require_no_violations(lay_out_board(LedBoardDesign.for_size(28, 20.2))),
+        lambda: require_no_violations(lay_out_board(LedBoardDesign(usb_contact_mm=1.5))),
     ],
 )
 def test_impossible_boards_are_refused(refused: object) -> None:

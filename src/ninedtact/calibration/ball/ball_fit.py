@@ -2,7 +2,7 @@
 Out: `BallFit`, from `fit_ball`, by one of three methods.
 
 `physics`, the default, fits contact mechanics and light together to the whole image and needs no rule about where the ball's
-disc ends (`PhysicsDepthFit`). Its curve is the sensor's brightness model (`simulation.gel_brightness`) for darkening and
+disc ends (`TwinDepthFit`). Its curve is the sensor's brightness model (`simulation.gel_brightness`) for darkening and
 brightening, so that it covers bulges too.
 
 `ratio` and `table` use the contact disc only. Inside it the skin lies on the ball, so the depth at which every line of sight
@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float, Float32, UInt8
 from numpy import ndarray as Array
 from scipy.ndimage import gaussian_filter1d
 
-from ninedtact.calibration.ball.ball_press import BallPress, refine_ball_centre
+from ninedtact.calibration.ball.ball_press import BallPressImages, refine_ball_centre
 from ninedtact.calibration.ball.contact_circle import (
     WIDEST_BY_PHYSICS,
     asymmetry_warnings,
@@ -37,12 +37,12 @@ from ninedtact.calibration.ball.contact_circle import (
 from ninedtact.calibration.press_brightness import (
     BgrImage,
     estimate_pixel_noise,
-    relative_brightness_change,
+    flat_fielded_brightness_change,
     require_same_image_size,
     require_usable_exposure,
     to_grey_float,
 )
-from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin
+from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin_to_ball_press
 from ninedtact.calibration.twin.ball_press_model import PATCH, ParameterVector
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame, HeightSource, Rectified
@@ -55,8 +55,8 @@ from ninedtact.shape.depth import (
     DepthCurve,
     DepthMethod,
     DepthReader,
+    GlobalDimmingModel,
     Smoothing,
-    WholeImageLightLoss,
 )
 from ninedtact.shape.rectification import Rectification
 from ninedtact.simulation.gel_brightness import BrightnessModel
@@ -82,7 +82,7 @@ FLOORS = (0.01, 0.03, 0.1)
 
 
 @dataclass(frozen=True)
-class PhysicsDepthFit:
+class TwinDepthFit:
     """A fitted ball press, and the depth curve that follows from its brightness model."""
 
     fit: TwinFit
@@ -200,7 +200,7 @@ class PhysicsDepthFit:
     def reader(self, curve: DepthCurve, deblurring: Deblurring) -> DepthReader:
         """Return the depth reader of the calibrated sensor."""
         everywhere = np.full(self.seen_mm.shape, HeightSource.MEASURED, np.uint8)
-        before, loss = self.fit.forward.observed.before, WholeImageLightLoss(self.fit.light.global_dimming)
+        before, loss = self.fit.forward.observed.before, GlobalDimmingModel(self.fit.light.global_dimming)
         return DepthReader(curve, before, everywhere, FINE_SMOOTHING, loss=loss, deblurring=deblurring)
 
     def cross_validation_mae_mm(self) -> float:
@@ -220,7 +220,7 @@ class BallFit:
 
     method: DepthMethod
     curve: DepthCurve
-    press: BallPress
+    press: BallPressImages
     reconstruction_mae_mm: float
     """Mean absolute error of the reconstructed height inside the disc."""
     cross_validation_mae_mm: float
@@ -228,7 +228,7 @@ class BallFit:
     warnings: tuple[str, ...]
     noise_mm: float = 0.0
     """Standard deviation of one pixel's height from image to image, filters included."""
-    physical: PhysicsDepthFit | None = None
+    physical: TwinDepthFit | None = None
     """The fit of mechanics and light; None for the methods `ratio` and `table`."""
 
     @property
@@ -249,12 +249,12 @@ class BallFit:
         return self.press.disc if self.physical is None else self.physical.disc
 
     @property
-    def loss(self) -> WholeImageLightLoss:
+    def loss(self) -> GlobalDimmingModel:
         """The loss of light of the whole image; none where the method does not determine it."""
         return (
-            WholeImageLightLoss()
+            GlobalDimmingModel()
             if self.physical is None
-            else WholeImageLightLoss(self.physical.fit.light.global_dimming)
+            else GlobalDimmingModel(self.physical.fit.light.global_dimming)
         )
 
     @property
@@ -281,35 +281,35 @@ def fit_ball(
     """Find the contact disc and fit the depth curve; raises `BallPressUnusable`, `ImageUnusable`, `WrongImageSize`.
 
     reference, press: raw images (rows, cols, 3) of the skin without contact and of the ball pressed on it. beliefs, near: as for
-    `fit_twin`.
+    `fit_twin_to_ball_press`.
     """
     require_same_image_size("ball image", reference, press)
     require_usable_exposure("ball reference", reference)
     require_usable_exposure("ball image", press)
     before, after = rectify(Frame(reference)), rectify(Frame(press))
-    circle = find_contact_circle(rectified_brightness_change(before, after))
+    circle = find_contact_circle(rectified_flat_fielded_change(before, after))
     require_disc_above_black(after.grey, circle)
     require_usable_depth(design.ball, circle, rectify.mm_per_px, WIDEST_BY_PHYSICS if method == "physics" else 1.0)
-    seen = BallPress(before, after, circle, design.ball, design.camera, smoothing)
+    seen = BallPressImages(before, after, circle, design.ball, design.camera, smoothing)
     fit = (
         _fit_by_physics(seen, design, beliefs, near)
         if method == "physics"
         else _fit_by_contact_disc(refine_ball_centre(seen), method)
     )
     # The difference contains the noise of two images; a height against an averaged reference contains that of one.
-    noise = estimate_pixel_noise(relative_brightness_change(reference, press)) / np.sqrt(2)
+    noise = estimate_pixel_noise(flat_fielded_brightness_change(reference, press)) / np.sqrt(2)
     reader = partial(fit.reader, source=rectify.height_source)
     return replace(fit, noise_mm=simulate_height_noise_mm(reader, rectify, reference, noise))
 
 
 def _fit_by_physics(
-    press: BallPress,
+    press: BallPressImages,
     design: SensorDesign,
     beliefs: tuple[ParameterPrior, ...] = (),
     near: ParameterVector | None = None,
 ) -> BallFit:
     """Fit mechanics and light together, and measure how well the result reconstructs the ball."""
-    physical = PhysicsDepthFit(fit_twin(press.before, press.after, press.circle, design, beliefs, near))
+    physical = TwinDepthFit(fit_twin_to_ball_press(press.before, press.after, press.circle, design, beliefs, near))
     require_explained_by_ball(physical.fit.image_rmse_grey_levels, press.circle)
     curve, cross_validation_mae_mm = physical.curve(physical.disc), physical.cross_validation_mae_mm()
     placed = press.about(physical.centre_px)
@@ -328,7 +328,7 @@ def _fit_by_physics(
     )
 
 
-def _fit_by_contact_disc(press: BallPress, method: DepthMethod) -> BallFit:
+def _fit_by_contact_disc(press: BallPressImages, method: DepthMethod) -> BallFit:
     """Pair depth with darkening, and measure how well the result reconstructs the ball."""
     signal = SIGNAL[method]
     curve = press.curve(signal, press.disc)
@@ -347,8 +347,8 @@ def _fit_by_contact_disc(press: BallPress, method: DepthMethod) -> BallFit:
     )
 
 
-def rectified_brightness_change(before: Rectified, after: Rectified) -> Float32[Array, "rows cols"]:
-    """Return the relative change of brightness, times the mean brightness of the reference, in grey levels."""
+def rectified_flat_fielded_change(before: Rectified, after: Rectified) -> Float32[Array, "rows cols"]:
+    """Return the relative change of brightness of two rectified images, times the mean of the first, in grey levels."""
     return (after.grey / np.maximum(before.grey, 1) - 1) * before.grey.mean()
 
 
@@ -366,5 +366,5 @@ def simulate_height_noise_mm(
     pressed = raw - half_way if curve.signal == "difference" else raw * (1 - half_way)
     noisy = pressed + np.random.default_rng(seed).normal(0, noise, raw.shape).astype(np.float32)
     before, after = (Rectified(rectify.resample(image), rectify.mm_per_px) for image in (raw, noisy))
-    height = replace(reader(before), loss=WholeImageLightLoss())(after)
+    height = replace(reader(before), loss=GlobalDimmingModel())(after)
     return float(np.std(height.z_mm[height.in_view]))

@@ -91,7 +91,7 @@ CENTRING_TERMS = 7
 
 
 @dataclass(frozen=True)
-class BallPress:
+class BallPressImages:
     """The reference image, the image of the press, the contact disc found in them, and the ball."""
 
     before: Rectified
@@ -101,7 +101,7 @@ class BallPress:
     camera: CameraGeometry
     smoothing: Smoothing
 
-    def about(self, centre_px: Float[Array, "2"]) -> "BallPress":
+    def about(self, centre_px: Float[Array, "2"]) -> "BallPressImages":
         """Return the same press with the ball's centre at another pixel."""
         return replace(self, circle=replace(self.circle, centre_px=(float(centre_px[0]), float(centre_px[1]))))
 
@@ -144,7 +144,7 @@ class BallPress:
         return [np.asarray(half) for half in (left, ~left, upper, ~upper)]
 
 
-def refine_ball_centre(press: BallPress) -> BallPress:
+def refine_ball_centre(press: BallPressImages) -> BallPressImages:
     """Return the press with its centre moved to where darkening is most nearly a function of depth alone.
 
     The edge determines the disc's size well but its centre only roughly, because the bulge around it is never quite even.

@@ -258,7 +258,7 @@ def asymmetry_warnings(circle: ContactCircle) -> tuple[str, ...]:
     )
 
 
-def board_ball_reference_warnings(board_reference: BgrImage, ball_reference: BgrImage) -> tuple[str, ...]:
+def reference_mismatch_warnings(board_reference: BgrImage, ball_reference: BgrImage) -> tuple[str, ...]:
     """Return a warning where the two reference images, before the board and before the ball, differ."""
     if board_reference.shape != ball_reference.shape:
         return ()

@@ -4,7 +4,7 @@ In: the raw reference image and the raw image of the press. Out: `BoardFit`, fro
     images → relative change → dark spots → lattice → lens → imprint centres on the skin → lens
 
 No threshold needs tuning by the user: spots compete as lattices, and a lattice is rated by how well a lens explains it.
-`fit_published_pin_map` repeats the paper's camera calibration on the same pins, for reproduction and as the baseline in every
+`fit_published_projection` repeats the paper's camera calibration on the same pins, for reproduction and as the baseline in every
 certificate.
 """
 
@@ -22,8 +22,8 @@ from ninedtact.calibration.board.detection import (
     find_board_candidate,
     is_plausible_board,
     lattice_size,
+    lattice_to_skin_mm,
     make_board_not_found_error,
-    pin_positions_mm,
 )
 from ninedtact.calibration.board.lens_fit import (
     MIN_CORRECTED_ERROR,
@@ -37,14 +37,21 @@ from ninedtact.calibration.board.pin_imprint_centres import find_stray_pins, mea
 from ninedtact.calibration.press_brightness import (
     BgrImage,
     estimate_pixel_noise,
-    relative_brightness_change,
+    flat_fielded_brightness_change,
     require_same_image_size,
     require_usable_exposure,
     smooth_gaussian,
 )
 from ninedtact.design import PinBoard
 from ninedtact.errors import InputError
-from ninedtact.shape.lens import CorrectedLens, LensModel, PinMap, Points, Projection, central_mm_per_px
+from ninedtact.shape.lens import (
+    CorrectedLensModel,
+    LensModel,
+    Points,
+    Projection,
+    RadialBasisProjection,
+    central_mm_per_px,
+)
 from ninedtact.shape.rectification import CameraRotation
 
 MAX_MISSING_FRACTION = 0.10
@@ -83,7 +90,7 @@ class BoardFit:
     @property
     def projection(self) -> Projection:
         """Return the lens with its correction, where it has one."""
-        return self.lens if self.correction is None else CorrectedLens(self.lens, self.correction.correction)
+        return self.lens if self.correction is None else CorrectedLensModel(self.lens, self.correction.correction)
 
     @property
     def leave_one_out_errors_mm(self) -> Points:
@@ -106,7 +113,7 @@ def fit_board(
     require_same_image_size("board image", reference, press)
     require_usable_exposure("board reference", reference)
     require_usable_exposure("board image", press)
-    change = relative_brightness_change(reference, press)
+    change = flat_fielded_brightness_change(reference, press)
     sighting = find_board_candidate(change, board, mounting)
     if sighting is None or not is_plausible_board(sighting, board):
         raise make_board_not_found_error(
@@ -119,7 +126,7 @@ def _refine_pins_and_lens(change: Float32[Array, "rows cols"], board: PinBoard, 
     """Refine imprint centres and lens in turn, and search for undetected pins where the lens predicts them."""
     cols, rows = lattice_size(board, sighting.mounting)
     nodes = np.array([(column, row) for row in range(rows) for column in range(cols)])
-    points_mm = pin_positions_mm(nodes, board, sighting.mounting)
+    points_mm = lattice_to_skin_mm(nodes, board, sighting.mounting)
     image, noise, fit = smooth_gaussian(change, SMOOTHING_PX), estimate_pixel_noise(change), sighting.fit
     strays = np.zeros(len(nodes), bool)
     for _ in range(REFINEMENTS):
@@ -168,15 +175,17 @@ class BoardWithoutCentralPin(InputError):
     """The paper's method needs a board with a pin in the centre."""
 
 
-def fit_published_pin_map(fit: BoardFit) -> tuple[PinMap, float]:
+def fit_published_projection(fit: BoardFit) -> tuple[RadialBasisProjection, float]:
     """Return the paper's map through integer pin centres, and its mm per pixel from the five central anchors."""
     if not (fit.board.rows % 2 and fit.board.cols % 2):
         raise BoardWithoutCentralPin(
             f"expected a board with a pin in the middle for the paper's way, got {fit.board.cols} x {fit.board.rows} pins; "
             "use the lens model, which needs none"
         )
-    points_px = integer_pin_centres_px(fit)
-    return PinMap(fit.points_mm, points_px), _anchored_mm_per_px(fit.points_mm, points_px, fit.board.pitch_mm)
+    points_px = truncated_spot_centroids_px(fit)
+    return RadialBasisProjection(fit.points_mm, points_px), _anchored_mm_per_px(
+        fit.points_mm, points_px, fit.board.pitch_mm
+    )
 
 
 def _anchor_scales(points_mm: Points, points_px: Points, pitch_mm: float) -> Float[Array, " k"]:
@@ -191,13 +200,13 @@ def _anchored_mm_per_px(points_mm: Points, points_px: Points, pitch_mm: float) -
     return float(1 / (1 / _anchor_scales(points_mm, points_px, pitch_mm)).mean())
 
 
-def anchored_mm_per_px_std(points_mm: Points, points_px: Points, pitch_mm: float) -> float:
-    """Return the standard error of `_anchored_mm_per_px`, from the scatter of the four distances."""
+def published_mm_per_px_std(points_mm: Points, points_px: Points, pitch_mm: float) -> float:
+    """Return the standard error of the paper's mm per pixel, from the scatter of the central pin's four distances."""
     scales = _anchor_scales(points_mm, points_px, pitch_mm)
     return float(np.std(scales, ddof=1) / np.sqrt(len(scales)))
 
 
-def integer_pin_centres_px(fit: BoardFit) -> Points:
+def truncated_spot_centroids_px(fit: BoardFit) -> Points:
     """Return the centre of each spot's pixels that are darker than half its depth, truncated to integers; predicted pins stay."""
     image = smooth_gaussian(fit.change, 1.5)
     half_step = 0.45 * fit.board.pitch_mm / central_mm_per_px(fit.lens, fit.board.pitch_mm)
@@ -218,7 +227,7 @@ def _integer_spot_centre(image: Float32[Array, "rows cols"], point_px: Point, re
 
 def pin_map_leave_one_out_rms_mm(fit: BoardFit) -> float:
     """Return the root mean square of the leave-one-out errors of the paper's map through the found pins."""
-    centres_px = integer_pin_centres_px(fit)[fit.found]
+    centres_px = truncated_spot_centroids_px(fit)[fit.found]
     return rms_vector_length(published_leave_one_out_errors_mm(fit.points_mm[fit.found], centres_px))
 
 

@@ -44,7 +44,7 @@ def lattice_size(board: PinBoard, mounting: CameraRotation) -> tuple[int, int]:
     return (board.cols, board.rows) if mounting in (0, 180) else (board.rows, board.cols)
 
 
-def pin_positions_mm(nodes: Int[Array, "n 2"], board: PinBoard, mounting: CameraRotation) -> Points:
+def lattice_to_skin_mm(nodes: Int[Array, "n 2"], board: PinBoard, mounting: CameraRotation) -> Points:
     """Return the positions on the skin (sensor frame) of lattice nodes (column, row along the image's axes)."""
     size = np.array(lattice_size(board, mounting))
     along_image = (nodes - (size - 1) / 2) * board.pitch_mm
@@ -259,7 +259,7 @@ def predict_missing_pins(
     grid = np.array([(column, row) for row in range(size[1]) for column in range(size[0])])
     ranges = (range(low, high + 1) for low, high in zip(nodes.max(axis=0) - size + 1, nodes.min(axis=0), strict=True))
     boards_px = [
-        sighting.fit.lens.to_px(pin_positions_mm(grid + corner, board, sighting.mounting))
+        sighting.fit.lens.to_px(lattice_to_skin_mm(grid + corner, board, sighting.mounting))
         for corner in product(*ranges)
     ]
     extent = np.array(shape[1::-1])
@@ -285,7 +285,7 @@ def _generate_board_candidates(
         if parts:
             part, way = max(parts, key=lambda one: one[0].score)
             if len(part) >= FEWEST_FOR_LENS:
-                points_mm = pin_positions_mm(part.nodes, board, way)
+                points_mm = lattice_to_skin_mm(part.nodes, board, way)
                 yield BoardCandidate(part, way, fit_lens_with_terms(points_mm, part.points_px, change.shape, 1))
 
 

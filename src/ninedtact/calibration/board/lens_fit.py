@@ -8,7 +8,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from scipy.optimize import least_squares
 
-from ninedtact.shape.lens import LensCorrection, LensModel, Points, central_mm_per_px, gaussian_kernel
+from ninedtact.shape.lens import LensModel, LensModelCorrection, Points, central_mm_per_px, gaussian_basis_matrix
 
 RADIAL_TERMS = (1, 2, 3)
 OUTLIER_PX = 1.5
@@ -68,7 +68,8 @@ def fit_lens(points_mm: Points, points_px: Points, near: LensModel) -> LensFit:
     """
     affordable = [terms for terms in RADIAL_TERMS if len(points_mm) > len(near.parameters) - len(near.radial) + terms]
     fits = [
-        refine_lens(points_mm, points_px, with_radial_terms(near, terms)) for terms in affordable or RADIAL_TERMS[:1]
+        refine_lens(points_mm, points_px, with_radial_term_count(near, terms))
+        for terms in affordable or RADIAL_TERMS[:1]
     ]
     return min(fits, key=lambda fit: fit.leave_one_out_rms_mm)
 
@@ -93,7 +94,7 @@ def refine_lens(points_mm: Points, points_px: Points, start: LensModel) -> LensF
     return LensFit(start.with_parameters(solution.x), points_mm, points_px, derivative(solution.x))
 
 
-def with_radial_terms(lens: LensModel, terms: int) -> LensModel:
+def with_radial_term_count(lens: LensModel, terms: int) -> LensModel:
     """Return the same lens with more or fewer radial terms; new ones are zero."""
     return replace(lens, radial=(*lens.radial, *(0.0,) * terms)[:terms])
 
@@ -140,7 +141,7 @@ simulated sensors, which is no property of the lens.
 class LensCorrectionFit:
     """A smooth correction of a lens model, with its own leave-one-out errors."""
 
-    correction: LensCorrection
+    correction: LensModelCorrection
     leave_one_out_errors_mm: Points
 
 
@@ -174,7 +175,7 @@ def _fit_correction(
     fit: LensFit, left_out_px: Float[Array, "n n 2"], width_mm: float, noise: float
 ) -> LensCorrectionFit:
     """Return the correction of this width and relative variance of a pin's own error."""
-    kernel, pins = gaussian_kernel(fit.points_mm, fit.points_mm, width_mm), np.arange(len(fit.points_mm))
+    kernel, pins = gaussian_basis_matrix(fit.points_mm, fit.points_mm, width_mm), np.arange(len(fit.points_mm))
     smoothed = kernel + noise * np.eye(len(pins))
     weights = np.linalg.solve(smoothed, -fit.residual_px)
     errors_px = np.array(
@@ -186,7 +187,7 @@ def _fit_correction(
         ]
     )
     errors_mm = np.linalg.solve(fit.lens.px_per_mm(fit.points_mm), errors_px[..., None])[..., 0]
-    return LensCorrectionFit(LensCorrection(fit.points_mm, weights, width_mm), np.asarray(errors_mm))
+    return LensCorrectionFit(LensModelCorrection(fit.points_mm, weights, width_mm), np.asarray(errors_mm))
 
 
 def rms_vector_length(vectors: Points) -> float:

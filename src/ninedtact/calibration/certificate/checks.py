@@ -99,9 +99,9 @@ def check_certificate(certificate: Certificate) -> list[CheckResult]:
 def unusual_fit_warnings(deviation: float, design: SensorDesign) -> list[str]:
     """Return a warning where the light and the gel of the twin are unlike those of the sensors that are known.
 
-    deviation: distance from their middle in standard deviations (`simulation.sensor_population.fit_deviation`). A wrong board pitch
-    or ball radius makes all lengths wrong by one factor. No image shows that by itself, but the fitted light and gel are then
-    unlike those of other sensors.
+    deviation: distance from their middle in standard deviations (`simulation.sensor_population.deviation_from_population`). A
+    wrong board pitch or ball radius makes all lengths wrong by one factor. No image shows that by itself, but the fitted light
+    and gel are then unlike those of other sensors.
     """
     if deviation <= _UNUSUAL_FIT:
         return []

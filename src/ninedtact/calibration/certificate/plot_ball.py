@@ -9,7 +9,7 @@ from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.ball_fit import BallFit
-from ninedtact.calibration.ball.ball_press import BallPress
+from ninedtact.calibration.ball.ball_press import BallPressImages
 from ninedtact.calibration.certificate.plot_style import (
     INK,
     PALE_INK,
@@ -20,7 +20,7 @@ from ninedtact.calibration.certificate.plot_style import (
     stretch_contrast,
 )
 from ninedtact.calibration.procedure import Calibration
-from ninedtact.calibration.sensor_toml_schema import BoardPressTable, TwinTable
+from ninedtact.calibration.sensor_toml_schema import BoardPressFitTable, TwinTable
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.shape.depth import BrightnessSignal, DepthCurve
 
@@ -61,14 +61,14 @@ def plot_contact_disc(calibration: Calibration) -> bytes:
     return figure_to_png(figure)
 
 
-def _plot_contact_circle(axes: "Axes", press: BallPress, colour: str) -> None:
+def _plot_contact_circle(axes: "Axes", press: BallPressImages, colour: str) -> None:
     """Draw the contact circle."""
     from matplotlib.patches import Circle
 
     axes.add_patch(Circle(_disc_centre_mm(press), press.edge_radius_mm, fill=False, edgecolor=colour, linewidth=1.4))
 
 
-def _disc_centre_mm(press: BallPress) -> tuple[float, float]:
+def _disc_centre_mm(press: BallPressImages) -> tuple[float, float]:
     """Return the centre of the disc on the skin."""
     (rows, cols), (x, y) = press.before.grey.shape, press.circle.centre_px
     return (x - (cols - 1) / 2) * press.before.mm_per_px, (y - (rows - 1) / 2) * press.before.mm_per_px
@@ -270,7 +270,7 @@ def twin_table_rows(twin: TwinTable) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _board_press_table_rows(told: BoardPressTable) -> list[tuple[str, str, str]]:
+def _board_press_table_rows(told: BoardPressFitTable) -> list[tuple[str, str, str]]:
     """Return the figures of the fit to the board image, and whether it was accepted."""
     taken = "taken into the lens" if told.accepted else "not taken: the board is not as drawn"
     return [

@@ -12,7 +12,7 @@ from ninedtact.calibration.board.board_fit import (
     SMOOTHING_PX,
     BoardFit,
     _leave_one_out_error_mm,
-    integer_pin_centres_px,
+    truncated_spot_centroids_px,
 )
 from ninedtact.calibration.certificate.checks import LEAVE_ONE_OUT_RMS_MM
 from ninedtact.calibration.certificate.plot_style import (
@@ -127,7 +127,7 @@ def _leave_one_out_errors_mm(calibration: Calibration) -> Points:
     board = calibration.board
     if not isinstance(calibration.record.lens, PinMapTable):
         return board.leave_one_out_errors_mm
-    seen_mm, centres_px = board.points_mm[board.found], integer_pin_centres_px(board)[board.found]
+    seen_mm, centres_px = board.points_mm[board.found], truncated_spot_centroids_px(board)[board.found]
     return np.array([_leave_one_out_error_mm(seen_mm, centres_px, pin) for pin in range(len(seen_mm))])
 
 

@@ -42,8 +42,8 @@ around a contact and brightens (real presses 0.2 to 0.6); beside a stain nothing
 
 
 @dataclass(frozen=True)
-class SkinMark:
-    """A place on the skin whose appearance has changed, with the centre of the change."""
+class ChangedSkinRegion:
+    """A region of the skin whose brightness has changed, with the weighted centre of the change."""
 
     x_mm: float
     y_mm: float
@@ -83,12 +83,12 @@ class BrightnessChange:
         return max(self.level, self.unevenness if self.unevenness > MAX_UNEVENNESS else 0.0)
 
     @cached_property
-    def marks(self) -> tuple[SkinMark, ...]:
+    def marks(self) -> tuple[ChangedSkinRegion, ...]:
         """All changed places, largest first."""
         found = [mark for sign in (-1, 1) for mark in self.marks_of(sign)]
         return tuple(sorted(found, key=lambda mark: -mark.area_mm2))
 
-    def marks_of(self, sign: int) -> list[SkinMark]:
+    def marks_of(self, sign: int) -> list[ChangedSkinRegion]:
         """Return the places with a change of one sign."""
         count, labels, boxes, _ = cv2.connectedComponentsWithStats(
             (sign * self.residue > self.mark_level).astype(np.uint8)
@@ -96,13 +96,13 @@ class BrightnessChange:
         large = boxes[:, cv2.CC_STAT_AREA] * self.mm_per_px**2 >= _MIN_MARK_AREA_MM2
         return [self.mark(labels == label) for label in range(1, count) if large[label]]
 
-    def mark(self, where: Bool[Array, "rows cols"]) -> SkinMark:
+    def mark(self, where: Bool[Array, "rows cols"]) -> ChangedSkinRegion:
         """Return the figures of one changed place."""
         rows, cols = np.nonzero(where)
         y, x = (centred_axis_mm(size, self.mm_per_px) for size in where.shape)
         values = self.residue[where]
         weight = np.abs(values) / np.abs(values).sum()
-        return SkinMark(
+        return ChangedSkinRegion(
             float(x[cols] @ weight),
             float(y[rows] @ weight),
             float(where.sum()) * self.mm_per_px**2,
@@ -115,7 +115,7 @@ class BrightnessChange:
         return sum((mark.area_mm2 for mark in self.marks), 0.0)
 
     @cached_property
-    def contact(self) -> SkinMark | None:
+    def contact(self) -> ChangedSkinRegion | None:
         """Return all dark places as one mark where they look pressed: clearly darker, with brighter gel beside them."""
         dark = self.residue < -self.level
         if self.residue.min() > -_MIN_CONTACT_DARKENING:
@@ -128,7 +128,7 @@ class BrightnessChange:
         return self.mark(dark)
 
     @property
-    def new_contacts(self) -> list[SkinMark]:
+    def new_contacts(self) -> list[ChangedSkinRegion]:
         """Return the dark places that are pressed now and were not before.
 
         Where a contact was released instead, the released gel around it is darker too, but less than its middle is brighter.
@@ -136,7 +136,7 @@ class BrightnessChange:
         reach_px = round(_BULGE_REACH_MM / self.mm_per_px)
         y, x = (centred_axis_mm(size, self.mm_per_px) for size in self.residue.shape)
 
-        def brightening_beside(mark: SkinMark) -> float:
+        def brightening_beside(mark: ChangedSkinRegion) -> float:
             radius_px = reach_px + round(np.sqrt(mark.area_mm2 / np.pi) / self.mm_per_px)
             row, col = int(np.abs(y - mark.y_mm).argmin()), int(np.abs(x - mark.x_mm).argmin())
             rows, cols = (slice(max(at - radius_px, 0), at + radius_px + 1) for at in (row, col))

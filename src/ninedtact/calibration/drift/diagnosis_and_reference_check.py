@@ -4,7 +4,7 @@
 cause, and advice. The limits are wide enough that reference images of real sensors, taken before the board and before the ball,
 give none.
 
-`ReferenceChecker` checks a reference image once, before anything is measured against it. Heights and forces are changes since
+`ReferenceImageChecker` checks a reference image once, before anything is measured against it. Heights and forces are changes since
 the reference image. A reference image of another sensor, a mirrored one or one that was taken while something touched the gel makes
 all of them wrong without a sign of it. Slow changes of light and small motions of the camera do not count here: a new reference
 image takes them up, and `ninedtact check` reports them.
@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool
 from numpy import ndarray as Array
 
-from ninedtact.calibration.drift.brightness_change import MAX_UNEVENNESS, SkinMark, separate_brightness_change
+from ninedtact.calibration.drift.brightness_change import MAX_UNEVENNESS, ChangedSkinRegion, separate_brightness_change
 from ninedtact.calibration.drift.drift_measurement import (
     CalibratedReference,
     DriftMeasurement,
@@ -217,7 +217,7 @@ def _change_in_words(change: float) -> str:
     return f"{abs(change):.1%} {'dimmer' if change < 0 else 'brighter'}"
 
 
-def _position_in_words(mark: SkinMark) -> str:
+def _position_in_words(mark: ChangedSkinRegion) -> str:
     """Return the position of a mark in words."""
     return f"({mark.x_mm:.1f}, {mark.y_mm:.1f}) mm"
 
@@ -230,7 +230,7 @@ class ReferenceImplausible(InputError):
 
 
 @dataclass(frozen=True)
-class ReferenceChecker:
+class ReferenceImageChecker:
     """Checks whether images can be reference images (no contact) of one calibrated sensor. It reads no file after it was loaded."""
 
     sensor: str
@@ -285,11 +285,11 @@ def describe_new_contact(before: Rectified, now: Rectified, seen: Bool[Array, "r
     return f"the skin is {_change_in_words(most.change)} over {most.area_mm2:.1f} mm² around {_position_in_words(most)}"
 
 
-def load_reference_check(folder: SensorFolder) -> ReferenceChecker:
+def load_reference_image_checker(folder: SensorFolder) -> ReferenceImageChecker:
     """Load the check of a sensor's reference images with everything that it needs; the folder may be deleted afterwards.
 
     Raises `SensorFolderDamaged`.
     """
     needed = {"ball_reference"} if folder.is_imported else {"board_reference", "ball_reference"}
     has_images = needed <= folder.record.images.keys()
-    return ReferenceChecker(folder.id, load_calibrated_reference(folder) if has_images else None)
+    return ReferenceImageChecker(folder.id, load_calibrated_reference(folder) if has_images else None)

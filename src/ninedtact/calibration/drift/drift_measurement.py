@@ -26,7 +26,7 @@ from ninedtact.calibration.drift.brightness_change import BrightnessChange, sepa
 from ninedtact.calibration.press_brightness import (
     BgrImage,
     estimate_pixel_noise,
-    relative_brightness_change,
+    flat_fielded_brightness_change,
     require_usable_exposure,
     to_grey_float,
 )
@@ -305,7 +305,7 @@ def _detect_flip(known: BgrImage, today: BgrImage, motion: SkinMotion) -> str | 
 def _measure_brightness_change(known: CalibratedReference, today: BgrImage, motion: SkinMotion) -> BrightnessChange:
     """Return the change of the skin's brightness with its motion undone, where both images show it."""
     grey = float(to_grey_float(known.depth_image).mean())
-    noise = estimate_pixel_noise(relative_brightness_change(known.depth_image, today)) / grey
+    noise = estimate_pixel_noise(flat_fielded_brightness_change(known.depth_image, today)) / grey
     seen = known.view_mask & (known.rectify.resample(motion.valid_mask(today.shape)) > 0)
     return separate_brightness_change(
         known.rectified_reference, known.rectify(Frame(motion.undone(today))), seen, noise

@@ -1,6 +1,6 @@
 """The fit of the digital twin to one ball press: the pose of the press, the thickness of the gel and the brightness model that
 explain the whole image, with their uncertainties. In: the rectified images before and after the press, and the contact circle in
-them. Out: `TwinFit`, from `fit_twin`.
+them. Out: `TwinFit`, from `fit_twin_to_ball_press`.
 
 The residual is not noise but a model error, smooth over millimetres. The number of independent observations is therefore estimated
 from the residual itself, and the design's gel thickness is added as one more observation. Where the residual is plain noise, that
@@ -24,10 +24,10 @@ from ninedtact.calibration.twin.ball_press_model import (
     BallPressModel,
     ObservedBallPress,
     ParameterVector,
-    ball_press_from_parameters,
+    extract_press_parameters,
     parameter_bounds,
     parameter_scales,
-    step_parameter,
+    perturb_parameter,
 )
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.contact_result import Contact
@@ -37,7 +37,7 @@ from ninedtact.simulation.gel_brightness import BrightnessModel
 
 
 @dataclass(frozen=True)
-class ParameterUncertainty:
+class FitUncertainty:
     """Standard deviations and correlations of the searched parameters."""
 
     points: float
@@ -55,13 +55,13 @@ class ParameterUncertainty:
 
 def _estimate_uncertainty(
     slopes: Float[Array, "rows parameters"], rest: Float[Array, " n"], points: float
-) -> ParameterUncertainty:
+) -> FitUncertainty:
     """Return the uncertainty from the Jacobian and the residual, as of `points` independent observations (Gauss–Markov)."""
     variance = np.sum(rest**2) / max(points - slopes.shape[1], 1.0)
     covariance = np.linalg.pinv(slopes.T @ slopes, hermitian=True) * variance
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0))
     safe = np.where(deviation > 0, deviation, 1)
-    return ParameterUncertainty(
+    return FitUncertainty(
         points, dict(zip(PARAMETER_NAMES, deviation.tolist(), strict=True)), covariance / np.outer(safe, safe)
     )
 
@@ -135,7 +135,7 @@ class TwinFit:
     slopes: Float[Array, "3"]
     rest_grey: Float[Array, " n"]
     """Residual, observed minus predicted, in grey levels at the observed points."""
-    confidence: ParameterUncertainty
+    confidence: FitUncertainty
     seconds: float
 
     @cached_property
@@ -153,7 +153,7 @@ class TwinFit:
     @property
     def contact(self) -> Contact:
         """The solved contact of the skin under the ball, with pressures in shear moduli."""
-        return self.forward.contact(ball_press_from_parameters(self.parameters))
+        return self.forward.contact(extract_press_parameters(self.parameters))
 
     @property
     def image_rmse_grey_levels(self) -> float:
@@ -239,7 +239,7 @@ class _Solution:
     """Jacobian of the residual there, with one row for every prior."""
 
 
-def fit_twin(
+def fit_twin_to_ball_press(
     before: Rectified,
     after: Rectified,
     circle: ContactCircle,
@@ -357,7 +357,7 @@ def _image_jacobian(
         if kept is not None and parameter.moves_contact:
             columns.append(kept[: rest.size, index])
             continue
-        moved, step = step_parameter(vector, index)
+        moved, step = perturb_parameter(vector, index)
         columns.append((forward.fit_linear_terms(moved)[1] - rest) / step)
     return np.column_stack(columns)
 

@@ -18,7 +18,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.finite_strain import finite_strain_ball_height_mm
+from ninedtact.mechanics.finite_strain import finite_strain_ball_change_mm
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
@@ -26,12 +26,12 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.surface_displacement import Skin
 from ninedtact.quantities import Rectified
 from ninedtact.shape.rectification import skin_grid_mm
-from ninedtact.simulation.gel_brightness import saturating_response_mm
+from ninedtact.simulation.gel_brightness import darkening_equivalent_height_mm
 from ninedtact.simulation.pixel_to_skin_map import (
     REFINEMENT,
     SightlineGrid,
     blur_and_refine_fields,
-    grid_coordinates,
+    grid_indices_at_positions,
     sample_periodic,
 )
 
@@ -80,7 +80,7 @@ def parameter_scales() -> ParameterVector:
     return np.array([p.scale for p in FIT_PARAMETERS])
 
 
-def step_parameter(vector: ParameterVector, index: int) -> tuple[ParameterVector, float]:
+def perturb_parameter(vector: ParameterVector, index: int) -> tuple[ParameterVector, float]:
     """Return the vector with one parameter moved inside its bounds, and the step."""
     parameter = FIT_PARAMETERS[index]
     step = parameter.step if vector[index] + parameter.step < parameter.most else -parameter.step
@@ -188,7 +188,7 @@ KEPT_CONTACTS = 64
 
 
 @dataclass(frozen=True)
-class _BallPress:
+class BallPressParameters:
     """A ball pressed into gel and dragged; pressures are in units of the gel's shear modulus."""
 
     depth_mm: float
@@ -221,11 +221,11 @@ class BallPressModel:
         """Return the cache of the contacts that were solved last, by the thickness of the gel and the way of the ball."""
         return {}
 
-    def contact(self, press: _BallPress) -> Contact:
+    def contact(self, press: BallPressParameters) -> Contact:
         """Return the solved contact of the skin under this press, with the heights at finite strain."""
         linear = self._contact_after(press.thickness_mm, tuple(press.poses()))
         distance_mm = np.hypot(*self.patch.positions_mm)  # the fields move with the ball
-        change_mm = finite_strain_ball_height_mm(
+        change_mm = finite_strain_ball_change_mm(
             distance_mm, self.design.ball.radius_mm, press.depth_mm, press.thickness_mm
         )
         return replace(
@@ -249,13 +249,13 @@ class BallPressModel:
         named = dict(zip(PARAMETER_NAMES, vector.tolist(), strict=True))
         seen = self.seen_mm(named)
         diffuse = blur_and_refine_fields(self.patch, named["point_spread_mm"], *self.laws(seen, named["saturation"]))
-        at = grid_coordinates(self.patch, self.observed.middle_mm, *self.observed.points_mm, REFINEMENT)
+        at = grid_indices_at_positions(self.patch, self.observed.middle_mm, *self.observed.points_mm, REFINEMENT)
         dark, bright = (sample_periodic(field, *at) for field in diffuse)
         return np.column_stack([np.ones(dark.size), dark.ravel(), bright.ravel()])
 
     def seen_mm(self, named: dict[str, float]) -> Float32[Array, "rows cols"]:
         """Return the height of the skin on every line of sight, on a grid around the centre of the observed press."""
-        height = np.asarray(self.contact(ball_press_from_parameters(named)).height_mm, np.float32)
+        height = np.asarray(self.contact(extract_press_parameters(named)).height_mm, np.float32)
         x, y = (
             np.ascontiguousarray(axis + middle, np.float32)
             for axis, middle in zip(self.patch.positions_mm, self.observed.middle_mm, strict=True)
@@ -269,7 +269,7 @@ class BallPressModel:
     ) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
         """Return the brightness by indentation and by bulge, for slopes of one."""
         thickness = self.design.gel.thickness_mm
-        dark = saturating_response_mm(np.clip(height_mm, -thickness, 0), saturation, thickness)
+        dark = darkening_equivalent_height_mm(np.clip(height_mm, -thickness, 0), saturation, thickness)
         return dark.astype(np.float32), np.maximum(height_mm, 0)
 
     def fit_linear_terms(self, vector: ParameterVector) -> tuple[Float[Array, "3"], Float[Array, " n"]]:
@@ -279,10 +279,10 @@ class BallPressModel:
         return slopes, (seen - columns @ slopes) * self.observed.mean_grey
 
 
-def ball_press_from_parameters(named: dict[str, float]) -> _BallPress:
+def extract_press_parameters(named: dict[str, float]) -> BallPressParameters:
     """Return the press that the mechanical parameters describe."""
     drag_mm = named["drag_x_mm"], named["drag_y_mm"]
-    return _BallPress(named["depth_mm"], drag_mm, named["thickness_mm"], named["finite_strain"])
+    return BallPressParameters(named["depth_mm"], drag_mm, named["thickness_mm"], named["finite_strain"])
 
 
 @lru_cache(maxsize=64)

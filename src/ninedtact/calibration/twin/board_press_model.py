@@ -31,7 +31,7 @@ from ninedtact.simulation.pixel_to_skin_map import (
     REFINEMENT,
     SightlineGrid,
     blur_and_refine_fields,
-    grid_coordinates,
+    grid_indices_at_positions,
     sample_periodic,
 )
 
@@ -103,7 +103,7 @@ class BoardPressParameters:
 
 
 @dataclass(frozen=True)
-class PredictedBoardImage:
+class PredictedBrightnessField:
     """Relative change of brightness on the undeformed plane, finely sampled."""
 
     patch: PeriodicGrid
@@ -112,12 +112,14 @@ class PredictedBoardImage:
     def at(self, points_mm: Points) -> Float[Array, " n"]:
         """Return the field at places of the plane, by linear interpolation."""
         x, y = (np.ascontiguousarray(axis[None], np.float32) for axis in points_mm.T)
-        return sample_periodic(self.field, *grid_coordinates(self.patch, (0.0, 0.0), x, y, REFINEMENT))[0].astype(float)
+        return sample_periodic(self.field, *grid_indices_at_positions(self.patch, (0.0, 0.0), x, y, REFINEMENT))[
+            0
+        ].astype(float)
 
     def to_px(self, points_mm: Points) -> Points:
         """Return column and row of the field, a projection without a lens."""
         x, y = points_mm.T
-        return np.column_stack(grid_coordinates(self.patch, (0.0, 0.0), x, y, REFINEMENT))
+        return np.column_stack(grid_indices_at_positions(self.patch, (0.0, 0.0), x, y, REFINEMENT))
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ class BoardPressModel:
         pose = Pose(0.0, 0.0, press.depth_mm, 0.0, press.tilt_x_rad, press.tilt_y_rad)
         return np.asarray(model.step(model.initial_contact(), self.relief, pose).height_mm, np.float32)
 
-    def predict_image(self, press: BoardPressParameters) -> PredictedBoardImage:
+    def predict_image(self, press: BoardPressParameters) -> PredictedBrightnessField:
         """Return the brightness of the skin on the undeformed plane, in the twin's light."""
         x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.patch.positions_mm)
         seen = SightlineGrid(x, y, press.inverse_distance_per_mm).height_mm(
@@ -175,8 +177,8 @@ class BoardPressModel:
         (field,) = blur_and_refine_fields(
             self.patch, press.point_spread_mm, self.fit.light.brightness_change(seen).astype(np.float32)
         )
-        return PredictedBoardImage(self.patch, field)
+        return PredictedBrightnessField(self.patch, field)
 
-    def imprints_mm(self, drawn: PredictedBoardImage, pins_mm: Points) -> Points:
+    def imprints_mm(self, drawn: PredictedBrightnessField, pins_mm: Points) -> Points:
         """Return the positions on the plane at which the imprints of these pins are seen, located as in a real image."""
         return locate_imprints_mm(drawn.field, drawn, pins_mm, IMPRINT_RADIUS * self.board.pitch_mm)

@@ -21,7 +21,7 @@ from numpy import ndarray as Array
 from ninedtact.calibration.ball.ball_fit import BallFit
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable
 from ninedtact.calibration.board.board_fit import BoardFit
-from ninedtact.calibration.board.lens_fit import fit_lens, refine_lens, with_radial_terms
+from ninedtact.calibration.board.lens_fit import fit_lens, refine_lens, with_radial_term_count
 from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, effective_observation_count
 from ninedtact.calibration.twin.ball_press_model import ParameterVector
@@ -29,10 +29,10 @@ from ninedtact.calibration.twin.board_press_model import (
     BoardPressModel,
     BoardPressParameters,
     ObservedBoardPress,
-    PredictedBoardImage,
+    PredictedBrightnessField,
 )
 from ninedtact.quantities import Frame
-from ninedtact.shape.lens import LensModel, PointNotSeen, Points
+from ninedtact.shape.lens import LensModel, PixelNotOnSkin, Points
 from ninedtact.shape.rectification import Rectification
 
 WORST_REST = 0.06
@@ -154,7 +154,7 @@ class _BoardPressSolver:
             refined = refine_lens(asked_mm[::FEWER], pixels[::FEWER], lens).lens
             try:
                 at_mm = _invert_lens_projection(refined, pixels, asked_mm)
-            except PointNotSeen:
+            except PixelNotOnSkin:
                 return self.summarise(press, lens, step, settled=False)
             by = np.abs(_to_vector(moved) - _to_vector(press))
             settled, kept = bool((by < SETTLED).all()), step.by_contact if (by < NEAR).all() else None
@@ -221,27 +221,29 @@ def _lens_displacement_modes(lens: LensModel, at_mm: Points) -> Float[Array, "n 
 
 
 def _invert_lens_projection(lens: LensModel, pixels: Points, near_mm: Points) -> Points:
-    """Return the places that pixels see, from places near them (Newton); raises `PointNotSeen` where the lens folds the
+    """Return the places that pixels see, from places near them (Newton); raises `PixelNotOnSkin` where the lens folds the
     image over.
     """
     for _ in range(NEWTON):
         slope = lens.px_per_mm(near_mm)
         if not (np.linalg.det(slope) > 0).all():
-            raise PointNotSeen(
+            raise PixelNotOnSkin(
                 "expected a lens that shows every place once, got one that folds; the fit has lost its way"
             )
         near_mm = near_mm + np.linalg.solve(slope, (pixels - lens.to_px(near_mm))[..., None])[..., 0]
     return near_mm
 
 
-def fit_board_press(observed: ObservedBoardPress, fit: TwinFit, last: BoardPressFit | None = None) -> BoardPressFit:
-    """Fit the board image, rectified through its lens, with the twin from the ball press.
+def fit_board_press_and_lens(
+    observed: ObservedBoardPress, fit: TwinFit, last: BoardPressFit | None = None
+) -> BoardPressFit:
+    """Fit press and lens to the board image with the twin from the ball press.
 
-    last: an earlier fit to start from. Without one, a fit with a coarse contact grid is the start, and the result where it
-    disagrees with the twin by far.
+    observed: the image, rectified through the lens so far. last: an earlier fit to start from. Without one, a fit with a coarse
+    contact grid is the start, and the result where it disagrees with the twin by far.
     """
     board = observed.board
-    lens = with_radial_terms(board.lens, max(LENS_TERMS, len(board.lens.radial)))
+    lens = with_radial_term_count(board.lens, max(LENS_TERMS, len(board.lens.radial)))
     fine = BoardPressModel(fit, board.board)
     solver = _BoardPressSolver(observed, fine, lens)
     if last is not None:  # `lens` is the one through which the images were rectified this time
@@ -253,7 +255,7 @@ def fit_board_press(observed: ObservedBoardPress, fit: TwinFit, last: BoardPress
     return solver.solve(start.press, start.lens, FINE_ROUNDS, start.by_contact)
 
 
-def _brightness_gradient(drawn: PredictedBoardImage, at_mm: Points) -> Float[Array, "n 2"]:
+def _brightness_gradient(drawn: PredictedBrightnessField, at_mm: Points) -> Float[Array, "n 2"]:
     """Return the gradient of the predicted image, per mm along x and y."""
     steps = np.eye(2) * GRADIENT_MM
     return np.column_stack([(drawn.at(at_mm + by) - drawn.at(at_mm - by)) / (2 * GRADIENT_MM) for by in steps])
@@ -303,7 +305,7 @@ class JointCalibration:
             return self
         fit, before, after = self.ball.physical.fit, *(self.rectify(Frame(image)) for image in images)
         observed = ObservedBoardPress(before, after, self.board)
-        told = fit_board_press(observed, fit, self.told)
+        told = fit_board_press_and_lens(observed, fit, self.told)
         if not told.accepted:
             return replace(self, told=self.told or told)
         board = _replace_lens(observed, fit, told)

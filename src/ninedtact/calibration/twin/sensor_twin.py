@@ -1,6 +1,6 @@
 """The digital twin of a calibrated sensor: gel, light, lens, reference image and noise from its own calibration images. In: a
-sensor folder. Out: a `Twin` for simulation, from `build_sensor_twin`; `make_twin_table` makes the folder's table of it from the
-fits.
+sensor folder. Out: a `Twin` for simulation, from `build_twin_from_folder`; `make_twin_table` makes the folder's table of it from
+the fits.
 """
 
 from dataclasses import replace
@@ -12,12 +12,12 @@ from ninedtact.calibration.original_9dtact.folder_format import OUT_OF_VIEW_PX
 from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import (
-    BoardPressTable,
+    BoardPressFitTable,
     FittedParameterTable,
     TwinFitQuality,
     TwinTable,
 )
-from ninedtact.calibration.twin.ball_press_fit import ParameterUncertainty, TwinFit
+from ninedtact.calibration.twin.ball_press_fit import FitUncertainty, TwinFit
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit
 from ninedtact.design import Gel
 from ninedtact.errors import CalibrationError
@@ -39,7 +39,7 @@ class TwinMissing(CalibrationError):
     """The sensor's calibration contains no twin."""
 
 
-def build_sensor_twin(folder: SensorFolder) -> Twin:
+def build_twin_from_folder(folder: SensorFolder) -> Twin:
     """Return the twin of a sensor folder; raises `TwinMissing`, and `SensorFolderDamaged` where its images are missing."""
     table = folder.record.twin
     if table is None:
@@ -47,13 +47,13 @@ def build_sensor_twin(folder: SensorFolder) -> Twin:
             f"expected {folder.path} to hold a twin, got a sensor without one; run: {folder.completion_command}"
         )
     untouched = folder.stored_image("ball_reference").image
-    return build_twin(folder.id, table.gel, table.light, folder.rectification, untouched, table.noise_grey_levels)
+    return assemble_twin(folder.id, table.gel, table.light, folder.rectification, untouched, table.noise_grey_levels)
 
 
-def build_twin(
+def assemble_twin(
     name: str, gel: Gel, light: BrightnessModel, rectify: Rectification, untouched: BgrImage, noise_grey_levels: float
 ) -> Twin:
-    """Return the twin of a sensor, based on the reference image from its calibration."""
+    """Return the twin with this gel, light, rectification, reference image and noise."""
 
     def correct_contact(contact: Contact, indenter: Indenter | None = None) -> Contact:
         return correct_for_finite_strain(contact, gel.thickness_mm, indenter, gel.finite_strain)
@@ -113,12 +113,12 @@ def _twin_fit_quality(fit: TwinFit) -> TwinFitQuality:
     )
 
 
-def _board_press_table(told: BoardPressFit, fit: TwinFit) -> BoardPressTable:
+def _board_press_table(told: BoardPressFit, fit: TwinFit) -> BoardPressFitTable:
     """Return the fit to the board image. The depth of the imprints is as uncertain as that of the ball, on which the brightness
     model rests.
     """
     depth_mm, ball = told.press.depth_mm, fit.confidence.deviation["depth_mm"] / fit.parameters["depth_mm"]
-    return BoardPressTable(
+    return BoardPressFitTable(
         accepted=told.accepted,
         depth_mm=depth_mm,
         depth_std_mm=float(np.hypot(told.deviation.depth_mm, ball * depth_mm)),
@@ -130,6 +130,6 @@ def _board_press_table(told: BoardPressFit, fit: TwinFit) -> BoardPressTable:
     )
 
 
-def _strongest_correlation(sure: ParameterUncertainty, name: str) -> tuple[str | None, float | None]:
+def _strongest_correlation(sure: FitUncertainty, name: str) -> tuple[str | None, float | None]:
     """Return the parameter with which a searched parameter is most correlated, and their correlation."""
     return sure.closest(name) if name in sure.deviation else (None, None)

@@ -1,7 +1,7 @@
 """A force/torque sensor as a wrench source, and the `ForceTorqueDriver` interface that a device implements.
 
 A background thread receives from the driver, so that every sample is stamped when it arrives. `DeviceClock` removes the
-jitter of the transport from these stamps; `SampleCounter` counts samples that never arrived.
+jitter of the transport from these stamps; `MissingSampleCounter` counts samples that never arrived.
 """
 
 import time
@@ -105,7 +105,7 @@ class DeviceClock:
         return self._last_stamp_ns
 
 
-class SampleCounter:
+class MissingSampleCounter:
     """Counts the samples that a device numbered and that never arrived."""
 
     def __init__(self, bits: int) -> None:
@@ -145,7 +145,7 @@ class DriverWrenchSource(WrenchSource):
             self._driver.connect()
             self._waiting.clear()
             self.dropped, self._error, self._closing = 0, None, Event()
-            self._counter = SampleCounter(self._driver.number_bits)
+            self._counter = MissingSampleCounter(self._driver.number_bits)
             self._thread = Thread(target=self._listen, args=(self._closing,), name=f"listen {self.name}", daemon=True)
             self._thread.start()
             try:

@@ -92,7 +92,7 @@ def _mount_rotation(mount: ForceTorqueMount) -> Float64[Array, "3 3"]:
 
 
 @dataclass(frozen=True)
-class WrenchPipelineSettings:
+class CheckAndTareSettings:
     """Which samples are rejected, and how the tare is taken."""
 
     checks: SampleCheckSettings = SampleCheckSettings()
@@ -104,7 +104,7 @@ def build_wrench_source(
     mount: ForceTorqueMount,
     on_lost: Callable[[WrenchSensorLost], None],
     on_back: Callable[[], None] = lambda: None,
-    settings: WrenchPipelineSettings = WrenchPipelineSettings(),
+    settings: CheckAndTareSettings = CheckAndTareSettings(),
 ) -> TaredWrenchSource:
     """Return the wrench that the object applies to the skin, in the sensor frame: checked, tared on opening, reopened when lost."""
     checked = CheckedWrenchSource(ReconnectingWrenchSource(device, on_lost, on_back), settings.checks)

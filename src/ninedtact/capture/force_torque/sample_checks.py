@@ -4,7 +4,7 @@ faults of sensor and clocks by time, which determine the moments that must not b
 A rejected sample raises `WrenchSampleRejected` with its reason and is never returned, so that it cannot be saved by mistake.
 The source stays open and the next read continues. `SkippingWrenchSource` is for displays, which need no reason.
 
-`SampleFaultTracker` stores the faults with their times. They include the time before a rejection in which the fault already
+`SampleFaultHistory` stores the faults with their times. They include the time before a rejection in which the fault already
 existed but could not be detected yet.
 """
 
@@ -190,7 +190,7 @@ _DELAY_WINDOW_NS = 1_000_000_000
 
 
 class SampleFault(StrEnum):
-    """The reason why a moment is not saved, as a sentence."""
+    """What is wrong with the force/torque samples of a moment, as a sentence; such a moment is not saved."""
 
     FROZEN = "the force/torque sensor repeats one sample"
     JUMPED = "the force/torque sensor jumped"
@@ -213,7 +213,7 @@ REJECTION_FAULTS = {
 
 
 @dataclass
-class SampleFaultTracker:
+class SampleFaultHistory:
     """Receives every sample and every rejection, and stores the times at which a fault existed."""
 
     frozen_ns: int

@@ -53,7 +53,7 @@ _MOST_GARBAGE_BYTES = 4096
 
 @dataclass(frozen=True)
 class SerialFrame:
-    """One sample as it is sent over the serial line."""
+    """One sample as a frame on the serial line."""
 
     number: int
     device_us: int

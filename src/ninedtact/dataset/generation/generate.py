@@ -23,11 +23,11 @@ import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.capture.training_pair_rule import SamplingRule
-from ninedtact.checked_reading import CHECKSUM_KEY, values_checksum
-from ninedtact.dataset.folder import DatasetFolder, begin_dataset_folder, to_json_bytes
-from ninedtact.dataset.generation.press_trajectory import SimulatedPressTrajectory
+from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
+from ninedtact.dataset.folder import DatasetFolder, begin_or_resume_dataset, to_json_bytes
+from ninedtact.dataset.generation.press_trajectory import RandomPress
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings
-from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_image_file
+from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
 from ninedtact.dataset.schema import NO_OBJECT, DatasetRow, ReferenceImage
 from ninedtact.dataset.statistics_and_card import DatasetStatistics, compute_dataset_statistics, format_generation_card
 from ninedtact.mechanics.indenter import Indenter
@@ -38,7 +38,7 @@ from ninedtact.simulation.batched.session_requests import (
     RenderRequest,
     RequestGenerator,
     SimulatedSetup,
-    run_on_processor,
+    run_session_on_cpu,
 )
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.rectified_renderer import rectified_mm_per_px, rectified_renderer
@@ -53,8 +53,8 @@ _OBJECT_SHIFT = 7
 
 
 @dataclass
-class GenerationSession:
-    """Session `number` of a data set.
+class SimulatedPressSession:
+    """One session of presses on one simulated sensor, until its share of the pairs is full.
 
     Its pairs depend neither on which other sessions are made nor on which executor computes its requests.
     """
@@ -115,9 +115,9 @@ class GenerationSession:
             if not self._missing["rule"]:
                 return
 
-    def _start_press(self, object_name: str) -> SimulatedPressTrajectory:
+    def _start_press(self, object_name: str) -> RandomPress:
         indenter = _load_object(object_name, self.settings.objects_seed)
-        return SimulatedPressTrajectory(self.setup, indenter, self.settings.press, self._rng)
+        return RandomPress(self.setup, indenter, self.settings.press, self._rng)
 
     def _add_row(self, contact: ContactSummary | None, object_name: str, kind: str) -> RequestGenerator[None]:
         """Request an image of the contact and add it with its wrench."""
@@ -259,13 +259,13 @@ def _begin_generation(folder: DatasetFolder, settings: GenerationSettings, devic
     if not folder.settings.is_file():
         for name in settings.object_names:
             _load_object(name, settings.objects_seed)  # unknown names are refused before anything is written
-    begin_dataset_folder(folder, {"device": device, **settings.to_json_dict()})
+    begin_or_resume_dataset(folder, {"device": device, **settings.to_json_dict()})
     if not folder.sensors.is_file():
         sensors = [settings.sensor_parameters(number).to_json_dict() for number in range(settings.sensors)]
-        with_checksums = [{**sensor, CHECKSUM_KEY: values_checksum(sensor)} for sensor in sensors]
+        with_checksums = [{**sensor, CHECKSUM_KEY: mapping_checksum(sensor)} for sensor in sensors]
         write_file_atomically(folder.sensors, to_json_bytes(with_checksums))
     if not folder.references.is_file():
-        write_reference_image_file(folder.references, _render_references(settings))
+        write_reference_images_file(folder.references, _render_references(settings))
 
 
 def _render_references(settings: GenerationSettings) -> Iterator[ReferenceImage]:
@@ -302,7 +302,7 @@ def generate_file(folder: Path, name: str, settings: GenerationSettings, number:
     rows = []
     for session in settings.sessions_of_file(number):
         setup = _cached_setup(session % settings.sensors, settings)
-        rows += run_on_processor(GenerationSession(session, settings, setup).requests())
+        rows += run_session_on_cpu(SimulatedPressSession(session, settings, setup).requests())
     write_pair_file(folder / name, rows)
     return len(rows)
 
@@ -345,10 +345,10 @@ class _BatchedGeneration:
                 write_pair_file(self.folder.pair_file(number, self.settings.files), rows)
             unwritten -= ended
 
-    def _make_sessions(self, file: int, executor: BatchExecutor) -> list[GenerationSession]:
+    def _make_sessions(self, file: int, executor: BatchExecutor) -> list[SimulatedPressSession]:
         sensors = self.settings.sensors
         return [
-            GenerationSession(number, self.settings, executor.setup(number % sensors))
+            SimulatedPressSession(number, self.settings, executor.setup(number % sensors))
             for number in self.settings.sessions_of_file(file)
         ]
 

@@ -18,11 +18,11 @@ from ninedtact.mechanics.contact_result import ContactLeavesGrid, InvalidLoad
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.batched.session_requests import ContactSummary, RequestGenerator, SimulatedSetup, StepRequest
-from ninedtact.simulation.twin import ObjectTooLarge, PoseOutOfView
+from ninedtact.simulation.twin import ContactLeavesGel, PoseOutOfView
 
 _Pair = tuple[float, float]
 _PUBLISHED_AREA_MM = SensingArea().size_mm
-_CONTACT_LOST = (PoseOutOfView, InvalidLoad, ContactLeavesGrid, ObjectTooLarge)
+_CONTACT_LOST = (PoseOutOfView, InvalidLoad, ContactLeavesGrid, ContactLeavesGel)
 """Errors of a step where no contact is possible; they end the press."""
 _MAX_SIDEWAYS_STEP_MM = 0.5
 _CONTACT_REACH_MM = 1.0
@@ -84,8 +84,8 @@ class PressSettings:
 
 
 @dataclass
-class SimulatedPressTrajectory:
-    """One press of an object on a simulated sensor. Its steps are generators of simulation requests."""
+class RandomPress:
+    """One press of an object with sampled targets on a simulated sensor. Its steps are generators of simulation requests."""
 
     setup: SimulatedSetup
     indenter: Indenter

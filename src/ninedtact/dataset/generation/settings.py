@@ -19,8 +19,8 @@ class GenerationImpossible(InputError):
 
 
 @dataclass(frozen=True)
-class KindShares:
-    """The shares of pairs that the paper's sampling rule would not collect."""
+class PairKindShares:
+    """The shares of pairs without contact and with a light touch, which the paper's sampling rule would not collect."""
 
     no_contact: float = 0.03
     """Share of pairs in which nothing touches and the wrench is zero."""
@@ -52,7 +52,7 @@ class GenerationSettings:
     """Of sensors, presses and noise."""
     objects_seed: int = 0
     """Of generated objects: a name and a seed are one shape in every data set."""
-    shares: KindShares = KindShares()
+    shares: PairKindShares = PairKindShares()
     mechanics: NonidealMechanicsShares = NonidealMechanicsShares()
     """Shares of sensors whose gel is not linear on a rigid base."""
     light_below_n: float = 0.3

@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from ninedtact.dataset.schema import to_utf8
-from ninedtact.dataset.sources.htt_episodes import EPISODE_SUFFIX, HttSource
+from ninedtact.dataset.schema import escape_invalid_utf8
+from ninedtact.dataset.sources.htt_episodes import EPISODE_SUFFIX, TactileTransformerSource
 from ninedtact.dataset.sources.original_9dtact import OriginalDatasetSource, find_original_dataset
 from ninedtact.dataset.sources.recordings_and_datasets import RECORDING_SUFFIX, ExistingDatasetSource, RecordingsSource
 from ninedtact.dataset.sources.source import Source, SourceConventions, SourceUnknown
@@ -35,7 +35,7 @@ def _open_source(name: str, path: Path, conventions: SourceConventions, several:
     if _contains_suffix(path, RECORDING_SUFFIX):
         return RecordingsSource(name, path, conventions=conventions)
     if _contains_suffix(path, EPISODE_SUFFIX):
-        return HttSource(name, path, conventions=conventions)
+        return TactileTransformerSource(name, path, conventions=conventions)
     raise SourceUnknown(f"expected {_KINDS}, got {path} with none of them; name the folder that holds them")
 
 
@@ -55,7 +55,7 @@ def _give_different_names(arguments: Sequence[str]) -> Iterator[tuple[str, Path]
     for name, path in given:
         own = name or next(free for free in _numbered_names(path.resolve().stem or "source") if free not in taken)
         taken.add(own)
-        yield to_utf8(own), path
+        yield escape_invalid_utf8(own), path
 
 
 def _numbered_names(stem: str) -> Iterator[str]:

@@ -21,7 +21,13 @@ from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.dataset.fault_report import PairFault
 from ninedtact.dataset.parquet_files import encode_png
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
-from ninedtact.dataset.sources.source import Source, SourceChunk, SourceConventions, find_source_files, relative_name
+from ninedtact.dataset.sources.source import (
+    Source,
+    SourceConventions,
+    SourcePart,
+    find_files_with_suffix,
+    relative_path_without_suffix,
+)
 from ninedtact.errors import FileFormatError, NinedtactError
 
 EPISODE_SUFFIX = ".npz"
@@ -32,7 +38,7 @@ _LARGEST_SHORT_ARRAY = 1 << 27
 """Largest size in bytes of any array except the images."""
 
 
-class EpisodeDamaged(FileFormatError):
+class TransformerEpisodeDamaged(FileFormatError):
     """Raised for an .npz file that is not a force episode or is incomplete."""
 
 
@@ -48,7 +54,7 @@ class _NpzArchive:
         return [name.removesuffix(".npy") for name in self.zip.namelist()]
 
     def read_array(self, name: str) -> Shaped[Array, "..."]:
-        """Return a short array; raises `EpisodeDamaged`."""
+        """Return a short array; raises `TransformerEpisodeDamaged`."""
         with self._open_member(name) as (file, shape, dtype):
             size = np.prod(shape, dtype=float) * dtype.itemsize
             if size > _LARGEST_SHORT_ARRAY:
@@ -56,7 +62,7 @@ class _NpzArchive:
             return np.frombuffer(self._read_bytes(file, int(size), name), dtype).reshape(shape)
 
     def iterate_images(self, name: str) -> Iterator[UInt8[Array, "rows cols 3"]]:
-        """Yield the images of a long array one by one; raises `EpisodeDamaged`."""
+        """Yield the images of a long array one by one; raises `TransformerEpisodeDamaged`."""
         with self._open_member(name) as (file, shape, dtype):
             if len(shape) != 4 or shape[3] != 3 or dtype != np.uint8:
                 raise self.damage(f"{name} as 8-bit images (T, rows, cols, 3)", f"{dtype} of shape {shape}")
@@ -65,17 +71,17 @@ class _NpzArchive:
                 yield np.frombuffer(self._read_bytes(file, size, name), np.uint8).reshape(shape[1:])
 
     def read_length(self, name: str) -> int:
-        """Return the number of entries of an array; raises `EpisodeDamaged`."""
+        """Return the number of entries of an array; raises `TransformerEpisodeDamaged`."""
         with self._open_member(name) as (_, shape, _):
             return shape[0] if shape else 0
 
-    def damage(self, expected: str, got: str) -> EpisodeDamaged:
+    def damage(self, expected: str, got: str) -> TransformerEpisodeDamaged:
         """Return the error that refuses the file."""
-        return EpisodeDamaged(f"expected {expected} in {self.path}, got {got}; copy the file again")
+        return TransformerEpisodeDamaged(f"expected {expected} in {self.path}, got {got}; copy the file again")
 
     @contextmanager
     def _open_member(self, name: str) -> Iterator[tuple[ZipExtFile, tuple[int, ...], np.dtype]]:
-        """Yield the content, shape and type of an array without Python objects; raises `EpisodeDamaged`."""
+        """Yield the content, shape and type of an array without Python objects; raises `TransformerEpisodeDamaged`."""
         with self._refuse_damage(name):
             file = self.zip.open(f"{name}.npy")
             assert isinstance(file, ZipExtFile)
@@ -94,7 +100,7 @@ class _NpzArchive:
 
     @contextmanager
     def _refuse_damage(self, name: str) -> Iterator[None]:
-        """Turn what the libraries raise into `EpisodeDamaged`."""
+        """Turn what the libraries raise into `TransformerEpisodeDamaged`."""
         try:
             yield
         except NPY_READ_ERRORS as error:
@@ -112,11 +118,11 @@ def _read_npy_header(file: ZipExtFile) -> tuple[tuple[int, ...], bool, np.dtype]
 
 @contextmanager
 def _open_npz(path: Path) -> Iterator[_NpzArchive]:
-    """Yield an open .npz file; raises `EpisodeDamaged`."""
+    """Yield an open .npz file; raises `TransformerEpisodeDamaged`."""
     try:
         opened = ZipFile(path)
     except NPY_READ_ERRORS as error:
-        raise EpisodeDamaged(
+        raise TransformerEpisodeDamaged(
             f"expected an .npz archive in {path}, got something else or half a file ({error}); copy the file again"
         ) from error
     with opened:
@@ -124,7 +130,7 @@ def _open_npz(path: Path) -> Iterator[_NpzArchive]:
 
 
 @dataclass(frozen=True)
-class _EpisodePart(SourceChunk):
+class _EpisodePart(SourcePart):
     """One episode."""
 
     file: Path
@@ -172,7 +178,7 @@ class _EpisodePart(SourceChunk):
         )
 
     def _read_reference(self, episode: _NpzArchive) -> ReferenceImage:
-        """Return the episode's own reference image; raises `EpisodeDamaged`."""
+        """Return the episode's own reference image; raises `TransformerEpisodeDamaged`."""
         image = episode.read_array(_REFERENCE if _REFERENCE in episode.names else _OLDER_REFERENCE)
         if image.ndim != 3 or image.shape[2] != 3 or image.dtype.kind not in "uif":
             raise episode.damage(f"{_REFERENCE} as one RGB image", f"{image.dtype} of shape {image.shape}")
@@ -184,7 +190,7 @@ class _EpisodePart(SourceChunk):
         return ReferenceImage(f"{self.source}/{self.name}", encode_png(grey), sensor)
 
     def _read_forces(self, episode: _NpzArchive) -> Float64[Array, "steps 6"]:
-        """Return the measured wrenches minus their tare; raises `EpisodeDamaged`."""
+        """Return the measured wrenches minus their tare; raises `TransformerEpisodeDamaged`."""
         forces = episode.read_array(_FORCES)
         expected = (episode.read_length(_IMAGES), 6)
         if forces.dtype.kind not in "iuf" or forces.shape != expected:
@@ -216,8 +222,8 @@ def _rgb_to_grey(image: UInt8[Array, "rows cols 3"]) -> UInt8[Array, "rows cols"
 
 
 @dataclass(frozen=True)
-class HttSource(Source):
-    """One episode, or a folder of episodes."""
+class TactileTransformerSource(Source):
+    """A source of force episodes of the Heterogeneous Tactile Transformer: one, or a folder of them."""
 
     description = "force episodes of the Heterogeneous Tactile Transformer"
     warnings = (
@@ -231,10 +237,11 @@ class HttSource(Source):
 
     def files(self) -> list[Path]:
         """Return the .npz files of all episodes."""
-        return find_source_files(self.path, EPISODE_SUFFIX)
+        return find_files_with_suffix(self.path, EPISODE_SUFFIX)
 
-    def parts(self) -> list[SourceChunk]:
+    def parts(self) -> list[SourcePart]:
         """Return one part for each episode."""
         return [
-            _EpisodePart(self.name, file, relative_name(file, self.root), self.conventions) for file in self.files()
+            _EpisodePart(self.name, file, relative_path_without_suffix(file, self.root), self.conventions)
+            for file in self.files()
         ]

@@ -24,7 +24,7 @@ from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.dataset.fault_report import PairFault
 from ninedtact.dataset.parquet_files import encode_png
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
-from ninedtact.dataset.sources.source import Source, SourceChunk, SourceConventions, SourceUnknown
+from ninedtact.dataset.sources.source import Source, SourceConventions, SourcePart, SourceUnknown
 from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact.force.brightness_channels import NotAMixedImage, decode_mixed_image, to_whole_grey_levels
 from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM
@@ -170,7 +170,7 @@ def _make_reference(grey: _GreyImage, source: str, sensor: str) -> ReferenceImag
 
 
 @dataclass(frozen=True)
-class _PairsPart(SourceChunk):
+class _PairsPart(SourcePart):
     """Some hundred pairs of the folder."""
 
     pairs: tuple[_PairFiles, ...]
@@ -191,7 +191,7 @@ class _PairsPart(SourceChunk):
 
 
 @dataclass(frozen=True)
-class _StrayFilesPart(SourceChunk):
+class _StrayFilesPart(SourcePart):
     """Files in the folders of pairs that belong to no pair."""
 
     files: tuple[str, ...]
@@ -205,7 +205,7 @@ class _StrayFilesPart(SourceChunk):
 
 @dataclass(frozen=True)
 class OriginalDatasetSource(Source):
-    """The whole folder."""
+    """A source of pairs in the original project's Dataset folder."""
 
     description = "the original project's Dataset folder"
     warnings = (
@@ -223,7 +223,7 @@ class OriginalDatasetSource(Source):
         found = (path for folder in (_IMAGE, _MIXED, _WRENCH) for path in (root / folder).rglob("*"))
         return sorted(path for path in found if not _is_hidden_file(path, root) and path.is_file())
 
-    def parts(self) -> list[SourceChunk]:
+    def parts(self) -> list[SourcePart]:
         """Return parts of some hundred pairs, with objects in counting order."""
         pairs, stray = _group_files(self.root, self.files())
         if not pairs:
@@ -232,7 +232,7 @@ class OriginalDatasetSource(Source):
                 "whole Dataset folder of the original project"
             )
         cuts = range(0, len(pairs), _PAIRS_PER_PART)
-        parts: list[SourceChunk] = [
+        parts: list[SourcePart] = [
             _PairsPart(self.name, tuple(pairs[at : at + _PAIRS_PER_PART]), self.conventions) for at in cuts
         ]
         return [*parts, _StrayFilesPart(self.name, tuple(stray))] if stray else parts

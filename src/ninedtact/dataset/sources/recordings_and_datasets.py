@@ -23,16 +23,16 @@ from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files, read_data
 from ninedtact.dataset.parquet_files import (
     StoredImageUnreadable,
     decode_stored_image,
+    decode_stored_wrench,
     encode_png,
     iterate_rows,
     stored_image_bytes,
-    wrench_vector,
 )
 from ninedtact.dataset.schema import NO_OBJECT, DatasetRow, ReferenceImage, RejectedItem, SourceItem
-from ninedtact.dataset.sources.source import Source, SourceChunk, find_source_files, relative_name
+from ninedtact.dataset.sources.source import Source, SourcePart, find_files_with_suffix, relative_path_without_suffix
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame
-from ninedtact.recording.collected_pairs import SavedPair, TareReferenceImages
+from ninedtact.recording.collected_pairs import RecordedPair, TareReferenceImages
 from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.rectification import Rectification
 
@@ -40,7 +40,7 @@ RECORDING_SUFFIX = ".mcap"
 
 
 @dataclass(frozen=True)
-class _RecordingPart(SourceChunk):
+class _RecordingPart(SourcePart):
     """One recording."""
 
     file: Path
@@ -57,12 +57,12 @@ class _RecordingPart(SourceChunk):
 
     def _pairs(self) -> Iterator[SourceItem]:
         """Yield the saved pairs and their reference images; raises what reading raises."""
-        from ninedtact.recording.collected_pairs import read_saved_pairs
+        from ninedtact.recording.collected_pairs import read_recorded_pairs
 
         rectify = self._load_rectification()
         known: set[str] = set()
         steps: Counter[str] = Counter()
-        for pair in read_saved_pairs(self.file):
+        for pair in read_recorded_pairs(self.file):
             if pair.reference.id not in known:
                 known.add(pair.reference.id)
                 yield _mean_reference(pair.reference, pair.sensor, rectify)
@@ -78,7 +78,7 @@ class _RecordingPart(SourceChunk):
         with TemporaryDirectory() as folder:
             return load_sensor(extract_sensor_folder(self.file, Path(folder) / "sensor")).rectification
 
-    def _make_row(self, pair: SavedPair, step: int, rectify: Rectification) -> DatasetRow:
+    def _make_row(self, pair: RecordedPair, step: int, rectify: Rectification) -> DatasetRow:
         stamps_ns = pair.wrench.stamp_ns, pair.time_ns
         return DatasetRow(
             id=f"{pair.contact}/{step:03d}",
@@ -110,31 +110,34 @@ def _encode_grey_levels(grey: Float32[Array, "rows cols"]) -> bytes:
 
 @dataclass(frozen=True)
 class RecordingsSource(Source):
-    """One recording, or a folder of recordings."""
+    """A source of the pairs collected in one recording, or in a folder of recordings."""
 
     description = "recordings of 'ninedtact collect'"
 
     def files(self) -> list[Path]:
         """Return the files of all recordings."""
-        return find_source_files(self.path, RECORDING_SUFFIX)
+        return find_files_with_suffix(self.path, RECORDING_SUFFIX)
 
     def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes]]]:
         """Yield the sensor of each recording with its attached folder, or with the one that was given in its place."""
-        from ninedtact.recording.reader import Recording, read_folder
+        from ninedtact.recording.reader import Recording, read_folder_files
 
         given = self.conventions.sensor_folder
         for file in self.files():
             with suppress(NinedtactError), Recording(file) as recording:  # one that cannot be read is in the report
-                yield recording.sensor, recording.sensor_files() if given is None else read_folder(given)
+                yield recording.sensor, recording.sensor_files() if given is None else read_folder_files(given)
 
-    def parts(self) -> list[SourceChunk]:
+    def parts(self) -> list[SourcePart]:
         """Return one part for each recording."""
         folder = self.conventions.sensor_folder
-        return [_RecordingPart(self.name, file, relative_name(file, self.root), folder) for file in self.files()]
+        return [
+            _RecordingPart(self.name, file, relative_path_without_suffix(file, self.root), folder)
+            for file in self.files()
+        ]
 
 
 @dataclass(frozen=True)
-class _FilePart(SourceChunk):
+class _FilePart(SourcePart):
     """One file of pairs."""
 
     file: Path
@@ -170,7 +173,7 @@ class _FilePart(SourceChunk):
             id=row_id,
             image=content or b"",
             reference_id=None if reference_id is None else self._make_unique(reference_id),
-            wrench=wrench_vector(row["wrench"]),
+            wrench=decode_stored_wrench(row["wrench"]),
             object=self._object_name(row["object"] or NO_OBJECT),
             contact_id=self._make_unique(row["contact_id"] or row["id"]),
             step=row["step"] or 0,
@@ -193,7 +196,7 @@ class _FilePart(SourceChunk):
 
 @dataclass(frozen=True)
 class ExistingDatasetSource(Source):
-    """The folder of a data set."""
+    """A source of the pairs of another data set in the current format."""
 
     several: bool = False
     description = "a data set in these columns"
@@ -209,7 +212,7 @@ class ExistingDatasetSource(Source):
         """Return the files of pairs and of reference images."""
         return [*find_pair_files(self.path), self.path / REFERENCES_FILE]
 
-    def parts(self) -> list[SourceChunk]:
+    def parts(self) -> list[SourcePart]:
         """Return one part for each file of pairs."""
         references = self.path / REFERENCES_FILE
         return [

@@ -28,7 +28,7 @@ class SourceUnknown(InputError):
 
 @dataclass(frozen=True)
 class SourceConventions:
-    """What a person states about sources that do not say it themselves.
+    """Axes, torque origin, image scale and reference that a person states about sources that do not say them.
 
     These are the original project's folders, episodes of the tactile transformer, and recordings without a sensor folder.
     """
@@ -92,7 +92,7 @@ def _require_axes(axes: tuple[str, ...]) -> None:
 
 
 @dataclass(frozen=True)
-class SourceChunk(ABC):
+class SourcePart(ABC):
     """A piece of a source that becomes one file."""
 
     source: str
@@ -119,7 +119,7 @@ class Source(ABC):
         """Return all files that the source is read from."""
 
     @abstractmethod
-    def parts(self) -> list[SourceChunk]:
+    def parts(self) -> list[SourcePart]:
         """Return the parts in order."""
 
     def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes]]]:
@@ -145,7 +145,7 @@ class Source(ABC):
         return self.path if self.path.is_dir() else self.path.parent
 
 
-def find_source_files(path: Path, suffix: str) -> list[Path]:
+def find_files_with_suffix(path: Path, suffix: str) -> list[Path]:
     """Return a file itself, or the files with this suffix in a folder, numbers in counting order."""
     if path.is_file():
         return [path]
@@ -153,6 +153,6 @@ def find_source_files(path: Path, suffix: str) -> list[Path]:
     return sorted(found, key=lambda file: (natural_sort_key(file.relative_to(path)), file))
 
 
-def relative_name(file: Path, root: Path) -> str:
+def relative_path_without_suffix(file: Path, root: Path) -> str:
     """Return a file's path below its source without the suffix."""
     return file.relative_to(root).with_suffix("").as_posix()

@@ -49,7 +49,7 @@ class PredictionsUnusable(FileFormatError):
 
 
 class ErrorDistribution(StrEnum):
-    """The distribution of errors that predictions claim, given its standard deviation."""
+    """Whether claimed errors are Gaussian or Laplace distributed, given their standard deviation."""
 
     GAUSSIAN = "gaussian"
     LAPLACE = "laplace"

@@ -25,7 +25,7 @@ from ninedtact.force.traction.observation import BrightnessObservationModel
 from ninedtact.mechanics.array_namespace import forward_transform, inverse_transform
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance, layered_compliance
 from ninedtact.mechanics.surface_displacement import Skin
-from ninedtact.shape.depth import TYPICAL_GLOBAL_DIMMING, TYPICAL_POINT_SPREAD_MM, DepthCurve, WholeImageLightLoss
+from ninedtact.shape.depth import TYPICAL_GLOBAL_DIMMING, TYPICAL_POINT_SPREAD_MM, DepthCurve, GlobalDimmingModel
 
 View = Float32[Array, "rows cols"]
 Bins = Float32[Array, "bin_rows bin_cols"]
@@ -121,7 +121,7 @@ class InfluenceKernels:
 
     def heights_of_cells(self, row: Indices, col: Indices) -> list[Float32[Array, "n skin_rows skin_cols"]]:
         """Return the height of that skin under unit pressure, unit shear along x and unit shear along y on each of these cells."""
-        at = cell_window_indices(self.forward.cells, row, col)
+        at = influence_window_indices(self.forward.cells, row, col)
         return [windows[at] for windows in self._height_windows]
 
     @cached_property
@@ -140,9 +140,9 @@ class InfluenceKernels:
 
 
 def influence_windows(cells: CellGrid, transfer: Array, around: tuple[int, int]) -> Array:
-    """Return a transfer function in space as windows into one array.
+    """Return the responses to a traction on single cells, as windows into one array, from a transfer function.
 
-    The window at `cell_window_indices` is the response to one cell of the view.
+    The window at `influence_window_indices` is the response to one cell of the view.
     """
     skin, view = cells.patch.shape, cells.shape
     kernel = np.fft.irfft2(transfer, s=skin).astype(np.float32)
@@ -151,7 +151,7 @@ def influence_windows(cells: CellGrid, transfer: Array, around: tuple[int, int])
     return sliding_window_view(kernel[np.ix_(down % skin[0], across % skin[1])], shape)
 
 
-def cell_window_indices(cells: CellGrid, row: Indices, col: Indices) -> tuple[Indices, Indices]:
+def influence_window_indices(cells: CellGrid, row: Indices, col: Indices) -> tuple[Indices, Indices]:
     """Return the indices of the windows of these cells; the first window is the last cell's."""
     rows, cols = cells.shape
     return rows - 1 - row, cols - 1 - col
@@ -187,7 +187,10 @@ class Substrate:
 
 
 def identify_substrate(observation_model: BrightnessObservationModel) -> Substrate:
-    """Return a rigid base with the calibration as it is, or a compliant base with typical light parameters."""
+    """Return the base, rigid or compliant, that the calibration's slopes of bulges and dents indicate.
+
+    A rigid base comes with the calibration as it is, a compliant one with typical light parameters.
+    """
     ratio = bulge_to_dent_slope_ratio(observation_model.curve)
     if ratio >= _MIN_RIGID_SLOPE_RATIO:
         return Substrate(observation_model)
@@ -195,7 +198,7 @@ def identify_substrate(observation_model: BrightnessObservationModel) -> Substra
     curve = observation_model.curve
     curve = replace(curve, brightening=tuple(raised * bright for bright in curve.brightening))
     return Substrate(
-        BrightnessObservationModel(curve, WholeImageLightLoss(TYPICAL_GLOBAL_DIMMING), TYPICAL_POINT_SPREAD_MM),
+        BrightnessObservationModel(curve, GlobalDimmingModel(TYPICAL_GLOBAL_DIMMING), TYPICAL_POINT_SPREAD_MM),
         COMPLIANT_BASE,
     )
 

@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel
 from ninedtact.force.contact_detection import ContactRegionSettings, find_contact_region, pressure_reaches_unseen
-from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench, zero_wrench
+from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate, zero_wrench
 from ninedtact.force.traction.brightness_from_traction import ForwardModel, identify_substrate
 from ninedtact.force.traction.cell_grid import MARGIN_CELLS, CellGrid, cell_grid_over_image
 from ninedtact.force.traction.linearisation import TractionPrior
@@ -33,7 +33,7 @@ from ninedtact.force.traction.traction_from_brightness import (
     UncertaintyModel,
 )
 from ninedtact.mechanics.finite_strain import finite_strain_traction_mpa
-from ninedtact.quantities import EstimateWarning, HeightMap, Traction, WrenchEstimate, independent_errors
+from ninedtact.quantities import EstimateWarning, HeightMap, Traction, WrenchEstimate, diagonal_covariance
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
 
@@ -71,7 +71,7 @@ class TractionForce(ForceEstimator):
         """Return the wrench about the skin's centre; raises `TractionImpossible` for a reading that cannot be used."""
         if reading.image_warnings:
             self.forget()
-            return unknown_wrench(reading.stamp_ns, reading.image_warnings)
+            return unknown_wrench_estimate(reading.stamp_ns, reading.image_warnings)
         with _blas_controller().limit(limits=1, user_api="blas"):  # small matrices are slower on several threads
             return self._invert(reading)
 
@@ -87,7 +87,7 @@ class TractionForce(ForceEstimator):
         if region is None:
             self.forget()
             return WrenchEstimate(
-                zero_wrench(reading.frame.stamp_ns), independent_errors(NO_CONTACT_STD), touching=False
+                zero_wrench(reading.frame.stamp_ns), diagonal_covariance(NO_CONTACT_STD), touching=False
             )
         self.last = inversion.invert(observation, region, self.last)
         return self._to_estimate(reading, observation, self.last)

@@ -21,7 +21,7 @@ from ninedtact.force.traction.brightness_from_traction import (
     SkinField,
     Tractions,
     View,
-    cell_window_indices,
+    influence_window_indices,
     influence_windows,
 )
 from ninedtact.force.traction.cell_grid import CellGrid
@@ -69,7 +69,7 @@ class DiscretePrior:
 
     def pressure_precision(self, row: Indices, col: Indices) -> Float32[Array, "n rows cols"]:
         """Return the precision of pressure between each of these cells and all of the view, for a strain of one."""
-        return self._precision_windows[cell_window_indices(self.cells, row, col)]
+        return self._precision_windows[influence_window_indices(self.cells, row, col)]
 
     @cached_property
     def _precision_windows(self) -> Float32[Array, "rows cols rows cols"]:

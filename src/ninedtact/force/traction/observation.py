@@ -15,13 +15,13 @@ from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.errors import ForceEstimationError
-from ninedtact.force.contact_detection import estimate_cell_noise, largest_cell_noise
+from ninedtact.force.contact_detection import cell_noise_upper_bound, estimate_cell_noise
 from ninedtact.force.traction.cell_grid import CellGrid
 from ninedtact.quantities import HeightMap, HeightSource, Rectified
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.depth import DepthCurve, WholeImageLightLoss
-from ninedtact.shape.orthorectification import find_sightline_pixels, sample_field
+from ninedtact.shape.depth import DepthCurve, GlobalDimmingModel
+from ninedtact.shape.orthorectification import find_pixels_of_skin_places, sample_field
 
 View = Float32[Array, "rows cols"]
 
@@ -114,7 +114,7 @@ class BrightnessObservationModel(ObservationModel):
     """Observes the image itself, by the sensor's brightness law."""
 
     curve: DepthCurve
-    loss: WholeImageLightLoss
+    loss: GlobalDimmingModel
     point_spread_mm: float
     _reference: list[tuple[Rectified, View]] = field(default_factory=list, init=False, repr=False, compare=False)
     """The last reference averaged over the cells, cached because it changes only once a session."""
@@ -130,7 +130,9 @@ class BrightnessObservationModel(ObservationModel):
             )
         below, pixel, beyond = _orthorectify_onto_cells(reading.height, cells)
         change = _at_pixels(self._relative_change(reading.rectified, reading.reference, cells), pixel)
-        largest = largest_cell_noise(reading.rectified.grey, reading.reference.grey, int(np.prod(cells.image_shape)))
+        largest = cell_noise_upper_bound(
+            reading.rectified.grey, reading.reference.grey, int(np.prod(cells.image_shape))
+        )
         noise = min(max(estimate_cell_noise(change), _MIN_BRIGHTNESS_NOISE), largest)
         return Observation(
             change, noise, _LOCAL_FRACTION * self.curve_error, below.z_mm, below.in_view.astype(np.float32), beyond
@@ -192,7 +194,7 @@ def _orthorectify_onto_cells(
     coarse = replace(height, z_mm=cells.average(height.z_mm), source=source, mm_per_px=cells.pitch_mm)
     seen_mm = np.where(coarse.in_view, coarse.z_mm, np.float32(0))
     pitch_mm, place_mm = (cells.pitch_mm, cells.pitch_mm), np.stack(cells.coordinates_mm)
-    pixel = find_sightline_pixels(seen_mm, pitch_mm, place_mm, height.camera_distance_mm, _SIGHTLINE_ITERATIONS)
+    pixel = find_pixels_of_skin_places(seen_mm, pitch_mm, place_mm, height.camera_distance_mm, _SIGHTLINE_ITERATIONS)
     source = np.asarray(sample_field(source, pixel, cv2.INTER_NEAREST))
     below = replace(coarse, z_mm=_at_pixels(coarse.z_mm, pixel), source=source, camera_distance_mm=np.inf)
     return below, pixel, _at_pixels(_fraction_of_cells(height.source == HeightSource.EXTRAPOLATED.value, cells), pixel)

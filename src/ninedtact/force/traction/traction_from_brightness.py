@@ -198,7 +198,7 @@ docs/force_physics.md)."""
 
 @dataclass(frozen=True)
 class UncertaintyModel:
-    """Errors of the wrench that the covariance of a single inversion does not contain.
+    """Computes the covariance of the wrench: that of a single inversion, and the errors that it does not contain.
 
     What the scattered light blurs is not resolved, and pressure that is even over several thicknesses of an incompressible gel
     hardly deforms it. So the force of one rounded contact is found well, and that of many fine ridges or dots is not.

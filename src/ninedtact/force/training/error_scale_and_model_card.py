@@ -21,8 +21,8 @@ from ninedtact.force.evaluation import ErrorDistribution, WrenchEvaluation, Wren
 from ninedtact.force.network_force import STD_PER_LAPLACE_SCALE, move_prediction_to_skin_centre
 from ninedtact.force.networks import WrenchNetwork
 from ninedtact.force.onnx_model import MODEL_FORMAT, ModelCard, TrainingSummary, WrenchPrediction
-from ninedtact.force.out_of_distribution import StatisticRange, in_distribution_ranges, input_statistics
-from ninedtact.force.training.examples import BatchDataset, TrainingExamples, move_torque_reference
+from ninedtact.force.out_of_distribution import StatisticRange, in_distribution_ranges, out_of_distribution_statistics
+from ninedtact.force.training.examples import BatchDataset, TrainingExamples, move_examples_to_torque_point
 from ninedtact.force.training.settings import TrainingSettings
 from ninedtact.force.training.training_module import MetricsHistory
 
@@ -41,7 +41,9 @@ _VERSIONED_PACKAGES = ("ninedtact", "torch", "lightning", "numpy")
 _Six = Float64[Array, "6"]
 
 
-def fit_scale_correction(absolute_error: Float64[Array, "n 6"], scale: Float64[Array, "n 6"]) -> tuple[_Six, _Six]:
+def fit_error_scale_correction(
+    absolute_error: Float64[Array, "n 6"], scale: Float64[Array, "n 6"]
+) -> tuple[_Six, _Six]:
     """Return gain and power of each axis, from errors and predicted scales in units of the labels; ones for too few images."""
     if len(absolute_error) < _FEWEST_IMAGES:
         return np.ones(6), np.ones(6)
@@ -67,7 +69,7 @@ def _error_quantiles(
 
 
 @dataclass(frozen=True)
-class NetworkWithExamples:
+class TrainedNetwork:
     """A trained network with the examples that it was trained and is validated on."""
 
     network: WrenchNetwork
@@ -81,7 +83,7 @@ class NetworkWithExamples:
         found, unit = self._predict(self.rows.test), self.network.unit.double().cpu().numpy()
         if np.isfinite(found.scale).all():
             absolute_error = np.abs(found.wrench - self.examples.labels[self.rows.test]) / unit
-            corrections = fit_scale_correction(absolute_error, found.scale / unit)
+            corrections = fit_error_scale_correction(absolute_error, found.scale / unit)
             for parameter, values in zip((self.network.gain, self.network.power), corrections, strict=True):
                 parameter.copy_(torch.from_numpy(values))
 
@@ -165,7 +167,8 @@ class NetworkWithExamples:
         chosen = train[:: -(-len(train) // _MAX_STATISTICS_IMAGES)]
         channels = self.settings.input.channels
         each = [
-            input_statistics(shown.cpu().numpy(), channels) for shown in self._network_inputs(chosen, augmented=True)
+            out_of_distribution_statistics(shown.cpu().numpy(), channels)
+            for shown in self._network_inputs(chosen, augmented=True)
         ]
         return in_distribution_ranges({name: np.concatenate([one[name] for one in each]) for name in each[0]})
 
@@ -173,4 +176,4 @@ class NetworkWithExamples:
     def _examples_at_skin_centre(self) -> TrainingExamples:
         """The examples with torques about the skin's centre."""
         x, y, z = self.settings.about_mm
-        return move_torque_reference(self.examples, (-x, -y, -z))
+        return move_examples_to_torque_point(self.examples, (-x, -y, -z))

@@ -86,7 +86,7 @@ class TrainingExamples:
         return len(self.images)
 
 
-def require_trainable(examples: TrainingExamples, rows: SplitRows, settings: NetworkInputSettings) -> None:
+def require_trainable_examples(examples: TrainingExamples, rows: SplitRows, settings: NetworkInputSettings) -> None:
     """Raise `ExamplesUnusable` for too few pairs, or for examples that do not fit the network's input."""
     if min(len(rows.train), len(rows.test)) < _FEWEST_PAIRS:
         raise ExamplesUnusable(
@@ -113,7 +113,7 @@ def require_trainable(examples: TrainingExamples, rows: SplitRows, settings: Net
         )
 
 
-def move_torque_reference(examples: TrainingExamples, point_mm: tuple[float, float, float]) -> TrainingExamples:
+def move_examples_to_torque_point(examples: TrainingExamples, point_mm: tuple[float, float, float]) -> TrainingExamples:
     """Return the examples with torques about another point, given from the present one, as `Wrench.about` moves them."""
     physics = None if examples.physics is None else _move_torques(examples.physics, point_mm)
     return replace(examples, wrench=_move_torques(examples.wrench, point_mm), physics=physics)

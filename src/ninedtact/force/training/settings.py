@@ -10,7 +10,7 @@ import msgspec
 
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import InputError
-from ninedtact.force.network_input import InputChannels, NetworkInputSettings, full_resolution_input
+from ninedtact.force.network_input import InputChannels, NetworkInputSettings, full_resolution_input_settings
 from ninedtact.force.networks import require_network_input_size
 from ninedtact.force.training.augmentation import NO_AUGMENTATION, Augmentation
 
@@ -62,7 +62,7 @@ class TrainingSettings:
 DEFAULT_TRAINING = TrainingSettings()
 PAPER_TRAINING = TrainingSettings(
     network="densenet169",
-    input=full_resolution_input(InputChannels.DEFORMATION),
+    input=full_resolution_input_settings(InputChannels.DEFORMATION),
     epochs=200,
     learning_rate=5e-4,
     optimiser="adam",

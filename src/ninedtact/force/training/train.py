@@ -29,14 +29,14 @@ from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.evaluation import WrenchEvaluation
 from ninedtact.force.evaluation.report import plot_training_curves
 from ninedtact.force.onnx_model import ForceModel
-from ninedtact.force.training.error_scale_and_model_card import NetworkWithExamples
+from ninedtact.force.training.error_scale_and_model_card import TrainedNetwork
 from ninedtact.force.training.examples import (
     SeededBatchSampler,
     TrainingBatch,
     TrainingExamples,
     make_data_loader,
-    move_torque_reference,
-    require_trainable,
+    move_examples_to_torque_point,
+    require_trainable_examples,
 )
 from ninedtact.force.training.onnx_export import export_model
 from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
@@ -88,17 +88,17 @@ def train_network(
     Returns None in all processes of a distributed training but the first. Raises `ExamplesUnusable`, `TrainingFolderTaken`,
     `TrainingStopped`, `CheckpointDamaged`, `FileNotWritten`.
     """
-    require_trainable(examples, rows, settings.input)
+    require_trainable_examples(examples, rows, settings.input)
     _open_training_folder(
         out, {"settings": settings.to_json_dict(), "examples": _digest_examples(examples, rows), "name": name}
     )
-    examples = move_torque_reference(examples, settings.about_mm)
+    examples = move_examples_to_torque_point(examples, settings.about_mm)
     module = ForceTrainingModule(settings, fit_label_scaling(examples.labels[rows.train], settings))
     fitted = fit_network(module, examples, rows, out, machine, progress)
     if not fitted.trainer.is_global_zero:
         return None
     network = module.model.to(fitted.trainer.strategy.root_device).eval()
-    trained = NetworkWithExamples(network, examples, rows, settings)
+    trained = TrainedNetwork(network, examples, rows, settings)
     trained.calibrate_scale()
     evaluation = trained.evaluate_held_out()
     card = trained.build_card(evaluation, fitted.history, name, licence)

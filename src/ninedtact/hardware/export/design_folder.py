@@ -61,7 +61,7 @@ def _sheet_thickness_mm(part: BuiltPart) -> float:
 
 
 def format_shop_notes(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
-    """Yield path within the folder and content of every text."""
+    """Yield path and content of the instructions for the shops that cut and print the parts."""
     for method, format_part, instructions in (
         ("cut", _format_cut_part, CUTTING_INSTRUCTIONS),
         ("printed", _format_printed_part, PRINTING_INSTRUCTIONS),

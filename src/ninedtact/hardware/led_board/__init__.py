@@ -1,4 +1,4 @@
-"""The LED circuit board as code: a `LedBoard` of a few choices goes in, the files that a board house needs come out.
+"""The LED circuit board as code: a `LedBoardDesign` of a few choices goes in, the files that a board house needs come out.
 
 Frame: millimetres, origin on the optical axis, x along the long side, y along the short one, seen from the gel ("top").
 The USB mouth looks towards -y. Components below the board are placed in this same frame, not mirrored.

@@ -38,7 +38,7 @@ class BoardDesignRules(BoundedDimensions, table="rules"):
 
 
 @dataclass(frozen=True)
-class CopperWidths(BoundedDimensions, table="copper"):
+class TrackAndViaDimensions(BoundedDimensions, table="copper"):
     """Widths of the tracks, and the dimensions of the vias."""
 
     led_mm: Annotated[float, Bounds(0.15, 1.5)] = 0.6
@@ -104,14 +104,14 @@ LED_INSET_MM = LedBoardDimensions.led_inset_mm
 
 
 @dataclass(frozen=True)
-class LedBoard(BoundedDimensions, table="led_board"):
+class LedBoardDesign(BoundedDimensions, table="led_board"):
     """One LED board. The defaults are the improved board; `original` is the published one, `for_size` one for another
     sensor."""
 
     outline: BoardOutline = BoardOutline()
     leds: LedPositions = LedPositions()
     rules: BoardDesignRules = BoardDesignRules()
-    copper: CopperWidths = CopperWidths()
+    copper: TrackAndViaDimensions = TrackAndViaDimensions()
     resistor_ohm: Annotated[float, Bounds(1200.0, 30_000.0)] = 20_000.0
     """R1, which sets the current of all LEDs together; the driver follows resistors in this range."""
     input_capacitor: bool = True
@@ -157,21 +157,21 @@ class LedBoard(BoundedDimensions, table="led_board"):
         return self.usb_x_mm, self.usb_inset_mm - self.outline.half[1]
 
     @classmethod
-    def for_size(cls, width_mm: float, height_mm: float, columns: int = 3, rows: int = 3) -> "LedBoard":
+    def for_size(cls, width_mm: float, height_mm: float, columns: int = 3, rows: int = 3) -> "LedBoardDesign":
         """Return the improved board on another outline: holes and outer LEDs keep their distances from the edges."""
         outline = BoardOutline(width_mm, height_mm)
         x, y = outline.half[0] - LED_INSET_MM[0], outline.half[1] - LED_INSET_MM[1]
         return cls(outline, LedPositions(_evenly_spaced(x, columns), _evenly_spaced(-y, rows)))
 
     @classmethod
-    def original(cls) -> "LedBoard":
+    def original(cls) -> "LedBoardDesign":
         """Return the board with dimensions, components and netlist of the published one. The tracks are our own, at the
         original's width."""
         return cls(
             outline=BoardOutline(lens_hole_mm=10.0),
             leds=LedPositions(columns_mm=(-8.769, 0.131, 8.831)),
             rules=BoardDesignRules(clearance_mm=0.152, mask_margin_mm=0.051),
-            copper=CopperWidths(*(0.254,) * 5, via_mm=0.6, via_drill_mm=0.305, pour=False),
+            copper=TrackAndViaDimensions(*(0.254,) * 5, via_mm=0.6, via_drill_mm=0.305, pour=False),
             input_capacitor=False,
             shield_tied=False,
             usb_x_mm=0.07,
@@ -185,22 +185,22 @@ class LedBoard(BoundedDimensions, table="led_board"):
         )
 
 
-def led_board_for_design(design: HardwareDesign) -> LedBoard:
+def led_board_for_design(design: HardwareDesign) -> LedBoardDesign:
     """Return the LED board that fits a hardware design. The original's components and faults are used only in the
     original's size.
 
     Raises `LedBoardImpossible`.
     """
-    width, height = design.plan_view.led_board
-    original = LedBoard.original()
+    width, height = design.horizontal_dimensions.led_board
+    original = LedBoardDesign.original()
     as_published = (width, height) == (original.outline.width_mm, original.outline.height_mm)
-    made = original if design.variant == "original" and as_published else LedBoard.for_size(width, height)
+    made = original if design.variant == "original" and as_published else LedBoardDesign.for_size(width, height)
     _require_component_sizes(design, made)
     receptacle, (driver_x, from_edge) = micro_usb_footprint(made.usb_contact_mm), design.board.driver_at_mm
     return replace(
         made,
         outline=_board_outline_for_design(design, made.outline),
-        leds=LedPositions(design.plan_view.led_columns, design.plan_view.led_rows),
+        leds=LedPositions(design.horizontal_dimensions.led_columns, design.horizontal_dimensions.led_rows),
         usb_inset_mm=receptacle.body_at_mm[1] + receptacle.body_mm[1] / 2 - design.board.usb_beyond_mm,
         driver_x_mm=driver_x,
         driver_inset_mm=-from_edge,
@@ -210,7 +210,7 @@ def led_board_for_design(design: HardwareDesign) -> LedBoard:
 
 def _board_outline_for_design(design: HardwareDesign, outline: BoardOutline) -> BoardOutline:
     """Return an outline with holes and notches where shell and base have their bosses and pins."""
-    plan, board, levels = design.plan_view, design.board, design.heights
+    plan, board, levels = design.horizontal_dimensions, design.board, design.heights
     mount, screw = max(plan.mount_inserts), max(plan.shell_screws)
     return replace(
         outline,
@@ -226,7 +226,7 @@ def _board_outline_for_design(design: HardwareDesign, outline: BoardOutline) -> 
     )
 
 
-def _require_component_sizes(design: HardwareDesign, made: LedBoard) -> None:
+def _require_component_sizes(design: HardwareDesign, made: LedBoardDesign) -> None:
     """Refuse components of another width or depth than those for which the board has pads; their height is free.
 
     Raises `LedBoardImpossible`.
@@ -309,6 +309,6 @@ def _refusal(expected: str, got: str, remedy: str = "take one in that range") ->
     return LedBoardImpossible(f"expected {expected}, got {got}; {remedy}")
 
 
-def operating_point_of_board(board: LedBoard) -> LedOperatingPoint:
+def operating_point_of_board(board: LedBoardDesign) -> LedOperatingPoint:
     """Return current, brightness and heat of a board."""
     return compute_operating_point(board.resistor_ohm, len(board.leds.positions))

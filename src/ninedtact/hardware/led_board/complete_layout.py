@@ -10,7 +10,7 @@ from shapely import LinearRing, LineString, MultiPoint, Point, Polygon, box, uni
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, PointMm
-from ninedtact.hardware.led_board.board_parameters import LedBoard
+from ninedtact.hardware.led_board.board_parameters import LedBoardDesign
 from ninedtact.hardware.led_board.components import (
     GROUND,
     BoardPad,
@@ -31,8 +31,8 @@ SEGMENTS_PER_QUARTER = 16
 
 def pad_polygon(pad: BoardPad) -> BaseGeometry:
     """Return a pad with its rounded corners, less its cutouts."""
-    bites = union_all([_capsule(bite.start_mm, bite.end_mm, bite.radius_mm) for bite in pad.bites])
-    return _rounded_rectangle(pad.at_mm, pad.size_mm, pad.land.corner_mm).difference(bites)
+    cutouts = union_all([_capsule(one.start_mm, one.end_mm, one.radius_mm) for one in pad.cutouts])
+    return _rounded_rectangle(pad.at_mm, pad.size_mm, pad.land.corner_mm).difference(cutouts)
 
 
 def _rounded_rectangle(at: PointMm, size: PointMm, corner: float) -> BaseGeometry:
@@ -72,7 +72,7 @@ def component_outline(part: PlacedComponent) -> Polygon:
     return box(x - wide / 2, y - deep / 2, x + wide / 2, y + deep / 2)
 
 
-def bare_board_polygon(outline: BoardOutline) -> BaseGeometry:
+def milled_board_polygon(outline: BoardOutline) -> BaseGeometry:
     """Return the laminate after milling: without notches and lens hole, drilled holes still filled."""
     (x, y), fine = outline.half, 4 * SEGMENTS_PER_QUARTER
     notches = [Point(place).buffer(outline.notch_radius_mm, quad_segs=fine) for place in outline.notches]
@@ -91,16 +91,16 @@ def merge_polygon_holes(polygon: Polygon) -> tuple[PointMm, ...]:
 
     Gerber regions and KiCad's fills have no holes.
     """
-    contour = ring_points(polygon.exterior)
+    contour = distinct_ring_vertices(polygon.exterior)
     for hole in sorted(
-        (_start_at_leftmost(ring_points(interior)) for interior in polygon.interiors), key=lambda h: h[0][0]
+        (_start_at_leftmost(distinct_ring_vertices(interior)) for interior in polygon.interiors), key=lambda h: h[0][0]
     ):
         after, cut = _nearest_point_left(contour, hole[0])
         contour = [*contour[: after + 1], cut, *hole, hole[0], cut, *contour[after + 1 :]]
     return tuple(contour)
 
 
-def ring_points(ring: LinearRing) -> list[PointMm]:
+def distinct_ring_vertices(ring: LinearRing) -> list[PointMm]:
     """Return the points of a closed ring without the last, which repeats the first."""
     return [(x, y) for x, y in ring.coords[:-1]]
 
@@ -131,14 +131,14 @@ SPARE_MM = 0.01
 
 
 def _pour_ground(
-    board: LedBoard, side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes, holes: tuple[DrilledHole, ...]
+    board: LedBoardDesign, side: BoardSide, pads: tuple[BoardPad, ...], routes: Routes, holes: tuple[DrilledHole, ...]
 ) -> tuple[Polygon, ...]:
     """Return the pieces of the ground pour on one side; each is connected to some ground copper."""
     gap, (avoided, ground) = board.rules.pour_gap_mm, _copper_beside_pour(side, pads, routes)
     kept = union_all([shape.buffer(gap + SPARE_MM) for shape in avoided])
     bored = union_all([hole_polygon(hole).buffer(gap + SPARE_MM) for hole in holes if not hole.plated])
     free = (
-        bare_board_polygon(board.outline)
+        milled_board_polygon(board.outline)
         .buffer(-max(gap, board.rules.copper_to_edge_mm) - 0.02)
         .difference(kept | bored)
     )
@@ -168,7 +168,7 @@ SIDES: tuple[BoardSide, BoardSide] = ("top", "bottom")
 class BoardLayout:
     """A board with everything that the content of its files is derived from."""
 
-    board: LedBoard
+    board: LedBoardDesign
     nets: tuple[Net, ...]
     parts: tuple[PlacedComponent, ...]
     pads: tuple[BoardPad, ...]
@@ -179,7 +179,7 @@ class BoardLayout:
     """Ground pours by side."""
 
 
-def lay_out_board(board: LedBoard) -> BoardLayout:
+def lay_out_board(board: LedBoardDesign) -> BoardLayout:
     """Place the components of a board, route its nets and pour its ground."""
     found = place_pads(board)
     routes = _route_led_ring(board) + _route_driver(board, found) + _route_connector(board, found)
@@ -188,7 +188,7 @@ def lay_out_board(board: LedBoard) -> BoardLayout:
     return BoardLayout(board, build_netlist(board), place_components(board), found, routes, holes, pours)
 
 
-def _all_holes(board: LedBoard, found: tuple[BoardPad, ...], routes: Routes) -> tuple[DrilledHole, ...]:
+def _all_holes(board: LedBoardDesign, found: tuple[BoardPad, ...], routes: Routes) -> tuple[DrilledHole, ...]:
     """Return everything that is drilled."""
     vias = (DrilledHole(via.at_mm, via.at_mm, via.drill_mm, plated=True) for via in routes.vias)
     slots = (pad.hole for pad in found if pad.hole)

@@ -9,7 +9,7 @@ from math import cos, radians, sin
 from typing import Literal
 
 from ninedtact.hardware.led_board.board_outline_and_holes import PointMm
-from ninedtact.hardware.led_board.board_parameters import LedBoard
+from ninedtact.hardware.led_board.board_parameters import LedBoardDesign
 from ninedtact.hardware.led_board.footprints import (
     Footprint,
     Land,
@@ -21,7 +21,7 @@ from ninedtact.hardware.led_board.footprints import (
 
 
 @dataclass(frozen=True)
-class BoardComponent:
+class ComponentSpecification:
     """One kind of component, a line of the parts list."""
 
     value: str
@@ -42,7 +42,7 @@ class PlacedComponent:
     x."""
 
     reference: str
-    part: BoardComponent
+    part: ComponentSpecification
     side: BoardSide
     at_mm: PointMm
     rotation_deg: float = 0.0
@@ -65,16 +65,18 @@ class PlacedComponent:
         return abs(x), abs(y)
 
 
-def place_components(board: LedBoard) -> tuple[PlacedComponent, ...]:
+def place_components(board: LedBoardDesign) -> tuple[PlacedComponent, ...]:
     """Place all components: LEDs above the board, the rest below."""
-    led = BoardComponent("white", "BZ-S2835BW9C1-02-3V-UV", "C2833052", led_2835_footprint(board.led_pad_corner_mm))
-    driver = BoardComponent("CN5711", "CN5711", "C35634", soic_8_ep_footprint())
+    led = ComponentSpecification(
+        "white", "BZ-S2835BW9C1-02-3V-UV", "C2833052", led_2835_footprint(board.led_pad_corner_mm)
+    )
+    driver = ComponentSpecification("CN5711", "CN5711", "C35634", soic_8_ep_footprint())
     # Only the usual value of the setting resistor has an order number here.
     numbers = ("RT0805CRE0720KL", "C706298") if board.resistor_ohm == 20_000 else ("", "")
-    resistor = BoardComponent(f"{board.resistor_ohm / 1000:g}k", *numbers, chip_0805_footprint(0.5))
+    resistor = ComponentSpecification(f"{board.resistor_ohm / 1000:g}k", *numbers, chip_0805_footprint(0.5))
     # The input capacitor has less than the 10 µF that USB allows a device to connect to its 5 V.
-    capacitor = BoardComponent("4.7uF X5R 16V", "", "", chip_0805_footprint(1.25))
-    receptacle = BoardComponent(
+    capacitor = ComponentSpecification("4.7uF X5R 16V", "", "", chip_0805_footprint(1.25))
+    receptacle = ComponentSpecification(
         "MICRO-USB", "MICRO-02-G4P1-A1T2", "C2682525", micro_usb_footprint(board.usb_contact_mm)
     )
     dx, dy, rotation_deg = board.resistor_from_driver_mm
@@ -100,7 +102,7 @@ class Net:
     pins: tuple[str, ...]
 
 
-def build_netlist(board: LedBoard) -> tuple[Net, ...]:
+def build_netlist(board: LedBoardDesign) -> tuple[Net, ...]:
     """Return every net; pins in none of them stay open (U1.7, the USB data and identity pins)."""
     leds = [f"LED{number + 1}" for number in range(len(board.leds.positions))]
     capacitor = board.input_capacitor
@@ -145,10 +147,10 @@ class BoardPad:
     size_mm: PointMm
     land: Land
     hole: DrilledHole | None = None
-    bites: tuple[PadCutout, ...] = ()
+    cutouts: tuple[PadCutout, ...] = ()
 
 
-def place_pads(board: LedBoard) -> tuple[BoardPad, ...]:
+def place_pads(board: LedBoardDesign) -> tuple[BoardPad, ...]:
     """Return all pads, cut back where the connector's holes come through."""
     nets = {pin: net.name for net in build_netlist(board) for pin in net.pins}
     components = place_components(board)
@@ -159,7 +161,7 @@ def place_pads(board: LedBoard) -> tuple[BoardPad, ...]:
     cutouts = [_cutout_around(hole, hole.width_mm, board.rules.copper_to_hole_mm) for hole in pegs]
     cutouts += [_cutout_around(pad.hole, min(pad.size_mm), board.rules.clearance_mm) for pad in found if pad.hole]
     return tuple(
-        replace(pad, bites=tuple(cutout for cutout in cutouts if _is_near(pad, cutout)))
+        replace(pad, cutouts=tuple(cutout for cutout in cutouts if _is_near(pad, cutout)))
         if pad.pin.startswith("LED")
         else pad
         for pad in found
@@ -182,7 +184,7 @@ def _slot_of_land(placed: PlacedComponent, land: Land) -> DrilledHole:
     return DrilledHole(placed.to_board_frame((x, y - reach)), placed.to_board_frame((x, y + reach)), width, plated=True)
 
 
-def connector_peg_holes(board: LedBoard) -> tuple[DrilledHole, ...]:
+def connector_peg_holes(board: LedBoardDesign) -> tuple[DrilledHole, ...]:
     """Return the holes for the connector's pegs."""
     holes = []
     for placed in place_components(board):

@@ -9,14 +9,14 @@ from shapely import Point, union_all
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible, PointMm
-from ninedtact.hardware.led_board.board_parameters import LedBoard, operating_point_of_board
+from ninedtact.hardware.led_board.board_parameters import LedBoardDesign, operating_point_of_board
 from ninedtact.hardware.led_board.complete_layout import (
     SIDES,
     BoardLayout,
-    bare_board_polygon,
     component_outline,
     hole_polygon,
     lay_out_board,
+    milled_board_polygon,
     pad_polygon,
     split_polygons,
     track_polygon,
@@ -53,7 +53,7 @@ class RuleViolation:
         return f"{self.rule} {self.where}: {self.found_mm:.3f} for {self.required_mm:.3f}"
 
 
-def lay_out_checked_board(board: LedBoard) -> BoardLayout:
+def lay_out_checked_board(board: LedBoardDesign) -> BoardLayout:
     """Lay out a board; raises `LedBoardImpossible` where it breaks a rule or its LEDs cannot be lit."""
     operating_point_of_board(board)
     layout = lay_out_board(board)
@@ -139,7 +139,7 @@ def _distances_of_nets(copper: tuple[CopperPiece, ...]) -> Iterator[tuple[str, f
 
 def _distances_to_edge(layout: BoardLayout, copper: tuple[CopperPiece, ...]) -> Iterator[tuple[str, float]]:
     """Yield the distance of all copper from the milled edge; zero over it."""
-    board = bare_board_polygon(layout.board.outline)
+    board = milled_board_polygon(layout.board.outline)
     for piece in copper:
         yield piece.name, piece.shape.distance(board.boundary) if board.contains(piece.shape) else 0.0
 
@@ -162,7 +162,7 @@ def _distances_of_holes(layout: BoardLayout) -> Iterator[tuple[str, float]]:
 def _find_cut_pads(layout: BoardLayout) -> list[RuleViolation]:
     """Return pads of which too small a share is left in one piece."""
     least, found = layout.board.rules.least_pad_share, []
-    for pad in (pad for pad in layout.pads if pad.bites):
+    for pad in (pad for pad in layout.pads if pad.cutouts):
         left = max((piece.area for piece in split_polygons(pad_polygon(pad))), default=0.0)
         share = left / (pad.size_mm[0] * pad.size_mm[1])
         if share < least:

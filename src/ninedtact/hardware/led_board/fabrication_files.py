@@ -16,13 +16,13 @@ from shapely.geometry.base import BaseGeometry
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.hardware.led_board.board_outline_and_holes import PointMm, outline_segments
-from ninedtact.hardware.led_board.board_parameters import LedBoard, operating_point_of_board
+from ninedtact.hardware.led_board.board_parameters import LedBoardDesign, operating_point_of_board
 from ninedtact.hardware.led_board.complete_layout import (
     SIDES,
     BoardLayout,
-    bare_board_polygon,
     component_outline,
     hole_polygon,
+    milled_board_polygon,
     pad_polygon,
     split_polygons,
     track_polygon,
@@ -86,7 +86,7 @@ def _draw_side(axes: "Axes", layout: BoardLayout, side: BoardSide) -> None:
     """Draw laminate, copper under the mask, bare pads, holes and bodies of one side."""
     tracks = [track_polygon(track) for track in layout.routes.tracks if track.side == side]
     vias = [via_polygon(via) for via in layout.routes.vias]
-    _fill_shape(axes, bare_board_polygon(layout.board.outline), MASK)
+    _fill_shape(axes, milled_board_polygon(layout.board.outline), MASK)
     _fill_shape(axes, union_all([*tracks, *vias, *layout.pours[side]]), METAL)
     _fill_shape(axes, union_all([pad_polygon(pad) for pad in layout.pads if side in pad.sides]), SOLDERED)
     _fill_shape(axes, union_all([hole_polygon(hole) for hole in layout.holes]), "white")
@@ -209,7 +209,7 @@ ZIP_TIMESTAMP = 1980, 1, 1, 0, 0, 0
 """Date of all files in the archive, so that the same board gives the same archive."""
 
 
-def write_led_board(board: LedBoard, out: Path) -> list[Path]:
+def write_checked_board_files(board: LedBoardDesign, out: Path) -> list[Path]:
     """Check and lay out a board and write its files; raises `LedBoardImpossible`, `FileNotWritten`."""
     return write_board_files(lay_out_checked_board(board), out)
 

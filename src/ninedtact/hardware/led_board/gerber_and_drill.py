@@ -13,9 +13,9 @@ from shapely.geometry.base import BaseGeometry
 from ninedtact.hardware.led_board.board_outline_and_holes import OutlineSegment, PointMm
 from ninedtact.hardware.led_board.complete_layout import (
     BoardLayout,
+    distinct_ring_vertices,
     merge_polygon_holes,
     pad_polygon,
-    ring_points,
     split_polygons,
 )
 from ninedtact.hardware.led_board.components import BoardPad, BoardSide, DrilledHole
@@ -95,10 +95,10 @@ def _paste_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, .
     """Return the openings of the stencil."""
     whole = [flash_pad(pad, 0.0) for pad in layout.pads if pad.sides == (side,) and pad.land.paste]
     split = [pad for pad in layout.pads if pad.sides == (side,) and not pad.land.paste]
-    return (*whole, *(window for pad in split for window in solder_paste_openings(pad)))
+    return (*whole, *(window for pad in split for window in thermal_pad_paste_openings(pad)))
 
 
-def solder_paste_openings(pad: BoardPad) -> tuple[_FlashedRectangle, ...]:
+def thermal_pad_paste_openings(pad: BoardPad) -> tuple[_FlashedRectangle, ...]:
     """Return the openings of the stencil for the driver's large thermal pad."""
     x, y = pad.at_mm
     return tuple(
@@ -115,12 +115,12 @@ def _silkscreen_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedSha
 
 def flash_pad(pad: BoardPad, margin_mm: float) -> _FlashedRectangle | FlashedPolygon:
     """Return a pad, enlarged by a margin, as a flashed shape."""
-    if not pad.land.corner_mm and not pad.bites:
+    if not pad.land.corner_mm and not pad.cutouts:
         return _FlashedRectangle(pad.at_mm, (pad.size_mm[0] + 2 * margin_mm, pad.size_mm[1] + 2 * margin_mm))
     shape: BaseGeometry = pad_polygon(pad)
     (outer,) = split_polygons(shape.buffer(margin_mm) if margin_mm else shape)
     at_origin = affinity.translate(outer, -pad.at_mm[0], -pad.at_mm[1])
-    return FlashedPolygon(pad.at_mm, tuple(ring_points(at_origin.exterior)))
+    return FlashedPolygon(pad.at_mm, tuple(distinct_ring_vertices(at_origin.exterior)))
 
 
 FIRST_APERTURE = 10

@@ -13,14 +13,14 @@ from typing import Any, NewType
 from uuid import NAMESPACE_URL, uuid5
 
 from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, PointMm, outline_segments
-from ninedtact.hardware.led_board.board_parameters import LedBoard
+from ninedtact.hardware.led_board.board_parameters import LedBoardDesign
 from ninedtact.hardware.led_board.complete_layout import SIDES, BoardLayout, merge_polygon_holes
 from ninedtact.hardware.led_board.components import GROUND, BoardPad, BoardSide, PlacedComponent
 from ninedtact.hardware.led_board.gerber_and_drill import (
     THERMAL_PASTE_MM,
     FlashedPolygon,
     flash_pad,
-    solder_paste_openings,
+    thermal_pad_paste_openings,
 )
 from ninedtact.hardware.led_board.routing import Routes
 from ninedtact.hardware.led_board.silkscreen import PEN_MM, place_designators
@@ -145,7 +145,7 @@ def _footprint_pad(pad: BoardPad, origin: PointMm, letter: str, names: _NetNumbe
     kind = "rect"
     rounding: tuple[Expression, ...] = ()
     outline: tuple[Expression, ...] = ()
-    if pad.bites:
+    if pad.cutouts:
         kind, size, outline = "custom", ("size", 0.5, 0.5), _custom_pad_shape(pad)
     elif pad.land.corner_mm:
         kind, rounding = "roundrect", (("roundrect_rratio", pad.land.corner_mm / min(pad.size_mm)),)
@@ -164,7 +164,7 @@ def _custom_pad_shape(pad: BoardPad) -> tuple[Expression, ...]:
 def _paste_pads(pad: BoardPad, part: PlacedComponent, letter: str) -> list[Expression]:
     """Return the windows of paste on the thermal pad."""
     layers, size = ("layers", _quote(f"{letter}.Paste")), ("size", THERMAL_PASTE_MM, THERMAL_PASTE_MM)
-    places = [_relative_point("at", window.at_mm, part.at_mm) for window in solder_paste_openings(pad)]
+    places = [_relative_point("at", window.at_mm, part.at_mm) for window in thermal_pad_paste_openings(pad)]
     return [("pad", _quote(""), "smd", "rect", place, size, layers) for place in places]
 
 
@@ -317,7 +317,7 @@ def _ground_zone(layout: BoardLayout, side: BoardSide, names: _NetNumbers) -> Ex
     )
 
 
-def format_kicad_project(board: LedBoard, name: str) -> str:
+def format_kicad_project(board: LedBoardDesign, name: str) -> str:
     """Return the project file with the board's design rules."""
     rules, copper = board.rules, board.copper
     least = {

@@ -10,7 +10,7 @@ from itertools import pairwise
 from math import dist, hypot
 
 from ninedtact.hardware.led_board.board_outline_and_holes import PointMm
-from ninedtact.hardware.led_board.board_parameters import LedBoard
+from ninedtact.hardware.led_board.board_parameters import LedBoardDesign
 from ninedtact.hardware.led_board.components import GROUND, LED_LINE, SETTING, SUPPLY, BoardPad, BoardSide, pad_position
 
 
@@ -56,17 +56,17 @@ RIM_MM = 0.27
 """Distance of the ground line from the board's edge."""
 
 
-def _rim_line_y(board: LedBoard) -> float:
+def _rim_line_y(board: LedBoardDesign) -> float:
     """Return how far from the middle the ground lines run along the upper and lower edges."""
     return board.outline.half[1] - RIM_MM - board.copper.ground_mm / 2
 
 
-def _route_led_ring(board: LedBoard) -> Routes:
+def _route_led_ring(board: LedBoardDesign) -> Routes:
     """Return all tracks of the upper side but those to the driver and the connector."""
     return _route_anodes(board) + _route_cathodes(board)
 
 
-def _route_anodes(board: LedBoard) -> Routes:
+def _route_anodes(board: LedBoardDesign) -> Routes:
     """Return left column, upper link, right column, and a lower link from the right."""
     columns, (top, bottom) = board.leds.columns_mm, (board.leds.rows_mm[0], board.leds.rows_mm[-1])
     left, right = columns[0] + ANODE_MM, columns[-1] + ANODE_MM
@@ -82,7 +82,7 @@ def _route_anodes(board: LedBoard) -> Routes:
     return Routes(tuple(Track(LED_LINE, "top", board.copper.led_mm, line) for line in lines))
 
 
-def _route_cathodes(board: LedBoard) -> Routes:
+def _route_cathodes(board: LedBoardDesign) -> Routes:
     """Return the line along the upper edge, down the right column, along the lower edge, and up the left column to its
     last but one."""
     cathodes, rows = [x + CATHODE_MM for x in board.leds.columns_mm], board.leds.rows_mm
@@ -104,7 +104,7 @@ SLOPE_MM = 1.3
 """Greatest length of an oblique line along x."""
 
 
-def _route_driver(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
+def _route_driver(board: LedBoardDesign, pads: tuple[BoardPad, ...]) -> Routes:
     """Return all routes of U1 but its supply."""
     setting = Track(SETTING, "bottom", board.copper.signal_mm, (pad_position(pads, "R1.2"), pad_position(pads, "U1.1")))
     return (
@@ -115,12 +115,12 @@ def _route_driver(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
     )
 
 
-def _make_via(board: LedBoard, net: str, place: PointMm) -> Via:
+def _make_via(board: LedBoardDesign, net: str, place: PointMm) -> Via:
     """Return a via of the board's usual size."""
     return Via(net, place, board.copper.via_mm, board.copper.via_drill_mm)
 
 
-def _route_driver_output(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
+def _route_driver_output(board: LedBoardDesign, pads: tuple[BoardPad, ...]) -> Routes:
     """Return the routes from both output pins through the vias to an anode of the upper row."""
     vias, width = [board.from_driver(place) for place in board.led_vias_from_driver_mm], board.copper.led_mm
     beside, first = board.driver[0] + 3.71, vias[0]
@@ -133,7 +133,7 @@ def _route_driver_output(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
     return Routes(tuple(tracks), tuple(_make_via(board, LED_LINE, place) for place in vias))
 
 
-def _path_to_anode(board: LedBoard, start: PointMm) -> tuple[PointMm, ...]:
+def _path_to_anode(board: LedBoardDesign, start: PointMm) -> tuple[PointMm, ...]:
     """Return the path from a via to the next anode of the upper row: level, a slope, and down."""
     (x, y), row = start, board.leds.rows_mm[0]
     anodes = [column + ANODE_MM for column in board.leds.columns_mm]
@@ -143,7 +143,7 @@ def _path_to_anode(board: LedBoard, start: PointMm) -> tuple[PointMm, ...]:
     return (*((start,) if dist(start, level) > 0.01 else ()), level, (anode, y - slope), (anode, row))
 
 
-def _route_thermal_pad(board: LedBoard) -> Routes:
+def _route_thermal_pad(board: LedBoardDesign) -> Routes:
     """Return the vias under the driver, joined above and led to the ground line at the edge."""
     places = [board.from_driver(offset) for offset in THERMAL_VIAS]
     x, y = board.driver
@@ -152,7 +152,7 @@ def _route_thermal_pad(board: LedBoard) -> Routes:
     return Routes((square, to_edge), tuple(_make_via(board, GROUND, place) for place in places))
 
 
-def _route_driver_ground(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
+def _route_driver_ground(board: LedBoardDesign, pads: tuple[BoardPad, ...]) -> Routes:
     """Return the line below the board, left of the driver, that joins resistor, capacitor and ground pin, and its via."""
     x, y = board.driver
     start, pin, width = _ground_column_x(board), pad_position(pads, "U1.2"), board.copper.ground_mm
@@ -170,7 +170,7 @@ def _route_driver_ground(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
     return Routes(tuple(tracks), (_make_via(board, GROUND, through),))
 
 
-def _ground_column_x(board: LedBoard) -> float:
+def _ground_column_x(board: LedBoardDesign) -> float:
     """Return x of the ground line that goes up below the board, left of the lens."""
     return -board.outline.lens_hole_mm / 2 - 1.16
 
@@ -179,14 +179,14 @@ SIDE_PAD_MM = 1.50, 1.20
 """Size of the connector's pads between which and the lens hole the lines pass."""
 
 
-def _route_connector(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
+def _route_connector(board: LedBoardDesign, pads: tuple[BoardPad, ...]) -> Routes:
     """Return supply, ground, and the shield if it is tied."""
     routes = _route_supply(board, pads) + _route_connector_ground(board, pads)
     return routes + _route_shield(board, pads) if board.shield_tied else routes
 
 
 def _path_past_lens_hole(
-    board: LedBoard, pads: tuple[BoardPad, ...], contact: str, side_pad: str
+    board: LedBoardDesign, pads: tuple[BoardPad, ...], contact: str, side_pad: str
 ) -> tuple[PointMm, ...]:
     """Return the path from a contact between the lens hole and a side pad's corner, and on along the hole's tangent."""
     (pin_x, _), (x, y), (_, usb_y) = pad_position(pads, contact), pad_position(pads, side_pad), board.usb
@@ -200,7 +200,7 @@ def _path_past_lens_hole(
     return (pin_x, usb_y + 0.44 + board.usb_contact_mm), between, beyond
 
 
-def _radius_in_gap(board: LedBoard, corner_mm: float) -> float:
+def _radius_in_gap(board: LedBoardDesign, corner_mm: float) -> float:
     """Return the radius at which a line passes a corner at that distance from the lens: mid-gap where the gap is
     narrow."""
     rules, half = board.rules, board.copper.neck_mm / 2
@@ -209,7 +209,7 @@ def _radius_in_gap(board: LedBoard, corner_mm: float) -> float:
     return most - min(max(room, 0.0) / 2, 0.5)
 
 
-def _route_supply(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
+def _route_supply(board: LedBoardDesign, pads: tuple[BoardPad, ...]) -> Routes:
     """Return 5 V to the driver's enable pin, under the driver to its two supply pins, and to the capacitor."""
     (x, _), enable, pin = board.driver, pad_position(pads, "U1.8"), pad_position(pads, "U1.3")
     neck, last = _path_past_lens_hole(board, pads, "USB3.1", "USB3.7"), pad_position(pads, "U1.4")
@@ -226,7 +226,7 @@ def _route_supply(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
     return Routes(tuple(Track(SUPPLY, "bottom", width, line) for width, line in lines))
 
 
-def _route_connector_ground(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
+def _route_connector_ground(board: LedBoardDesign, pads: tuple[BoardPad, ...]) -> Routes:
     """Return the ground contact's route up to the row left of the driver, and vias that hold the pours of both sides
     together."""
     neck, column, y = _path_past_lens_hole(board, pads, "USB3.5", "USB3.6"), _ground_column_x(board), board.driver[1]
@@ -239,7 +239,7 @@ def _route_connector_ground(board: LedBoard, pads: tuple[BoardPad, ...]) -> Rout
     return Routes(tracks, tuple(_make_via(board, GROUND, place) for place in places))
 
 
-def _route_shield(board: LedBoard, pads: tuple[BoardPad, ...]) -> Routes:
+def _route_shield(board: LedBoardDesign, pads: tuple[BoardPad, ...]) -> Routes:
     """Return the shield's routes: ground contact to left pad, side pads to their legs, and legs to the edge's ground on top."""
     contact, left = pad_position(pads, "USB3.5"), pad_position(pads, "USB3.6")
     y, width = left[1] + 0.17, min(board.copper.ground_mm, 0.5)

@@ -12,9 +12,9 @@ from shapely.geometry.base import BaseGeometry
 from ninedtact.hardware.led_board.board_outline_and_holes import PointMm
 from ninedtact.hardware.led_board.complete_layout import (
     BoardLayout,
-    bare_board_polygon,
     component_outline,
     hole_polygon,
+    milled_board_polygon,
     pad_polygon,
     via_polygon,
 )
@@ -83,7 +83,7 @@ class SilkscreenDesignator:
 
 def place_designators(layout: BoardLayout, side: BoardSide) -> tuple[SilkscreenDesignator, ...]:
     """Return the designators of the components of one side for which there is space."""
-    taken, room = _occupied_area(layout, side), bare_board_polygon(layout.board.outline).buffer(-GAP_MM)
+    taken, room = _occupied_area(layout, side), milled_board_polygon(layout.board.outline).buffer(-GAP_MM)
     parts, words = [part for part in layout.parts if part.side == side], []
     for part in parts:
         others = union_all([component_outline(other) for other in parts if other != part])

@@ -23,7 +23,7 @@ from ninedtact.hardware.parts.solids import (
     build_sensor_shell,
     make_cylinders_at,
     make_plate,
-    require_single_solid,
+    single_solid_of_part,
 )
 
 
@@ -31,59 +31,61 @@ def build_base_board(design: HardwareDesign) -> Part:
     """Build the base board, on which the shell is screwed while the gels are poured."""
     thick = design.moulds.base_mm
     holes = make_cylinders_at(
-        design.moulds.shell_screw_mm, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), design.plan_view.shell_screws
+        design.moulds.shell_screw_mm, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), design.horizontal_dimensions.shell_screws
     )
-    return require_single_solid(_clamping_plate(design, thick) - holes)
+    return single_solid_of_part(_clamping_plate(design, thick) - holes)
 
 
 def build_first_mould(design: HardwareDesign) -> Part:
     """Build the first mould, which is as thick as the translucent gel."""
-    return _mould(design, design.heights.first_mould, design.plan_view.translucent, design.gels.rim_radius_mm)
+    return _mould(
+        design, design.heights.first_mould, design.horizontal_dimensions.translucent, design.gels.rim_radius_mm
+    )
 
 
 def build_second_mould(design: HardwareDesign) -> Part:
     """Build the second mould, which is thicker and wider; black silicone fills the difference."""
     radius = design.gels.rim_radius_mm + design.gels.black_side_mm
-    return _mould(design, design.heights.second_mould, design.plan_view.black, radius)
+    return _mould(design, design.heights.second_mould, design.horizontal_dimensions.black, radius)
 
 
 def _mould(design: HardwareDesign, thick: float, window: XY, radius: float) -> Part:
     """Return a clamping plate with a window."""
-    return require_single_solid(
+    return single_solid_of_part(
         _clamping_plate(design, thick) - make_plate(window, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), radius)
     )
 
 
 def _clamping_plate(design: HardwareDesign, thick: float) -> Part:
     """Return the outline and the clamping holes that all plates share."""
-    body = make_plate(design.plan_view.plate, (0, thick), design.moulds.corner_radius_mm)
+    body = make_plate(design.horizontal_dimensions.plate, (0, thick), design.moulds.corner_radius_mm)
     return body - make_cylinders_at(
-        design.moulds.hole_mm, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), design.plan_view.clamps
+        design.moulds.hole_mm, (-CUT_MARGIN_MM, thick + CUT_MARGIN_MM), design.horizontal_dimensions.clamps
     )
 
 
 def build_transparent_gel(design: HardwareDesign) -> Part:
     """Build the transparent gel, which fills the shell above the window. The groove between window and frame stays
     empty."""
-    shell, plan, levels = design.shell, design.plan_view, design.heights
+    shell, plan, levels = design.shell, design.horizontal_dimensions, design.heights
     body = make_plate(plan.opening, (levels.floor_top, levels.rim), shell.opening_radius_mm)
     frame, window = plan.frame_outside, design.window.side_mm
     body -= make_plate((frame, frame), (levels.floor_top, levels.frame_top))
-    return require_single_solid(body - make_plate((window, window), (levels.floor_top, levels.window_top)))
+    return single_solid_of_part(body - make_plate((window, window), (levels.floor_top, levels.window_top)))
 
 
 def build_translucent_gel(design: HardwareDesign) -> Part:
     """Build the translucent gel on the shell's rim, which scatters white light back."""
     return make_plate(
-        design.plan_view.translucent, (design.heights.rim, design.heights.skin), design.gels.rim_radius_mm
+        design.horizontal_dimensions.translucent, (design.heights.rim, design.heights.skin), design.gels.rim_radius_mm
     )
 
 
 def build_black_gel(design: HardwareDesign) -> Part:
     """Build the black gel over and around the translucent one."""
     radius = design.gels.rim_radius_mm + design.gels.black_side_mm
-    outside = make_plate(design.plan_view.black, (design.heights.rim, design.heights.top), radius)
-    return require_single_solid(outside - build_translucent_gel(design))
+    outside = make_plate(design.horizontal_dimensions.black, (design.heights.rim, design.heights.top), radius)
+    return single_solid_of_part(outside - build_translucent_gel(design))
 
 
 ManufacturingMethod = Literal["printed", "cut", "cast", "bought"]

@@ -91,7 +91,7 @@ def _make_cone(below_mm: float, above_mm: float, heights: ZRange) -> Part:
     return Part() + made.moved(Location((0, 0, heights[0])))
 
 
-def require_single_solid(part: Part) -> Part:
+def single_solid_of_part(part: Part) -> Part:
     """Return the single solid of a part; more or fewer are an error of the model, not of the design."""
     (solid,) = part.solids()
     return Part() + solid
@@ -103,7 +103,7 @@ CUT_MARGIN_MM = 1.0
 
 def build_sensor_base(design: HardwareDesign) -> Part:
     """Build the base: plate, bosses and posts, then pocket, channel and holes."""
-    base, plan, levels = design.base, design.plan_view, design.heights
+    base, plan, levels = design.base, design.horizontal_dimensions, design.heights
     body = make_plate(plan.outer, (0, levels.plate_top), base.corner_radius_mm)
     body += make_cylinders_at(base.boss_mm, (base.floor_mm, levels.boss_top), plan.mount_inserts)
     body += make_cylinders_at(base.post_mm, (base.floor_mm, levels.board_bottom), plan.posts)
@@ -112,14 +112,14 @@ def build_sensor_base(design: HardwareDesign) -> Part:
     body -= make_cylinders_at(base.bolt_mm, (-CUT_MARGIN_MM, base.floor_mm), plan.mount_inserts)
     body -= make_cylinders_at(base.shell_screw_mm, (0, levels.plate_top + CUT_MARGIN_MM), plan.shell_screws)
     body -= make_cylinders_at(base.counterbore_mm, (-CUT_MARGIN_MM, base.counterbore_deep_mm), plan.shell_screws)
-    return require_single_solid(body - _camera_pocket(design))
+    return single_solid_of_part(body - _camera_pocket(design))
 
 
 def _locating_pins(design: HardwareDesign) -> list[Part]:
     """Return the locating pins on the posts, rounded at their tips."""
     base, levels = design.base, design.heights
     tip = levels.board_bottom + base.pin_tall_mm
-    pins = make_cylinders_at(base.pin_mm, (levels.plate_top, tip), design.plan_view.posts)
+    pins = make_cylinders_at(base.pin_mm, (levels.plate_top, tip), design.horizontal_dimensions.posts)
     if not base.pin_round_mm:
         return pins
     return [fillet(pin.faces().sort_by(Axis.Z)[-1].edges(), base.pin_round_mm) for pin in pins]
@@ -134,7 +134,7 @@ def _camera_pocket(design: HardwareDesign) -> Part:
 
 def _pocket_outline(design: HardwareDesign) -> Sketch:
     """Return the outline of pocket and channel, seen from above."""
-    base, side = design.base, design.plan_view.outer[1] / 2 + CUT_MARGIN_MM
+    base, side = design.base, design.horizontal_dimensions.outer[1] / 2 + CUT_MARGIN_MM
     pocket, channel = base.pocket_wide_mm / 2, base.channel_wide_mm / 2
     front, back = base.pocket_front_mm, -base.pocket_back_mm
     right = [(channel, -side), (channel, back), (pocket, back), (pocket, front)]
@@ -147,7 +147,7 @@ def _pocket_outline(design: HardwareDesign) -> Sketch:
 
 def _cable_ramp(design: HardwareDesign) -> tuple[list[tuple[float, float]], float, dict[tuple[float, float], float]]:
     """Return what stays under the cable: its outline in (y, z), its half width, and the fillets of its foot and head."""
-    base, side = design.base, design.plan_view.outer[1] / 2
+    base, side = design.base, design.horizontal_dimensions.outer[1] / 2
     floor, top = base.floor_mm, design.heights.plate_top - base.ramp_gap_mm
     foot, head = (base.ramp_foot_mm - side, floor), (base.ramp_head_mm - side, top)
     below, beyond = floor - 0.5, -side - 2 * CUT_MARGIN_MM
@@ -158,7 +158,7 @@ def _cable_ramp(design: HardwareDesign) -> tuple[list[tuple[float, float]], floa
 def build_sensor_shell(design: HardwareDesign) -> Part:
     """Build the shell: a block with the gel cavity above and the LED cavity below, the window's frame, bores and the
     USB slot."""
-    shell, plan, levels = design.shell, design.plan_view, design.heights
+    shell, plan, levels = design.shell, design.horizontal_dimensions, design.heights
     body = make_plate(plan.outer, (levels.plate_top, levels.rim), shell.corner_radius_mm)
     body -= make_plate(plan.opening, (levels.floor_top, levels.rim + CUT_MARGIN_MM), shell.opening_radius_mm)
     body += _window_frame(design)
@@ -167,19 +167,19 @@ def build_sensor_shell(design: HardwareDesign) -> Part:
     body -= make_plate(hole, (levels.ceiling - CUT_MARGIN_MM, levels.floor_top + CUT_MARGIN_MM))
     bottom = levels.plate_top
     body -= make_cylinders_at(shell.bore_mm, (bottom - CUT_MARGIN_MM, bottom + shell.bore_deep_mm), plan.shell_screws)
-    return require_single_solid(body - _usb_slot(design))
+    return single_solid_of_part(body - _usb_slot(design))
 
 
 def _window_frame(design: HardwareDesign) -> Part:
     """Return the frame around the window's seat."""
-    outside, inside = design.plan_view.frame_outside, design.plan_view.frame_inside
+    outside, inside = design.horizontal_dimensions.frame_outside, design.horizontal_dimensions.frame_inside
     heights = design.heights.floor_top, design.heights.frame_top
     return make_plate((outside, outside), heights) - make_plate((inside, inside), heights)
 
 
 def _led_cavity(design: HardwareDesign) -> Part:
     """Return the LED cavity below the floor, without the screw bosses and rounded at the ceiling."""
-    shell, plan, levels = design.shell, design.plan_view, design.heights
+    shell, plan, levels = design.shell, design.horizontal_dimensions, design.heights
     heights = levels.plate_top - CUT_MARGIN_MM, levels.ceiling
     air = make_plate(plan.cavity, heights)
     air -= make_cylinders_at(shell.boss_mm, heights, plan.shell_screws)
@@ -191,7 +191,7 @@ def _led_cavity(design: HardwareDesign) -> Part:
 def _usb_slot(design: HardwareDesign) -> list[Part]:
     """Return the slot through the wall at -y, with the receptacle's two slanted corners, and the relief around it
     outside."""
-    shell, plan, bottom = design.shell, design.plan_view, design.heights.plate_top
+    shell, plan, bottom = design.shell, design.horizontal_dimensions, design.heights.plate_top
     half, low, high, slant = shell.slot_wide_mm / 2, shell.slot_from_mm, shell.slot_to_mm, shell.slot_chamfer_mm
     right = [(half, bottom + low), (half, bottom + high - slant), (half - slant, bottom + high)]
     outline = [*right, *[(-x, z) for x, z in reversed(right)]]
@@ -207,11 +207,11 @@ def _usb_slot(design: HardwareDesign) -> list[Part]:
 def build_isolation_ring(design: HardwareDesign) -> Part:
     """Build the isolation ring: a square block with a bore that opens to a cone at the window."""
     ring, bottom, top = design.ring, design.heights.ring_bottom, design.heights.floor_top
-    side = design.plan_view.ring_side
+    side = design.horizontal_dimensions.ring_side
     mouth = side - 2 * ring.land_mm
     opens = top - (mouth - ring.bore_mm) / 2 / tan(radians(ring.cone_deg))
     body = make_plate((side, side), (bottom, top)) - _make_cylinder(ring.bore_mm, (bottom - CUT_MARGIN_MM, opens))
-    return require_single_solid(body - _make_cone(ring.bore_mm, mouth, (opens, top)))
+    return single_solid_of_part(body - _make_cone(ring.bore_mm, mouth, (opens, top)))
 
 
 def build_acrylic_window(design: HardwareDesign) -> Part:
@@ -223,13 +223,13 @@ def build_acrylic_window(design: HardwareDesign) -> Part:
 def build_calibration_board(design: HardwareDesign) -> Part:
     """Build the calibration board: a tray that slides over the shell, with round-tipped pins on its floor. It lies on
     its back, z = 0 is its outer face, and its pins point up."""
-    frame, plan = design.pin_frame, design.plan_view
+    frame, plan = design.pin_frame, design.horizontal_dimensions
     outside = plan.tray[0] + 2 * frame.wall_mm, plan.tray[1] + 2 * frame.wall_mm
     body = make_plate(outside, (0, plan.tray_tall), frame.corner_radius_mm)
     inside_radius = max(frame.corner_radius_mm - frame.wall_mm, 0.0)
     body -= make_plate(plan.tray, (frame.floor_mm, plan.tray_tall + CUT_MARGIN_MM), inside_radius)
     one = _calibration_pin(design)
-    return require_single_solid(body + [Pos(x, y, 0) * one for x, y in plan.pins])
+    return single_solid_of_part(body + [Pos(x, y, 0) * one for x, y in plan.pins])
 
 
 def _calibration_pin(design: HardwareDesign) -> Part:
@@ -254,14 +254,14 @@ def build_camera(design: HardwareDesign) -> Part:
     for diameter, top in body.lens_mm:
         made += _make_cylinder(diameter, (below, floor + top))
         below = floor + top
-    return require_single_solid(made + _flat_cable(design))
+    return single_solid_of_part(made + _flat_cable(design))
 
 
 def _flat_cable(design: HardwareDesign) -> Part:
     """Return the cable, in one slope from the stiffener to the gap under the shell's rim, a little short of the outer
     face."""
     (wide, thick), floor = design.camera.cable_mm, design.base.floor_mm
-    side, start = design.plan_view.outer[1] / 2, -design.camera.stiffener_mm
+    side, start = design.horizontal_dimensions.outer[1] / 2, -design.camera.stiffener_mm
     head, top = design.base.ramp_head_mm - side, design.heights.plate_top - design.base.ramp_gap_mm
     end, low = 0.1 - side, floor + 0.1
     below = [(start + 0.2, low), (start, low), (head, top), (end, top)]
@@ -271,7 +271,7 @@ def _flat_cable(design: HardwareDesign) -> Part:
 
 def build_led_board(design: HardwareDesign) -> Part:
     """Build the LED board as a body: the bare board with its holes, LEDs above, receptacle and driver below."""
-    plan, board, levels = design.plan_view, design.board, design.heights
+    plan, board, levels = design.horizontal_dimensions, design.board, design.heights
     heights = levels.board_bottom, levels.board_top
     beyond = levels.board_bottom - CUT_MARGIN_MM, levels.board_top + CUT_MARGIN_MM
     made = make_plate(plan.led_board, heights)
@@ -281,13 +281,13 @@ def build_led_board(design: HardwareDesign) -> Part:
     made += [_box_on(board.led_mm, place, levels.board_top) for place in plan.leds]
     made += _usb_receptacle(design)
     tall = board.driver_mm[2]
-    return require_single_solid(made + _box_on(board.driver_mm, _driver_position(design), levels.board_bottom - tall))
+    return single_solid_of_part(made + _box_on(board.driver_mm, _driver_position(design), levels.board_bottom - tall))
 
 
 def _usb_receptacle(design: HardwareDesign) -> Part:
     """Return the receptacle under the board's -y edge, its mouth a little beyond and its two corners at the board
     slanted."""
-    (wide, deep, _), mouth = design.board.usb_mm, -design.plan_view.usb_mouth
+    (wide, deep, _), mouth = design.board.usb_mm, -design.horizontal_dimensions.usb_mouth
     half, low, high = wide / 2, design.heights.usb_bottom, design.heights.board_bottom
     right = [(half, low), (half, high - USB_SLANT_MM), (half - USB_SLANT_MM, high)]
     return _extrude_along_y([*right, *[(-x, z) for x, z in reversed(right)]], (mouth + deep, mouth))
@@ -296,7 +296,7 @@ def _usb_receptacle(design: HardwareDesign) -> Part:
 def _driver_position(design: HardwareDesign) -> XY:
     """Return the centre of the LED driver."""
     x, from_edge = design.board.driver_at_mm
-    return x, design.plan_view.led_board[1] / 2 + from_edge
+    return x, design.horizontal_dimensions.led_board[1] / 2 + from_edge
 
 
 def _box_on(size: _Block, at: XY, bottom: float) -> Part:

@@ -13,7 +13,7 @@ from threading import Event
 import numpy as np
 
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.calibration.twin.sensor_twin import build_sensor_twin
+from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 from ninedtact.capture.force_torque.mounted_wrench_source import MountedWrenchSource
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.frame_source import FrameSource
@@ -24,7 +24,7 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.recording.merge_streams import MergedArrival, merge_live_streams, merge_recorded_streams
 from ninedtact.recording.reader import Recording
-from ninedtact.recording.recorded_source import RecordedSource, RecordedWrenchSource
+from ninedtact.recording.recorded_source import RecordedFrameSource, RecordedWrenchSource
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSequence
 from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
@@ -104,7 +104,7 @@ def collection_setup_from_recordings(images: Path, wrenches: Path, checks: Sampl
     with Recording(images) as recording:
         metadata = recording.metadata
     return CollectSetup(
-        RecordedSource(images),
+        RecordedFrameSource(images),
         CheckedWrenchSource(RecordedWrenchSource(wrenches), checks),
         is_live=False,
         wall_minus_monotonic_ns=metadata.wall_minus_monotonic_ns,
@@ -117,7 +117,7 @@ def setup_with_twin(
 ) -> CollectSetup:
     """Return the setup of the twin of a sensor, pressed by a script: each object so many times, steps without pauses."""
     names = tuple(objects or _DEFAULT_OBJECTS)
-    simulation = _simulate_script(build_sensor_twin(folder), names, touches, seed)
+    simulation = _simulate_script(build_twin_from_folder(folder), names, touches, seed)
 
     def object_at(frame: Frame) -> str:
         at_s = (frame.stamp_ns - simulation.clock.start_ns) / 1e9

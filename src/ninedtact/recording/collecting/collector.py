@@ -17,7 +17,7 @@ from ninedtact.capture.force_torque.sample_checks import (
     REJECTION_FAULTS,
     ClockDriftMonitor,
     SampleFault,
-    SampleFaultTracker,
+    SampleFaultHistory,
 )
 from ninedtact.capture.training_pair_rule import SamplingRule
 from ninedtact.capture.wrench_source import WrenchSampleRejected
@@ -26,8 +26,8 @@ from ninedtact.recording.collected_pairs import NO_OBJECT
 from ninedtact.recording.collecting.pair_selection import (
     CollectSettings,
     ImageWrenchCandidate,
-    PairCounts,
     PairSelector,
+    SavedPairCounts,
     ZeroDriftMonitor,
 )
 from ninedtact.recording.collecting.tare_and_reference import TareInProgress, TareResult
@@ -106,14 +106,14 @@ class Collector:
     def __post_init__(self) -> None:
         self.selector = PairSelector(self.settings, SamplingRule(self.settings.rule, self.rng))
         self.zero_drift = ZeroDriftMonitor(self.settings)
-        self.counts = PairCounts(self.settings.rule.ranges)
+        self.counts = SavedPairCounts(self.settings.rule.ranges)
         self.rejected: Counter[SampleFault] = Counter()
         """Images that were not saved because of a fault."""
         self.fault: SampleFault | None = None
         """The present fault."""
         self.newest: ImageWrenchCandidate | None = None
         """The newest moment that was decided."""
-        self.sample_faults = SampleFaultTracker(int(self.settings.checks.frozen_ms * 1e6))
+        self.sample_faults = SampleFaultHistory(int(self.settings.checks.frozen_ms * 1e6))
         self.clocks = ClockDriftMonitor(self.settings.tolerance_ms), ClockDriftMonitor(self.settings.tolerance_ms)
         self.tare_in_progress: TareInProgress | None = TareInProgress(0, self.settings)
         self.reference: TareResult | None = None

@@ -1,8 +1,8 @@
 """Pair selection of `ninedtact collect`: which moments are saved as pairs, to which contact each belongs, and all settings.
 
-`PairCounts` counts the saved pairs in bins of each wrench axis, which shows the forces that are still missing. The sampling rule
-selects pairs within a contact; fixed fractions of light touches and of moments without contact are added. The resolved settings are
-stored in the recording.
+`SavedPairCounts` counts the saved pairs in bins of each wrench axis, which shows the forces that are still missing. The sampling
+rule selects pairs within a contact; fixed fractions of light touches and of moments without contact are added. The resolved
+settings are stored in the recording.
 """
 
 from collections import Counter
@@ -30,7 +30,7 @@ _SCARCE_FRACTION = 0.02
 
 
 @dataclass
-class PairCounts:
+class SavedPairCounts:
     """All pairs that were saved in this session, undone contacts excluded."""
 
     ranges: SixFloats
@@ -86,12 +86,12 @@ class PairCounts:
 
 
 class CollectSettingsInvalid(InputError):
-    """The settings describe a collection in which nothing can be saved."""
+    """Raised for settings by which nothing could be saved."""
 
 
 @dataclass(frozen=True)
 class CollectSettings:
-    """When an image and a wrench are saved as a pair."""
+    """Sampling rule, checks, tare and tolerances by which images and wrenches are saved as pairs."""
 
     rule: SamplingRuleSettings = SamplingRuleSettings()
     """The sampling rule of the paper for pairs within a contact."""
@@ -199,7 +199,7 @@ class PairSelector:
     touching: bool = field(default=False, init=False)
     last_ns: dict[PairKind, int] = field(default_factory=dict, init=False)
 
-    def select(self, candidate: ImageWrenchCandidate, counts: PairCounts) -> PairKind | None:
+    def select(self, candidate: ImageWrenchCandidate, counts: SavedPairCounts) -> PairKind | None:
         """Return the reason to save a moment, or None."""
         kept = self.rule.keeps(candidate.wrench)
         self._update_contact(candidate)
@@ -225,7 +225,7 @@ class PairSelector:
             return not self.rule.touching and candidate.change_levels > self.settings.contact_levels
         return candidate.looks_untouched(self.settings) and candidate.is_at_rest(self.settings)
 
-    def _is_wanted(self, kind: PairKind, candidate: ImageWrenchCandidate, counts: PairCounts) -> bool:
+    def _is_wanted(self, kind: PairKind, candidate: ImageWrenchCandidate, counts: SavedPairCounts) -> bool:
         """Return whether there are too few pairs of a kind, and the last one was saved long enough ago."""
         fraction = self.settings.light_touch if kind == "light_touch" else self.settings.no_contact
         is_soon = candidate.frame.stamp_ns - self.last_ns.get(kind, 0) < _MIN_INTERVAL_NS[kind]

@@ -29,11 +29,11 @@ from ninedtact.mechanics.contact_model import ContactModel, ContactProblem, pose
 from ninedtact.mechanics.contact_result import (
     Contact,
     ContactLeavesGrid,
-    require_above_base,
+    require_depth_within_gel,
     require_inside_grid,
     require_positive_load,
 )
-from ninedtact.mechanics.height_grid_indenter import HeightGridStore
+from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.normal_contact import ContactConstraint
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.shrinking_batch import drop_grid_axes, expand_over_grid, max_over_grid
@@ -122,7 +122,7 @@ class ContactBatch:
 
     requests: Sequence[StepRequest]
     stack: SkinStack
-    store: HeightGridStore
+    store: DeviceHeightGrids
 
     @cached_property
     def sensors(self) -> list[int]:
@@ -211,7 +211,7 @@ class ContactBatch:
         twin = request.setup.twin
         try:
             if request.load_n is None:
-                require_above_base(float(self._max_overlap_mm[index]), twin.thickness_mm)
+                require_depth_within_gel(float(self._max_overlap_mm[index]), twin.thickness_mm)
                 if self._overlap_at_border[index]:
                     require_inside_grid(self.stack.skins[0].grid, self.problem.overlap_mm[index])
             if self._leaves_region[index]:
@@ -221,7 +221,7 @@ class ContactBatch:
                 twin.model.require_valid(contact)
                 twin.require_on_gel(request.indenter, contact)
         except ContactLeavesGrid:
-            return twin.object_too_large(request.indenter, "more than that")
+            return twin.contact_leaves_gel(request.indenter, "more than that")
         except NinedtactError as refusal:
             return refusal
         return None

@@ -20,13 +20,13 @@ from array_api_compat import to_device
 
 from ninedtact.errors import DeviceError
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.height_grid_indenter import HeightGridStore
+from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.simulation.batched.contact_batch import ContactBatch, SkinStack, StepResponse, refusal_before_solving
 from ninedtact.simulation.batched.session_requests import (
-    BatchedSimulationRequest,
     BrightnessFactor,
     RenderRequest,
     RequestGenerator,
+    SessionRequest,
     SimulatedSetup,
     StepRequest,
     send_to_session,
@@ -148,7 +148,7 @@ class BatchExecutor:
     """Largest number of requests in one batch; halved when memory runs out."""
     report: Callable[[str], None]
     """Receives a message when memory runs out."""
-    store: HeightGridStore = field(init=False)
+    store: DeviceHeightGrids = field(init=False)
     stack: SkinStack = field(init=False)
     renderers: dict[SimulatedSetup, BatchRenderer] = field(default_factory=dict, init=False)
     memory_error: str = field(default="", init=False)
@@ -156,13 +156,13 @@ class BatchExecutor:
 
     def __post_init__(self) -> None:
         like = self.device.zero_array()
-        self.store, self.stack = HeightGridStore(like), SkinStack(self.setups, like)
+        self.store, self.stack = DeviceHeightGrids(like), SkinStack(self.setups, like)
 
     def setup(self, sensor_number: int) -> SimulatedSetup:
         """Return the simulated sensor of this number in the population."""
         return self.setups[self.sensor_numbers.index(sensor_number)]
 
-    def execute(self, requests: Sequence[BatchedSimulationRequest]) -> list[Any]:
+    def execute(self, requests: Sequence[SessionRequest]) -> list[Any]:
         """Return the responses to requests that are all steps or all renders.
 
         A response that is itself a request must be computed in place of the first one. Raises `DeviceMemoryExhausted`.
@@ -177,7 +177,7 @@ class BatchExecutor:
                 responses += found
         return responses
 
-    def _execute_unless_memory_runs_out(self, requests: Sequence[BatchedSimulationRequest]) -> list[Any] | None:
+    def _execute_unless_memory_runs_out(self, requests: Sequence[SessionRequest]) -> list[Any] | None:
         """Return the responses, or None where memory ran out.
 
         The error is not passed on, because it keeps all arrays that led to it alive.
@@ -266,7 +266,7 @@ class _SessionRunner:
 
     session: Session
     requests: RequestGenerator[Any] = field(init=False)
-    pending: BatchedSimulationRequest | None = field(init=False)
+    pending: SessionRequest | None = field(init=False)
     """The pending request; None when the session has ended."""
 
     def __post_init__(self) -> None:
@@ -275,7 +275,7 @@ class _SessionRunner:
 
     def resume(self, response: Any) -> None:
         """Send a response to the session and keep its next request; a response that is a request becomes the pending one."""
-        if isinstance(response, BatchedSimulationRequest):
+        if isinstance(response, SessionRequest):
             self.pending = response
             return
         try:

@@ -1,7 +1,7 @@
 """Requests of a session to its simulated sensor, and their computation one by one on the processor.
 
 A session is a generator. It neither solves contacts nor renders: it yields a request for the next contact step or for an image,
-and receives the response. `run_on_processor` responds to one session; `executor.BatchExecutor` responds to many sessions in
+and receives the response. `run_session_on_cpu` responds to one session; `executor.BatchExecutor` responds to many sessions in
 batches on one device. The same session therefore makes the same pairs of image and wrench in both ways.
 """
 
@@ -61,7 +61,7 @@ class ContactSummary:
         return self.contact.pose
 
 
-class BatchedSimulationRequest(ABC):
+class SessionRequest(ABC):
     """One request of a session, which waits for its response."""
 
     @abstractmethod
@@ -70,7 +70,7 @@ class BatchedSimulationRequest(ABC):
 
 
 @dataclass(frozen=True)
-class StepRequest(BatchedSimulationRequest):
+class StepRequest(SessionRequest):
     """A move of an object to a pose, or to a load of the linear layer near it; the response is a `ContactSummary`."""
 
     setup: SimulatedSetup
@@ -94,7 +94,7 @@ class StepRequest(BatchedSimulationRequest):
 
 
 @dataclass(frozen=True)
-class RenderRequest(BatchedSimulationRequest):
+class RenderRequest(SessionRequest):
     """An image of the sensor; the response is a `BrightnessFactor`, or None without contact."""
 
     setup: SimulatedSetup
@@ -107,11 +107,11 @@ class RenderRequest(BatchedSimulationRequest):
 
 
 Result = TypeVar("Result")
-RequestGenerator = Generator[BatchedSimulationRequest, Any, Result]
+RequestGenerator = Generator[SessionRequest, Any, Result]
 """A generator that yields requests, receives their responses or has refusals thrown into it, and returns a result."""
 
 
-def run_on_processor(requests: RequestGenerator[Result]) -> Result:
+def run_session_on_cpu(requests: RequestGenerator[Result]) -> Result:
     """Return the result of a session whose requests are computed one by one on the processor."""
     try:
         request = next(requests)
@@ -121,7 +121,7 @@ def run_on_processor(requests: RequestGenerator[Result]) -> Result:
         return end.value
 
 
-def respond_on_cpu(request: BatchedSimulationRequest) -> Any:
+def respond_on_cpu(request: SessionRequest) -> Any:
     """Return the response computed on the processor; a refusal is returned rather than raised."""
     try:
         return request.respond()
@@ -129,7 +129,7 @@ def respond_on_cpu(request: BatchedSimulationRequest) -> Any:
         return refusal
 
 
-def send_to_session(requests: RequestGenerator[Any], response: Any) -> BatchedSimulationRequest:
+def send_to_session(requests: RequestGenerator[Any], response: Any) -> SessionRequest:
     """Send a response to a session, or throw a refusal into it, and return its next request.
 
     Raises `StopIteration` where the session has ended.

@@ -17,7 +17,7 @@ from pathlib import Path
 from ninedtact.errors import InputError
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter import Ball, Cone, Ellipsoid, FlatPunch, Indenter, LyingCylinder
-from ninedtact.simulation.objects.height_fields import DimensionSampler, HeightfieldFunction, HeightGrid
+from ninedtact.simulation.objects.height_fields import CoordinateGrid, DimensionSampler, HeightfieldFunction
 from ninedtact.simulation.objects.household_objects import HOUSEHOLD_OBJECTS
 from ninedtact.simulation.objects.lettering import LETTERING
 from ninedtact.simulation.objects.machine_parts import MACHINE_PARTS
@@ -52,7 +52,7 @@ FAMILIES: dict[str, HeightfieldFunction] = {
 
 PAPER_COUNT = 175
 """Number of objects that the paper pressed (docs/references.md)."""
-OBJECT_GRID = HeightGrid()
+OBJECT_GRID = CoordinateGrid()
 
 
 class UnknownObject(InputError):

@@ -23,8 +23,8 @@ ROUNDING_MM = 0.07
 
 
 @dataclass(frozen=True)
-class HeightGrid:
-    """A square grid centred on the object's origin."""
+class CoordinateGrid:
+    """The coordinates (x, y, distance, angle) of the points of a square grid centred on the object's origin."""
 
     side_mm: float = 22.0
     pitch_mm: float = 0.1
@@ -103,7 +103,7 @@ class DimensionSampler:
         return np.array(places)
 
 
-HeightfieldFunction = Callable[[DimensionSampler, HeightGrid], Heightfield]
+HeightfieldFunction = Callable[[DimensionSampler, CoordinateGrid], Heightfield]
 """A family of objects: the heights of one object, from the dimensions that it samples."""
 
 
@@ -160,7 +160,7 @@ def flat_face(distance: Heightfield, edge_mm: float = 0.2) -> Heightfield:
     return np.where(distance > 0, np.inf, edge_mm - np.sqrt(edge_mm**2 - over**2))
 
 
-def raise_outside(distance: Heightfield, height_mm: float, flank_mm: float = 0.3) -> Heightfield:
+def heights_raised_outside(distance: Heightfield, height_mm: float, flank_mm: float = 0.3) -> Heightfield:
     """Return zero inside the outline and a height outside, with a smooth flank that starts at the outline."""
     part = np.clip(distance / flank_mm, 0, 1)
     return height_mm * part**2 * (3 - 2 * part)
@@ -168,7 +168,7 @@ def raise_outside(distance: Heightfield, height_mm: float, flank_mm: float = 0.3
 
 def recess_heights(distance: Heightfield, depth_mm: float, flank_mm: float = 0.3) -> Heightfield:
     """Return a recess: a depth inside the outline, zero outside."""
-    return raise_outside(-distance, depth_mm, flank_mm)
+    return heights_raised_outside(-distance, depth_mm, flank_mm)
 
 
 def round_bar_heights(distance: Heightfield, radius_mm: float) -> Heightfield:

@@ -6,15 +6,15 @@ To add an object, write its function and list it in `HOUSEHOLD_OBJECTS`.
 import numpy as np
 
 from ninedtact.simulation.objects.height_fields import (
+    CoordinateGrid,
     DimensionSampler,
     Heightfield,
     HeightfieldFunction,
-    HeightGrid,
     box_sdf,
     flat_face,
+    heights_raised_outside,
     polygon_corners,
     polyline_sdf,
-    raise_outside,
     recess_heights,
     round_bar_heights,
     smooth_abs,
@@ -22,7 +22,7 @@ from ninedtact.simulation.objects.height_fields import (
 )
 
 
-def _leaf(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _leaf(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a leaf: a blade with a midrib and side veins."""
     length, width, veins = sample.between(10, 17), sample.between(4, 9), sample.integer(4, 8)
     along = np.clip(grid.x / length + 0.5, 0, 1)
@@ -30,12 +30,12 @@ def _leaf(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     pitch = length / veins
     side = np.abs(wrap_to_pitch(grid.x - 0.9 * np.abs(grid.y), pitch)) * 0.74 - 0.12
     vein = np.minimum(np.abs(grid.y) - 0.3 * (1.2 - along), side)
-    return raise_outside(vein, sample.between(0.3, 0.6), 0.3) + flat_face(
+    return heights_raised_outside(vein, sample.between(0.3, 0.6), 0.3) + flat_face(
         np.maximum(blade, np.abs(grid.x) - length / 2), 0.15
     )
 
 
-def _flower(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _flower(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a flower: domed petals around a bead."""
     petals, radius = sample.integer(4, 9), sample.between(3, 5)
     size = radius * np.sin(np.pi / petals) * sample.between(0.85, 1.1)
@@ -45,7 +45,7 @@ def _flower(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return np.minimum(np.minimum.reduce(domes) + sample.between(0, 0.4), heart)
 
 
-def _snowflake(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _snowflake(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a snowflake: six arms with side branches."""
     radius, branches, bar = sample.between(6, 9), sample.integer(1, 3), sample.between(0.35, 0.6)
     turn = wrap_to_pitch(grid.angle, np.pi / 3)
@@ -57,7 +57,7 @@ def _snowflake(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return flat_face(np.minimum.reduce(arms) - bar, 0.25)
 
 
-def _button(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _button(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a button: a rim and two to five holes."""
     holes, radius = sample.integer(2, 5), sample.between(4.5, 8.5)
     outline = grid.r - radius
@@ -67,17 +67,17 @@ def _button(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return well + flat_face(outline, 0.3)
 
 
-def _brick(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _brick(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a toy brick: round studs on a plate."""
     cols, rows, pitch = sample.integer(2, 4), sample.integer(1, 3), sample.between(3, 4.5)
     places = [(col - (cols - 1) / 2, row - (rows - 1) / 2) for col in range(cols) for row in range(rows)]
     studs = np.minimum.reduce([np.hypot(grid.x - pitch * x, grid.y - pitch * y) for x, y in places]) - 0.32 * pitch
-    return raise_outside(studs, sample.between(0.8, 1.6), 0.3) + flat_face(
+    return heights_raised_outside(studs, sample.between(0.8, 1.6), 0.3) + flat_face(
         box_sdf(grid.x, grid.y, cols * pitch, rows * pitch, 0.3)
     )
 
 
-def _puzzle(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _puzzle(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a piece of a jigsaw puzzle: a knob or a hole on each side."""
     size, knob = sample.between(3, 5), sample.between(0.26, 0.34)
     outline = box_sdf(grid.x, grid.y, 2 * size, 2 * size, 0.2)
@@ -89,7 +89,7 @@ def _puzzle(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return flat_face(outline, 0.25)
 
 
-def _paw(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _paw(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a paw: a pad and toes."""
     toes, size = sample.integer(3, 5), sample.between(2.4, 3.6)
     pad = 2 * round_bar_heights(np.hypot(grid.x / size, (grid.y - 2) / (0.85 * size)), 1.0)
@@ -104,7 +104,7 @@ def _paw(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return np.minimum(pad, np.minimum.reduce(toe) + sample.between(0, 0.3))
 
 
-def _molar(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _molar(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a molar tooth: cusps with fissures between them."""
     cusps, size, relief = sample.integer(3, 5), sample.between(4, 6.5), sample.between(0.8, 1.6)
     places = polygon_corners(cusps, 0.55 * size, sample.between(0, 1)) * sample.random.uniform(0.85, 1.15, (cusps, 1))
@@ -117,7 +117,7 @@ def _molar(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return np.minimum.reduce(domes) + flat_face(crown, 0.8)
 
 
-def _shell(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _shell(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a scallop shell: ribs that fan out, with growth rings across."""
     ribs, size, relief = sample.integer(7, 15), sample.between(8, 12), sample.between(0.2, 0.4)
     x, y = grid.x, grid.y + size / 2
@@ -127,7 +127,7 @@ def _shell(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return fan + 0.03 * grid.r**2 + flat_face(outline, 0.4)
 
 
-def _pretzel(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _pretzel(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a pretzel: a round bar bent to a closed curve with lobes."""
     lobes, size, bar = sample.integer(2, 5), sample.between(5, 7.5), sample.between(0.6, 1.1)
     t = np.linspace(0, 2 * np.pi, 120)
@@ -136,17 +136,17 @@ def _pretzel(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return round_bar_heights(polyline_sdf(grid.x, grid.y, curve), bar) + 0.15 * (1 + np.cos(3 * grid.angle))
 
 
-def _maze(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _maze(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a maze: walls along one of the two diagonals of every field."""
     pitch, relief = sample.between(1.8, 3.2), sample.between(0.5, 1.1)
     kind = sample.random.integers(0, 2, (30, 30))
     flips = np.where(kind[np.round(grid.x / pitch).astype(int) % 30, np.round(grid.y / pitch).astype(int) % 30], 1, -1)
     u, v = wrap_to_pitch(grid.x, pitch), wrap_to_pitch(grid.y, pitch) * flips
     wall = np.minimum(np.abs(u - v), pitch - np.abs(u - v)) / np.sqrt(2) - 0.13 * pitch
-    return raise_outside(wall, relief, 0.35) + flat_face(box_sdf(grid.x, grid.y, 6 * pitch, 5 * pitch, 0.5))
+    return heights_raised_outside(wall, relief, 0.35) + flat_face(box_sdf(grid.x, grid.y, 6 * pitch, 5 * pitch, 0.5))
 
 
-def _droplets(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _droplets(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of droplets on a plate that run into each other."""
     count, height = sample.integer(5, 16), sample.between(0.8, 1.6)
     sizes = sample.random.uniform(0.9, 2.2, count).tolist()

@@ -8,14 +8,14 @@ from functools import lru_cache
 import numpy as np
 
 from ninedtact.simulation.objects.height_fields import (
+    CoordinateGrid,
     DimensionSampler,
     Heightfield,
     HeightfieldFunction,
-    HeightGrid,
     box_sdf,
     flat_face,
+    heights_raised_outside,
     polyline_sdf,
-    raise_outside,
     recess_heights,
     segment_sdf,
     wrap_to_pitch,
@@ -60,22 +60,22 @@ def _signs(sample: DimensionSampler, count: int) -> str:
     return "".join(sample.random.choice(_alphabet(), count).tolist())
 
 
-def _letter(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _letter(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of one large letter or digit."""
     sign = _alphabet()[sample.integer(0, len(GLYPHS) - 1)]
     return flat_face(_written(grid.x, grid.y, sign, sample.between(8, 14)) - sample.between(0.6, 1.1), 0.3)
 
 
-def _text(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _text(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a word on a plate."""
     count, height, relief = sample.integer(2, 5), sample.between(3, 7), sample.between(0.4, 1)
     height = min(height, 18 / count)
     letters = _written(grid.x, grid.y, _signs(sample, count), height) - height * 0.08
     plate = box_sdf(grid.x, grid.y, height * count + 2, height + 3, 0.6)
-    return raise_outside(letters, relief, 0.25) + flat_face(plate)
+    return heights_raised_outside(letters, relief, 0.25) + flat_face(plate)
 
 
-def _stamp(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _stamp(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a stamp: two lines of text, sunk into a plate."""
     height, depth = sample.between(3, 4.5), sample.between(0.4, 0.9)
     count = 3 if height > 3.8 else 4
@@ -84,17 +84,17 @@ def _stamp(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return recess_heights(np.minimum(*rows) - height * 0.11, depth, 0.25) + flat_face(plate)
 
 
-def _coin(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _coin(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a coin: a rim, beads or notches within it, and a sign in the middle."""
     radius, beads, relief = sample.between(5, 9), sample.integer(16, 40), sample.between(0.25, 0.5)
     rim = np.abs(grid.r - radius + 0.5) - 0.35
     around_bead = wrap_to_pitch(grid.angle, 2 * np.pi / beads) * grid.r
     bead = np.hypot(around_bead, grid.r - radius * 0.8) - radius * 0.8 * np.pi / beads * 0.55
     sign = _written(grid.x, grid.y, _signs(sample, 1), radius * 0.85) - radius * 0.07
-    return raise_outside(np.minimum(np.minimum(rim, bead), sign), relief, 0.25) + flat_face(grid.r - radius)
+    return heights_raised_outside(np.minimum(np.minimum(rim, bead), sign), relief, 0.25) + flat_face(grid.r - radius)
 
 
-def _braille(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _braille(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of braille cells of up to six dots."""
     scale, height = sample.between(0.9, 1.4), sample.between(0.4, 0.8)
     cells = int(15 / (6 * scale)) + 1
@@ -108,17 +108,19 @@ def _braille(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return height * np.clip(nearest / (0.9 * scale), 0, 1) ** 2 + flat_face(plate)
 
 
-def _barcode(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _barcode(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a barcode: bars of four widths."""
     module, relief, tall = sample.between(0.5, 0.8), sample.between(0.4, 0.9), sample.between(6, 11)
     widths = sample.random.integers(1, 4, 2 * int(4 / module) + 1) * module
     ends = np.cumsum(widths) - widths.sum() / 2
     bars = [np.abs(grid.x - end + width / 2) - width / 2 for end, width in zip(ends[::2], widths[::2], strict=True)]
     outline = np.maximum(np.minimum.reduce(bars), np.abs(grid.y) - tall / 2)
-    return raise_outside(outline, relief, 0.3) + flat_face(box_sdf(grid.x, grid.y, widths.sum() + 1.5, tall + 1.5, 0.3))
+    return heights_raised_outside(outline, relief, 0.3) + flat_face(
+        box_sdf(grid.x, grid.y, widths.sum() + 1.5, tall + 1.5, 0.3)
+    )
 
 
-def _dial(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _dial(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a clock face: marks and two hands."""
     marks, radius, relief = sample.integer(6, 14), sample.between(6, 9), sample.between(0.4, 0.8)
     ticks = np.maximum(
@@ -130,7 +132,7 @@ def _dial(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
         for size, angle in zip((0.45, 0.62), angles, strict=True)
     ]
     rim = np.abs(grid.r - radius + 0.25) - 0.25
-    return raise_outside(np.minimum(np.minimum(np.minimum(*hands) - 0.4, ticks), rim), relief) + flat_face(
+    return heights_raised_outside(np.minimum(np.minimum(np.minimum(*hands) - 0.4, ticks), rim), relief) + flat_face(
         grid.r - radius
     )
 

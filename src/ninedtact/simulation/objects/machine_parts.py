@@ -6,16 +6,16 @@ To add a part, write its function and list it in `MACHINE_PARTS`.
 import numpy as np
 
 from ninedtact.simulation.objects.height_fields import (
+    CoordinateGrid,
     DimensionSampler,
     Heightfield,
     HeightfieldFunction,
-    HeightGrid,
     box_sdf,
     flat_face,
+    heights_raised_outside,
     polygon_corners,
     polygon_sdf,
     polyline_sdf,
-    raise_outside,
     recess_heights,
     round_bar_heights,
     segment_sdf,
@@ -26,7 +26,7 @@ from ninedtact.simulation.objects.solids import star_corners
 HEXAGON = np.pi / 6
 
 
-def _screw(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _screw(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a threaded rod that lies on its side."""
     radius, pitch, length = sample.between(1.5, 4.5), sample.between(0.8, 2), sample.between(10, 18)
     across = np.arcsin(np.clip(grid.y / radius, -1, 1))
@@ -34,7 +34,7 @@ def _screw(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return round_bar_heights(grid.y, radius) + groove + flat_face(box_sdf(grid.x, grid.y, length, 2 * radius), 0.4)
 
 
-def _bolt(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _bolt(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a bolt head seen from above: round or six-sided, with a slot, cross, hexagon or star to drive it."""
     drive, radius, depth = sample.integer(0, 3), sample.between(3, 7), sample.between(0.6, 1.5)
     drive_recess = (
@@ -50,7 +50,7 @@ def _bolt(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return recess_heights(drive_recess, depth) + sample.between(0, 1.2) * (grid.r / radius) ** 2 + flat_face(head, 0.4)
 
 
-def _nut(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _nut(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a nut: square to eight-sided, with chamfered corners, and a flange on some."""
     sides, radius, bore = sample.integer(4, 8), sample.between(4, 8), sample.between(0.45, 0.62)
     outline = polygon_sdf(grid.x, grid.y, polygon_corners(sides, radius, np.pi / sides))
@@ -58,7 +58,7 @@ def _nut(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return chamfer + flat_face(np.maximum(outline, bore * radius - grid.r), 0.35)
 
 
-def _gear(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _gear(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a gear: teeth, a bore, and holes in the web."""
     teeth, radius, bore = sample.integer(8, 24), sample.between(4.5, 8.5), sample.between(0.15, 0.3)
     tooth = min(2 * radius / teeth, 1.4)
@@ -70,7 +70,7 @@ def _gear(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return flat_face(np.maximum(outline, bore * radius - grid.r), 0.25)
 
 
-def _spring(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _spring(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a coil spring that lies on its side: round wire, seen from below as slanted arcs."""
     radius, wire, pitch = sample.between(2, 4.5), sample.between(0.35, 0.7), sample.between(1.3, 3)
     length = sample.between(9, 16)
@@ -80,7 +80,7 @@ def _spring(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return round_bar_heights(grid.y, radius) + tube + flat_face(box_sdf(grid.x, grid.y, length, 2 * radius), 0.3)
 
 
-def _chain(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _chain(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a chain: oval links in a row, every other one lower."""
     pitch, wire = sample.between(3, 4.6), sample.between(0.5, 0.9)
     links = []
@@ -91,7 +91,7 @@ def _chain(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return np.minimum.reduce(links)
 
 
-def _bearing(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _bearing(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a ball bearing: balls between two races."""
     balls, radius = sample.integer(6, 12), sample.between(4, 6.5)
     size = 0.8 * radius * np.sin(np.pi / balls)
@@ -102,15 +102,17 @@ def _bearing(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return np.minimum(np.minimum.reduce(beads), flat_face(races, 0.25) + sample.between(0, 0.4))
 
 
-def _rack(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _rack(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a rack: straight or slanted teeth on a bar."""
     pitch, height, length = sample.between(1.4, 3.2), sample.between(0.6, 1.6), sample.between(12, 18)
     slant = sample.between(-0.5, 0.5)
-    teeth = raise_outside(np.abs(wrap_to_pitch(grid.x + slant * grid.y, pitch)) - pitch * 0.18, height, pitch * 0.3)
+    teeth = heights_raised_outside(
+        np.abs(wrap_to_pitch(grid.x + slant * grid.y, pitch)) - pitch * 0.18, height, pitch * 0.3
+    )
     return teeth + flat_face(box_sdf(grid.x, grid.y, length, sample.between(4, 9), 0.3))
 
 
-def _fan(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _fan(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a fan: slanted blades around a hub."""
     blades, radius, sweep = sample.integer(3, 8), sample.between(6, 9), sample.between(-0.5, 0.5)
     around_blade = wrap_to_pitch(grid.angle + sweep * grid.r / 3, 2 * np.pi / blades)
@@ -120,7 +122,7 @@ def _fan(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return np.minimum(wheel, flat_face(grid.r - 0.25 * radius, 0.4))
 
 
-def _cable(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _cable(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a cable: strands twisted around each other."""
     strands, radius, lay = sample.integer(2, 6), sample.between(1.2, 3), sample.between(6, 14)
     turn = 2 * np.pi * grid.x / lay
@@ -130,7 +132,7 @@ def _cable(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return np.minimum.reduce(wires) + flat_face(box_sdf(grid.x, grid.y, sample.between(12, 18), 12), 0.3)
 
 
-def _spanner(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _spanner(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a spanner: an open jaw on a handle, with a ring at its end."""
     jaw, handle = sample.between(2.2, 3.6), sample.between(0.7, 1.3)
     x, y = grid.x, grid.y
@@ -149,7 +151,7 @@ def _sheet_frame(x: Heightfield, y: Heightfield, angle_rad: float) -> tuple[Heig
     return cos * x + sin * y, cos * y - sin * x
 
 
-def _key(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _key(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a key: a bow with a hole, a grooved blade, and random bitting."""
     bow, width, cuts = sample.between(3, 4.2), sample.between(2, 3), sample.integer(4, 7)
     x, y = grid.x, grid.y
@@ -162,7 +164,7 @@ def _key(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return recess_heights(np.maximum(groove, -x - 2), 0.45, 0.25) + flat_face(np.minimum(grip, blade), 0.2)
 
 
-def _cutter(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _cutter(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a saw blade or milling cutter: slanted teeth, deeper towards the rim."""
     teeth, radius, rake = sample.integer(5, 14), sample.between(5, 8.5), sample.between(0.2, 0.5)
     turn = np.mod(grid.angle * teeth / (2 * np.pi), 1)
@@ -171,15 +173,19 @@ def _cutter(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return recess_heights(0.6 * radius - grid.r, 0.5, 0.6) + flat_face(np.maximum(hub, 0.16 * radius - grid.r), 0.25)
 
 
-def _spline(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _spline(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of the end of a splined shaft with a centre hole, on a collar."""
     splines, radius = sample.integer(5, 12), sample.between(2.5, 5)
     outline = polygon_sdf(grid.x, grid.y, star_corners(splines, radius, sample.between(0.72, 0.88), 0.0)) - 0.15
     hole = np.maximum(sample.between(0.25, 0.4) * radius - grid.r, 0) * 1.2
-    return raise_outside(outline, sample.between(0.8, 1.8)) + hole + flat_face(grid.r - radius - sample.between(1, 3))
+    return (
+        heights_raised_outside(outline, sample.between(0.8, 1.8))
+        + hole
+        + flat_face(grid.r - radius - sample.between(1, 3))
+    )
 
 
-def _circuit(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _circuit(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of an electronic chip with its legs."""
     legs, pitch, body = sample.integer(3, 7), sample.between(1.2, 2), sample.between(4, 7)
     x, y = grid.x, grid.y
@@ -193,7 +199,7 @@ def _circuit(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return np.minimum(case, flat_face(leg, 0.2) + 0.7 - 0.35 * np.maximum(np.abs(y) - body / 2 - 0.3, 0))
 
 
-def _hook(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _hook(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of bent wire: a hook, an S, or a clip."""
     kind, size, wire = sample.integer(0, 2), sample.between(2, 3.5), sample.between(0.5, 1)
     t = np.linspace(0, 1, 40)

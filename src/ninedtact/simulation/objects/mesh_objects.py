@@ -184,12 +184,12 @@ MESH_FILE_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")
 MOST_MB = 500
 
 
-class ObjectLibraryMissing(MissingLibraryError):
+class MeshLibraryMissing(MissingLibraryError):
     """Raised where a library that reads objects is not installed."""
 
 
 def load_mesh_object(path: Path, placing: MeshPlacement = MeshPlacement()) -> MeshObject:
-    """Return the object in a mesh file; raises `MeshUnusable` and `ObjectLibraryMissing`."""
+    """Return the object in a mesh file; raises `MeshUnusable` and `MeshLibraryMissing`."""
     vertices, faces = _read_mesh(path)
     return _object_from_triangles(path.stem, vertices, faces, placing)
 
@@ -215,11 +215,11 @@ def _read_mesh(path: Path) -> tuple[Vertices, Faces]:
 
 
 def _import_trimesh() -> Any:
-    """Return the library; raises `ObjectLibraryMissing`."""
+    """Return the library; raises `MeshLibraryMissing`."""
     try:
         import trimesh
     except ImportError as absence:
-        raise ObjectLibraryMissing(
+        raise MeshLibraryMissing(
             "expected the library trimesh, got an environment without it; run: pip install 'ninedtact[objects]'"
         ) from absence
     return trimesh
@@ -228,12 +228,12 @@ def _import_trimesh() -> Any:
 FITTING = MeshPlacement(fit_mm=16.0)
 
 
-class MeshNotFound(FileFormatError):
+class Thingi10kModelNotFound(FileFormatError):
     """Raised for a model that is not in Thingi10K, or where Thingi10K cannot be downloaded."""
 
 
 def load_thingi10k_object(number: int, placing: MeshPlacement = FITTING) -> MeshObject:
-    """Return the model with this file number; raises `MeshNotFound`, `ObjectLibraryMissing` and `MeshUnusable`."""
+    """Return the model with this file number; raises `Thingi10kModelNotFound`, `MeshLibraryMissing` and `MeshUnusable`."""
     entry, library = _find_model(number)
     vertices, faces = library.load_file(entry["file_path"])
     corners, triangles = np.asarray(vertices, float), np.asarray(faces, np.int64)
@@ -246,13 +246,13 @@ def _find_model(number: int) -> tuple[Any, Any]:
     try:
         library.init()
     except Exception as failure:
-        raise MeshNotFound(
+        raise Thingi10kModelNotFound(
             f"expected Thingi10K on this machine or the network to download it, got {_first_line(failure)!r}; connect once, "
             "or give a mesh file of your own"
         ) from failure
     entries = list(library.dataset(file_id=number))
     if not entries:
-        raise MeshNotFound(
+        raise Thingi10kModelNotFound(
             f"expected a file number of Thingi10K, got {number}, which is not in it; take another, as 32770"
         )
     return entries[0], library
@@ -264,11 +264,11 @@ def _first_line(failure: Exception) -> str:
 
 
 def _import_thingi10k() -> Any:
-    """Return the library; raises `ObjectLibraryMissing`."""
+    """Return the library; raises `MeshLibraryMissing`."""
     try:
         import thingi10k
     except ImportError as absence:
-        raise ObjectLibraryMissing(
+        raise MeshLibraryMissing(
             "expected the library thingi10k, got an environment without it; run: pip install 'ninedtact[objects]'"
         ) from absence
     return thingi10k

@@ -32,12 +32,12 @@ def rasterize_lowest_mm(triangles_mm: Triangles, pitch_mm: float) -> Heightfield
     placed = triangles_mm.astype(float)
     placed[..., :2] = (placed[..., :2] - (low + high) / 2) / pitch_mm + (np.array([cols, rows]) - 1) / 2
     table = np.full((rows, cols), np.inf)
-    for portion in split_into_batches(placed):
+    for portion in split_triangles_into_batches(placed):
         lower_to_triangles(table, portion)
     return table
 
 
-def split_into_batches(placed: Triangles) -> Iterator[Triangles]:
+def split_triangles_into_batches(placed: Triangles) -> Iterator[Triangles]:
     """Split triangles into batches whose bounding boxes hold a limited number of grid points."""
     sides = placed[..., :2].max(axis=1) - placed[..., :2].min(axis=1)
     load = np.cumsum((sides + 2).prod(axis=1))

@@ -7,17 +7,17 @@ To add a solid, write its function and list it in `SOLIDS`; to add a punch, in `
 import numpy as np
 
 from ninedtact.simulation.objects.height_fields import (
+    CoordinateGrid,
     DimensionSampler,
     Heightfield,
     HeightfieldFunction,
-    HeightGrid,
     Points,
     box_sdf,
     flat_face,
+    heights_raised_outside,
     polygon_corners,
     polygon_sdf,
     polyline_sdf,
-    raise_outside,
     recess_heights,
     round_bar_heights,
     segment_sdf,
@@ -25,26 +25,26 @@ from ninedtact.simulation.objects.height_fields import (
 )
 
 
-def _ball(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _ball(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a sphere."""
     return round_bar_heights(grid.r, sample.between(2, 8))
 
 
-def _ellipsoid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _ellipsoid(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of an ellipsoid with three different axes."""
     x, y = grid.rotated_axes(sample.between(0, np.pi))
     length, width, height = sample.between(4, 9), sample.between(2, 4), sample.between(2, 6)
     return height * round_bar_heights(np.hypot(x / length, y / width), 1.0)
 
 
-def _cylinder(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _cylinder(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a cylinder that lies on its side."""
     radius, length = sample.between(1.5, 7), sample.between(8, 19)
     x, y = grid.rotated_axes(sample.between(0, np.pi))
     return round_bar_heights(y, radius) + flat_face(box_sdf(x, y, length, 2 * radius), 0.3)
 
 
-def _capsule(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _capsule(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a rod with round ends, or of two rods joined at an angle."""
     radius, half, bend = sample.between(1, 3.5), sample.between(3, 6), sample.between(-1.2, 1.2)
     arm = segment_sdf(grid.x, grid.y, (0.0, 0.0), (-half, 0.0))
@@ -52,19 +52,19 @@ def _capsule(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return round_bar_heights(np.minimum(arm, other), radius)
 
 
-def _cone(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _cone(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a cone on its blunt tip."""
     slope, radius = np.tan(sample.between(0.3, 1.1)), sample.between(3, 8)
     return slope * smooth_abs(grid.r, sample.between(0.3, 1.2)) + flat_face(grid.r - radius)
 
 
-def _frustum(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _frustum(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a cone with a flat or hollow end."""
     face, slope, radius = sample.between(0.8, 4), np.tan(sample.between(0.3, 1.0)), sample.between(5, 8)
     return slope * smooth_abs(np.maximum(grid.r - face, 0), 0.2) + flat_face(grid.r - radius)
 
 
-def _pyramid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _pyramid(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a pyramid with three to six sides, on its tip."""
     sides, slope, radius = sample.integer(3, 6), np.tan(sample.between(0.25, 0.9)), sample.between(4, 8)
     normals = polygon_corners(sides, 1.0, sample.between(0, np.pi))
@@ -72,13 +72,13 @@ def _pyramid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return slope * smooth_abs(across, 0.3) + flat_face(across - radius)
 
 
-def _wedge(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _wedge(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a wedge: an edge that is straight or bent along its length."""
     slope, length, bend = np.tan(sample.between(0.3, 1.0)), sample.between(8, 18), sample.between(-0.06, 0.06)
     return slope * smooth_abs(grid.y - bend * grid.x**2, 0.3) + flat_face(box_sdf(grid.x, grid.y, length, 10, 0.5))
 
 
-def _cross_roof(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _cross_roof(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a crossed roof: edges that meet in the middle."""
     arms, slope, turn = sample.integer(3, 5), np.tan(sample.between(0.4, 1.0)), sample.between(0, 1)
     ends = polygon_corners(arms, sample.between(5.5, 7.5), turn)
@@ -87,13 +87,13 @@ def _cross_roof(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return slope * smooth_abs(nearest, 0.3) + flat_face(nearest - 2.5)
 
 
-def _torus(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _torus(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a torus with a round section, whose ring is round or oval."""
     tube, radius = sample.between(0.6, 2.2), sample.between(3, 7)
     return round_bar_heights(np.hypot(grid.x, grid.y * sample.between(1, 1.6)) - radius, tube)
 
 
-def _saddle(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _saddle(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a saddle: bent down along one axis and up along the other."""
     x, y = grid.rotated_axes(sample.between(0, np.pi))
     waves, height = sample.integer(2, 4), sample.between(0.6, 1.5)
@@ -101,22 +101,22 @@ def _saddle(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return height * (grid.r / 6) ** 2 * (1 + np.cos(waves * angle)) + flat_face(grid.r - sample.between(5, 8), 0.4)
 
 
-def _ziggurat(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _ziggurat(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of steps around a round, square or six-sided face."""
     sides, steps, tread = sample.integer(3, 7), sample.integer(2, 4), sample.between(0.9, 1.8)
     outline = polygon_sdf(grid.x, grid.y, polygon_corners(sides, sample.between(1.5, 3), sample.between(0, 1)))
-    stairs = [raise_outside(outline - tread * step, sample.between(0.3, 0.8)) for step in range(steps)]
+    stairs = [heights_raised_outside(outline - tread * step, sample.between(0.3, 0.8)) for step in range(steps)]
     return np.sum(stairs, axis=0) + flat_face(outline - tread * (steps + 0.3))
 
 
-def _limpet(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _limpet(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a limpet shell: a ribbed cone."""
     ribs, slope, radius = sample.integer(6, 16), sample.between(0.25, 0.7), sample.between(5, 8)
     rib = sample.between(0.2, 0.45) * np.minimum(grid.r / 3, 1) * (1 - np.cos(ribs * grid.angle))
     return slope * smooth_abs(grid.r, 0.8) + rib + flat_face(grid.r - radius + rib)
 
 
-def _pebbles(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _pebbles(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of pebbles: balls of different sizes at different heights."""
     count, largest, spread = sample.integer(4, 14), sample.between(1.2, 2.6), sample.between(3, 6.5)
     sizes = largest * sample.random.uniform(0.45, 1, count)
@@ -128,7 +128,7 @@ def _pebbles(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     )
 
 
-def _caltrop(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _caltrop(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a plate with cones of different heights."""
     count, height, spread = sample.integer(3, 8), sample.between(1, 2.5), sample.between(3, 5.5)
     lift = sample.random.uniform(0, 0.6, count)
@@ -159,13 +159,13 @@ SOLIDS: dict[str, HeightfieldFunction] = {
 }
 
 
-def _punch(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _punch(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a round punch, whose edge rounding is from sharp to half of the face."""
     radius = sample.between(2, 7)
     return flat_face(grid.r - radius, radius * sample.between(0.06, 0.5))
 
 
-def _tile(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _tile(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a rectangular face."""
     length, width = sample.between(5, 16), sample.between(3, 9)
     return flat_face(
@@ -174,7 +174,7 @@ def _tile(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     )
 
 
-def _polygon_punch(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _polygon_punch(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a regular polygon with a round hole."""
     sides, radius = sample.integer(3, 8), sample.between(3, 8)
     outline = polygon_sdf(grid.x, grid.y, polygon_corners(sides, radius, sample.between(0, np.pi)))
@@ -190,7 +190,7 @@ def star_corners(points: int, radius_mm: float, waist: float, turn_rad: float) -
     return np.stack([tips, waists], axis=1).reshape(-1, 2)
 
 
-def _star(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _star(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a star with four to nine points."""
     corners = star_corners(
         sample.integer(4, 9), sample.between(4, 9), sample.between(0.4, 0.7), sample.between(0, np.pi)
@@ -198,7 +198,7 @@ def _star(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return flat_face(polygon_sdf(grid.x, grid.y, corners) - 0.2, 0.3)
 
 
-def _cross(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _cross(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a cross: bars through the middle."""
     arms, width, length = sample.integer(3, 5), sample.between(0.8, 2.2), sample.between(5, 8)
     ends = polygon_corners(arms, length, sample.between(0, np.pi))
@@ -207,19 +207,19 @@ def _cross(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     )
 
 
-def _bar(grid: HeightGrid, end: list[float]) -> tuple[Heightfield, Heightfield]:
+def _bar(grid: CoordinateGrid, end: list[float]) -> tuple[Heightfield, Heightfield]:
     """Return the coordinates of the grid points in the frame of a bar through this point."""
     return grid.rotated_axes(float(np.arctan2(end[1], end[0])))
 
 
-def _ring(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _ring(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of one to three flat concentric rings."""
     rings, width, outer = sample.integer(1, 3), sample.between(0.6, 1.2), sample.between(5, 8.5)
     radii = [outer - 2 * width * step for step in range(rings)]
     return flat_face(np.minimum.reduce([np.abs(grid.r - radius) - width / 2 for radius in radii]), 0.25)
 
 
-def _crescent(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _crescent(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a crescent: a disc from which another disc is cut."""
     radius, bite = sample.between(4, 8), sample.between(0.55, 0.9)
     x, y = grid.rotated_axes(sample.between(0, 2 * np.pi))
@@ -227,7 +227,7 @@ def _crescent(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return flat_face(np.maximum(grid.r - radius, -inner), 0.3)
 
 
-def _heart(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _heart(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a heart: two lobes and a tip."""
     size, (x, y) = sample.between(0.3, 0.5), grid.rotated_axes(sample.between(-1, 1))
     t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
@@ -237,7 +237,7 @@ def _heart(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     )
 
 
-def _arrow(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _arrow(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of an arrow: a head on a shaft."""
     length, shaft, head = sample.between(8, 17), sample.between(1, 2.2), sample.between(4, 8)
     tip, neck, wing = length / 2, length / 2 - head * 0.7, head / 2
@@ -246,7 +246,7 @@ def _arrow(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return flat_face(polygon_sdf(*grid.rotated_axes(sample.between(0, 2 * np.pi)), points), 0.25)
 
 
-def _blob(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _blob(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a face with a smooth closed outline, flat or domed."""
     size, dome = sample.between(3.5, 7), sample.between(0, 1.2)
     orders, phases = np.arange(2, 7), sample.random.uniform(0, 2 * np.pi, 5)
@@ -255,7 +255,7 @@ def _blob(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return dome * (grid.r / size) ** 2 + flat_face(outline, 0.3)
 
 
-def _profile_bar(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _profile_bar(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of the end of a rolled bar with an L, T, U, Z or H profile."""
     kind, size, wall = sample.integer(0, 4), sample.between(3, 6.5), sample.between(0.5, 1.1)
     paths = ("00 02 22", "00 20 10 12", "00 02 22 20", "00 10 12 22", "00 02 01 21 20 22")
@@ -263,7 +263,7 @@ def _profile_bar(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return flat_face(polyline_sdf(*grid.rotated_axes(sample.between(0, np.pi)), points) - wall, 0.25)
 
 
-def _pin_array(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _pin_array(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of flat pins of different widths."""
     count, width, spread = sample.integer(5, 14), sample.between(0.7, 1.4), sample.between(4, 7)
     radii = width * sample.random.uniform(0.6, 1.2, count)
@@ -271,7 +271,7 @@ def _pin_array(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return flat_face(np.minimum.reduce([np.hypot(grid.x - x, grid.y - y) - radius for (x, y), radius in places]), 0.25)
 
 
-def _slotted_disc(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _slotted_disc(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a disc with slots of different depths from the rim inwards."""
     slots, radius, width = sample.integer(3, 9), sample.between(5, 8), sample.between(0.8, 1.6)
     ends = polygon_corners(slots, radius + 2)

@@ -6,15 +6,15 @@ To add a texture, write its function and list it in `PATTERNS` or `ROUGH_SURFACE
 import numpy as np
 
 from ninedtact.simulation.objects.height_fields import (
+    CoordinateGrid,
     DimensionSampler,
     Heightfield,
     HeightfieldFunction,
-    HeightGrid,
     box_sdf,
     flat_face,
+    heights_raised_outside,
     polygon_corners,
     polygon_sdf,
-    raise_outside,
     recess_heights,
     round_bar_heights,
     smooth_abs,
@@ -22,7 +22,7 @@ from ninedtact.simulation.objects.height_fields import (
 )
 
 
-def _plate(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _plate(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of the plate that carries a pattern: a disc, a rectangle or a hexagon."""
     kind, size = sample.integer(0, 2), sample.between(5.5, 8.5)
     if kind == 0:
@@ -32,7 +32,7 @@ def _plate(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return flat_face(polygon_sdf(grid.x, grid.y, polygon_corners(6, size)))
 
 
-def _grid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _grid(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a grid of crossing bars."""
     pitch, bar, relief = sample.between(1.6, 4), sample.between(0.15, 0.35), sample.between(0.5, 1.5)
     x, y = grid.rotated_axes(sample.between(0, np.pi / 2))
@@ -40,10 +40,10 @@ def _grid(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
         np.minimum(np.abs(wrap_to_pitch(x, pitch)), np.abs(wrap_to_pitch(y, pitch * sample.between(1, 1.6))))
         - bar * pitch / 2
     )
-    return raise_outside(bars, relief, 0.35) + _plate(sample, grid)
+    return heights_raised_outside(bars, relief, 0.35) + _plate(sample, grid)
 
 
-def _weave(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _weave(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a weave: threads over and under each other."""
     pitch, depth = sample.between(1.4, 3.2), sample.between(0.3, 0.7)
     x, y = grid.rotated_axes(sample.between(0, np.pi / 2))
@@ -60,7 +60,7 @@ def _over(x: Heightfield, y: Heightfield, pitch_mm: float, depth_mm: float) -> H
     )
 
 
-def _dots(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _dots(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of domes on a square or staggered lattice."""
     pitch, relief, stagger = sample.between(1.6, 3.6), sample.between(0.4, 1.2), sample.integer(0, 1)
     row = np.round(grid.y / pitch)
@@ -68,7 +68,7 @@ def _dots(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return relief * np.clip(nearest / (sample.between(0.25, 0.45) * pitch), 0, 1) ** 2 + _plate(sample, grid)
 
 
-def _ridges(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _ridges(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of parallel ridges, sharp or round."""
     pitch, relief = sample.between(1.2, 3.5), sample.between(0.4, 1.2)
     x, _ = grid.rotated_axes(sample.between(0, np.pi))
@@ -76,7 +76,7 @@ def _ridges(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return relief * part ** sample.between(1, 2.5) + _plate(sample, grid)
 
 
-def _waves(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _waves(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of two crossing wave trains."""
     first, second, relief = sample.between(2, 6), sample.between(2, 6), sample.between(0.3, 0.7)
     (u, _), (v, _) = grid.rotated_axes(sample.between(0, np.pi)), grid.rotated_axes(sample.between(0, np.pi))
@@ -84,7 +84,7 @@ def _waves(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return heights + _plate(sample, grid)
 
 
-def _ripples(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _ripples(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of ripples as on water, from one or two points."""
     length, relief, apart = sample.between(1.5, 3.5), sample.between(0.3, 0.6), sample.between(-5, 5)
     first = np.cos(2 * np.pi * np.hypot(grid.x - apart, grid.y) / length)
@@ -92,7 +92,7 @@ def _ripples(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return relief * (2 - first - second) + _plate(sample, grid)
 
 
-def _knurl(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _knurl(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a knurled roller: crossed grooves."""
     radius, pitch, length = sample.between(3, 8), sample.between(1, 2), sample.between(10, 17)
     along = np.arcsin(np.clip(grid.y / radius, -1, 1)) * radius
@@ -101,7 +101,7 @@ def _knurl(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return round_bar_heights(grid.y, radius) + relief + flat_face(box_sdf(grid.x, grid.y, length, 2 * radius), 0.4)
 
 
-def _honeycomb(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _honeycomb(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a honeycomb of six-sided cells."""
     pitch, wall, depth = sample.between(2.2, 4.5), sample.between(0.25, 0.5), sample.between(0.6, 1.5)
     x, y = _hexagon_frame(*grid.rotated_axes(sample.between(0, np.pi)), pitch)
@@ -118,7 +118,7 @@ def _hexagon_frame(x: Heightfield, y: Heightfield, pitch_mm: float) -> tuple[Hei
     return np.where(nearer, first[0], second[0]), np.where(nearer, first[1], second[1])
 
 
-def _pyramids(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _pyramids(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a field of pyramids on their tips."""
     pitch, relief = sample.between(1.6, 4), sample.between(0.6, 1.6)
     x, y = grid.rotated_axes(sample.between(0, np.pi / 2))
@@ -126,14 +126,14 @@ def _pyramids(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return relief * smooth_abs(part, 0.15) + _plate(sample, grid)
 
 
-def _spiral(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _spiral(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a spiral ridge with one to three arms."""
     arms, pitch, relief = sample.integer(1, 3), sample.between(1.6, 3), sample.between(0.5, 1.2)
     turn = grid.r - arms * pitch * grid.angle / (2 * np.pi)
-    return raise_outside(np.abs(wrap_to_pitch(turn, pitch)) - 0.2 * pitch, relief, 0.35) + _plate(sample, grid)
+    return heights_raised_outside(np.abs(wrap_to_pitch(turn, pitch)) - 0.2 * pitch, relief, 0.35) + _plate(sample, grid)
 
 
-def _comb(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _comb(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a comb: teeth on a back."""
     teeth, width, tooth = sample.integer(4, 9), sample.between(10, 17), sample.between(4, 8)
     pitch = width / teeth
@@ -145,7 +145,7 @@ def _comb(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return flat_face(np.minimum(tines, box_sdf(grid.x, grid.y + 1, width, 2.6, 0.4)), 0.25)
 
 
-def _ladder(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _ladder(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a ladder of round bars: two rails with rungs."""
     width, pitch, bar = sample.between(4, 8), sample.between(2, 4), sample.between(0.4, 0.8)
     rails = np.hypot(np.abs(grid.y) - width / 2, 0)
@@ -156,7 +156,7 @@ def _ladder(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return bars + flat_face(np.abs(grid.x) - sample.between(6, 9))
 
 
-def _bricks(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _bricks(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a brick wall."""
     length, ratio, joint = sample.between(3, 6), sample.between(0.35, 0.6), sample.between(0.18, 0.35)
     row = np.round(grid.y / (length * ratio))
@@ -166,10 +166,10 @@ def _bricks(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
         length,
         length * ratio,
     )
-    return raise_outside(stone + joint, sample.between(0.4, 0.9), 0.3) + _plate(sample, grid)
+    return heights_raised_outside(stone + joint, sample.between(0.4, 0.9), 0.3) + _plate(sample, grid)
 
 
-def _scales(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _scales(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of overlapping scales."""
     size, tilt = sample.between(2.2, 4.5), sample.between(0.2, 0.4)
     layers = []
@@ -180,7 +180,7 @@ def _scales(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return np.minimum(*layers) + _plate(sample, grid)
 
 
-def _checker(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _checker(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a checkerboard whose fields have different heights."""
     pitch, turn = sample.between(1.8, 4), sample.between(0, np.pi / 2)
     x, y = grid.rotated_axes(turn)
@@ -189,7 +189,7 @@ def _checker(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return grid.smooth(field, 0.15) + _plate(sample, grid)
 
 
-def _tread(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _tread(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a tyre tread: slanted blocks and grooves."""
     pitch, slant, depth = sample.between(2, 4), sample.between(0.4, 1.2), sample.between(0.7, 1.4)
     sideways = np.abs(wrap_to_pitch(grid.x + slant * np.abs(grid.y), pitch)) - 0.13 * pitch
@@ -221,21 +221,21 @@ PATTERNS: dict[str, HeightfieldFunction] = {
 }
 
 
-def _noise(sample: DimensionSampler, grid: HeightGrid, gain: np.ndarray) -> Heightfield:
+def _noise(sample: DimensionSampler, grid: CoordinateGrid, gain: np.ndarray) -> Heightfield:
     """Return Gaussian noise with this gain over its wave numbers, with mean zero and standard deviation one."""
     white = sample.random.standard_normal(grid.x.shape)
     shaped = np.fft.irfft2(np.fft.rfft2(white) * gain, s=grid.x.shape)
     return (shaped - shaped.mean()) / shaped.std()
 
 
-def _frequency(grid: HeightGrid) -> np.ndarray:
+def _frequency(grid: CoordinateGrid) -> np.ndarray:
     """Return the spatial frequency of each entry of the transform in 1/mm."""
     samples = grid.x.shape[0]
     first, second = np.fft.fftfreq(samples, grid.pitch_mm), np.fft.rfftfreq(samples, grid.pitch_mm)
     return np.hypot(first[:, None], second)
 
 
-def _fractal(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _fractal(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a self-affine rough surface on a plate.
 
     The gain is f^−(1 + H) with the Hurst exponent H, from a roll-off of 8 mm down to waves of 0.5 mm.
@@ -246,19 +246,19 @@ def _fractal(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return height * _noise(sample, grid, gain) + _plate(sample, grid)
 
 
-def _bands(sample: DimensionSampler, grid: HeightGrid, length_mm: float) -> Heightfield:
+def _bands(sample: DimensionSampler, grid: CoordinateGrid, length_mm: float) -> Heightfield:
     """Return the heights of stripes that branch and end: noise of nearly one wavelength."""
     return _noise(sample, grid, np.exp(-(((_frequency(grid) * length_mm - 1) / 0.15) ** 2)))
 
 
-def _coral(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _coral(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of winding walls with flat tops."""
     length, relief = sample.between(2, 5), sample.between(0.5, 1.2)
     walls = (_bands(sample, grid, length) - sample.between(-0.4, 0.4)) * length / 6
-    return raise_outside(walls, relief, 0.4) + _plate(sample, grid)
+    return heights_raised_outside(walls, relief, 0.4) + _plate(sample, grid)
 
 
-def _fingerprint(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _fingerprint(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a fingerprint: ridges around a core, on a soft dome."""
     pitch, relief, twist = sample.between(1, 1.8), sample.between(0.25, 0.5), sample.integer(-2, 3)
     bend = _noise(sample, grid, np.exp(-((6 * _frequency(grid)) ** 2)))
@@ -267,29 +267,29 @@ def _fingerprint(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return relief * (1 + np.cos(2 * np.pi * phase)) + 0.012 * grid.r**2 + flat_face(oval, 0.4)
 
 
-def _nearest_two(sample: DimensionSampler, grid: HeightGrid, count: int) -> tuple[Heightfield, Heightfield]:
+def _nearest_two(sample: DimensionSampler, grid: CoordinateGrid, count: int) -> tuple[Heightfield, Heightfield]:
     """Return the distances to the nearest and the second nearest of scattered points."""
     places = sample.scatter(count, 10).tolist()
     far = np.sort(np.stack([np.hypot(grid.x - x, grid.y - y) for x, y in places]), axis=0)
     return far[0], far[1]
 
 
-def _cells(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _cells(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of dry mud: plates with cracks."""
     near, next_near = _nearest_two(sample, grid, sample.integer(15, 45))
     crack = next_near - near - sample.between(0.5, 1.1)
-    return raise_outside(-crack, sample.between(0.4, 1), 0.35) + _plate(sample, grid)
+    return heights_raised_outside(-crack, sample.between(0.4, 1), 0.35) + _plate(sample, grid)
 
 
-def _foam(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _foam(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of foam: walls between bubbles."""
     near, next_near = _nearest_two(sample, grid, sample.integer(12, 36))
-    return raise_outside(next_near - near - 0.5, sample.between(0.6, 1.4), sample.between(0.6, 1.4)) + _plate(
+    return heights_raised_outside(next_near - near - 0.5, sample.between(0.6, 1.4), sample.between(0.6, 1.4)) + _plate(
         sample, grid
     )
 
 
-def _bark(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _bark(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of bark: long furrows."""
     length, relief = sample.between(1.5, 3), sample.between(0.25, 0.5)
     samples = grid.x.shape[0]
@@ -298,7 +298,7 @@ def _bark(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
     return relief * np.abs(_noise(sample, grid, gain)) + 0.03 * grid.x**2 + _plate(sample, grid)
 
 
-def _terrain(sample: DimensionSampler, grid: HeightGrid) -> Heightfield:
+def _terrain(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of terraced hills, as in a map made of layers."""
     layer, hill = sample.between(0.3, 0.6), sample.between(4, 8)
     heights = 0.8 * _noise(sample, grid, np.exp(-((hill * _frequency(grid) / 2) ** 2)))
