@@ -4,6 +4,7 @@ import re
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from subprocess import PIPE
 from urllib.error import HTTPError
@@ -15,8 +16,11 @@ from small_sensor import sensor_folder, skin
 
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
 from ninedtact.capture.frame_source import SourceUnknown
+from ninedtact.cli import main
 from ninedtact.cli.live import Live
 from ninedtact.cli.sensor_page import InvalidLiveOption, PageLibraryMissing, RerunMissing
+from ninedtact.studio.page_and_server import SensorPage
+from ninedtact.studio.page_controller import PageMoment
 from ninedtact.studio.socket_guard import InvalidAllowedOrigin
 
 CHECK = "import ninedtact.cli.live, sys; print(*[m for m in ('cv2', 'numpy', 'viser') if m in sys.modules])"
@@ -43,6 +47,24 @@ def test_it_serves_until_ctrl_c_and_then_ends_well(tmp_path: Path, images: Path)
     said, complained = live.communicate(timeout=60)
     assert re.fullmatch(r"stopped after \d+ images\n", said)
     assert (live.returncode, complained) == (0, "")
+
+
+def test_ctrl_c_ends_it_also_where_a_library_ignores_the_interruption(
+    tmp_path: Path, images: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shown = []
+
+    def show_and_ignore_errors(self: SensorPage, moment: PageMoment) -> None:
+        shown.append(moment)
+        assert len(shown) < 200, "the interruption was lost"
+        if len(shown) == 3:
+            with suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(SensorPage, "show", show_and_ignore_errors)
+    words = ["--sensor", str(sensor_folder(tmp_path / "small")), "--source", str(images), "--loop", "--port", "0"]
+    assert main(["live", *words]) == 0
+    assert re.search(r"stopped after \d+ images\n", capsys.readouterr().out)
 
 
 def test_on_a_network_the_printed_address_is_the_only_one(tmp_path: Path, images: Path) -> None:

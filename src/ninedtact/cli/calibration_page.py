@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact.cli.live import Live
+from ninedtact.cli.result_and_interrupt import stop_on_signal
 from ninedtact.cli.sensor_page import PageSensor, PageSettings, require_page_library, serve_sensor_page
 from ninedtact.force.estimator_loading import NONE, PHYSICS
 from ninedtact.open_sensor import SIMULATED, is_twin_address, source_in_real_time
@@ -90,9 +91,12 @@ class CalibrationPageServer:
                 opened.enter_context(session)
                 page, port = CalibrationPage(server, session, list_cameras, simulated), server.get_port()
                 print(f"calibration: open {guard.page_address(port)} in a browser; Ctrl-C ends", flush=True)
-                while not (session.live_requested.is_set() or session.force_requested.is_set()):
+                stop = opened.enter_context(stop_on_signal())
+                while not (stop.now or session.live_requested.is_set() or session.force_requested.is_set()):
                     page.refresh()
                     sleep(1 / REFRESH_HZ)
+            if stop.now:
+                return session.state.result
             result, source = session.state.result, session.state.source
             assert result is not None
             if session.force_requested.is_set():
@@ -160,10 +164,12 @@ class ForceCalibrationPageServer:
                 radius_mm, port = folder.record.design.ball.radius_mm, server.get_port()
                 page = ForceCalibrationPage(server, session, list_cameras, radius_mm, simulated, stiffness)
                 print(f"force calibration: open {guard.page_address(port)} in a browser; Ctrl-C ends", flush=True)
-                while not session.live_requested.is_set():
+                stop = opened.enter_context(stop_on_signal())
+                while not (stop.now or session.live_requested.is_set()):
                     page.refresh()
                     sleep(1 / REFRESH_HZ)
-            serve_calibrated_sensor(folder, session.state.source, port, guard, self.automatic)
+            if not stop.now:
+                serve_calibrated_sensor(folder, session.state.source, port, guard, self.automatic)
         return session.state.saved
 
     def _simulated_camera(self) -> "tuple[SimulatedCalibrationCamera, float] | tuple[None, None]":

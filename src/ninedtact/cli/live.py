@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact.cli.record import is_named, parse_named_sources
-from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice
+from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, stop_on_signal
 from ninedtact.cli.sensor_page import (
     InvalidLiveOption,
     PageSensor,
@@ -249,4 +249,5 @@ class Play:
             print(
                 f"{self.recording}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True
             )
-            controller.run(page, self.display_hz)
+            with stop_on_signal() as stop:
+                controller.run(page, self.display_hz, lambda: stop.now)

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
+from threading import current_thread, main_thread
 from time import monotonic
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -100,8 +101,15 @@ class StopSignal:
 
 @contextmanager
 def stop_on_signal(seconds: float | None = None) -> Iterator[StopSignal]:
-    """Turn the first Ctrl-C or termination during the block into a request, so that files are completed."""
+    """Turn the first Ctrl-C or termination during the block into a request, so that files are completed.
+
+    A request cannot get lost, as a `KeyboardInterrupt` does that is raised where a library ignores errors. Outside the main thread
+    no signal arrives, and nothing is changed.
+    """
     stop = StopSignal(seconds, began_at=monotonic())
+    if current_thread() is not main_thread():
+        yield stop
+        return
     before = {number: signal.signal(number, stop.request) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield stop

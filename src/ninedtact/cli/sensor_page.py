@@ -14,7 +14,7 @@ from time import monotonic_ns
 from typing import TYPE_CHECKING, Any
 
 from ninedtact._version import find_incompatible_library
-from ninedtact.cli.result_and_interrupt import print_notice
+from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
 from ninedtact.recording.errors import RecordingLibrariesMissing, require_recording_libraries
@@ -130,7 +130,8 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
 
         if settings.rerun:
             listeners.append(_show_in_rerun(opened, parts))
-        controller.run(page, settings.display_hz, is_over)
+        with stop_on_signal() as stop:
+            controller.run(page, settings.display_hz, lambda: stop.now or is_over())
 
 
 def can_open_browser() -> bool:
