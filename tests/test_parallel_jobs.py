@@ -175,7 +175,7 @@ def test_paths_of_sources_are_absolute_on_a_cluster(tmp_path: Path, monkeypatch:
 
 def test_a_source_that_a_worker_does_not_find_is_named(tmp_path: Path) -> None:
     from ninedtact.dataset.build import _make_part
-    from ninedtact.dataset.checks import CheckSettings
+    from ninedtact.dataset.checks import PairCheckSettings
     from ninedtact.dataset.sources.source import SourceItem, SourcePart, SourceUnknown
 
     class EmptyPart(SourcePart):
@@ -183,4 +183,4 @@ def test_a_source_that_a_worker_does_not_find_is_named(tmp_path: Path) -> None:
             return iter(())
 
     with pytest.raises(SourceUnknown, match=f"expected {tmp_path}/in on .*, got nothing there"):
-        _make_part(tmp_path, EmptyPart("in"), (tmp_path / "in",), 0, CheckSettings())
+        _make_part(tmp_path, EmptyPart("in"), (tmp_path / "in",), 0, PairCheckSettings())

@@ -23,8 +23,8 @@ from ninedtact.calibration.board.lens_fit import (
     LensCorrectionFit,
     LensFit,
     fit_lens,
-    fit_lens_correction,
     fit_lens_with_terms,
+    fit_smooth_lens_residual,
     rms_vector_length,
 )
 from ninedtact.calibration.board.pin_imprint_centres import (
@@ -197,7 +197,7 @@ def test_a_correction_removes_a_tenth_of_the_error_or_is_not_used(
         return LensCorrectionFit(correction, share * fit.leave_one_out_errors_mm)
 
     monkeypatch.setattr(lens_fit, "_fit_correction", fitted)
-    assert (fit_lens_correction(fit, 2.5) is not None) == used
+    assert (fit_smooth_lens_residual(fit, 2.5) is not None) == used
     assert len(set(tried)) == 12
 
 
@@ -205,9 +205,9 @@ def test_a_smooth_residual_is_corrected_and_a_straight_lens_is_left_alone() -> N
     x, y = POINTS_MM.T
     bent_px = noisy_pins(0.02, 4) + np.column_stack([3 * np.sin(x / 2) * np.cos(y / 3), 2 * np.cos(x / 2.5)])
     fit = fit_lens_with_terms(POINTS_MM, bent_px, (480, 640), 3)
-    found = fit_lens_correction(fit, 2.5)
+    found = fit_smooth_lens_residual(fit, 2.5)
     assert found is not None and rms_vector_length(found.leave_one_out_errors_mm) < 0.5 * fit.leave_one_out_rms_mm
-    assert fit_lens_correction(fit_lens_with_terms(POINTS_MM, noisy_pins(0.1, 5), (480, 640), 3), 2.5) is None
+    assert fit_smooth_lens_residual(fit_lens_with_terms(POINTS_MM, noisy_pins(0.1, 5), (480, 640), 3), 2.5) is None
 
 
 def test_an_imprint_is_located_on_tilted_brightness() -> None:

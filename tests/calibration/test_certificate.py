@@ -21,7 +21,7 @@ from ninedtact.calibration.certificate.checks import (
     CheckLimit,
     CheckResult,
     certificate_headline,
-    check_certificate,
+    compute_certificate_checks,
     overall_check_level,
 )
 from ninedtact.calibration.certificate.html_page import DEPTH_METHOD_TEXT, LENS_MODEL_TEXT, render_certificate_html
@@ -148,7 +148,7 @@ def test_page_says_what_the_record_holds(drawn: Read) -> None:
         "pitch 2.5 mm",
         "sensor.toml",
         certificate_headline(record.certificate),
-        *(line.text for line in check_certificate(record.certificate)),
+        *(line.text for line in compute_certificate_checks(record.certificate)),
     ):
         assert figure in words, figure
     for warning in record.certificate.warnings:
@@ -183,14 +183,14 @@ def test_real_sensors(sensor: str, level: str, request: pytest.FixtureRequest) -
 
 
 def test_good_figures_pass_and_say_no_more_than_the_fact() -> None:
-    assert {line.level for line in check_certificate(GOOD)} == {"pass"} == {overall_check_level(GOOD)}
-    assert not any("To do" in line.text for line in check_certificate(GOOD))
+    assert {line.level for line in compute_certificate_checks(GOOD)} == {"pass"} == {overall_check_level(GOOD)}
+    assert not any("To do" in line.text for line in compute_certificate_checks(GOOD))
     assert "ready" in certificate_headline(GOOD)
 
 
 def test_lines_that_do_not_pass_say_what_to_do() -> None:
     for part, name, worse in FIGURES:
-        lines = check_certificate(with_figure(GOOD, part, name, 1e9 if worse > 0 else 0))
+        lines = compute_certificate_checks(with_figure(GOOD, part, name, 1e9 if worse > 0 else 0))
         bad = [line for line in lines if line.level != "pass"]
         assert len(bad) == 1, name
         assert "To do: " in bad[0].text
@@ -220,7 +220,8 @@ def test_worse_figure_never_improves_a_line(figure: tuple[str, str, int], data: 
         better, poorer = better + 0.1, poorer + 0.1
     first, second = (with_figure(GOOD, part, name, value) for value in (better, poorer))
     assert all(
-        rank(one) <= rank(two) for one, two in zip(check_certificate(first), check_certificate(second), strict=True)
+        rank(one) <= rank(two)
+        for one, two in zip(compute_certificate_checks(first), compute_certificate_checks(second), strict=True)
     )
     assert OVERALL_LEVELS.index(overall_check_level(first)) <= OVERALL_LEVELS.index(overall_check_level(second))
 

@@ -66,7 +66,7 @@ def test_the_whole_is_as_good_as_its_worst_check_and_poor_from_four_warnings_on(
     levels: str, warnings: tuple[str, ...], overall: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     results = [CheckResult(level, "") for level in levels.split()]  # type: ignore[arg-type]
-    monkeypatch.setattr(checks, "check_certificate", lambda _: results)
+    monkeypatch.setattr(checks, "compute_certificate_checks", lambda _: results)
     certificate = bare(Certificate, warnings=warnings, ball=bare(BallQuality))
     assert checks.overall_check_level(certificate) == overall
     words = {

@@ -22,7 +22,7 @@ from ninedtact.design import PinBoard
 from ninedtact.quantities import Rectified
 from ninedtact.shape.lens import LensModel
 from ninedtact.shape.rectification import skin_grid_mm
-from ninedtact.shape.skin_structure import _pearson_correlation
+from ninedtact.shape.skin_texture import _pearson_correlation
 
 RNG = np.random.default_rng(0)
 STRAIGHT = LensModel((0.0625, 0.0, 0.0, 0.0, 0.0625, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0), (480, 640))

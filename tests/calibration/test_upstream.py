@@ -37,8 +37,8 @@ from ninedtact.calibration.sensor_toml_schema import (
     DepthTable,
     GridTable,
     LensModelTable,
-    SensorRecord,
-    StoredImage,
+    SensorTomlRecord,
+    StoredCalibrationImage,
 )
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.cli.original_calibration import ExportCalibrationCommand, ImportCalibrationCommand
@@ -191,7 +191,7 @@ def lens_sensor(folder: Path, raw_shape: tuple[int, int] = (480, 640)) -> Path:
     content = cv2.imencode(".png", np.full((*raw_shape, 3), GREY, np.uint8))[1].tobytes()
     folder.mkdir()
     (folder / "reference.png").write_bytes(content)
-    record = SensorRecord(
+    record = SensorTomlRecord(
         format=SENSOR_FORMAT,
         id="ours",
         created=datetime(2024, 1, 1, tzinfo=UTC),
@@ -202,7 +202,7 @@ def lens_sensor(folder: Path, raw_shape: tuple[int, int] = (480, 640)) -> Path:
         depth=DepthTable(
             "ratio", 0.001, Smoothing(), DepthCurve("ratio", (0.0, 0.1, 0.3), (0.0, 0.5, 1.2), (0.01,) * 3)
         ),
-        images={"ball_reference": StoredImage("reference.png", sha256(content).hexdigest())},
+        images={"ball_reference": StoredCalibrationImage("reference.png", sha256(content).hexdigest())},
     )
     (folder / SENSOR_FILE).write_bytes(to_sensor_toml(record))
     return folder

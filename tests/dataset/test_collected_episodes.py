@@ -10,7 +10,13 @@ from little_sources import touched, untouched
 
 from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
-from ninedtact.calibration.sensor_toml_schema import SENSOR_FORMAT, DepthTable, GridTable, LensModelTable, SensorRecord
+from ninedtact.calibration.sensor_toml_schema import (
+    SENSOR_FORMAT,
+    DepthTable,
+    GridTable,
+    LensModelTable,
+    SensorTomlRecord,
+)
 from ninedtact.dataset.build import BuildResult, build_dataset
 from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing
 from ninedtact.dataset.fault_report import NoUsablePairs
@@ -34,7 +40,7 @@ TOPICS = (Topic.IMAGES, Topic.REFERENCE, Topic.MEASURED, Topic.LABELS)
 @pytest.fixture
 def sensor(tmp_path: Path) -> SensorFolder:
     """A lens without distortion, 40 x 30 rectified pixels."""
-    record = SensorRecord(
+    record = SensorTomlRecord(
         format=SENSOR_FORMAT,
         id="little",
         created=datetime(2026, 1, 1, tzinfo=UTC),

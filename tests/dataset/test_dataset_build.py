@@ -20,7 +20,7 @@ from little_sources import LittleTree, little_episode, little_tree
 from ninedtact.atomic_write import FileNotWritten
 from ninedtact.checked_reading import mapping_checksum
 from ninedtact.dataset.build import BuildSettings, build_dataset
-from ninedtact.dataset.checks import CheckSettings, CheckSettingsImpossible
+from ninedtact.dataset.checks import PairCheckSettings, PairCheckSettingsImpossible
 from ninedtact.dataset.fault_report import NoUsablePairs
 from ninedtact.dataset.folder import DatasetFolderTaken, DatasetUnfinished
 from ninedtact.dataset.parquet_files import DatasetDamaged
@@ -260,5 +260,5 @@ def test_nothing_usable_is_a_refusal_that_names_the_list(tmp_path: Path) -> None
 
 
 def test_limits_that_mean_nothing_are_refused() -> None:
-    with pytest.raises(CheckSettingsImpossible, match="above zero"):
-        CheckSettings(max_delay_ms=0)
+    with pytest.raises(PairCheckSettingsImpossible, match="above zero"):
+        PairCheckSettings(max_delay_ms=0)

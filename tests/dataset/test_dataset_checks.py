@@ -9,7 +9,7 @@ import pytest
 from built_sets import listed
 from little_sources import grey, touched, untouched
 
-from ninedtact.dataset.checks import CheckSettings, check_dataset, local_darkening_levels
+from ninedtact.dataset.checks import PairCheckSettings, check_dataset, local_darkening_levels
 from ninedtact.dataset.fault_report import (
     FAULT_MEANINGS,
     FaultsFound,
@@ -88,8 +88,8 @@ def test_what_came_before_is_found_across_files(tmp_path: Path) -> None:
 
 def test_limits_may_be_moved(tmp_path: Path) -> None:
     folder = data_set(tmp_path, row("a", 1), replace(row("late", 2), wrench_delay_ms=35.0))
-    assert check_dataset(folder, CheckSettings(max_delay_ms=50.0)).findings == []
-    assert len(check_dataset(folder, CheckSettings(max_wrench=(6.0, 6.0, 2.0, 1.0, 1.0, 1.0))).findings) == 3
+    assert check_dataset(folder, PairCheckSettings(max_delay_ms=50.0)).findings == []
+    assert len(check_dataset(folder, PairCheckSettings(max_wrench=(6.0, 6.0, 2.0, 1.0, 1.0, 1.0))).findings) == 3
 
 
 def test_the_twin_s_data_have_nothing_against_them(twins: Path) -> None:

@@ -15,12 +15,12 @@ from ninedtact.force.onnx_model import (
     SCALE_NAME,
     WRENCH_NAME,
     ModelCard,
-    TrainingSummary,
+    TrainingProvenance,
 )
 from ninedtact.force.out_of_distribution import StatisticRange
 
 SMALL = NetworkInputSettings(InputChannels.HEIGHTS, rows=6, cols=8, mm_per_px=3.0)
-SUMMARY = TrainingSummary(10, 2, 3, 1, 1, 1, 1.0, {}, {})
+SUMMARY = TrainingProvenance(10, 2, 3, 1, 1, 1, 1.0, {}, {})
 
 
 def a_card(settings: NetworkInputSettings = SMALL, about_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> ModelCard:

@@ -11,7 +11,7 @@ from ninedtact.force.brightness_channels import (
     ImagesDoNotMatch,
     NotAMixedImage,
     compute_image_deformation,
-    decode_mixed_image,
+    deformation_from_mixed_image,
     deformation_network_input,
     encode_mixed_image,
     render_deformation,
@@ -48,7 +48,7 @@ def test_the_original_channels_are_those_of_a_float32_put_into_a_byte() -> None:
 def test_what_the_original_channels_were_made_of_comes_back_exactly() -> None:
     image, reference = (to_whole_grey_levels(grey, 0.05) for grey in EVERY_PAIR)
     made = compute_image_deformation(image, reference)
-    back = decode_mixed_image(encode_mixed_image(made), 0.05, stamp_ns=7)
+    back = deformation_from_mixed_image(encode_mixed_image(made), 0.05, stamp_ns=7)
     for name in ("darker", "brighter", "reference"):
         assert (getattr(back, name) == getattr(made, name)).all()
     assert (back.mm_per_px, back.stamp_ns) == (0.05, 7)
@@ -62,7 +62,7 @@ def test_a_image_that_lost_bits_is_no_mixed_image() -> None:
     )
     squeezed = cv2.imdecode(cv2.imencode(".jpg", made)[1], cv2.IMREAD_COLOR)
     with pytest.raises(NotAMixedImage, match=r"expected blue the reference.*got \d+\.\d% of the pixels.*give the PNG"):
-        decode_mixed_image(np.asarray(squeezed), 0.05)
+        deformation_from_mixed_image(np.asarray(squeezed), 0.05)
 
 
 def test_colours_become_the_grey_that_the_original_takes() -> None:

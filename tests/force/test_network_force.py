@@ -7,7 +7,7 @@ import pytest
 from linear_model import SMALL, a_card, linear_model
 
 from ninedtact.design import Gel
-from ninedtact.force.network_force import NetworkForce, SensorFeaturesMissing
+from ninedtact.force.network_force import ModelNeedsSensorFeatures, NetworkForce
 from ninedtact.force.network_input import TYPICAL_FEATURES, InputChannels, NetworkInputSettings
 from ninedtact.force.onnx_model import SHIPPED_MODEL, parse_force_model, read_force_model
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified, Wrench
@@ -78,11 +78,11 @@ def test_two_results_share_no_memory() -> None:
 def test_a_model_with_sensor_features_refuses_to_run_without_them() -> None:
     card = a_card(settings=NetworkInputSettings(InputChannels.HEIGHTS_AND_SENSOR, rows=6, cols=8, mm_per_px=3.0))
     model = parse_force_model(linear_model(card).SerializeToString(), "linear.onnx")
-    with pytest.raises(SensorFeaturesMissing, match=r"expected the features of the sensor .* load_estimator"):
+    with pytest.raises(ModelNeedsSensorFeatures, match=r"expected the features of the sensor .* load_estimator"):
         NetworkForce(model, Gel())
     assert NetworkForce(model, Gel(), features=TYPICAL_FEATURES).estimate(reading(0.5)).touching
 
 
 def test_the_shipped_model_refuses_to_run_without_sensor_features() -> None:
-    with pytest.raises(SensorFeaturesMissing, match="which was trained with them"):
+    with pytest.raises(ModelNeedsSensorFeatures, match="which was trained with them"):
         NetworkForce(read_force_model(SHIPPED_MODEL), Gel())

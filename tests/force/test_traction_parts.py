@@ -19,7 +19,7 @@ from ninedtact.force.traction.brightness_from_traction import (
 from ninedtact.force.traction.cell_grid import CellGrid, _averaging_weights, cell_grid_over_image
 from ninedtact.force.traction.linearisation import (
     DiscretePrior,
-    LinearisedTractionProblem,
+    LinearisedBrightnessProblem,
     TractionPrior,
     Whitener,
     pressure_precision_spectrum,
@@ -127,12 +127,12 @@ def full_waves() -> list[np.ndarray]:
     return list(np.meshgrid(*(2 * np.pi * np.fft.fftfreq(side, CELLS.pitch_mm) for side in CELLS.patch.shape[::-1])))
 
 
-def linearised() -> LinearisedTractionProblem:
+def linearised() -> LinearisedBrightnessProblem:
     """A touch on a sloping law, its errors uneven."""
     touched = np.zeros(CELLS.shape, np.float32)
     touched[6:13, 8:17] = 1
     slope, weigh = np.abs(drawn(*CELLS.patch.shape)), Whitener(1 + np.abs(drawn(15, 19)), 0.3)
-    return LinearisedTractionProblem(
+    return LinearisedBrightnessProblem(
         InfluenceKernels(FORWARD),
         DiscretePrior(CELLS, TractionPrior()),
         touched,

@@ -28,8 +28,8 @@ from ninedtact.hardware.part_dimensions import (
     CameraDimensions,
     FastenerDimensions,
     GelLayerDimensions,
-    IsolationRingDimensions,
     LedBoardDimensions,
+    LightIsolationRingDimensions,
     MouldDimensions,
     ShellDimensions,
     WindowDimensions,
@@ -66,7 +66,7 @@ BREAKING = {
     ),
     "parts_touch": replace(
         default_hardware_design(),
-        ring=IsolationRingDimensions(above_board_mm=0.0),
+        ring=LightIsolationRingDimensions(above_board_mm=0.0),
         base=BaseDimensions(pocket_wide_mm=8.0),
     ),
     "bosses_collide": replace(default_hardware_design(), base=BaseDimensions(mount_inset_mm=(3.25, 3.0))),
@@ -77,7 +77,7 @@ BREAKING = {
     "clamps_in_the_shell": replace(default_hardware_design(), moulds=MouldDimensions(beyond_mm=(8.0, 8.0))),
     "post_in_wall": replace(default_hardware_design(), board=LedBoardDimensions(locating_inset_mm=(1.0, 5.0))),
     "post_in_pocket": replace(default_hardware_design(), board=LedBoardDimensions(locating_inset_mm=(10.0, 5.0))),
-    "ring_has_no_mouth": replace(default_hardware_design(), ring=IsolationRingDimensions(land_mm=1.0)),
+    "ring_has_no_mouth": replace(default_hardware_design(), ring=LightIsolationRingDimensions(land_mm=1.0)),
     "inserts_do_not_hold": replace(default_hardware_design(), fasteners=FastenerDimensions(insert_mm=(2.0, 5.09))),
     "usb_slot": replace(default_hardware_design(), shell=ShellDimensions(slot_to_mm=4.0)),
     "camera_too_far": default_hardware_design(SensorDesign(camera=CameraGeometry(distance_mm=500.0))),
@@ -85,7 +85,7 @@ BREAKING = {
         default_hardware_design(),
         window=WindowDimensions(9.0, 5.0),
         shell=ShellDimensions(hole_mm=8.0),
-        ring=IsolationRingDimensions(bore_mm=10.0),
+        ring=LightIsolationRingDimensions(bore_mm=10.0),
     ),
 }
 

@@ -23,7 +23,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.wrench_source import WrenchSource
-from ninedtact.force.estimator_interface import ForceEstimator, NoForce
+from ninedtact.force.estimator_interface import ForceEstimator, NoForceEstimator
 
 pytestmark = pytest.mark.interop
 pytest.importorskip("cyclonedds", reason="expected cyclonedds, got none; pip install 'ninedtact[ros2]'")
@@ -343,7 +343,7 @@ def until_published(running: Running, count: int) -> None:
 
 def test_a_recording_that_begins_in_a_press_keeps_reference_metadata_and_all_warnings(tmp_path: Path) -> None:
     folder = load_sensor(sensor_folder(tmp_path / "small"))
-    with sensor_on_ros2(folder, tmp_path, measured=Samples(), estimator=NoForce()) as running:
+    with sensor_on_ros2(folder, tmp_path, measured=Samples(), estimator=NoForceEstimator()) as running:
         running.camera.level = 75
         until_published(running, 5)
         assert running.answer("start_recording pressed")["ok"]

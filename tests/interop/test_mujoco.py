@@ -368,7 +368,11 @@ def make_env() -> Any:
 @pytest.mark.filterwarnings("ignore:.*Box observation space:UserWarning")
 @pytest.mark.parametrize(
     ("task", "controller"),
-    [("EdgeFollowing", follow_the_rail), ("BallRolling", roll_the_ball), ("PegInsertion", insert_the_peg)],
+    [
+        ("EdgeFollowing", follow_the_rail),
+        ("BallRolling", roll_the_ball),
+        ("PegInsertion", insert_the_peg),
+    ],
     ids=["edge", "ball", "peg"],
 )
 def test_gymnasium_accepts_an_environment_and_a_simple_controller_does_the_task(
@@ -420,9 +424,9 @@ def test_the_peg_is_inserted_by_the_wrench_that_is_estimated_from_the_image(tmp_
 @pytest.mark.interop
 @pytest.mark.filterwarnings("ignore:.*Box observation space:UserWarning")
 def test_an_environment_says_which_geom_of_its_sensor_is_the_gel(make_env: Any) -> None:
-    from ninedtact.interop.ball_rolling_environment import SCENE, BallRolling
+    from ninedtact.interop.ball_rolling_environment import SCENE, BallRollingEnvironment
 
-    class InHousing(BallRolling):
+    class InHousing(BallRollingEnvironment):
         scene = SCENE.replace("</body>", '<geom type="box" pos="0 0.1 0" size="0.01 0.01 0.01"/></body>', 1)
 
     class GelInHousing(InHousing):

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ninedtact.design import DesignImpossible, Gel
-from ninedtact.mechanics.contact_result import InvalidLoad
+from ninedtact.mechanics.contact_result import NonPositiveLoad
 from ninedtact.mechanics.pose import InvalidPose, Pose, rigid_displacement_mm
 
 numbers = st.floats(-1, 1)
@@ -61,7 +61,7 @@ def test_an_object_stays_above_the_base():
 @pytest.mark.parametrize("load", [0.0, -1.0, np.nan, np.inf])
 def test_a_load_presses(load):
     pressing = model()
-    with pytest.raises(InvalidLoad, match=r"expected a load above zero, got .* N; press with a force, or lift"):
+    with pytest.raises(NonPositiveLoad, match=r"expected a load above zero, got .* N; press with a force, or lift"):
         pressing.step_to_load(pressing.initial_contact(), BALL, Pose(depth_mm=1.0), load)
 
 

@@ -8,15 +8,15 @@ from hypothesis import strategies as st
 
 from ninedtact.mechanics import contact_model as contacts
 from ninedtact.mechanics.active_region import (
-    CroppedRegion,
     GridRectangle,
+    SharedActiveRectangle,
     find_active_rectangles,
-    find_active_region,
+    find_touchable_region,
     whole_grid_region,
 )
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_result import ContactLeavesGrid, periodic_image_error_mm
-from ninedtact.mechanics.periodic_grid import InvalidGrid, PeriodicGrid, padded_grid
+from ninedtact.mechanics.periodic_grid import PeriodicGrid, PeriodicGridTooSmall, padded_grid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.surface_displacement import gel_skin
 
@@ -39,9 +39,9 @@ def test_a_window_answers_exactly_as_the_patch_with_zeros_around_it(rows, cols, 
 
 def test_a_contact_in_a_window_is_the_contact_on_the_patch(monkeypatch):
     in_window = pressed(model(), *MOVES)
-    window = find_active_region(in_window.skin, -BALL.height_over_skin_mm(MOVES[0], *SMALL.positions_mm))
+    window = find_touchable_region(in_window.skin, -BALL.height_over_skin_mm(MOVES[0], *SMALL.positions_mm))
     assert window.operators.field_shape < SMALL.shape
-    monkeypatch.setattr(contacts, "find_active_region", lambda skin, overlap: whole_grid_region(skin))
+    monkeypatch.setattr(contacts, "find_touchable_region", lambda skin, overlap: whole_grid_region(skin))
     on_patch = pressed(model(), *MOVES)
     np.testing.assert_allclose(in_window.pressure_mpa, on_patch.pressure_mpa, atol=1e-6)
     np.testing.assert_allclose(in_window.height_mm, on_patch.height_mm, atol=1e-6)
@@ -53,7 +53,7 @@ def test_skin_that_rises_into_the_object_beyond_the_window_is_seen(monkeypatch):
     middle = GridRectangle(
         slice(SMALL.rows // 2 - 4, SMALL.rows // 2 + 4), slice(SMALL.cols // 2 - 4, SMALL.cols // 2 + 4)
     )
-    monkeypatch.setattr(contacts, "find_active_region", lambda skin, _: CroppedRegion(middle, skin, narrow))
+    monkeypatch.setattr(contacts, "find_touchable_region", lambda skin, _: SharedActiveRectangle(middle, skin, narrow))
     found = pressed(model(friction=3.0), Pose(depth_mm=0.5), Pose(x_mm=1.0, depth_mm=0.5))
     np.testing.assert_allclose(found.pressure_mpa, honest.pressure_mpa, atol=1e-5)
 
@@ -92,7 +92,7 @@ def test_a_patch_is_wide_enough_and_quick_to_transform():
     assert grid.height_mm >= 26
     assert grid.cell_area_mm2 == pytest.approx(0.04)
     np.testing.assert_allclose(grid.positions_mm.mean(axis=(1, 2)), 0, atol=1e-12)
-    with pytest.raises(InvalidGrid, match=r"expected a grid of at least 8 x 8 points"):
+    with pytest.raises(PeriodicGridTooSmall, match=r"expected a grid of at least 8 x 8 points"):
         PeriodicGrid(4, 100, 0.2)
 
 

@@ -14,8 +14,8 @@ from ninedtact.calibration.sensor_toml_schema import (
     DepthTable,
     GridTable,
     LensModelTable,
-    SensorRecord,
-    StoredImage,
+    SensorTomlRecord,
+    StoredCalibrationImage,
     TwinFitQuality,
     TwinTable,
 )
@@ -36,7 +36,7 @@ def twin_folder(path: Path, for_force: bool = False) -> Path:
     curve, deblurring = DepthCurve("ratio", (0.0, 0.4), (0.0, 2.0), (0.0, 0.01)), None
     if for_force:
         curve, deblurring = replace(curve, brightening=(0.0, 0.2), bulge_mm=(0.0, 0.5)), Deblurring(0.45)
-    record = SensorRecord(
+    record = SensorTomlRecord(
         format=SENSOR_FORMAT,
         id="twin",
         created=datetime(2026, 1, 1, tzinfo=UTC),
@@ -46,7 +46,7 @@ def twin_folder(path: Path, for_force: bool = False) -> Path:
         lens=LensModelTable((UNITS_PER_MM, 0.0, 0.0, 0.0, UNITS_PER_MM, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0)),
         depth=DepthTable("ratio", 0.01, Smoothing(), curve, deblurring=deblurring),
         twin=TwinTable(Gel(), twin.renderer.light, 1.0, TwinFitQuality(0.1, 0.4, 2.0, (0.0, 0.0), 100.0, 1.0, {})),
-        images={"ball_reference": StoredImage("untouched.png", digest)},
+        images={"ball_reference": StoredCalibrationImage("untouched.png", digest)},
     )
     (path / SENSOR_FILE).write_bytes(to_sensor_toml(record))
     return path

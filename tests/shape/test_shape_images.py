@@ -21,7 +21,7 @@ from ninedtact.shape.relief_renderer import (
     AMBIENT,
     LIGHT,
     ReliefBlock,
-    is_near_grid_line,
+    near_multiple_mask,
     shading,
     trace_rays_to_relief,
     viewpoint_framing_corners,
@@ -129,4 +129,4 @@ def test_millimetre_lines_are_as_wide_as_they_are_drawn():
     axis = np.arange(-600, 601, dtype=np.float32) / 100
     for distance, width in ((1.0, 0.05), (5.0, 0.11)):
         near = np.abs(axis[:, None] - distance * np.arange(-6, 7)).min(axis=1) < width / 2
-        np.testing.assert_array_equal(is_near_grid_line(axis, distance, width), near)
+        np.testing.assert_array_equal(near_multiple_mask(axis, distance, width), near)

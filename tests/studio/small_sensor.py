@@ -10,7 +10,13 @@ import numpy as np
 
 from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
-from ninedtact.calibration.sensor_toml_schema import SENSOR_FORMAT, DepthTable, GridTable, LensModelTable, SensorRecord
+from ninedtact.calibration.sensor_toml_schema import (
+    SENSOR_FORMAT,
+    DepthTable,
+    GridTable,
+    LensModelTable,
+    SensorTomlRecord,
+)
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import CameraLost, CameraNotFound, FrameSource, SourceNotOpen
 from ninedtact.design import RectifiedImageSize, SensorDesign
@@ -22,7 +28,7 @@ RAW_SHAPE, MM_PER_PX, UNTOUCHED = (48, 64), 0.5, 100
 LONG_MS = 20_000.0
 CURVE = DepthCurve("ratio", darkening=(0.0, 0.5), indentation_mm=(0.0, 2.0), error_mm=(0.0, 0.01))
 PX_PER_MM = 1 / (MM_PER_PX * max(RAW_SHAPE) / 2)
-RECORDED = SensorRecord(
+RECORDED = SensorTomlRecord(
     format=SENSOR_FORMAT,
     id="small",
     created=datetime(2026, 1, 1, tzinfo=UTC),

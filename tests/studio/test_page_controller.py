@@ -28,7 +28,7 @@ from ninedtact.studio.wrench_history import WrenchHistory, WrenchWithUncertainty
 
 
 class Screen:
-    """A `MomentDisplay` that remembers what it was told to show."""
+    """A `PageMomentDisplay` that remembers what it was told to show."""
 
     def __init__(self) -> None:
         self.is_watched = True

@@ -29,7 +29,7 @@ from ninedtact.cli import main
 from ninedtact.cli.live import Live
 from ninedtact.cli.sensor_page import installed_exporters
 from ninedtact.errors import NinedtactError
-from ninedtact.force.estimator_interface import NoForce
+from ninedtact.force.estimator_interface import NoForceEstimator
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
@@ -65,7 +65,7 @@ def scaled_force(reading: Reading) -> WrenchEstimate:
     return WrenchEstimate(wrench, np.diag(np.full(6, 0.01)), deep_mm > 0, warnings)
 
 
-class ScaledForce(NoForce):
+class ScaledForce(NoForceEstimator):
     """Estimates by `scaled_force`."""
 
     def estimate(self, reading: Reading) -> WrenchEstimate:

@@ -41,7 +41,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     GridTable,
     LensModelTable,
     PinMapTable,
-    SensorRecord,
+    SensorTomlRecord,
     make_lens_correction_table,
 )
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior
@@ -106,7 +106,7 @@ class Calibration:
     ball_fit: BallFit | None
     """None where there are no images of a ball."""
     rectify: Rectification
-    record: SensorRecord
+    record: SensorTomlRecord
     imported: SensorFolder | None = None
     """The imported sensor whose rectification this calibration uses."""
 
@@ -171,7 +171,7 @@ def _calibrate(
         raise CalibrationImagesMissing(
             "expected images of the board, or an imported rectification and images of the ball, got neither; give the images of one"
         )
-    record = SensorRecord(
+    record = SensorTomlRecord(
         format=SENSOR_FORMAT,
         id=sensor_id,
         created=datetime.now(UTC).replace(microsecond=0),

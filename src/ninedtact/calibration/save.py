@@ -14,7 +14,7 @@ from ninedtact.atomic_write import create_folder_atomically, list_foreign_files,
 from ninedtact.calibration.certificate.html_page import render_certificate_html
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
-from ninedtact.calibration.sensor_toml_schema import NOT_CALIBRATED, SensorRecord, StoredImage
+from ninedtact.calibration.sensor_toml_schema import NOT_CALIBRATED, SensorTomlRecord, StoredCalibrationImage
 from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.errors import OutputError
 
@@ -57,7 +57,7 @@ def _copy_imported_files(folder: Path, imported: SensorFolder) -> None:
         shutil.copytree(imported.path / ORIGINAL_FOLDER, folder / ORIGINAL_FOLDER)
 
 
-def _save_images(folder: Path, images: CalibrationImages) -> dict[str, StoredImage]:
+def _save_images(folder: Path, images: CalibrationImages) -> dict[str, StoredCalibrationImage]:
     """Store the images losslessly; return their paths in the folder and their hashes."""
     (folder / IMAGE_FOLDER).mkdir()
     entries = {}
@@ -65,12 +65,12 @@ def _save_images(folder: Path, images: CalibrationImages) -> dict[str, StoredIma
         if image is None:
             continue
         content = cv2.imencode(".png", image)[1].tobytes()
-        entries[name] = StoredImage(f"{IMAGE_FOLDER}/{name}.png", sha256(content).hexdigest())
+        entries[name] = StoredCalibrationImage(f"{IMAGE_FOLDER}/{name}.png", sha256(content).hexdigest())
         write_file_atomically(folder / entries[name].file, content)
     return entries
 
 
-def to_sensor_toml(record: SensorRecord) -> bytes:
+def to_sensor_toml(record: SensorTomlRecord) -> bytes:
     """Return the record as the text of `sensor.toml`, with the checksum of its numbers."""
     tables = msgspec.to_builtins(record, builtin_types=(type(record.created),))
     return tomli_w.dumps({CHECKSUM_KEY: mapping_checksum(tables, NOT_CALIBRATED), **tables}).encode()

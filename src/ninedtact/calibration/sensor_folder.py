@@ -22,7 +22,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     LensModelTable,
     PinMapTable,
     PixelMapTable,
-    SensorRecord,
+    SensorTomlRecord,
 )
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.checked_reading import (
@@ -68,7 +68,7 @@ class SensorFolder:
     """
 
     path: Path
-    record: SensorRecord
+    record: SensorTomlRecord
     is_edited: bool = False
     """Whether the numbers of `sensor.toml` differ from those that the calibration wrote."""
 
@@ -242,13 +242,13 @@ def load_sensor(folder: Path | str) -> SensorFolder:
     return SensorFolder(path, record, is_edited)
 
 
-def _parse_record(folder: Path, text: str) -> tuple[SensorRecord, bool]:
+def _parse_record(folder: Path, text: str) -> tuple[SensorTomlRecord, bool]:
     """Parse the text of `sensor.toml` and check every field; the second value says whether a number was edited."""
     try:
         tables = tomllib.loads(text)
         _require_current_format(folder, tables)
         is_edited = tables.pop(CHECKSUM_KEY, None) != mapping_checksum(tables, NOT_CALIBRATED)
-        return convert_tables_to_class(tables, SensorRecord), is_edited
+        return convert_tables_to_class(tables, SensorTomlRecord), is_edited
     except SensorFolderDamaged:
         raise
     except (ValueError, RecursionError, NinedtactError) as trouble:
@@ -298,7 +298,7 @@ def build_projection(lens: LensModelTable | PinMapTable, raw_shape: tuple[int, i
     return RadialBasisProjection(np.array(lens.points_mm), np.array(lens.points_px))
 
 
-def _read_pixel_map(path: Path, record: SensorRecord) -> np.ndarray:
+def _read_pixel_map(path: Path, record: SensorTomlRecord) -> np.ndarray:
     """Read a stored rectification, float32 (rows, cols, 2)."""
     view = record.design.field_of_view
     source_px = np.load(path, allow_pickle=False)

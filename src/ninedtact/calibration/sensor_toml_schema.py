@@ -115,7 +115,7 @@ class GridTable(Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"a calibrated_area_mm without area, {self.calibrated_area_mm}")
 
 
-class StoredImage(Struct, frozen=True, forbid_unknown_fields=True):
+class StoredCalibrationImage(Struct, frozen=True, forbid_unknown_fields=True):
     """One image that the sensor was calibrated from: its path in the folder and its hash."""
 
     file: str
@@ -254,7 +254,7 @@ class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=T
             require_possible_dimension(name, attrgetter(name)(self))
 
 
-class SensorRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class SensorTomlRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The whole file `sensor.toml`."""
 
     format: int
@@ -267,5 +267,5 @@ class SensorRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_default
     depth: DepthTable | None = None
     """None where no ball has been pressed yet."""
     twin: TwinTable | None = None
-    images: dict[str, StoredImage] = field(default_factory=dict)
+    images: dict[str, StoredCalibrationImage] = field(default_factory=dict)
     certificate: Certificate | None = None

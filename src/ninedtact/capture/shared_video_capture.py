@@ -33,17 +33,17 @@ def silence_video_libraries() -> None:
         set_log_level(_SILENT)
 
 
-class CapturedOutput:
+class CapturedLibraryOutput:
     """The text that was printed while the stream was captured; it is complete when the block ends."""
 
     text: str = ""
 
 
 @contextmanager
-def capture_output(descriptor: int) -> Iterator[CapturedOutput]:
+def capture_output(descriptor: int) -> Iterator[CapturedLibraryOutput]:
     """Capture what is written to standard output (1) or standard error (2) inside the block, C libraries included."""
     stream = sys.stdout if descriptor == 1 else sys.stderr
-    captured = CapturedOutput()
+    captured = CapturedLibraryOutput()
     with _ONE_AT_A_TIME, tempfile.TemporaryFile() as file:
         if stream is not None:
             stream.flush()

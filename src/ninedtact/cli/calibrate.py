@@ -354,7 +354,7 @@ def _to_json_dict(sensor: "SensorFolder") -> dict[str, object]:
     """Return the certificate and its checks for scripts."""
     import msgspec
 
-    from ninedtact.calibration.certificate.checks import check_certificate, overall_check_level
+    from ninedtact.calibration.certificate.checks import compute_certificate_checks, overall_check_level
 
     certificate = sensor.record.certificate
     assert certificate is not None
@@ -366,13 +366,13 @@ def _to_json_dict(sensor: "SensorFolder") -> dict[str, object]:
         "ball": None,
         "warnings": [],
         **msgspec.to_builtins(certificate),
-        "checks": [asdict(check) for check in check_certificate(certificate)],
+        "checks": [asdict(check) for check in compute_certificate_checks(certificate)],
     }
 
 
 def _format_calibration(sensor: "SensorFolder") -> Iterator[str]:
     """Yield the certificate in a few lines."""
-    from ninedtact.calibration.certificate.checks import certificate_headline, check_certificate
+    from ninedtact.calibration.certificate.checks import certificate_headline, compute_certificate_checks
 
     certificate = sensor.record.certificate
     assert certificate is not None
@@ -392,5 +392,7 @@ def _format_calibration(sensor: "SensorFolder") -> Iterator[str]:
         )
     yield from (f"  warning: {warning}" for warning in certificate.warnings)
     yield f"  {certificate_headline(certificate)}"
-    yield from (f"  {check.level}: {check.text}" for check in check_certificate(certificate) if check.level != "pass")
+    yield from (
+        f"  {check.level}: {check.text}" for check in compute_certificate_checks(certificate) if check.level != "pass"
+    )
     yield f"  open {sensor.path / 'certificate.html'} in a browser"

@@ -234,7 +234,7 @@ class Collect:
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
         from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
         from ninedtact.recording.reader import sensor_folder_attachments
-        from ninedtact.recording.recorder import report_kept_on_failure
+        from ninedtact.recording.recorder import notify_partial_recording
         from ninedtact.recording.writer import RecordingWriter
 
         metadata = self._metadata(folder, settings, setup)
@@ -251,7 +251,7 @@ class Collect:
         )
         with (
             stop_on_signal(self.seconds) as until,
-            report_kept_on_failure(self.out, print_notice),
+            notify_partial_recording(self.out, print_notice),
             writer,
             open_key_reader() as keys,
             closing(setup.arrivals()) as arrivals,

@@ -12,7 +12,7 @@ from ninedtact.errors import DatasetError
 
 if TYPE_CHECKING:
     from ninedtact.dataset.build import BuildResult
-    from ninedtact.dataset.checks import CheckSettings
+    from ninedtact.dataset.checks import PairCheckSettings
     from ninedtact.dataset.sources.source import SourceConventions
     from ninedtact.dataset.statistics_and_card import DatasetStatistics
 
@@ -42,11 +42,11 @@ class PairCheckLimits:
     max_zero_force_darkening_levels: float = 6.0
     """The same where the force is zero: with more, something touches."""
 
-    def to_check_settings(self) -> "CheckSettings":
+    def to_check_settings(self) -> "PairCheckSettings":
         """Return the settings of the checks."""
-        from ninedtact.dataset.checks import CheckSettings
+        from ninedtact.dataset.checks import PairCheckSettings
 
-        return CheckSettings(**asdict(self))
+        return PairCheckSettings(**asdict(self))
 
 
 @dataclass(frozen=True)

@@ -115,7 +115,7 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
                 opened.enter_context(poller)
         first, controller = parts[0], controllers[0]
         block = gel_block_under_skin(first.folder.shape, first.folder.record.design.gel)
-        panels = recordings_panel_factories(opened, server, parts, controller, listeners)
+        panels = connect_recordings_panel(opened, server, parts, controller, listeners)
         title = " · ".join(part.name or part.folder.id for part in parts)
         pressed = [press for press in presses if press is not None]
         page = SensorPage(server, controller, block, title, pressed if len(pressed) == len(parts) else None, panels)
@@ -162,7 +162,7 @@ def _show_in_rerun(opened: ExitStack, parts: Sequence[PageSensor]) -> "Callable[
     return lambda reading, number: viewers[number].show(reading)
 
 
-def recordings_panel_factories(
+def connect_recordings_panel(
     opened: ExitStack,
     server: Any,
     parts: Sequence[PageSensor],

@@ -1,5 +1,5 @@
 from .build import BuildSettings, build_dataset
-from .checks import CheckSettings, check_dataset
+from .checks import PairCheckSettings, check_dataset
 from .generation.generate import generate_dataset
 from .generation.settings import GenerationSettings
 from .parquet_files import DatasetDamaged
@@ -9,9 +9,9 @@ from .sources.source import SourceConventions
 
 __all__ = [
     "BuildSettings",
-    "CheckSettings",
     "DatasetDamaged",
     "GenerationSettings",
+    "PairCheckSettings",
     "SourceConventions",
     "TactileDataset",
     "build_dataset",

@@ -19,7 +19,7 @@ import msgspec
 from ninedtact.atomic_write import write_file_atomically, write_files_atomically
 from ninedtact.calibration.sensor_folder import SENSOR_FILE
 from ninedtact.checked_reading import read_regular_file
-from ninedtact.dataset.checks import CheckSettings, FileCheck, check_pair_file, combine_file_checks
+from ninedtact.dataset.checks import FileCheck, PairCheckSettings, check_pair_file, combine_file_checks
 from ninedtact.dataset.fault_report import (
     PairFinding,
     QualityReport,
@@ -51,7 +51,7 @@ from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writi
 class BuildSettings:
     """How a data set is built from its sources."""
 
-    checks: CheckSettings = CheckSettings()
+    checks: PairCheckSettings = PairCheckSettings()
     drop: bool = False
     """Leave out the pairs that have faults."""
     licence: str | None = None
@@ -210,7 +210,9 @@ def _require_absolute_paths(sources: Sequence[Source]) -> None:
             )
 
 
-def _make_part(folder: Path, part: SourcePart, paths: tuple[Path, ...], number: int, settings: CheckSettings) -> int:
+def _make_part(
+    folder: Path, part: SourcePart, paths: tuple[Path, ...], number: int, settings: PairCheckSettings
+) -> int:
     """Write the files of one part and return its number of pairs; raises `FileNotWritten`, `SourceUnknown`."""
     for path in paths:
         if not path.exists():  # on a worker; a reader would list every pair as missing

@@ -35,12 +35,12 @@ _MOST_TILES, _TILE_PX = 40, 6
 _CHECKED_COLUMNS = ("id", "image", "reference_id", "wrench", "wrench_delay_ms")
 
 
-class CheckSettingsImpossible(InputError):
+class PairCheckSettingsImpossible(InputError):
     """Raised for limits that no pair could meet."""
 
 
 @dataclass(frozen=True)
-class CheckSettings:
+class PairCheckSettings:
     """The limits beyond which a pair is listed."""
 
     max_wrench: tuple[float, float, float, float, float, float] = (6.0, 6.0, 24.0, 0.4, 0.4, 0.1)
@@ -66,7 +66,7 @@ class CheckSettings:
             self.max_zero_force_darkening_levels,
         )
         if not (min(limits) > 0 and self.zero_force_n >= 0):
-            raise CheckSettingsImpossible(f"expected limits above zero, got {self}; correct them")
+            raise PairCheckSettingsImpossible(f"expected limits above zero, got {self}; correct them")
 
 
 class FileCheck(msgspec.Struct):
@@ -79,7 +79,7 @@ class FileCheck(msgspec.Struct):
 
 
 def check_dataset(
-    folder: Path, settings: CheckSettings = CheckSettings(), workers: int = 1, *, progress: bool = False
+    folder: Path, settings: PairCheckSettings = PairCheckSettings(), workers: int = 1, *, progress: bool = False
 ) -> QualityReport:
     """Check every pair of a data set in several processes; nothing is changed.
 
@@ -104,7 +104,7 @@ def combine_file_checks(checks: list[FileCheck], names: list[str], dropped: bool
     return summarise_findings(pairs, [*findings, *_find_duplicates(checks, names)], dropped)
 
 
-def check_pair_file(path: Path, references: Path, settings: CheckSettings) -> FileCheck:
+def check_pair_file(path: Path, references: Path, settings: PairCheckSettings) -> FileCheck:
     """Check every pair of one file by itself; raises `DatasetDamaged`."""
     store, check = ReferenceImageFile(references), FileCheck([], [], [])
     for number, row in enumerate(iterate_rows(path, _CHECKED_COLUMNS)):
@@ -122,7 +122,7 @@ def check_pair_file(path: Path, references: Path, settings: CheckSettings) -> Fi
 
 
 def _find_pair_faults(
-    image: UInt8[Array, "_ _"], reference: UInt8[Array, "_ _"] | None, row: dict[str, Any], settings: CheckSettings
+    image: UInt8[Array, "_ _"], reference: UInt8[Array, "_ _"] | None, row: dict[str, Any], settings: PairCheckSettings
 ) -> Iterator[tuple[PairFault, str]]:
     """Yield every fault of one pair with a message."""
     wrench, delay_ms = decode_stored_wrench(row["wrench"]), row["wrench_delay_ms"]
@@ -142,7 +142,7 @@ def _find_pair_faults(
         yield from _find_contradictions(image, reference, wrench, settings)
 
 
-def _find_wrench_faults(wrench: Array, settings: CheckSettings) -> Iterator[tuple[PairFault, str]]:
+def _find_wrench_faults(wrench: Array, settings: PairCheckSettings) -> Iterator[tuple[PairFault, str]]:
     """Yield a fault where the wrench is too large or of the wrong sign."""
     beyond = np.abs(wrench) > np.array(settings.max_wrench)
     if beyond.any():
@@ -155,7 +155,7 @@ def _find_wrench_faults(wrench: Array, settings: CheckSettings) -> Iterator[tupl
 
 
 def _find_contradictions(
-    image: _GreyImage, reference: _GreyImage, wrench: Array, settings: CheckSettings
+    image: _GreyImage, reference: _GreyImage, wrench: Array, settings: PairCheckSettings
 ) -> Iterator[tuple[PairFault, str]]:
     """Yield a fault where the image cannot be a press, and where image and wrench contradict each other."""
     light = find_exposure_warning(image, reference)

@@ -136,7 +136,9 @@ def encode_mixed_image(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
     )
 
 
-def decode_mixed_image(mixed: UInt8[Array, "rows cols 3"], mm_per_px: float, stamp_ns: int = 0) -> Deformation:
+def deformation_from_mixed_image(
+    mixed: UInt8[Array, "rows cols 3"], mm_per_px: float, stamp_ns: int = 0
+) -> Deformation:
     """Return the exact deformation that a mixed image (BGR) of the original project encodes; raises `NotAMixedImage`."""
     reference, brighter, darker = np.moveaxis(mixed.astype(np.int32), 2, 0)
     brighter, darker = (part * ORIGINAL_INVERSE % LEVELS for part in (brighter, darker))

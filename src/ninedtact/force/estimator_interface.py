@@ -31,7 +31,7 @@ class ForceEstimator(ABC):
         """Forget the previous reading, so that the next one is estimated independently of it."""
 
 
-class NoForce(ForceEstimator):
+class NoForceEstimator(ForceEstimator):
     """The estimator of a sensor without one: zero, with an infinite standard deviation."""
 
     name = "no force"

@@ -72,9 +72,9 @@ def load_unscaled_estimator(spec: str, folder: CalibratedSensorFolder) -> "Force
 def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
     """Return the estimator for this calibration and this gel, without a force scale; raises as `load_estimator`."""
     if spec == NONE:
-        from ninedtact.force.estimator_interface import NoForce
+        from ninedtact.force.estimator_interface import NoForceEstimator
 
-        return NoForce()
+        return NoForceEstimator()
     if spec == PHYSICS:
         from ninedtact.force.traction.estimator import build_traction_force
 

@@ -29,7 +29,7 @@ _RANGE_MARGIN = 0.05
 """Fraction of the training's range by which a wrench may exceed it without a warning."""
 
 
-class SensorFeaturesMissing(ForceEstimationError):
+class ModelNeedsSensorFeatures(ForceEstimationError):
     """A model that was trained with the features of its sensors is used without those of this sensor."""
 
 
@@ -37,7 +37,7 @@ class SensorFeaturesMissing(ForceEstimationError):
 class NetworkForce(ForceEstimator):
     """A force model on a sensor with this gel. `estimator_loading.load_estimator` builds it from a sensor folder.
 
-    Raises `SensorFeaturesMissing` where the model needs features of the sensor and none are given.
+    Raises `ModelNeedsSensorFeatures` where the model needs features of the sensor and none are given.
     """
 
     model: ForceModel
@@ -50,7 +50,7 @@ class NetworkForce(ForceEstimator):
     def __post_init__(self) -> None:
         self.name = self.model.card.name
         if self.features is None and self.model.card.input.channels.needs_sensor_features:
-            raise SensorFeaturesMissing(
+            raise ModelNeedsSensorFeatures(
                 f"expected the features of the sensor for the force model {self.name!r}, which was trained with them, got none; "
                 "use load_estimator('network', load_sensor(FOLDER)), or give features=sensor_features_of(shape, gel)"
             )

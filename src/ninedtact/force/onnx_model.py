@@ -42,7 +42,7 @@ _PointMm = Annotated[float, Meta(ge=-1000, le=1000)]
 _Count = Annotated[int, Meta(ge=0, le=10**12)]
 
 
-class TrainingSummary(Struct, frozen=True, forbid_unknown_fields=True):
+class TrainingProvenance(Struct, frozen=True, forbid_unknown_fields=True):
     """Data, epochs, settings and package versions of the training that a model comes from."""
 
     pairs: _Count
@@ -73,7 +73,7 @@ class ModelCard(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Largest of them."""
     input_ranges: dict[str, StatisticRange]
     """Ranges of the statistics of the training's inputs (`out_of_distribution`)."""
-    training: TrainingSummary
+    training: TrainingProvenance
     evaluation: dict[str, Any]
     """Tables of `WrenchEvaluation.to_json_dict`, by the name of the evaluated data."""
     licence: str

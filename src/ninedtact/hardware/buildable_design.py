@@ -22,7 +22,7 @@ from ninedtact.hardware.published_specifications import (
     format_sensor_comparison,
     specification_of_design,
 )
-from ninedtact.hardware.sensor_assembly import AssemblyBody, BodyPair, find_adjacent_bodies, place_assembly_bodies
+from ninedtact.hardware.sensor_assembly import AssemblyBody, BodyPair, find_nearby_part_pairs, place_assembly_bodies
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class BuildableDesign:
     @cached_property
     def adjacent_bodies(self) -> list[BodyPair]:
         """Pairs of bodies that are near each other."""
-        return [*find_adjacent_bodies(self.bodies)]
+        return [*find_nearby_part_pairs(self.bodies)]
 
     @property
     def interferences(self) -> list[BodyPair]:

@@ -39,8 +39,8 @@ from ninedtact.hardware.part_dimensions import (
     CameraDimensions,
     FastenerDimensions,
     GelLayerDimensions,
-    IsolationRingDimensions,
     LedBoardDimensions,
+    LightIsolationRingDimensions,
     MouldDimensions,
     ShellDimensions,
     WindowDimensions,
@@ -57,7 +57,7 @@ class HardwareDesign:
     variant: DesignVariant = "default"
     base: BaseDimensions = BaseDimensions()
     shell: ShellDimensions = ShellDimensions()
-    ring: IsolationRingDimensions = IsolationRingDimensions()
+    ring: LightIsolationRingDimensions = LightIsolationRingDimensions()
     window: WindowDimensions = WindowDimensions()
     board: LedBoardDimensions = LedBoardDimensions()
     camera: CameraDimensions = CameraDimensions()

@@ -271,7 +271,7 @@ ORIGINAL_SHELL = ShellDimensions(slot_wide_mm=8.0, slot_from_mm=1.85, slot_to_mm
 
 
 @dataclass(frozen=True)
-class IsolationRingDimensions(BoundedDimensions, table="ring"):
+class LightIsolationRingDimensions(BoundedDimensions, table="ring"):
     """The black isolation ring in the shell's window hole, its mouth at the window: LED light must reach the lens
     through the gel only."""
 
@@ -287,7 +287,7 @@ class IsolationRingDimensions(BoundedDimensions, table="ring"):
     """Half-angle of the mouth, which opens the view."""
 
 
-ORIGINAL_RING = IsolationRingDimensions(land_mm=0.0)
+ORIGINAL_RING = LightIsolationRingDimensions(land_mm=0.0)
 """The original's ring, whose mouth touches its sides."""
 
 

@@ -100,7 +100,7 @@ class BodyPair:
         return self.overlap_mm3 > MIN_OVERLAP_MM3 and not self.is_intended
 
 
-def find_adjacent_bodies(bodies: Sequence[AssemblyBody]) -> Iterator[BodyPair]:
+def find_nearby_part_pairs(bodies: Sequence[AssemblyBody]) -> Iterator[BodyPair]:
     """Yield all pairs of bodies that are near each other."""
     boxes = {body.name: body.solid.bounding_box() for body in bodies}
     for first, second in combinations(bodies, 2):

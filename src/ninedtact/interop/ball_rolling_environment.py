@@ -38,7 +38,7 @@ REACHED_MM = 0.5
 _START_MM, _GOAL_MM = 1.5, 5.0
 
 
-class BallRolling(TactileEnvironment):
+class BallRollingEnvironment(TactileEnvironment):
     """Roll a ball to a goal with the camera image and the gel's wrench (`TactileEnvironment`).
 
     Observation besides: `goal_mm`, the x and y on the skin to which the ball must roll. Action: speeds of the plate along x and y
@@ -96,4 +96,4 @@ class BallRolling(TactileEnvironment):
         return float(np.hypot(*(self._goal_mm - self._ball_mm)))
 
 
-gymnasium.register("ninedtact/BallRolling-v0", entry_point=BallRolling)
+gymnasium.register("ninedtact/BallRolling-v0", entry_point=BallRollingEnvironment)

@@ -34,7 +34,7 @@ RAIL_MM = 12.0
 _TURN_RAD, _OFFSET_MM = 0.2, 1.5
 
 
-class EdgeFollowing(TactileEnvironment):
+class EdgeFollowingEnvironment(TactileEnvironment):
     """Follow a rail with the camera image and the gel's wrench (`TactileEnvironment`).
 
     Action: speeds from −1 to 1 along the world's x axis, across it and towards the rail. Reward of a step: mm of progress, less a
@@ -85,4 +85,4 @@ class EdgeFollowing(TactileEnvironment):
         return 1e3 * float(self.data.joint("along").qpos[0])
 
 
-gymnasium.register("ninedtact/EdgeFollowing-v0", entry_point=EdgeFollowing)
+gymnasium.register("ninedtact/EdgeFollowing-v0", entry_point=EdgeFollowingEnvironment)

@@ -50,7 +50,7 @@ _SCALARS = {
 Statistics = dict[str, dict[str, list[Any]]]
 
 
-class ArrowMissing(MissingLibraryError):
+class PyArrowMissing(MissingLibraryError):
     """Raised where pyarrow is not installed."""
 
 
@@ -64,10 +64,10 @@ def export_lerobot(
     """Write recordings as the episodes of one data set into a new or empty folder; return its episodes, frames and features.
 
     task: what is done in them, in words. Wrenches are interpolated linearly at the times of the images. Raises `ExportTargetTaken`,
-    `RecordingsDiffer`, `ArrowMissing`, and `RecordingUnreadable` for a damaged recording; the folder is then as it was before.
+    `RecordingsDiffer`, `PyArrowMissing`, and `RecordingUnreadable` for a damaged recording; the folder is then as it was before.
     """
     if find_spec("pyarrow") is None:
-        raise ArrowMissing(
+        raise PyArrowMissing(
             "expected pyarrow, which writes LeRobot's files, got none; run pip install 'ninedtact[datasets]'"
         )
     if out.exists() and (not out.is_dir() or any(out.iterdir())):

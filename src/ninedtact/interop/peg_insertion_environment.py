@@ -62,7 +62,7 @@ DEPTH_MM = 4.0
 _OFFSETS_MM = (1.2, 1.6)
 
 
-class PegInsertion(TactileEnvironment):
+class PegInsertionEnvironment(TactileEnvironment):
     """Insert a peg into a hole 1.2 to 1.6 mm beside it, with little force (`TactileEnvironment`).
 
     The sensor is one of two fingers: its x axis is that of the hand, its y axis points down, and z to the thumb. Action: speeds of
@@ -112,4 +112,4 @@ class PegInsertion(TactileEnvironment):
         return 1e3 * (self.data.site("tip").xpos - self.model.body("plate").pos)
 
 
-gymnasium.register("ninedtact/PegInsertion-v0", entry_point=PegInsertion)
+gymnasium.register("ninedtact/PegInsertion-v0", entry_point=PegInsertionEnvironment)

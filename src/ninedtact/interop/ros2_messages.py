@@ -84,7 +84,7 @@ LIVE_TOPICS: Mapping[str, tuple[str, QosProfile]] = {
 
 
 @dataclass(frozen=True)
-class PinholeCamera:
+class FittedPinholeCamera:
     """A pinhole camera with the distortion model `plumb_bob`, fitted to the calibrated map from skin to raw image."""
 
     focal_length_px: float
@@ -100,7 +100,7 @@ class PinholeCamera:
     """Root mean square distance between the fitted and the calibrated pixels."""
 
 
-def fit_pinhole_camera(rectification: Rectification, distance_mm: float) -> PinholeCamera:
+def fit_pinhole_camera(rectification: Rectification, distance_mm: float) -> FittedPinholeCamera:
     """Return the pinhole camera at this distance that sees the skin as the calibration does.
 
     One plane does not tell focal length from distance, so that the distance is given, and the view is taken as perpendicular.
@@ -124,7 +124,7 @@ def fit_pinhole_camera(rectification: Rectification, distance_mm: float) -> Pinh
     residual_px = float(np.sqrt((miss(found).reshape(-1, 2) ** 2).sum(1).mean()))
     scale, u, v, roll, *distortion = found.tolist()
     centre = (u * focal_px, v * focal_px)
-    return PinholeCamera(
+    return FittedPinholeCamera(
         scale * focal_px, centre, tuple(distortion), roll, distance_mm, rectification.raw_shape, residual_px
     )
 
@@ -160,7 +160,7 @@ class SensorMessages:
         return f"{ros_name(self.name)}_{part}"
 
     @cached_property
-    def camera(self) -> PinholeCamera:
+    def camera(self) -> FittedPinholeCamera:
         """The pinhole camera of `camera_info`, fitted once."""
         return fit_pinhole_camera(self.folder.shape.rectify, self.folder.record.design.camera.distance_mm)
 

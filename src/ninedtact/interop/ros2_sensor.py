@@ -36,7 +36,7 @@ from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingStopped
 from ninedtact.recording.metadata import RecordingMetadata, wall_minus_monotonic_ns
-from ninedtact.recording.recorder import new_reading_writer, report_kept_on_failure
+from ninedtact.recording.recorder import new_reading_writer, notify_partial_recording
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.sensor import Sensor
@@ -60,7 +60,7 @@ class _RunningRecording:
         self._waiting: Queue[Reading | Wrench | None] = Queue()
         self._room = Semaphore(_WAITING_READINGS)
         self._opened, self._kept = ExitStack(), list[str]()
-        self._opened.enter_context(report_kept_on_failure(writer.path, self._kept.append))
+        self._opened.enter_context(notify_partial_recording(writer.path, self._kept.append))
         self._opened.enter_context(writer)
         self._thread = Thread(target=self._run, name=f"record {writer.path}", daemon=True)
         self._thread.start()

@@ -1,6 +1,6 @@
 """The active region of the grid, in which a contact is solved: where the object can touch, rounded up so that few sizes occur.
 
-`CroppedRegion` is one rectangle for all contacts of a batch, cut out as a smaller grid: the cheapest for one contact.
+`SharedActiveRectangle` is one rectangle for all contacts of a batch, cut out as a smaller grid: the cheapest for one contact.
 `ActiveRectangles` is a rectangle for each contact of a batch; all are solved on the whole grid and kept at zero outside their own
 rectangle.
 """
@@ -68,7 +68,7 @@ class ActiveRegion(ABC):
 
 
 @dataclass(frozen=True)
-class CroppedRegion(ActiveRegion):
+class SharedActiveRectangle(ActiveRegion):
     """One rectangle for all contacts, as a grid of its own."""
 
     rectangle: GridRectangle
@@ -139,12 +139,12 @@ def whole_grid_rectangle(shape: tuple[int, int]) -> GridRectangle:
     return GridRectangle(slice(0, shape[0]), slice(0, shape[1]))
 
 
-def whole_grid_region(skin: Skin) -> CroppedRegion:
+def whole_grid_region(skin: Skin) -> SharedActiveRectangle:
     """Return the region that is the whole periodic grid."""
-    return CroppedRegion(whole_grid_rectangle(skin.grid.shape), skin, skin.operators)
+    return SharedActiveRectangle(whole_grid_rectangle(skin.grid.shape), skin, skin.operators)
 
 
-def find_active_region(skin: Skin, overlap_mm: ScalarField) -> CroppedRegion:
+def find_touchable_region(skin: Skin, overlap_mm: ScalarField) -> SharedActiveRectangle:
     """Return the region in which objects with these overlaps can touch; one for all contacts of a batch.
 
     Contacts wider than half the grid get the whole grid: a part of it would cost more.
@@ -154,18 +154,18 @@ def find_active_region(skin: Skin, overlap_mm: ScalarField) -> CroppedRegion:
     rectangle = _rectangle_around(near.any(axis=1), near.any(axis=0), skin.grid.shape)
     if rectangle.shape == skin.grid.shape:
         return whole_grid_region(skin)
-    return CroppedRegion(rectangle, skin, skin.cropped_operators(*rectangle.shape))
+    return SharedActiveRectangle(rectangle, skin, skin.cropped_operators(*rectangle.shape))
 
 
 def find_active_rectangles(overlap_mm: Float[Any, "batch rows cols"]) -> list[GridRectangle]:
-    """Return for each contact of a batch the rectangle that `find_active_region` chooses for it alone."""
+    """Return for each contact of a batch the rectangle that `find_touchable_region` chooses for it alone."""
     near = _near_object(overlap_mm)
     xp, shape = array_namespace_of(near), (near.shape[1], near.shape[2])
     by_row, by_col = (to_numpy(xp.any(near, axis=axis)) > 0 for axis in (2, 1))
     return [_rectangle_around(rows, cols, shape) for rows, cols in zip(by_row, by_col, strict=True)]
 
 
-def rectangle_masks(rectangles: Sequence[GridRectangle], field: Any) -> Bool[Any, "batch rows cols"]:
+def points_inside_rectangles(rectangles: Sequence[GridRectangle], field: Any) -> Bool[Any, "batch rows cols"]:
     """Return the points of each rectangle, in the array library, shape and device of a field."""
     xp = array_namespace_of(field)
     sides = []

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ninedtact.mechanics.active_region import ActiveRegion, find_active_region, whole_grid_region
+from ninedtact.mechanics.active_region import ActiveRegion, find_touchable_region, whole_grid_region
 from ninedtact.mechanics.alternating_solver import AlternatingSolver, SolverSettings
 from ninedtact.mechanics.array_namespace import array_namespace_of, forward_transform, inverse_transform
 from ninedtact.mechanics.contact_result import (
@@ -143,7 +143,7 @@ class ContactModel:
     def step_to_load(self, last: Contact, indenter: Indenter, pose: Pose, load_n: ScalarPerContact) -> Contact:
         """Return the contact after the object moved and was pressed with this load; its pose has the depth that was found.
 
-        The depth of `pose` is a first guess. Raises `InvalidLoad`, and what `step` raises.
+        The depth of `pose` is a first guess. Raises `NonPositiveLoad`, and what `step` raises.
         """
         require_positive_load(load_n)
         pressure_sum = self.skin.asarray(np.asarray(load_n, float)[..., None, None] / self.skin.grid.cell_area_mm2)
@@ -160,7 +160,7 @@ class ContactModel:
 
     def _solve(self, problem: ContactProblem) -> Contact:
         """Return the contact in the region that it should fit in, or on the whole grid where skin outside rises into the object."""
-        region = find_active_region(self.skin, problem.overlap_mm)
+        region = find_touchable_region(self.skin, problem.overlap_mm)
         contact, inside_object = problem.solve(region, self.settings)
         if region.any_outside(inside_object):
             contact, _ = problem.solve(whole_grid_region(self.skin), self.settings)

@@ -34,7 +34,7 @@ class ContactNotConverged(SimulationError):
     """Raised where the solver ran out of iterations before it reached its tolerance."""
 
 
-class InvalidLoad(InputError):
+class NonPositiveLoad(InputError):
     """Raised for a load that does not press: zero, negative or not finite."""
 
 
@@ -181,9 +181,9 @@ def require_inside_grid(grid: PeriodicGrid, field: ScalarField) -> None:
 
 
 def require_positive_load(load_n: ScalarPerContact) -> None:
-    """Refuse a load that does not press; raises `InvalidLoad`."""
+    """Refuse a load that does not press; raises `NonPositiveLoad`."""
     if not np.all((np.asarray(load_n) > 0) & np.isfinite(load_n)):
-        raise InvalidLoad(
+        raise NonPositiveLoad(
             f"expected a load above zero, got {load_n} N; press with a force, or lift the object off by its depth"
         )
 

@@ -12,13 +12,13 @@ from ninedtact.errors import InputError
 _MIN_POINTS_PER_SIDE = 8
 
 
-class InvalidGrid(InputError):
+class PeriodicGridTooSmall(InputError):
     """Raised for a grid that is too small to carry a contact."""
 
 
 @dataclass(frozen=True)
 class PeriodicGrid:
-    """A square grid centred on the sensor's origin. Raises `InvalidGrid` below 8 x 8 points or without a positive pitch."""
+    """A square grid centred on the sensor's origin; `PeriodicGridTooSmall` below 8 x 8 points or without a positive pitch."""
 
     rows: int
     cols: int
@@ -26,7 +26,7 @@ class PeriodicGrid:
 
     def __post_init__(self) -> None:
         if min(self.rows, self.cols) < _MIN_POINTS_PER_SIDE or not self.pitch_mm > 0:
-            raise InvalidGrid(
+            raise PeriodicGridTooSmall(
                 f"expected a grid of at least {_MIN_POINTS_PER_SIDE} x {_MIN_POINTS_PER_SIDE} points with a pitch above zero, "
                 f"got {self.rows} x {self.cols} points with a pitch of {self.pitch_mm} mm; give a finer pitch or a larger area"
             )

@@ -40,7 +40,6 @@ from ninedtact.recording.topics_and_messages import (
     RecordingEvent,
     RecordingEventKind,
     Topic,
-    combine_estimate,
     decode_covariance,
     decode_event,
     decode_height,
@@ -50,6 +49,7 @@ from ninedtact.recording.topics_and_messages import (
     decode_reference_grey,
     decode_warnings,
     decode_wrench,
+    decode_wrench_estimate,
 )
 
 SENSOR_FOLDER, SEVERAL_FOLDERS = "sensor", "sensors"
@@ -210,7 +210,7 @@ class Recording:
             for topic in (Topic.COVARIANCE, Topic.WARNINGS)
         )
         for wrench in self.wrenches(Topic.ESTIMATED):
-            yield combine_estimate(wrench, errors.get(wrench.stamp_ns), warned.get(wrench.stamp_ns))
+            yield decode_wrench_estimate(wrench, errors.get(wrench.stamp_ns), warned.get(wrench.stamp_ns))
 
     def heights(self) -> Iterator[tuple[int, Float32[Array, "rows cols"]]]:
         """Yield the image index and the heights in mm, NaN out of view."""

@@ -17,7 +17,7 @@ from ninedtact.capture.frame_pacing import DelayCorrectedSource
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import NinedtactError
-from ninedtact.force.estimator_interface import ForceEstimator, NoForce
+from ninedtact.force.estimator_interface import ForceEstimator, NoForceEstimator
 from ninedtact.quantities import EstimateWarning, Frame, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import ReferenceMomentRefused
@@ -78,7 +78,7 @@ def record(
     part = SensorToRecord(source, sensor, force_torque, estimator, camera_delay_ms)
     recorder = _new_recorder("", part, out, stored, heights, notify)
     end_at = float("inf") if seconds is None else monotonic() + seconds
-    with report_kept_on_failure(Path(out), notify):
+    with notify_partial_recording(Path(out), notify):
         with recorder.writer as writer:
             recorder.run(lambda: should_stop() or monotonic() >= end_at, lambda: on_progress(writer))
         recorder.require_reference()
@@ -135,7 +135,7 @@ def record_several(
                     RecordingEvent(monotonic_ns(), RecordingEventKind.REMARK, "lost", str(error))
                 )
 
-    with report_kept_on_failure(Path(out), notify), next(iter(writers.values())), ExitStack() as opened:
+    with notify_partial_recording(Path(out), notify), next(iter(writers.values())), ExitStack() as opened:
         streams = {name: opened.enter_context(recorder.opened()) for name, recorder in recorders.items()}
         with ThreadPoolExecutor(len(recorders), "record") as pool:
             written = [pool.submit(write, *one) for one in streams.items()]
@@ -167,7 +167,7 @@ def _new_recorder(
     sensor, force_torque, estimates = part.sensor, part.force_torque, None
     if heights or part.estimator:
         find_faults = load_reference_image_checker(sensor).find_faults
-        estimates = EstimateRecorder(sensor.shape, part.estimator or NoForce(), heights, find_faults, notify)
+        estimates = EstimateRecorder(sensor.shape, part.estimator or NoForceEstimator(), heights, find_faults, notify)
     topics = {Topic.IMAGES, *(estimates.topics if estimates else ()), *([Topic.MEASURED] if force_torque else ())}
     metadata = replace(
         stored,
@@ -209,7 +209,7 @@ def new_reading_writer(
 
 
 @contextmanager
-def report_kept_on_failure(path: Path, notify: Callable[[str], None]) -> Iterator[None]:
+def notify_partial_recording(path: Path, notify: Callable[[str], None]) -> Iterator[None]:
     """Where the block fails, notify of what the recording that it began holds, as read back from the file."""
     existed = path.exists()
     try:
@@ -272,7 +272,7 @@ class EstimateRecorder:
     """Computes heights and wrenches of frames and writes them beside the images."""
 
     shape: CalibratedShape
-    estimator: ForceEstimator = field(default_factory=NoForce)
+    estimator: ForceEstimator = field(default_factory=NoForceEstimator)
     heights: bool = True
     find_reference_faults: Callable[[Sequence[Frame]], Sequence[str]] = lambda _: ()
     """Returns why reference images cannot be those of the calibrated sensor."""
@@ -282,7 +282,7 @@ class EstimateRecorder:
     def __post_init__(self) -> None:
         self._computer = ReadingComputer(self.shape, self.find_reference_faults)
         self._has_reported = False
-        self._estimates_force = not isinstance(self.estimator, NoForce)
+        self._estimates_force = not isinstance(self.estimator, NoForceEstimator)
 
     @property
     def topics(self) -> set[Topic]:

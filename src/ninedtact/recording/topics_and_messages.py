@@ -272,7 +272,7 @@ def decode_warnings(data: bytes) -> list[str]:
     return [status.message for status in _decode(Topic.WARNINGS, data).status]
 
 
-def combine_estimate(wrench: Wrench, covariance: bytes | None, warnings: bytes | None) -> WrenchEstimate:
+def decode_wrench_estimate(wrench: Wrench, covariance: bytes | None, warnings: bytes | None) -> WrenchEstimate:
     """Return the estimate of an image from its wrench and two messages; without a covariance, the variances are infinite."""
     matrix = np.diag(np.full(6, np.inf)) if covariance is None else decode_covariance(covariance)
     texts = [] if warnings is None else decode_warnings(warnings)

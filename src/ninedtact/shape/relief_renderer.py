@@ -201,11 +201,11 @@ def millimetre_grid_mask(height: HeightMap) -> Bool[Array, "rows cols"]:
     x, y = height.axes_mm
     paper = np.zeros(height.z_mm.shape, bool)
     for distance_mm, width_mm in LINE_MM.items():
-        paper |= is_near_grid_line(y, distance_mm, width_mm)[:, None] | is_near_grid_line(x, distance_mm, width_mm)
+        paper |= near_multiple_mask(y, distance_mm, width_mm)[:, None] | near_multiple_mask(x, distance_mm, width_mm)
     return paper
 
 
-def is_near_grid_line(axis_mm: Float32[Array, " n"], distance_mm: float, width_mm: float) -> Bool[Array, " n"]:
+def near_multiple_mask(axis_mm: Float32[Array, " n"], distance_mm: float, width_mm: float) -> Bool[Array, " n"]:
     """Return which coordinates lie within a line's width of a multiple of the distance."""
     return np.asarray(np.abs(axis_mm - distance_mm * np.rint(axis_mm / distance_mm)) < width_mm / 2)
 

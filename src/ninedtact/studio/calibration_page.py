@@ -14,7 +14,11 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 from viser import GuiEvent, Icon, ViserServer
 
-from ninedtact.calibration.certificate.checks import certificate_headline, check_certificate, overall_check_level
+from ninedtact.calibration.certificate.checks import (
+    certificate_headline,
+    compute_certificate_checks,
+    overall_check_level,
+)
 from ninedtact.calibration.guidance import PinSearchResult
 from ninedtact.calibration.save import CERTIFICATE_FILE
 from ninedtact.calibration.sensor_toml_schema import Certificate
@@ -27,7 +31,7 @@ from ninedtact.studio.guided_page import (
     ListCameras,
     attempt,
     instruction_html,
-    quality_rows,
+    live_image_quality_rows,
     steps_html,
 )
 from ninedtact.studio.page_cards import DIM, TONES, name_value_table_html
@@ -232,7 +236,7 @@ def _advice_html(state: CalibrationState) -> str:
 
 def _figures_html(state: CalibrationState) -> str:
     """Return brightness, sharpness and pins of the live image as HTML."""
-    rows = {} if state.quality is None else quality_rows(state.quality)
+    rows = {} if state.quality is None else live_image_quality_rows(state.quality)
     if state.pins is not None:
         rows["pins"] = f"{state.pins.found} of {state.pins.expected}"
         if len(state.pins.missing_px):
@@ -254,7 +258,7 @@ def _result_html(state: CalibrationState) -> str:
     lines = [f'<div style="margin:0.4em 0.9em">Saved in {escape(str(state.result.path))}.</div>']
     for warning in certificate.warnings:
         lines.append(f'<div role="alert" style="margin:0.4em 0.9em;color:{TONES["busy"]}">{escape(warning)}</div>')
-    for check in check_certificate(certificate):
+    for check in compute_certificate_checks(certificate):
         mark, colour = _CHECK_MARKS[check.level]
         lines.append(
             f'<div style="margin:0.25em 0.9em;display:flex;gap:0.6em;font-size:0.9em"><b style="color:{colour}">{mark}</b>'

@@ -24,7 +24,7 @@ from ninedtact.studio.guided_page import (
     ListCameras,
     attempt,
     instruction_html,
-    quality_rows,
+    live_image_quality_rows,
     steps_html,
 )
 from ninedtact.studio.page_cards import DIM, TONES, name_value_table_html
@@ -79,7 +79,9 @@ class ForceCalibrationPage:
             self._advice.content = self._advice_html(state)
             self._presses.content = _scale_html(state, self._stiffness if is_twin_address(state.source) else None)
             self._figures.content = (
-                "" if state.quality is None or state.presses else name_value_table_html(quality_rows(state.quality))
+                ""
+                if state.quality is None or state.presses
+                else name_value_table_html(live_image_quality_rows(state.quality))
             )
             self._camera.show(
                 state.source,

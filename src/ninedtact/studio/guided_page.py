@@ -206,7 +206,7 @@ def instruction_html(sentence: str, detail: str, tone: str) -> str:
     )
 
 
-def quality_rows(quality: ImageQuality) -> dict[str, str]:
+def live_image_quality_rows(quality: ImageQuality) -> dict[str, str]:
     """Return the figures of a live image, with what is usual."""
     return {
         "brightness": f"{quality.mean_grey:.0f} of 255 (140 to 170 is usual)",

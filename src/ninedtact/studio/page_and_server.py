@@ -97,7 +97,7 @@ PAGE_ICON = (
 
 
 class SensorPage:
-    """A `MomentDisplay` in browsers: each one gets its own panels, and all of them each moment."""
+    """A `PageMomentDisplay` in browsers: each one gets its own panels, and all of them each moment."""
 
     def __init__(
         self,

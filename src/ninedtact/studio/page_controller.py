@@ -152,7 +152,7 @@ class PageMoment:
 
 
 @runtime_checkable
-class MomentDisplay(Protocol):
+class PageMomentDisplay(Protocol):
     """The interface of a display of moments. No reading is drawn while no browser is connected."""
 
     @property
@@ -213,7 +213,9 @@ class PageController:
         """The newest reading on the page; None before the first."""
         return None if self._view is None else self._view.reading
 
-    def run(self, display: MomentDisplay, display_hz: float = 15.0, until: Callable[[], bool] = lambda: False) -> None:
+    def run(
+        self, display: PageMomentDisplay, display_hz: float = 15.0, until: Callable[[], bool] = lambda: False
+    ) -> None:
         """Show readings until interrupted or `until` is true; raises the error with which the sensor thread failed."""
         due_at, slowdown = time.monotonic(), 1.0
         try:
@@ -227,7 +229,7 @@ class PageController:
         finally:
             self.show_final_state(display)
 
-    def refresh(self, display: MomentDisplay) -> list[SensorSnapshot]:
+    def refresh(self, display: PageMomentDisplay) -> list[SensorSnapshot]:
         """Update the display once and return the states of the sensors; raises the error with which the sensor thread failed, of
         several when all have failed."""
         now_ns = time.monotonic_ns()
@@ -243,7 +245,7 @@ class PageController:
             raise troubles[0]
         return snapshots
 
-    def show_final_state(self, display: MomentDisplay) -> None:
+    def show_final_state(self, display: PageMomentDisplay) -> None:
         """Mark the page as ended, because a browser keeps the last page that it received."""
         snapshots = [(one, one._loop.snapshot(time.monotonic_ns())) for one in self.sensors]
         self._present(display, [one._moment(sensor, _final_status(sensor)) for one, sensor in snapshots])
@@ -276,7 +278,7 @@ class PageController:
         wrenches = tuple(history.snapshot(at_ns, now_ns) for history in self.wrenches)
         return PageMoment(status, sensor, self._view, wrenches, self._shown.hz(now_ns), self._page_ms, self.name)
 
-    def _present(self, display: MomentDisplay, moments: Sequence[PageMoment]) -> None:
+    def _present(self, display: PageMomentDisplay, moments: Sequence[PageMoment]) -> None:
         """Show the moments of all sensors as one."""
         watch = Stopwatch()
         display.show(replace(moments[0], beside=tuple(moments)) if len(moments) > 1 else moments[0])

@@ -18,7 +18,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.errors import InputError
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata
-from ninedtact.recording.recorder import new_reading_writer, report_kept_on_failure
+from ninedtact.recording.recorder import new_reading_writer, notify_partial_recording
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.saved_files import SaveQuota
@@ -114,7 +114,7 @@ class PageRecorder:
             path = self.out / f"recording_{datetime.now():%Y%m%d_%H%M%S_%f}.mcap"
             opened = ExitStack()
             kept: list[str] = []
-            opened.enter_context(report_kept_on_failure(path, kept.append))
+            opened.enter_context(notify_partial_recording(path, kept.append))
             writers = self._new_writers(path)
             opened.enter_context(writers[0])
             self._queue, self._span = Queue(self._queue.maxsize), None

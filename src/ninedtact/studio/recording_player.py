@@ -30,8 +30,8 @@ from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
     Topic,
-    combine_estimate,
     decode_height,
+    decode_wrench_estimate,
 )
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.coloured_height_map import ColourScale
@@ -133,7 +133,7 @@ class RecordedReadings:
             return None
         positions = self._at[Topic.COVARIANCE].get(stamp_ns), self._warned.get(stamp_ns)
         errors, warned = (None if one is None else self.recording.message(one).data for one in positions)
-        return combine_estimate(self.recording.wrench(at), errors, warned)
+        return decode_wrench_estimate(self.recording.wrench(at), errors, warned)
 
     def _depth_reader_at(self, stamp_ns: int) -> DepthReader:
         """Return the depth reader for the reference image that held at a stamp."""

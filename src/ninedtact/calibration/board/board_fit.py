@@ -30,7 +30,7 @@ from ninedtact.calibration.board.lens_fit import (
     LensCorrectionFit,
     LensFit,
     fit_lens,
-    fit_lens_correction,
+    fit_smooth_lens_residual,
     rms_vector_length,
 )
 from ninedtact.calibration.board.pin_imprint_centres import find_stray_pins, measure_pins
@@ -145,7 +145,7 @@ def _add_correction(fit: BoardFit) -> BoardFit:
     """Return the board with a smooth correction of its lens, where the lens alone predicts left-out pins badly, or worse than the
     paper's map does, and the correction improves that.
     """
-    error_mm, correction = fit.lens_fit.leave_one_out_rms_mm, fit_lens_correction(fit.lens_fit, fit.board.pitch_mm)
+    error_mm, correction = fit.lens_fit.leave_one_out_rms_mm, fit_smooth_lens_residual(fit.lens_fit, fit.board.pitch_mm)
     if correction is None or not (
         error_mm > MIN_CORRECTED_ERROR * fit.board.pitch_mm or error_mm > pin_map_leave_one_out_rms_mm(fit)
     ):

@@ -145,7 +145,7 @@ class LensCorrectionFit:
     leave_one_out_errors_mm: Points
 
 
-def fit_lens_correction(fit: LensFit, pitch_mm: float) -> LensCorrectionFit | None:
+def fit_smooth_lens_residual(fit: LensFit, pitch_mm: float) -> LensCorrectionFit | None:
     """Return the smooth correction that best predicts left-out pins, or None where the lens model alone is as good.
 
     The residuals of the lens are regressed by a Gaussian process (Rasmussen & Williams 2006, algorithm 2.1). Each pin is left out

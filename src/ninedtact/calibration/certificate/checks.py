@@ -90,7 +90,7 @@ at 0.03 mm light touches of 0.15 mm are not detected.
 """
 
 
-def check_certificate(certificate: Certificate) -> list[CheckResult]:
+def compute_certificate_checks(certificate: Certificate) -> list[CheckResult]:
     """Return every check, beginning with the board's; those of a press that was not made are left out."""
     board, ball = certificate.board, certificate.ball
     return [*([] if board is None else _check_board(board)), *([] if ball is None else _check_ball(ball))]
@@ -115,7 +115,7 @@ def unusual_fit_warnings(deviation: float, design: SensorDesign) -> list[str]:
 
 def overall_check_level(certificate: Certificate) -> OverallLevel:
     """Return the overall level: that of the worst check, poor where many checks warn, and never a pass where there are warnings."""
-    levels = [line.level for line in check_certificate(certificate)]
+    levels = [line.level for line in compute_certificate_checks(certificate)]
     if "fail" in levels:
         return "fail"
     if levels.count("warn") >= _MANY_WARNED_CHECKS:
@@ -125,7 +125,7 @@ def overall_check_level(certificate: Certificate) -> OverallLevel:
 
 def certificate_headline(certificate: Certificate) -> str:
     """Return the overall result in a sentence or two."""
-    lines, level = check_certificate(certificate), overall_check_level(certificate)
+    lines, level = compute_certificate_checks(certificate), overall_check_level(certificate)
     if level == "pass":
         return f"This sensor is ready to measure. All {len(lines)} checks passed."
     if level == "fail":

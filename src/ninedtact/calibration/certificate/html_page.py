@@ -4,7 +4,11 @@
 
 from base64 import b64encode
 
-from ninedtact.calibration.certificate.checks import certificate_headline, check_certificate, overall_check_level
+from ninedtact.calibration.certificate.checks import (
+    certificate_headline,
+    compute_certificate_checks,
+    overall_check_level,
+)
 from ninedtact.calibration.certificate.plot_ball import (
     plot_ball_cross_sections,
     plot_ball_residual,
@@ -16,7 +20,7 @@ from ninedtact.calibration.certificate.plot_ball import (
 )
 from ninedtact.calibration.certificate.plot_board import plot_leave_one_out_errors, plot_pin_detection
 from ninedtact.calibration.procedure import Calibration
-from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, SensorRecord
+from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, SensorTomlRecord
 from ninedtact.design import SensorDesign
 
 BOARD_IMAGES = {"detection": plot_pin_detection, "left_out": plot_leave_one_out_errors}
@@ -54,7 +58,7 @@ def render_certificate_html(calibration: Calibration) -> str:
         record=record,
         headline=certificate_headline(record.certificate),
         level=overall_check_level(record.certificate),
-        lines=check_certificate(record.certificate),
+        lines=compute_certificate_checks(record.certificate),
         warnings=record.certificate.warnings,
         images={name: b64encode(content).decode() for name, content in _plot_certificate_images(calibration).items()},
         board_rows=_without_meaning([*_board_table_rows(record.certificate.board), *_view_table_rows(record)]),
@@ -114,7 +118,7 @@ def _published_error_in_words(board: BoardQuality) -> str:
     return f"{words}; the lens above is {abs(change):.0%} {'better' if change < 0 else 'worse'}"
 
 
-def _view_table_rows(record: SensorRecord) -> Rows:
+def _view_table_rows(record: SensorTomlRecord) -> Rows:
     """Return the scale and extent of the view."""
     view, grid = record.design.field_of_view, record.grid
     return [

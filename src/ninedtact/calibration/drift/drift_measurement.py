@@ -35,12 +35,12 @@ from ninedtact.capture.strict_image_reading import require_image_size
 from ninedtact.quantities import Frame, HeightSource, Rectified
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import Rectification
-from ninedtact.shape.skin_structure import (
+from ninedtact.shape.skin_texture import (
     FAINTEST_STRUCTURE,
     Field,
-    crop_margin,
     fine_structure,
     log_brightness,
+    remove_margin,
     split_into_tiles,
     structure_contrast,
     structure_similarity,
@@ -111,7 +111,7 @@ def _jackknife_error(normal: Float[Array, "tiles 3 3"], right: Float[Array, "til
 
 def _phase_correlation_shift(earlier: Field, later: Field) -> Motion:
     """Return a first guess of a large shift, by phase correlation."""
-    parts = [crop_margin(field) for field in (earlier, later)]
+    parts = [remove_margin(field) for field in (earlier, later)]
     first, second = (np.clip(part / (np.median(np.abs(part)) + 1e-9), -OUTLIER, OUTLIER) for part in parts)
     (x, y), _ = cv2.phaseCorrelate(first, second, cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F))
     return np.array([x, y, 0.0])

@@ -51,7 +51,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     LensModelTable,
     PinMapTable,
     PixelMapTable,
-    SensorRecord,
+    SensorTomlRecord,
 )
 from ninedtact.design import SensorDesign
 from ninedtact.errors import OutputError
@@ -176,12 +176,12 @@ def import_original_calibration(
 
 def _make_imported_record(
     calibration: OriginalCalibration, design: SensorDesign, sensor_id: str, digest: str
-) -> SensorRecord:
+) -> SensorTomlRecord:
     """Return the record of an imported sensor."""
     area, (rows, cols) = _calibrated_area_mm(calibration, design), calibration.row_index.shape
     rectify = Rectification(calibration.source_px(design.field_of_view), calibration.mm_per_px, (rows, cols), area)
     curve = _curve_from_depth_list(calibration.pixel_to_depth_mm)
-    return SensorRecord(
+    return SensorTomlRecord(
         format=SENSOR_FORMAT,
         id=sensor_id,
         created=datetime.now(UTC).replace(microsecond=0),

@@ -14,7 +14,7 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 
 from ninedtact.design import SensingArea
-from ninedtact.mechanics.contact_result import ContactLeavesGrid, InvalidLoad
+from ninedtact.mechanics.contact_result import ContactLeavesGrid, NonPositiveLoad
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.batched.session_requests import ContactSummary, RequestGenerator, SimulatedSetup, StepRequest
@@ -22,7 +22,7 @@ from ninedtact.simulation.twin import ContactLeavesGel, PoseOutOfView
 
 _Pair = tuple[float, float]
 _PUBLISHED_AREA_MM = SensingArea().size_mm
-_CONTACT_LOST = (PoseOutOfView, InvalidLoad, ContactLeavesGrid, ContactLeavesGel)
+_CONTACT_LOST = (PoseOutOfView, NonPositiveLoad, ContactLeavesGrid, ContactLeavesGel)
 """Errors of a step where no contact is possible; they end the press."""
 _MAX_SIDEWAYS_STEP_MM = 0.5
 _CONTACT_REACH_MM = 1.0

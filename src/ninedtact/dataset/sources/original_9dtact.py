@@ -26,7 +26,7 @@ from ninedtact.dataset.parquet_files import encode_png
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
 from ninedtact.dataset.sources.source import Source, SourceConventions, SourcePart, SourceUnknown
 from ninedtact.errors import FileFormatError, NinedtactError
-from ninedtact.force.brightness_channels import NotAMixedImage, decode_mixed_image, to_whole_grey_levels
+from ninedtact.force.brightness_channels import NotAMixedImage, deformation_from_mixed_image, to_whole_grey_levels
 from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM
 
 _IMAGE, _MIXED, _WRENCH = "image", "mixed_image", "wrench"
@@ -131,7 +131,7 @@ class _PairFiles:
             return image, None
         mixed = np.ascontiguousarray(read_image(self.mixed))
         try:
-            deformation = decode_mixed_image(mixed, 1.0)
+            deformation = deformation_from_mixed_image(mixed, 1.0)
         except NotAMixedImage as error:
             if image is None:
                 raise

@@ -21,8 +21,8 @@ from ninedtact.force.traction.brightness_from_traction import ForwardModel, iden
 from ninedtact.force.traction.cell_grid import MARGIN_CELLS, CellGrid, cell_grid_over_image
 from ninedtact.force.traction.linearisation import TractionPrior
 from ninedtact.force.traction.observation import (
-    Observation,
     ObservationModel,
+    ObservationOnCells,
     TractionImpossible,
     build_brightness_observation_model,
 )
@@ -92,7 +92,7 @@ class TractionForce(ForceEstimator):
         self.last = inversion.invert(observation, region, self.last)
         return self._to_estimate(reading, observation, self.last)
 
-    def _find_region(self, observation: Observation) -> Float32[Array, "rows cols"] | None:
+    def _find_region(self, observation: ObservationOnCells) -> Float32[Array, "rows cols"] | None:
         """Return where pressure may act, None where nothing touches."""
         return find_contact_region(
             observation.change,
@@ -103,7 +103,9 @@ class TractionForce(ForceEstimator):
             self.contact_region,
         )
 
-    def _to_estimate(self, reading: Reading, observation: Observation, result: InversionResult) -> WrenchEstimate:
+    def _to_estimate(
+        self, reading: Reading, observation: ObservationOnCells, result: InversionResult
+    ) -> WrenchEstimate:
         """Return the result in MPa, N and N·m, with its uncertainty and warnings."""
         mpa = self.gel.shear_modulus_mpa
         rows, cols = observation.z_mm.shape
@@ -125,7 +127,7 @@ class TractionForce(ForceEstimator):
         covariance = self.uncertainty.wrench_covariance(result, wrench.six, mpa, stiffening)
         return WrenchEstimate(wrench, covariance, True, tuple(self._warnings(observation, result)), traction)
 
-    def _warnings(self, observation: Observation, result: InversionResult) -> list[EstimateWarning]:
+    def _warnings(self, observation: ObservationOnCells, result: InversionResult) -> list[EstimateWarning]:
         """Return the reasons for which the result may be wrong."""
         pressed = result.tractions[0] > 0
         reasons = {
@@ -135,7 +137,7 @@ class TractionForce(ForceEstimator):
         }
         return [warning for warning, holds in reasons.items() if holds]
 
-    def _too_deep(self, observation: Observation) -> Bool[Array, "rows cols"]:
+    def _too_deep(self, observation: ObservationOnCells) -> Bool[Array, "rows cols"]:
         """Return where the skin is beyond the depth curve, or beyond the linear gel."""
         return (observation.beyond > 0.5) | (observation.z_mm < -_LINEAR_GEL_FRACTION * self.gel.thickness_mm)
 

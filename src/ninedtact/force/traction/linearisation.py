@@ -116,7 +116,7 @@ class Whitener:
 
 
 @dataclass(frozen=True)
-class LinearisedTractionProblem:
+class LinearisedBrightnessProblem:
     """The quadratic programme ½ xᵀHx − bᵀx that results from linearising about guessed heights of the skin.
 
     The unknowns x are the pressure on each cell of the contact region, then the weights of the shear modes along x and along y.

@@ -80,7 +80,7 @@ _HEIGHT_AS_SIGNAL = BrightnessLaw(np.array([-20.0, 20.0]), np.array([-20.0, 20.0
 
 
 @dataclass(frozen=True)
-class Observation:
+class ObservationOnCells:
     """The observed signal and its errors as orthorectified fields on the cells."""
 
     change: View
@@ -105,7 +105,7 @@ class ObservationModel(ABC):
     """Standard deviation of the point-spread of the observed signal."""
 
     @abstractmethod
-    def observe(self, reading: Reading, cells: CellGrid) -> Observation:
+    def observe(self, reading: Reading, cells: CellGrid) -> ObservationOnCells:
         """Return the reading's signal on the cells; raises `TractionImpossible`."""
 
 
@@ -122,7 +122,7 @@ class BrightnessObservationModel(ObservationModel):
     def __post_init__(self) -> None:
         object.__setattr__(self, "law", brightness_law_of_curve(self.curve))
 
-    def observe(self, reading: Reading, cells: CellGrid) -> Observation:
+    def observe(self, reading: Reading, cells: CellGrid) -> ObservationOnCells:
         """Return the relative change of brightness; raises `TractionImpossible` for a reading without its reference."""
         if reading.reference is None:
             raise TractionImpossible(
@@ -134,7 +134,7 @@ class BrightnessObservationModel(ObservationModel):
             reading.rectified.grey, reading.reference.grey, int(np.prod(cells.image_shape))
         )
         noise = min(max(estimate_cell_noise(change), _MIN_BRIGHTNESS_NOISE), largest)
-        return Observation(
+        return ObservationOnCells(
             change, noise, _LOCAL_FRACTION * self.curve_error, below.z_mm, below.in_view.astype(np.float32), beyond
         )
 
@@ -160,11 +160,13 @@ class HeightObservationModel(ObservationModel):
     law: BrightnessLaw = _HEIGHT_AS_SIGNAL
     point_spread_mm: float = 0.0
 
-    def observe(self, reading: Reading, cells: CellGrid) -> Observation:
+    def observe(self, reading: Reading, cells: CellGrid) -> ObservationOnCells:
         """Return the reading's heights on the cells."""
         below, _, beyond = _orthorectify_onto_cells(reading.height, cells)
         noise = max(estimate_cell_noise(below.z_mm), _MIN_HEIGHT_NOISE_MM)
-        return Observation(below.z_mm, noise, self.error_mm, below.z_mm, below.in_view.astype(np.float32), beyond)
+        return ObservationOnCells(
+            below.z_mm, noise, self.error_mm, below.z_mm, below.in_view.astype(np.float32), beyond
+        )
 
 
 def build_brightness_observation_model(calibrated: CalibratedShape) -> BrightnessObservationModel:

@@ -18,9 +18,9 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
 from ninedtact.force.traction.brightness_from_traction import ForwardModel, InfluenceKernels, SkinField, Tractions, View
-from ninedtact.force.traction.linearisation import DiscretePrior, LinearisedTractionProblem, TractionPrior, Whitener
+from ninedtact.force.traction.linearisation import DiscretePrior, LinearisedBrightnessProblem, TractionPrior, Whitener
 from ninedtact.force.traction.nonnegative_qp import QPSolution, solve_nonnegative_qp
-from ninedtact.force.traction.observation import BrightnessLaw, Observation
+from ninedtact.force.traction.observation import BrightnessLaw, ObservationOnCells
 
 _WINKLER_PER_MM = 3.9
 """Pressure (over the shear modulus) per mm of indentation in the middle of presses, used for the initial guess."""
@@ -72,7 +72,7 @@ class InversionResult:
     """Height of all skin under these tractions."""
     linearised_mm: SkinField
     """Height of all skin about which the problem was linearised."""
-    problem: LinearisedTractionProblem
+    problem: LinearisedBrightnessProblem
     """The problem as linearised in the last iteration."""
     solution: QPSolution
     misfit: float
@@ -91,7 +91,9 @@ class TractionInversion:
     prior: TractionPrior = TractionPrior()
     solver: SolverSettings = SolverSettings()
 
-    def invert(self, observation: Observation, region: View, last: InversionResult | None = None) -> InversionResult:
+    def invert(
+        self, observation: ObservationOnCells, region: View, last: InversionResult | None = None
+    ) -> InversionResult:
         """Return the tractions in a contact region. The result of a stream's previous image, given as `last`, saves iterations.
 
         The iteration starts from the observed heights where the previous result has no pressure in the region, or where the
@@ -114,7 +116,7 @@ class TractionInversion:
         return result.newton_decrement <= self.solver.max_warm_decrement and change <= self.solver.max_warm_change
 
     def _converge(
-        self, observation: Observation, region: View, guess: InitialGuess, max_iterations: int
+        self, observation: ObservationOnCells, region: View, guess: InitialGuess, max_iterations: int
     ) -> InversionResult:
         """Iterate from a guess until the target is reached, or as often as allowed; return the result nearest to convergence.
 
@@ -132,7 +134,7 @@ class TractionInversion:
                 step = max(step / 2, _SMALLEST_STEP)
         return best
 
-    def _iterate(self, observation: Observation, region: View, guess: InitialGuess) -> InversionResult:
+    def _iterate(self, observation: ObservationOnCells, region: View, guess: InitialGuess) -> InversionResult:
         """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
         problem = self._linearise(observation, region, guess)
         offset = self.law(guess.skin_mm) - problem.slope * guess.skin_mm
@@ -148,7 +150,9 @@ class TractionInversion:
             tractions, skin_mm, guess.skin_mm, problem, solution, misfit, decrement, guess.iterations + 1
         )
 
-    def _linearise(self, observation: Observation, region: View, guess: InitialGuess) -> LinearisedTractionProblem:
+    def _linearise(
+        self, observation: ObservationOnCells, region: View, guess: InitialGuess
+    ) -> LinearisedBrightnessProblem:
         """Return the problem linearised about the guessed skin."""
         depth_mm = max(float(np.sqrt((observation.z_mm[region > 0] ** 2).mean())), _MIN_PRIOR_DEPTH_MM)
         strain = depth_mm / self.forward.thickness_mm
@@ -156,21 +160,23 @@ class TractionInversion:
         carries = np.asarray(cv2.GaussianBlur(guess.tractions[0] * region, (0, 0), width_px) * region)
         slope = self.law.slope_per_mm(guess.skin_mm)
         whitener = self._whitener(observation, guess.misfit)
-        return LinearisedTractionProblem(self._kernels, self._discrete_prior, region, carries, slope, whitener, strain)
+        return LinearisedBrightnessProblem(
+            self._kernels, self._discrete_prior, region, carries, slope, whitener, strain
+        )
 
-    def _guess_from_heights(self, observation: Observation, region: View) -> InitialGuess:
+    def _guess_from_heights(self, observation: ObservationOnCells, region: View) -> InitialGuess:
         """Return an initial guess with pressure in proportion to the observed indentation, and no shear."""
         tractions = np.zeros((3, *region.shape), np.float32)
         tractions[0] = np.maximum(-observation.z_mm, 0) * region * np.float32(_WINKLER_PER_MM)
         return InitialGuess(tractions, self._extend_to_skin(observation.z_mm))
 
-    def _misfit(self, observation: Observation, skin_mm: SkinField) -> float:
+    def _misfit(self, observation: ObservationOnCells, skin_mm: SkinField) -> float:
         """Return the root mean square of the residual over its standard deviation; at least one."""
         residual = self.forward.bin(observation.change) - self.forward.scatter(self.law(skin_mm))
         square = float(np.vdot(residual, self._whitener(observation, 1.0)(residual)))
         return float(np.sqrt(max(square / max(float(self.forward.bin(observation.in_view).sum()), 1.0), 1.0)))
 
-    def _whitener(self, observation: Observation, misfit: float) -> Whitener:
+    def _whitener(self, observation: ObservationOnCells, misfit: float) -> Whitener:
         """Return the inverse covariance of noise and calibration error combined, scaled to the misfit."""
         noise = observation.noise * self.forward.cells.cells_per_bin**-0.5
         std = np.float32(np.hypot(observation.error, noise) * misfit)
@@ -281,7 +287,7 @@ def _wrench_covariance(result: InversionResult) -> Float64[Array, "6 6"]:
     return np.asarray(whitened @ whitened.T)
 
 
-def _wrench_operator(problem: LinearisedTractionProblem) -> Float64[Array, "6 unknowns"]:
+def _wrench_operator(problem: LinearisedBrightnessProblem) -> Float64[Array, "6 unknowns"]:
     """Return S: the force and torque due to a unit of each unknown, N and N·m per MPa."""
     cells, carried = problem.kernels.forward.cells, problem.carried_shear
     x, y = (coordinate[problem.contact_cells].astype(float) for coordinate in cells.coordinates_mm)

@@ -20,7 +20,7 @@ from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.evaluation import ErrorDistribution, WrenchEvaluation, WrenchPredictions, evaluate_predictions
 from ninedtact.force.network_force import STD_PER_LAPLACE_SCALE, move_prediction_to_skin_centre
 from ninedtact.force.networks import WrenchNetwork
-from ninedtact.force.onnx_model import MODEL_FORMAT, ModelCard, TrainingSummary, WrenchPrediction
+from ninedtact.force.onnx_model import MODEL_FORMAT, ModelCard, TrainingProvenance, WrenchPrediction
 from ninedtact.force.out_of_distribution import StatisticRange, in_distribution_ranges, out_of_distribution_statistics
 from ninedtact.force.training.examples import BatchDataset, TrainingExamples, move_examples_to_torque_point
 from ninedtact.force.training.settings import TrainingSettings
@@ -146,10 +146,10 @@ class TrainedNetwork:
                 batch = settings.augmentation(batch, settings.input.mm_per_px, generator)
             yield batch.network_input(settings.input.channels)
 
-    def _summarise_training(self, history: MetricsHistory) -> TrainingSummary:
+    def _summarise_training(self, history: MetricsHistory) -> TrainingProvenance:
         """Return the card's summary of data, epochs, settings and versions."""
         kept = np.concatenate([self.rows.train, self.rows.test])
-        return TrainingSummary(
+        return TrainingProvenance(
             pairs=len(self.rows.train),
             validation_pairs=len(self.rows.test),
             objects=len(set(np.asarray(self.examples.objects)[kept].tolist())),

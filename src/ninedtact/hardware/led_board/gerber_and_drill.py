@@ -81,19 +81,19 @@ def _copper_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, 
     """Return the shapes of pour, tracks, pads and vias."""
     areas = [_FilledArea(merge_polygon_holes(piece)) for piece in layout.pours[side]]
     strokes = [_DrawnStroke(track.width_mm, track.points) for track in layout.routes.tracks if track.side == side]
-    flashes = [flash_pad(pad, 0.0) for pad in layout.pads if side in pad.sides]
+    flashes = [flashed_pad_shape(pad, 0.0) for pad in layout.pads if side in pad.sides]
     return (*areas, *strokes, *flashes, *(_FlashedDisc(via.at_mm, via.diameter_mm) for via in layout.routes.vias))
 
 
 def _mask_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, ...]:
     """Return the openings of the solder mask: all pads, a little larger; vias stay covered."""
     margin = layout.board.rules.mask_margin_mm
-    return tuple(flash_pad(pad, margin) for pad in layout.pads if side in pad.sides)
+    return tuple(flashed_pad_shape(pad, margin) for pad in layout.pads if side in pad.sides)
 
 
 def _paste_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, ...]:
     """Return the openings of the stencil."""
-    whole = [flash_pad(pad, 0.0) for pad in layout.pads if pad.sides == (side,) and pad.land.paste]
+    whole = [flashed_pad_shape(pad, 0.0) for pad in layout.pads if pad.sides == (side,) and pad.land.paste]
     split = [pad for pad in layout.pads if pad.sides == (side,) and not pad.land.paste]
     return (*whole, *(window for pad in split for window in thermal_pad_paste_openings(pad)))
 
@@ -113,7 +113,7 @@ def _silkscreen_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedSha
     return (*bars, *(_DrawnStroke(PEN_MM, line) for word in place_designators(layout, side) for line in word.lines))
 
 
-def flash_pad(pad: BoardPad, margin_mm: float) -> _FlashedRectangle | FlashedPolygon:
+def flashed_pad_shape(pad: BoardPad, margin_mm: float) -> _FlashedRectangle | FlashedPolygon:
     """Return a pad, enlarged by a margin, as a flashed shape."""
     if not pad.land.corner_mm and not pad.cutouts:
         return _FlashedRectangle(pad.at_mm, (pad.size_mm[0] + 2 * margin_mm, pad.size_mm[1] + 2 * margin_mm))

@@ -19,7 +19,7 @@ from ninedtact.hardware.led_board.components import GROUND, BoardPad, BoardSide,
 from ninedtact.hardware.led_board.gerber_and_drill import (
     THERMAL_PASTE_MM,
     FlashedPolygon,
-    flash_pad,
+    flashed_pad_shape,
     thermal_pad_paste_openings,
 )
 from ninedtact.hardware.led_board.routing import Routes
@@ -154,7 +154,7 @@ def _footprint_pad(pad: BoardPad, origin: PointMm, letter: str, names: _NetNumbe
 
 def _custom_pad_shape(pad: BoardPad) -> tuple[Expression, ...]:
     """Return the shape of a pad with cutouts."""
-    shape = flash_pad(pad, 0.0)
+    shape = flashed_pad_shape(pad, 0.0)
     assert isinstance(shape, FlashedPolygon)
     points: Expression = ("pts", *(("xy", x, -y) for x, y in shape.points))
     polygon: Expression = ("gr_poly", points, ("width", 0), ("fill", True))

@@ -21,7 +21,7 @@ _KEEP_OFF = "do not touch the gel"
 _NO_SAMPLES = "no samples from the force/torque sensor yet"
 
 
-class ImageChangeDetector:
+class ReferenceImageDifference:
     """Measures how much an image differs from the reference images."""
 
     def __init__(self, references: Sequence[UInt8[Array, "rows cols 3"]]) -> None:
@@ -52,7 +52,7 @@ class TareResult:
     frames: tuple[Frame, ...]
     zero: Float64[Array, "6"]
     """The reading without contact, N and N·m about the skin centre."""
-    detector: ImageChangeDetector
+    detector: ReferenceImageDifference
 
     def remove_zero(self, wrench: Wrench) -> Wrench:
         """Return a wrench about the skin centre minus the reading without contact."""
@@ -109,7 +109,7 @@ class TareInProgress:
 
     def _compute(self) -> TareResult:
         zero = compute_tare(self.wrenches, self.settings.tare).mean
-        detector = ImageChangeDetector([frame.image for frame in self.frames])
+        detector = ReferenceImageDifference([frame.image for frame in self.frames])
         return TareResult(self.number, tuple(self.frames), zero, detector)
 
     def _objection(self, tare: TareResult) -> str:

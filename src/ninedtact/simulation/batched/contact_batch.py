@@ -20,7 +20,7 @@ from ninedtact.mechanics.active_region import (
     ActiveRectangles,
     GridRectangle,
     find_active_rectangles,
-    rectangle_masks,
+    points_inside_rectangles,
     whole_grid_rectangle,
 )
 from ninedtact.mechanics.alternating_solver import SolverSettings
@@ -79,7 +79,11 @@ class SkinStack:
         self, sensors: Sequence[int], rectangles: Sequence[GridRectangle], like: ScalarField
     ) -> ActiveRectangles:
         """Return the region of each contact of a batch, given its sensor's position in the stack and its rectangle."""
-        inside, xp, shape = rectangle_masks(rectangles, like), array_namespace_of(self.like), self.skins[0].grid.shape
+        inside, xp, shape = (
+            points_inside_rectangles(rectangles, like),
+            array_namespace_of(self.like),
+            self.skins[0].grid.shape,
+        )
         indices = xp.asarray(np.array(sensors), device=device(self.like))
         normal, bulge, diagonal, crossed = (xp.take(symbol, indices, axis=0) for symbol in self._symbols)
         softest = [self._shear_compliance(*one) for one in zip(sensors, rectangles, strict=True)]

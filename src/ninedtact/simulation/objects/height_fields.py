@@ -110,7 +110,9 @@ HeightfieldFunction = Callable[[DimensionSampler, CoordinateGrid], Heightfield]
 Points = Float[Array, "points 2"]
 
 
-def box_sdf(x: Heightfield, y: Heightfield, length_mm: float, width_mm: float, corner_mm: float = 0.0) -> Heightfield:
+def rounded_rectangle_sdf(
+    x: Heightfield, y: Heightfield, length_mm: float, width_mm: float, corner_mm: float = 0.0
+) -> Heightfield:
     """Return the signed distance to a rectangle with rounded corners."""
     beyond_x = np.abs(x) - length_mm / 2 + corner_mm
     beyond_y = np.abs(y) - width_mm / 2 + corner_mm

@@ -10,13 +10,13 @@ from ninedtact.simulation.objects.height_fields import (
     DimensionSampler,
     Heightfield,
     HeightfieldFunction,
-    box_sdf,
     flat_face,
     heights_raised_outside,
     polygon_corners,
     polyline_sdf,
     recess_heights,
     round_bar_heights,
+    rounded_rectangle_sdf,
     smooth_abs,
     wrap_to_pitch,
 )
@@ -73,14 +73,14 @@ def _brick(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     places = [(col - (cols - 1) / 2, row - (rows - 1) / 2) for col in range(cols) for row in range(rows)]
     studs = np.minimum.reduce([np.hypot(grid.x - pitch * x, grid.y - pitch * y) for x, y in places]) - 0.32 * pitch
     return heights_raised_outside(studs, sample.between(0.8, 1.6), 0.3) + flat_face(
-        box_sdf(grid.x, grid.y, cols * pitch, rows * pitch, 0.3)
+        rounded_rectangle_sdf(grid.x, grid.y, cols * pitch, rows * pitch, 0.3)
     )
 
 
 def _puzzle(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a piece of a jigsaw puzzle: a knob or a hole on each side."""
     size, knob = sample.between(3, 5), sample.between(0.26, 0.34)
-    outline = box_sdf(grid.x, grid.y, 2 * size, 2 * size, 0.2)
+    outline = rounded_rectangle_sdf(grid.x, grid.y, 2 * size, 2 * size, 0.2)
     kinds = sample.random.integers(0, 2, 4).tolist()
     for (x, y), out in zip(polygon_corners(4, 1.0).tolist(), kinds, strict=True):
         reach = size * (1 + (knob if out else -knob) * 0.75)
@@ -143,7 +143,9 @@ def _maze(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     flips = np.where(kind[np.round(grid.x / pitch).astype(int) % 30, np.round(grid.y / pitch).astype(int) % 30], 1, -1)
     u, v = wrap_to_pitch(grid.x, pitch), wrap_to_pitch(grid.y, pitch) * flips
     wall = np.minimum(np.abs(u - v), pitch - np.abs(u - v)) / np.sqrt(2) - 0.13 * pitch
-    return heights_raised_outside(wall, relief, 0.35) + flat_face(box_sdf(grid.x, grid.y, 6 * pitch, 5 * pitch, 0.5))
+    return heights_raised_outside(wall, relief, 0.35) + flat_face(
+        rounded_rectangle_sdf(grid.x, grid.y, 6 * pitch, 5 * pitch, 0.5)
+    )
 
 
 def _droplets(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:

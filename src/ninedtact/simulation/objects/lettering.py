@@ -12,11 +12,11 @@ from ninedtact.simulation.objects.height_fields import (
     DimensionSampler,
     Heightfield,
     HeightfieldFunction,
-    box_sdf,
     flat_face,
     heights_raised_outside,
     polyline_sdf,
     recess_heights,
+    rounded_rectangle_sdf,
     segment_sdf,
     wrap_to_pitch,
 )
@@ -71,7 +71,7 @@ def _text(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     count, height, relief = sample.integer(2, 5), sample.between(3, 7), sample.between(0.4, 1)
     height = min(height, 18 / count)
     letters = _written(grid.x, grid.y, _signs(sample, count), height) - height * 0.08
-    plate = box_sdf(grid.x, grid.y, height * count + 2, height + 3, 0.6)
+    plate = rounded_rectangle_sdf(grid.x, grid.y, height * count + 2, height + 3, 0.6)
     return heights_raised_outside(letters, relief, 0.25) + flat_face(plate)
 
 
@@ -80,7 +80,7 @@ def _stamp(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     height, depth = sample.between(3, 4.5), sample.between(0.4, 0.9)
     count = 3 if height > 3.8 else 4
     rows = [_written(grid.x, grid.y + shift * height * 0.75, _signs(sample, count), height) for shift in (-1, 1)]
-    plate = box_sdf(grid.x, grid.y, height * count + 1.5, 3 * height, 1)
+    plate = rounded_rectangle_sdf(grid.x, grid.y, height * count + 1.5, 3 * height, 1)
     return recess_heights(np.minimum(*rows) - height * 0.11, depth, 0.25) + flat_face(plate)
 
 
@@ -104,7 +104,7 @@ def _braille(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
         (6 * (cell - (cells - 1) / 2) + 2.5 * col - 1.25, 2.5 * row - 2.5) for cell, col, row in np.argwhere(dots)
     ]
     nearest = np.minimum.reduce([np.hypot(grid.x - scale * x, grid.y - scale * y) for x, y in places])
-    plate = box_sdf(grid.x, grid.y, min(6 * cells * scale, 20), 9 * scale, 0.5)
+    plate = rounded_rectangle_sdf(grid.x, grid.y, min(6 * cells * scale, 20), 9 * scale, 0.5)
     return height * np.clip(nearest / (0.9 * scale), 0, 1) ** 2 + flat_face(plate)
 
 
@@ -116,7 +116,7 @@ def _barcode(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     bars = [np.abs(grid.x - end + width / 2) - width / 2 for end, width in zip(ends[::2], widths[::2], strict=True)]
     outline = np.maximum(np.minimum.reduce(bars), np.abs(grid.y) - tall / 2)
     return heights_raised_outside(outline, relief, 0.3) + flat_face(
-        box_sdf(grid.x, grid.y, widths.sum() + 1.5, tall + 1.5, 0.3)
+        rounded_rectangle_sdf(grid.x, grid.y, widths.sum() + 1.5, tall + 1.5, 0.3)
     )
 
 

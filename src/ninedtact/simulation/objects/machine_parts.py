@@ -10,7 +10,6 @@ from ninedtact.simulation.objects.height_fields import (
     DimensionSampler,
     Heightfield,
     HeightfieldFunction,
-    box_sdf,
     flat_face,
     heights_raised_outside,
     polygon_corners,
@@ -18,6 +17,7 @@ from ninedtact.simulation.objects.height_fields import (
     polyline_sdf,
     recess_heights,
     round_bar_heights,
+    rounded_rectangle_sdf,
     segment_sdf,
     wrap_to_pitch,
 )
@@ -31,16 +31,21 @@ def _screw(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     radius, pitch, length = sample.between(1.5, 4.5), sample.between(0.8, 2), sample.between(10, 18)
     across = np.arcsin(np.clip(grid.y / radius, -1, 1))
     groove = np.abs(wrap_to_pitch(grid.x + pitch * across / (2 * np.pi), pitch)) * 1.1
-    return round_bar_heights(grid.y, radius) + groove + flat_face(box_sdf(grid.x, grid.y, length, 2 * radius), 0.4)
+    return (
+        round_bar_heights(grid.y, radius)
+        + groove
+        + flat_face(rounded_rectangle_sdf(grid.x, grid.y, length, 2 * radius), 0.4)
+    )
 
 
 def _bolt(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a bolt head seen from above: round or six-sided, with a slot, cross, hexagon or star to drive it."""
     drive, radius, depth = sample.integer(0, 3), sample.between(3, 7), sample.between(0.6, 1.5)
     drive_recess = (
-        box_sdf(grid.x, grid.y, 3 * radius, 0.28 * radius),
+        rounded_rectangle_sdf(grid.x, grid.y, 3 * radius, 0.28 * radius),
         np.minimum(
-            box_sdf(grid.x, grid.y, 1.2 * radius, 0.25 * radius), box_sdf(grid.y, grid.x, 1.2 * radius, 0.25 * radius)
+            rounded_rectangle_sdf(grid.x, grid.y, 1.2 * radius, 0.25 * radius),
+            rounded_rectangle_sdf(grid.y, grid.x, 1.2 * radius, 0.25 * radius),
         ),
         polygon_sdf(grid.x, grid.y, polygon_corners(6, 0.5 * radius)),
         grid.r - radius * (0.45 + 0.09 * np.cos(6 * grid.angle)),
@@ -77,7 +82,11 @@ def _spring(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     across = np.arcsin(np.clip(grid.y / radius, -1, 1))
     coil = wrap_to_pitch(grid.x + pitch * across / (2 * np.pi), pitch)
     tube = np.where(np.abs(coil) < wire, wire - np.sqrt(np.maximum(wire**2 - coil**2, 0)), np.inf)
-    return round_bar_heights(grid.y, radius) + tube + flat_face(box_sdf(grid.x, grid.y, length, 2 * radius), 0.3)
+    return (
+        round_bar_heights(grid.y, radius)
+        + tube
+        + flat_face(rounded_rectangle_sdf(grid.x, grid.y, length, 2 * radius), 0.3)
+    )
 
 
 def _chain(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
@@ -109,7 +118,7 @@ def _rack(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     teeth = heights_raised_outside(
         np.abs(wrap_to_pitch(grid.x + slant * grid.y, pitch)) - pitch * 0.18, height, pitch * 0.3
     )
-    return teeth + flat_face(box_sdf(grid.x, grid.y, length, sample.between(4, 9), 0.3))
+    return teeth + flat_face(rounded_rectangle_sdf(grid.x, grid.y, length, sample.between(4, 9), 0.3))
 
 
 def _fan(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
@@ -129,7 +138,7 @@ def _cable(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     place = [turn + 2 * np.pi * strand / strands for strand in range(strands)]
     size = radius / (1.2 if strands == 2 else 1.6)
     wires = [round_bar_heights(grid.y - radius * np.sin(at), size) + radius * (1 - np.cos(at)) for at in place]
-    return np.minimum.reduce(wires) + flat_face(box_sdf(grid.x, grid.y, sample.between(12, 18), 12), 0.3)
+    return np.minimum.reduce(wires) + flat_face(rounded_rectangle_sdf(grid.x, grid.y, sample.between(12, 18), 12), 0.3)
 
 
 def _spanner(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
@@ -137,12 +146,12 @@ def _spanner(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     jaw, handle = sample.between(2.2, 3.6), sample.between(0.7, 1.3)
     x, y = grid.x, grid.y
     head = np.hypot(x + 6, y) - jaw
-    mouth = box_sdf(*_sheet_frame(x + 6 + jaw * 0.6, y, sample.between(-0.4, 0.4)), 1.9 * jaw, 0.9 * jaw)
+    mouth = rounded_rectangle_sdf(*_sheet_frame(x + 6 + jaw * 0.6, y, sample.between(-0.4, 0.4)), 1.9 * jaw, 0.9 * jaw)
     end = np.abs(np.hypot(x - 6.5, y) - 0.62 * jaw) - 0.3 * jaw
-    shaft = box_sdf(x - 0.3, y, 10, 2 * handle)
+    shaft = rounded_rectangle_sdf(x - 0.3, y, 10, 2 * handle)
     shaft = np.maximum(shaft, 0.62 * jaw - np.hypot(x - 6.5, y))
     whole = np.minimum(np.minimum(np.maximum(head, -mouth), end), shaft)
-    return recess_heights(box_sdf(x - 0.2, y, 6, handle, 0.3), 0.4) + flat_face(whole, 0.3)
+    return recess_heights(rounded_rectangle_sdf(x - 0.2, y, 6, handle, 0.3), 0.4) + flat_face(whole, 0.3)
 
 
 def _sheet_frame(x: Heightfield, y: Heightfield, angle_rad: float) -> tuple[Heightfield, Heightfield]:
@@ -158,9 +167,9 @@ def _key(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     depths = sample.random.uniform(0.1, 0.55, cuts) * width
     stations = np.linspace(-0.8, 8, cuts)
     edge = np.interp(grid.x[0], np.ravel(np.c_[stations - 0.35, stations + 0.35]), np.repeat(depths, 2))
-    blade = np.maximum(box_sdf(x - 3, y, 13, width, 0.3), y - width / 2 + np.broadcast_to(edge, y.shape))
+    blade = np.maximum(rounded_rectangle_sdf(x - 3, y, 13, width, 0.3), y - width / 2 + np.broadcast_to(edge, y.shape))
     grip = np.maximum(np.hypot(x + 6, y) - bow, 0.35 * bow - np.hypot(x + 7, y))
-    groove = box_sdf(x - 3, y + 0.2 * width, 13, 0.22 * width)
+    groove = rounded_rectangle_sdf(x - 3, y + 0.2 * width, 13, 0.22 * width)
     return recess_heights(np.maximum(groove, -x - 2), 0.45, 0.25) + flat_face(np.minimum(grip, blade), 0.2)
 
 
@@ -195,7 +204,7 @@ def _circuit(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     )
     leg = np.maximum(row, np.abs(y) - body / 2 - 2)
     mark = np.hypot(x + length / 2 - 1, y) - 0.5
-    case = flat_face(box_sdf(x, y, length, body, 0.3), 0.3) + recess_heights(mark, 0.4)
+    case = flat_face(rounded_rectangle_sdf(x, y, length, body, 0.3), 0.3) + recess_heights(mark, 0.4)
     return np.minimum(case, flat_face(leg, 0.2) + 0.7 - 0.35 * np.maximum(np.abs(y) - body / 2 - 0.3, 0))
 
 

@@ -12,7 +12,6 @@ from ninedtact.simulation.objects.height_fields import (
     Heightfield,
     HeightfieldFunction,
     Points,
-    box_sdf,
     flat_face,
     heights_raised_outside,
     polygon_corners,
@@ -20,6 +19,7 @@ from ninedtact.simulation.objects.height_fields import (
     polyline_sdf,
     recess_heights,
     round_bar_heights,
+    rounded_rectangle_sdf,
     segment_sdf,
     smooth_abs,
 )
@@ -41,7 +41,7 @@ def _cylinder(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a cylinder that lies on its side."""
     radius, length = sample.between(1.5, 7), sample.between(8, 19)
     x, y = grid.rotated_axes(sample.between(0, np.pi))
-    return round_bar_heights(y, radius) + flat_face(box_sdf(x, y, length, 2 * radius), 0.3)
+    return round_bar_heights(y, radius) + flat_face(rounded_rectangle_sdf(x, y, length, 2 * radius), 0.3)
 
 
 def _capsule(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
@@ -75,7 +75,9 @@ def _pyramid(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
 def _wedge(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a wedge: an edge that is straight or bent along its length."""
     slope, length, bend = np.tan(sample.between(0.3, 1.0)), sample.between(8, 18), sample.between(-0.06, 0.06)
-    return slope * smooth_abs(grid.y - bend * grid.x**2, 0.3) + flat_face(box_sdf(grid.x, grid.y, length, 10, 0.5))
+    return slope * smooth_abs(grid.y - bend * grid.x**2, 0.3) + flat_face(
+        rounded_rectangle_sdf(grid.x, grid.y, length, 10, 0.5)
+    )
 
 
 def _cross_roof(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
@@ -169,7 +171,7 @@ def _tile(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a rectangular face."""
     length, width = sample.between(5, 16), sample.between(3, 9)
     return flat_face(
-        box_sdf(*grid.rotated_axes(sample.between(0, np.pi)), length, width, sample.between(0.2, 1.4)),
+        rounded_rectangle_sdf(*grid.rotated_axes(sample.between(0, np.pi)), length, width, sample.between(0.2, 1.4)),
         sample.between(0.2, 0.8),
     )
 
@@ -203,7 +205,8 @@ def _cross(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     arms, width, length = sample.integer(3, 5), sample.between(0.8, 2.2), sample.between(5, 8)
     ends = polygon_corners(arms, length, sample.between(0, np.pi))
     return flat_face(
-        np.minimum.reduce([box_sdf(*_bar(grid, end), 2 * length, width, 0.2) for end in ends.tolist()]), 0.3
+        np.minimum.reduce([rounded_rectangle_sdf(*_bar(grid, end), 2 * length, width, 0.2) for end in ends.tolist()]),
+        0.3,
     )
 
 

@@ -10,13 +10,13 @@ from ninedtact.simulation.objects.height_fields import (
     DimensionSampler,
     Heightfield,
     HeightfieldFunction,
-    box_sdf,
     flat_face,
     heights_raised_outside,
     polygon_corners,
     polygon_sdf,
     recess_heights,
     round_bar_heights,
+    rounded_rectangle_sdf,
     smooth_abs,
     wrap_to_pitch,
 )
@@ -28,7 +28,7 @@ def _plate(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     if kind == 0:
         return flat_face(grid.r - size)
     if kind == 1:
-        return flat_face(box_sdf(grid.x, grid.y, 2.2 * size, 1.6 * size, 0.6))
+        return flat_face(rounded_rectangle_sdf(grid.x, grid.y, 2.2 * size, 1.6 * size, 0.6))
     return flat_face(polygon_sdf(grid.x, grid.y, polygon_corners(6, size)))
 
 
@@ -98,7 +98,11 @@ def _knurl(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     along = np.arcsin(np.clip(grid.y / radius, -1, 1)) * radius
     grooves = [np.abs(wrap_to_pitch(grid.x + sign * along, 2 * pitch)) for sign in (-1, 1)]
     relief = 0.45 * np.maximum(*grooves)
-    return round_bar_heights(grid.y, radius) + relief + flat_face(box_sdf(grid.x, grid.y, length, 2 * radius), 0.4)
+    return (
+        round_bar_heights(grid.y, radius)
+        + relief
+        + flat_face(rounded_rectangle_sdf(grid.x, grid.y, length, 2 * radius), 0.4)
+    )
 
 
 def _honeycomb(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
@@ -142,7 +146,7 @@ def _comb(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
         np.abs(grid.x) - width / 2,
     )
     tines = np.maximum(row, np.abs(grid.y - tooth / 2) - tooth / 2)
-    return flat_face(np.minimum(tines, box_sdf(grid.x, grid.y + 1, width, 2.6, 0.4)), 0.25)
+    return flat_face(np.minimum(tines, rounded_rectangle_sdf(grid.x, grid.y + 1, width, 2.6, 0.4)), 0.25)
 
 
 def _ladder(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
@@ -160,7 +164,7 @@ def _bricks(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a brick wall."""
     length, ratio, joint = sample.between(3, 6), sample.between(0.35, 0.6), sample.between(0.18, 0.35)
     row = np.round(grid.y / (length * ratio))
-    stone = box_sdf(
+    stone = rounded_rectangle_sdf(
         wrap_to_pitch(grid.x + length / 2 * (row % 2), length),
         wrap_to_pitch(grid.y, length * ratio),
         length,
@@ -197,7 +201,7 @@ def _tread(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     return (
         recess_heights(grooves, depth)
         + 0.02 * grid.y**2
-        + flat_face(box_sdf(grid.x, grid.y, 17, sample.between(9, 14), 0.5))
+        + flat_face(rounded_rectangle_sdf(grid.x, grid.y, 17, sample.between(9, 14), 0.5))
     )
 
 

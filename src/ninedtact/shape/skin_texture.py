@@ -54,7 +54,7 @@ def fine_structure(image: Field) -> Field:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), _FINE_PX) - cv2.GaussianBlur(image, (0, 0), _COARSE_PX))
 
 
-def crop_margin(image: Array) -> Array:
+def remove_margin(image: Array) -> Array:
     """Return the image without its margin."""
     return image[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX:-_MARGIN_PX]
 
@@ -62,7 +62,9 @@ def crop_margin(image: Array) -> Array:
 def split_into_tiles(image: Array) -> list[Array]:
     """Return the inside of the image in equal tiles, with more along the longer side."""
     down, across = _TILES if image.shape[0] <= image.shape[1] else _TILES[::-1]
-    return [tile for band in np.array_split(crop_margin(image), down) for tile in np.array_split(band, across, axis=1)]
+    return [
+        tile for band in np.array_split(remove_margin(image), down) for tile in np.array_split(band, across, axis=1)
+    ]
 
 
 def structure_similarity(earlier: Field, later: Field) -> float:
