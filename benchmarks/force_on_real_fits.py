@@ -241,7 +241,7 @@ def compare_with_best(results: dict[tuple[str, str], Judged], sensors: list[str]
     rng, behind = np.random.default_rng(0), 0
     print(f"\n{estimators[0]} (the default) compared with the best estimator on each sensor and axis")
     for sensor in sensors:
-        truth = results[sensor, estimators[0]].predictions.true
+        truth = results[sensor, estimators[0]].predictions.truth
         errors = {spec: np.abs(results[sensor, spec].predictions.error) for spec in estimators}
         unskilled = np.abs(truth - np.median(truth, axis=0)).mean(axis=0)
         skill = {spec: 1 - error.mean(axis=0) / unskilled for spec, error in errors.items()}
