@@ -1,16 +1,22 @@
-"""`ninedtact.open`: the program of the README on a sensor's twin, and what it refuses."""
+"""`ninedtact.open`: the program of the README on a sensor's twin, references of recordings, and what it refuses."""
 
 import doctest
 import json
 import re
+import sys
 from dataclasses import replace
 from pathlib import Path
 from shutil import copytree, rmtree
+from threading import Thread
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+sys.path.insert(0, str(Path(__file__).parent / "studio"))
+from small_sensor import UNTOUCHED, sensor_folder, skin
 
 import ninedtact
 from ninedtact import EstimateWarning, Frame, SensorFolder
@@ -26,7 +32,8 @@ from ninedtact.mechanics.indenter import Ball
 from ninedtact.quantities import HeightSource, Rectified
 from ninedtact.recording.errors import ReferenceMomentRefused, SensorNotGiven
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import sensor_folder_attachments
+from ninedtact.recording.reader import Recording, sensor_folder_attachments
+from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.trajectory import ScriptedPress
 
@@ -250,3 +257,96 @@ def test_a_light_contact_is_found_against_the_session_and_a_release_is_none(phys
     assert found is not None and "dimmer" in found
     assert describe_new_contact(deep, untouched, seen) is None
     assert describe_new_contact(deep, light, seen) is not None
+
+
+def reference_recording(folder: Path, path: Path, rectified: bool) -> SensorFolder:
+    """Write two references, each with three pressed images after it, and no image without contact (as `collect` does)."""
+    sensor = load_sensor(sensor_folder(folder))
+    topics = [Topic.IMAGES, Topic.REFERENCE_GREY if rectified else Topic.REFERENCE]
+    attached = sensor_folder_attachments(sensor.path)
+    with RecordingWriter(path, RecordingMetadata(sensor.id), topics, attached) as writer:
+        number = 0
+        for tare, lamp in enumerate((1.0, 0.8)):
+            at_ns = FRAME_NS * (number + 1) + FRAME_NS // 2
+            frames = [Frame(dimmed(UNTOUCHED, lamp), at_ns, number) for _ in range(10)]
+            if rectified:
+                writer.write_reference_grey(sensor.shape.depth_reader(*frames).reference, at_ns)
+            else:
+                for frame in frames:
+                    writer.write_reference(frame, tare)
+            for _ in range(3):
+                number += 1
+                writer.write_image(Frame(dimmed(60, lamp), FRAME_NS * (number + 1), number))
+    return sensor
+
+
+def dimmed(level: int, lamp: float) -> np.ndarray:
+    return (skin(level) * lamp).round().astype(np.uint8)
+
+
+@pytest.mark.parametrize("rectified", [False, True], ids=["of collect", "of the page"])
+def test_a_recording_is_measured_against_the_references_that_it_holds(tmp_path: Path, rectified: bool) -> None:
+    path = tmp_path / "pairs.mcap"
+    folder = reference_recording(tmp_path / "small", path, rectified)
+    reader = folder.shape.depth_reader(Frame(skin(UNTOUCHED)))
+    deep_mm = -float(reader(folder.shape.rectify(Frame(skin(60)))).z_mm.min())
+    assert deep_mm > 1
+    for source in (path, str(path)):
+        with ninedtact.open(source=source, force="none") as sensor:
+            found = [reading.max_indentation_mm for reading in sensor]
+        assert found == pytest.approx([deep_mm] * 6, abs=0.03)
+    with Recording(path) as recording:
+        assert [one.max_indentation_mm for one in recording.readings()] == pytest.approx([deep_mm] * 6, abs=0.03)
+
+
+def test_a_rectified_reference_of_another_calibration_is_a_warning_on_every_reading(tmp_path: Path) -> None:
+    path = tmp_path / "page.mcap"
+    own = reference_recording(tmp_path / "small", path, rectified=True)
+    other = tmp_path / "other"
+    copytree(own.path, other)
+    text = (other / "sensor.toml").read_text()
+    (other / "sensor.toml").write_text(text.replace("noise_mm = 0.001", "noise_mm = 0.002"))
+    for sensor, expected in ((own.path, 0), (other, 6)):
+        with ninedtact.open(sensor, source=path, force="none") as opened:
+            warned = [EstimateWarning.REFERENCE_UNLIKE_CALIBRATION in reading.warnings for reading in opened]
+        assert (len(warned), sum(warned)) == (6, expected)
+
+
+def test_a_camera_may_be_named_by_its_number(tmp_path: Path) -> None:
+    folder = sensor_folder(tmp_path / "small")
+    assert ninedtact.open(folder, source=0, force="none").source.name == "camera 0"
+
+
+def test_an_opening_does_not_know_the_contact_of_the_one_before(physical_sensor: SensorFolder, tmp_path: Path) -> None:
+    twin = physical_sensor.twin()
+    contact = ScriptedPress(0.8).simulate(twin, Ball(4.0))
+    (tmp_path / "images").mkdir()
+    for number in range(2):
+        cv2.imwrite(str(tmp_path / "images" / f"{number}.png"), twin.renderer(contact, number))
+    cv2.imwrite(str(tmp_path / "reference.png"), twin.renderer(None, 9))
+    sensor = ninedtact.open(physical_sensor.path, str(tmp_path / "images"), reference=tmp_path / "reference.png")
+    found = []
+    for _ in range(2):
+        with sensor:
+            found.append([reading.wrench.six for reading in sensor if reading.wrench is not None])
+    np.testing.assert_array_equal(found[0], found[1])
+
+
+def test_estimates_in_two_threads_leave_the_number_of_blas_threads_as_it_was(physical_sensor: SensorFolder) -> None:
+    def blas_threads() -> list[int]:
+        return [one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"]
+
+    def run() -> None:
+        with ninedtact.open(physical_sensor.path, source="sim") as sensor:
+            for _ in range(30):
+                sensor.read()
+
+    run()  # everything is loaded
+    with threadpool_limits(2, user_api="blas"):
+        before = blas_threads()
+        threads = [Thread(target=run) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert blas_threads() == before

@@ -7,6 +7,7 @@ sensor is opened, so that `ninedtact --help` stays quick.
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,7 +38,7 @@ PathLike = Path | str
 
 def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     sensor: "PathLike | SensorFolder | None" = None,
-    source: "str | FrameSource" = "0",
+    source: "PathLike | int | FrameSource" = "0",
     force: str = "physics",
     reference: PathLike | Sequence[PathLike] | None = None,
     settings: "CameraSettings | None" = None,
@@ -87,9 +88,12 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     from ninedtact.reference_following import following_settings_for
     from ninedtact.sensor import Sensor
 
+    source = str(source) if isinstance(source, Path | int) else source
     with load_given_or_recorded_sensor(sensor, source) as folder:
         shape, check = folder.shape, load_reference_image_checker(folder)
         estimator = None if force == "none" else folder.estimator(force)
+        recording = source if reference is None and isinstance(source, str) and is_recording_address(source) else None
+        faults = () if recording is None else recorded_reference_faults(recording, folder, check)
     frames = source_for(source, settings or FIXED_EXPOSURE, folder) if isinstance(source, str) else source
     if isinstance(source, str) and source != SIMULATED and frames.is_live:
         frames = LatestFrameSource(frames)
@@ -99,8 +103,8 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
         depth_reader = shape.depth_reader(*check.read_images([Path(path) for path in paths]))
     elif source == SIMULATED:
         depth_reader = _twin_reference(folder)
-    elif isinstance(source, str) and is_recording_address(source):
-        depth_reader = load_recorded_depth_reader(source, shape)
+    elif recording is not None:
+        depth_reader = load_recorded_depth_reader(recording, shape)
     before = None if depth_reader is None else depth_reader.reference
     moments_s = [reference_at_s] if isinstance(reference_at_s, int | float) else reference_at_s
     return Sensor(
@@ -108,6 +112,8 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
         shape,
         depth_reader=depth_reader,
         later_references=later_references(source, moments_s, shape, check, before),
+        recorded_reference=None if recording is None else recorded_reference_of(frames, shape),
+        given_reference_faults=faults,
         estimator=estimator,
         find_reference_faults=check.find_faults,
         following=following_settings_for(frames, follow_reference),
@@ -173,6 +179,23 @@ def load_recorded_depth_reader(source: str, shape: "CalibratedShape") -> "DepthR
     from ninedtact.recording.recorded_source import depth_reader_from_recording
 
     return depth_reader_from_recording(Path(source).expanduser(), shape)
+
+
+def recorded_reference_faults(source: str, sensor: "SensorFolder", check: "ReferenceImageChecker") -> tuple[str, ...]:
+    """Return why the reference image of a recording cannot be that of a sensor (`find_recorded_reference_faults`)."""
+    require_recording_libraries()
+    from ninedtact.recording.recorded_source import find_recorded_reference_faults
+
+    return tuple(find_recorded_reference_faults(Path(source).expanduser(), sensor, check))
+
+
+def recorded_reference_of(
+    frames: "FrameSource", shape: "CalibratedShape"
+) -> "Callable[[int], DepthReader | None] | None":
+    """Return what gives the reference image of a recording at each stamp (`Sensor.recorded_reference`); None for other sources."""
+    from ninedtact.recording.recorded_source import RecordedFrameSource
+
+    return partial(frames.depth_reader_at, shape=shape) if isinstance(frames, RecordedFrameSource) else None
 
 
 def source_in_real_time(text: str, settings: "CameraSettings | None" = None) -> "FrameSource":

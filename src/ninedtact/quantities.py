@@ -119,7 +119,7 @@ class Wrench:
 
     def about(self, point_mm: Float64[Array, "3"]) -> "Wrench":
         """Return the same wrench with its torque about another point: τ' = τ + (old − new) × F."""
-        return replace(self, torque_nm=(self.shift_matrix(point_mm) @ self.six)[3:], about_mm=point_mm)
+        return replace(self, torque_nm=(self.shift_matrix(point_mm) @ self.six)[3:], about_mm=np.array(point_mm, float))
 
     def shift_matrix(self, point_mm: Float64[Array, "3"]) -> Float64[Array, "6 6"]:
         """Return the matrix that turns `six` into that of the same wrench about another point; it moves covariances too."""

@@ -44,10 +44,14 @@ class Sensor:
     """Computes heights against the present reference image. Every opening begins with the one that is given, or takes a new one."""
     later_references: Sequence[Sequence[Frame]] = ()
     """Reference images of a recording that replace the present ones from the stamp of their first on, in order of time."""
+    recorded_reference: Callable[[int], DepthReader | None] | None = None
+    """Returns the depth reader for the reference image that a recording has for a stamp, the same object until it changes."""
     estimator: ForceEstimator | None = None
     """Estimates the wrench of every reading; None leaves `Reading.wrench` empty."""
     find_reference_faults: Callable[[Sequence[Frame]], Sequence[str]] = _assume_faultless
     """Returns why frames cannot be reference images of the calibrated sensor; called once for every reference that is taken."""
+    given_reference_faults: tuple[str, ...] = ()
+    """Why the reference image that is given with a depth reader cannot be that of the calibrated sensor."""
     reference_faults: tuple[str, ...] = field(default=(), init=False)
     """What `find_reference_faults` returned for the present reference."""
     following: FollowingSettings | None = None
@@ -61,6 +65,8 @@ class Sensor:
     """The depth reader that was given and that the sensor has replaced; the next opening begins with it."""
     _has_own_reference: bool = field(default=False, init=False)
     """Whether the sensor itself took the present reference or moved it."""
+    _recorded_reader: DepthReader | None = field(default=None, init=False)
+    """The reader that `recorded_reference` returned last."""
     _later_used: int = field(default=0, init=False)
     """Number of later references that have come into use since the sensor was opened."""
 
@@ -73,6 +79,7 @@ class Sensor:
         watch = Stopwatch()
         frame = self._next_frame()
         watch.mark("capture")
+        self._use_recorded_reference(frame.stamp_ns)
         self._use_later_reference(frame.stamp_ns)
         depth = self._require_reference()
         rectified = self.shape.rectify(frame)
@@ -129,9 +136,12 @@ class Sensor:
         """
         self.source.open()
         self.frames_read, self.last_frame_ns = 0, monotonic_ns()
-        self.reference_faults, self._follower, self._later_used = (), None, 0
+        self._follower, self._later_used, self._recorded_reader = None, 0, None
         if self._has_own_reference:
             self.depth_reader, self._given_reader, self._has_own_reference = self._given_reader, None, False
+        self.reference_faults = () if self.depth_reader is None else self.given_reference_faults
+        if self.estimator is not None:
+            self.estimator.forget()
         if take_reference and self.depth_reader is None:
             try:
                 self.take_reference()
@@ -148,6 +158,15 @@ class Sensor:
         if not self._has_own_reference:
             self._given_reader, self._has_own_reference = self.depth_reader, True
         self.depth_reader = reader
+
+    def _use_recorded_reference(self, now_ns: int) -> None:
+        """Make the reference that a recording has for this moment the present one, until a later one is set by hand."""
+        if self.recorded_reference is None or self._later_used:
+            return
+        reader = self.recorded_reference(now_ns)
+        if reader is not None and reader is not self._recorded_reader:
+            self._recorded_reader, self._follower = reader, None
+            self._replace_reader(reader)
 
     def _use_later_reference(self, now_ns: int) -> None:
         """Make a later reference the present one where its moment has come."""

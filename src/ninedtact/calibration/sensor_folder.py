@@ -192,7 +192,7 @@ class SensorFolder:
         return build_twin_from_folder(self)
 
     def estimator(self, spec: str = "physics") -> "ForceEstimator":
-        """Load a force estimator for this sensor: `physics`, `network`, `both`, `none`, or the path of a force model (.onnx).
+        """Load a force estimator for this sensor: `physics`, `corrected`, `none`, or the path of a force model (.onnx).
 
         Raises what `force.estimator_loading.load_estimator` raises.
 

@@ -86,14 +86,21 @@ class Estimate:
     def readings(self, folder: "SensorFolder", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image."""
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
-        from ninedtact.open_sensor import is_recording_address, later_references, load_recorded_depth_reader
+        from ninedtact.open_sensor import (
+            is_recording_address,
+            later_references,
+            load_recorded_depth_reader,
+            recorded_reference_faults,
+            recorded_reference_of,
+        )
         from ninedtact.sensor import Sensor
         from ninedtact.shape.image_check import require_plausible_image
 
         shape, check = folder.shape, load_reference_image_checker(folder)
         references = check.read_images(self.reference)
         depth = shape.depth_reader(*references) if references else None
-        if depth is None and len(self.source) == 1 and is_recording_address(self.source[0]):
+        is_recorded = depth is None and len(self.source) == 1 and is_recording_address(self.source[0])
+        if is_recorded:
             depth = load_recorded_depth_reader(self.source[0], shape)
         frames, before = self.frames(), None if depth is None else depth.reference
         source = self.source[0] if len(self.source) == 1 else frames
@@ -102,6 +109,8 @@ class Estimate:
             shape,
             depth_reader=depth,
             later_references=later_references(source, self.reference_at, shape, check, before),
+            recorded_reference=recorded_reference_of(frames, shape) if is_recorded else None,
+            given_reference_faults=recorded_reference_faults(self.source[0], folder, check) if is_recorded else (),
             estimator=estimator,
             find_reference_faults=check.find_faults,
         ) as sensor:

@@ -52,7 +52,7 @@ class NetworkForce(ForceEstimator):
         if self.features is None and self.model.card.input.channels.needs_sensor_features:
             raise ModelNeedsSensorFeatures(
                 f"expected the features of the sensor for the force model {self.name!r}, which was trained with them, got none; "
-                "use load_estimator('network', load_sensor(FOLDER)), or give features=sensor_features_of(shape, gel)"
+                "use load_estimator(MODEL, load_sensor(FOLDER)), or give features=sensor_features_of(shape, gel)"
             )
         self.input = NetworkInputBuilder(self.model.card.input, self.features or SensorFeatures(self.gel.thickness_mm))
         self._no_contact_std: Float64[Array, 6] | None = None

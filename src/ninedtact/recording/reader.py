@@ -17,7 +17,7 @@ from mcap.records import Attachment, Metadata
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import CameraNotFound
-from ninedtact.quantities import Frame, Rectified, Wrench, WrenchEstimate
+from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_index import (
@@ -46,7 +46,6 @@ from ninedtact.recording.topics_and_messages import (
     decode_image,
     decode_labelled_span,
     decode_pair_label,
-    decode_reference_grey,
     decode_warnings,
     decode_wrench,
     decode_wrench_estimate,
@@ -173,17 +172,20 @@ class Recording:
     def readings(self) -> Iterator[Reading]:
         """Yield what the recorded sensor measures in every frame: its calibration is applied to the images.
 
-        The first ten frames are taken as reference images (no contact), unless the recording has its own (live page, ROS).
+        The first ten frames are taken as reference images (no contact), unless the recording has its own (page, ROS, `collect`).
         Raises `RecordingUnreadable` where the recording carries no sensor folder.
         """
+        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
         from ninedtact.calibration.sensor_folder import load_sensor
-        from ninedtact.recording.recorded_source import depth_reader_from_recording
+        from ninedtact.recording.recorded_source import RecordedReferences
         from ninedtact.recording.recorder import ReadingComputer
 
         with TemporaryDirectory(prefix="ninedtact_") as folder:
-            shape = load_sensor(self.save_sensor_folder(Path(folder) / "sensor")).shape
-            computer = ReadingComputer(shape, depth_reader=depth_reader_from_recording(self.path, shape))
+            sensor = load_sensor(self.save_sensor_folder(Path(folder) / "sensor"))
+            references = RecordedReferences(self, sensor.shape)
+            computer = ReadingComputer(sensor.shape, load_reference_image_checker(sensor).find_faults)
             for frame in self.frames():
+                computer.depth_reader = references.depth_reader_at(frame.stamp_ns) or computer.depth_reader
                 yield from computer.readings(frame)
 
     def wrench(self, position: np.void) -> Wrench:
@@ -248,15 +250,6 @@ class Recording:
             raise RecordingUnreadable(
                 f"expected the labelled spans of {self.path} as they were written, got: {error}; restore the file from a copy"
             ) from error
-
-    def reference_at(self, stamp_ns: int, mm_per_px: float) -> Rectified | None:
-        """Return the rectified reference image that held at a stamp; None where the recording has none."""
-        positions = self.positions(Topic.REFERENCE_GREY)
-        if len(positions) == 0:
-            return None
-        number = max(int(np.searchsorted(positions["stamp_ns"], stamp_ns, side="right")) - 1, 0)
-        message = self.message(positions[number])
-        return Rectified(decode_reference_grey(message.data), mm_per_px, message.stamp_ns)
 
     def attachments(self) -> Iterator[Attachment]:
         """Yield the attached files with their names; raises `RecordingUnreadable` where one is damaged."""

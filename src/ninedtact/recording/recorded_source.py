@@ -13,13 +13,14 @@ import numpy as np
 from numpy import ndarray as Array
 
 from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImageChecker, describe_new_contact
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.capture.frame_source import FrameSource, Openable, SourceEnded, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, HeightSource, Rectified, Wrench
 from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefused
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.summary import median_rate_hz
-from ninedtact.recording.topics_and_messages import Topic
+from ninedtact.recording.topics_and_messages import Topic, decode_reference_grey
 from ninedtact.shape.calibrated_shape import CalibratedShape, mean_rectified_image
 from ninedtact.shape.depth import DepthReader
 
@@ -84,11 +85,24 @@ class RecordedFrameSource(_RecordedTopic, FrameSource):
 
     topic = Topic.IMAGES
     is_live = False
+    _references: "RecordedReferences | None" = None
 
     def open(self) -> None:
         """Open the recording at its first image; raises `CameraNotFound` or `RecordingUnreadable`."""
         super().open()
         self.recorded_hz = median_rate_hz(self._positions["stamp_ns"])
+
+    def depth_reader_at(self, stamp_ns: int, shape: CalibratedShape) -> DepthReader | None:
+        """Return the depth reader for the reference image that held at a stamp; None where the recording has none.
+
+        Raises `SourceNotOpen` and what `RecordedReferences.depth_reader_at` raises.
+        """
+        with self._lock:
+            if self._recording is None:
+                raise SourceNotOpen(self.name)
+            if self._references is None or self._references.recording is not self._recording:
+                self._references = RecordedReferences(self._recording, shape)
+            return self._references.depth_reader_at(stamp_ns)
 
     def read(self) -> Frame:
         """Return the next frame; raises `SourceEnded` after the last."""
@@ -103,6 +117,69 @@ class RecordedWrenchSource(_RecordedTopic, WrenchSource):
     def read(self) -> Wrench:
         """Return the next sample; raises `SourceEnded` after the last."""
         return self._read_next(Recording.wrench)
+
+
+class RecordedReferences:
+    """The reference images of a recording: rectified ones (live page, ROS), or raw ones (`collect`), of which those with one index
+    belong together. Each holds from its stamp on, the first one before it, too."""
+
+    def __init__(self, recording: Recording, shape: CalibratedShape) -> None:
+        self.recording, self._shape = recording, shape
+        positions = {topic: recording.positions(topic) for topic in (Topic.REFERENCE_GREY, Topic.REFERENCE)}
+        self._topic = next((topic for topic, found in positions.items() if len(found)), None)
+        self._positions: Array = np.empty(0) if self._topic is None else positions[self._topic]
+        self._last: tuple[int, DepthReader] | None = None
+
+    @property
+    def are_rectified(self) -> bool:
+        """Whether the images are rectified ones, which belong to the calibration that rectified them."""
+        return self._topic is Topic.REFERENCE_GREY
+
+    def depth_reader_at(self, stamp_ns: int) -> DepthReader | None:
+        """Return the depth reader for the reference image that held at a stamp, the same object until it changes; None without one.
+
+        Raises what reading a recording raises, and `RecordingUnreadable` where the image is not that of the sensor.
+        """
+        if self._topic is None:
+            return None
+        number = max(int(np.searchsorted(self._positions["stamp_ns"], stamp_ns, side="right")) - 1, 0)
+        if self._last is None or self._last[0] != number:
+            self._last = number, self._read(number)
+        return self._last[1]
+
+    def frames_at(self, number: int) -> list[Frame]:
+        """Return all raw reference images that belong to one of them."""
+        frames = [self.recording.frame(self._positions[number])]
+        for numbers in (range(number - 1, -1, -1), range(number + 1, len(self._positions))):
+            for other in numbers:
+                frame = self.recording.frame(self._positions[other])
+                if frame.index != frames[0].index:
+                    break
+                frames.append(frame)
+        return frames
+
+    def _read(self, number: int) -> DepthReader:
+        if not self.are_rectified:
+            return self._shape.depth_reader(*self.frames_at(number))
+        message, wanted = self.recording.message(self._positions[number]), self._shape.rectify.height_source.shape
+        grey = decode_reference_grey(message.data)
+        if grey.shape != wanted:
+            raise RecordingUnreadable(
+                f"expected a reference image of {wanted[1]} x {wanted[0]} pixels in {self.recording.path}, as the sensor has, got "
+                f"{grey.shape[1]} x {grey.shape[0]}; name the recorded sensor, or none"
+            )
+        return self._shape.reader_against(Rectified(grey, self._shape.rectify.mm_per_px, message.stamp_ns))
+
+
+def find_recorded_reference_faults(path: Path | str, sensor: SensorFolder, check: ReferenceImageChecker) -> list[str]:
+    """Return why the first reference image of a recording cannot be that of a sensor; empty where it can or there is none."""
+    with Recording(path) as recording:
+        references = RecordedReferences(recording, sensor.shape)
+        if references.are_rectified:
+            own = recording.sensor_files().get(SENSOR_FILE)
+            is_own = recording.sensor == sensor.id if own is None else own == (sensor.path / SENSOR_FILE).read_bytes()
+            return [] if is_own else [f"{path} was rectified with another calibration than that of {sensor.path}"]
+        return list(check.find_faults(references.frames_at(0))) if len(recording.positions(Topic.REFERENCE)) else []
 
 
 def read_references_at_moments(
@@ -133,19 +210,13 @@ def read_references_at_moments(
 
 
 def depth_reader_from_recording(path: Path | str, shape: CalibratedShape) -> DepthReader | None:
-    """Return a depth reader for the reference image that a recording starts with, as those of the live page do; None without one.
+    """Return a depth reader for the reference image that a recording starts with; None without one (`ninedtact record`).
 
-    Raises what reading a recording raises, and `RecordingUnreadable` where the image is not that of the sensor.
+    Raises what `RecordedReferences.depth_reader_at` raises.
     """
     with Recording(path) as recording:
-        stamps_ns, wanted = recording.stamps_ns(Topic.IMAGES), shape.rectify.height_source.shape
-        reference = recording.reference_at(int(stamps_ns[0]), shape.rectify.mm_per_px) if len(stamps_ns) else None
-    if reference is not None and reference.grey.shape != wanted:
-        raise RecordingUnreadable(
-            f"expected a reference image of {wanted[1]} x {wanted[0]} pixels in {path}, as the sensor has, got "
-            f"{reference.grey.shape[1]} x {reference.grey.shape[0]}; name the recorded sensor, or none"
-        )
-    return None if reference is None else shape.reader_against(reference)
+        stamps_ns = recording.stamps_ns(Topic.IMAGES)
+        return RecordedReferences(recording, shape).depth_reader_at(int(stamps_ns[0])) if len(stamps_ns) else None
 
 
 def _first_image_at(recording: Recording, positions: Array, at_s: float) -> int:

@@ -21,11 +21,12 @@ from jaxtyping import Int64
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError, NinedtactError
-from ninedtact.quantities import Frame, WrenchEstimate
+from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_repair import edit_labelled_spans
 from ninedtact.recording.reader import Recording
+from ninedtact.recording.recorded_source import RecordedReferences
 from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
@@ -69,7 +70,8 @@ class RecordedReadings:
         self.stamps_ns: Int64[Array, " n"] = np.asarray(self._images["stamp_ns"])
         self._at = {topic: self._by_stamp(topic) for topic in (Topic.HEIGHTS, Topic.ESTIMATED, Topic.COVARIANCE)}
         self._warned = self._by_stamp(Topic.WARNINGS)
-        self._reader: tuple[int, DepthReader] | None = None
+        self._references = RecordedReferences(self.recording, shape)
+        self._first_reader: DepthReader | None = None
 
     def __len__(self) -> int:
         return len(self._images)
@@ -136,23 +138,13 @@ class RecordedReadings:
         return decode_wrench_estimate(self.recording.wrench(at), errors, warned)
 
     def _depth_reader_at(self, stamp_ns: int) -> DepthReader:
-        """Return the depth reader for the reference image that held at a stamp."""
-        grey, raw = (self.recording.stamps_ns(topic) for topic in (Topic.REFERENCE_GREY, Topic.REFERENCE))
-        begun = grey if len(grey) else raw
-        key = max(int(np.searchsorted(begun, stamp_ns, side="right")) - 1, 0)
-        if self._reader is None or self._reader[0] != key:
-            self._reader = key, self._read_reference(stamp_ns, key)
-        return self._reader[1]
-
-    def _read_reference(self, stamp_ns: int, key: int) -> DepthReader:
-        reference = self.recording.reference_at(stamp_ns, self._shape.rectify.mm_per_px)
-        if reference is not None:
-            self._require_size(reference.grey.shape)
-            return self._shape.reader_against(reference)
-        frames: list[Frame] = list(self.recording.frames(Topic.REFERENCE))
-        if frames:
-            return self._shape.depth_reader(*(one for one in frames if one.index == frames[key].index))
-        return self._shape.depth_reader(*map(self.recording.frame, self._images[:REFERENCE_FRAMES]))
+        """Return the depth reader for the reference image that held at a stamp, or that of the first ten images."""
+        recorded = self._references.depth_reader_at(stamp_ns)
+        if recorded is not None:
+            return recorded
+        if self._first_reader is None:
+            self._first_reader = self._shape.depth_reader(*map(self.recording.frame, self._images[:REFERENCE_FRAMES]))
+        return self._first_reader
 
     def _require_size(self, size: tuple[int, ...]) -> None:
         wanted = self._shape.rectify.height_source.shape

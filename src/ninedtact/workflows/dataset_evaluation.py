@@ -70,6 +70,7 @@ def predict_dataset(
     workers: number of processes that calibrate simulated sensors and estimate, or a cluster. notify: receives a sentence about each
     sensor whose pairs are left out. Raises what estimators and data sets raise.
     """
+    _estimators.clear()  # a model file may have been written anew since the last evaluation in this process
     known = load_dataset_sensors(data, settings.sensors, workers, progress)
     for notice in known.exclusion_notices():
         notify(notice)

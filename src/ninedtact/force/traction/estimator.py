@@ -6,9 +6,12 @@ An incompressible gel that is bonded below rises in front of a dragged object an
 that the object applies. Nothing is trained: the prior has only a few parameters (`linearisation.TractionPrior`).
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
-from typing import TYPE_CHECKING
+from threading import Lock
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float32
@@ -72,7 +75,7 @@ class TractionForce(ForceEstimator):
         if reading.image_warnings:
             self.forget()
             return unknown_wrench_estimate(reading.stamp_ns, reading.image_warnings)
-        with _blas_controller().limit(limits=1, user_api="blas"):  # small matrices are slower on several threads
+        with _on_one_blas_thread():  # small matrices are slower on several threads
             return self._invert(reading)
 
     def forget(self) -> None:
@@ -160,6 +163,24 @@ def build_traction_force(calibrated: CalibratedShape, gel: Gel | None) -> Tracti
             "expected the gel's thickness and shear modulus, got no gel; give SensorDesign().gel, or the gel of the sensor's twin"
         )
     return TractionForce(substrate.observation_model, gel, substrate.base)
+
+
+_blas_lock, _blas_users = Lock(), list[Any]()
+"""The limit that is in force, once for each thread that estimates at present."""
+
+
+@contextmanager
+def _on_one_blas_thread() -> Iterator[None]:
+    """Run BLAS on one thread in the block. The number belongs to the process: the last of several users restores it."""
+    with _blas_lock:
+        _blas_users.append(_blas_users[0] if _blas_users else _blas_controller().limit(limits=1, user_api="blas"))
+    try:
+        yield
+    finally:
+        with _blas_lock:
+            limit = _blas_users.pop()
+            if not _blas_users:
+                limit.restore_original_limits()
 
 
 @cache
