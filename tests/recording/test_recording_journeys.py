@@ -234,6 +234,30 @@ def test_a_sensor_that_is_lost_is_reported_and_the_others_go_on(sensor: Path, tm
         assert event.subject == "lost" and "plug the camera in" in event.text and recording.is_finished
 
 
+def test_a_full_disk_keeps_what_was_recorded_of_several_sensors(
+    sensor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ninedtact.recording.writer.CHUNK_BYTES", 30_000)
+    folder, path, said = load_sensor(sensor), tmp_path / "grasp.mcap", list[str]()
+    parts = {name: SensorToRecord(Camera(10.0), folder) for name in ("left", "right")}
+    room, limit = 2 * sum(map(len, read_folder_files(sensor).values())) + 600_000, resource.RLIMIT_FSIZE
+    before = resource.getrlimit(limit)
+    resource.setrlimit(limit, (room, before[1]))
+    try:
+        writers, errors = record_several(parts, path, notify=said.append)
+    finally:
+        resource.setrlimit(limit, before)
+    assert set(errors) == set(writers)
+    for address in recorded_sensor_addresses(path):
+        with Recording(address) as recording:
+            images = list(recording.frames())
+        assert len(images) > 10
+        for frame, expected in zip(images, Camera(10.0), strict=False):
+            assert np.array_equal(frame.image, expected.image)
+    assert any("got an earlier write that failed" in one for one in said)
+    assert all("free the disk" in one and "others go on" not in one for one in said)
+
+
 @pytest.mark.parametrize(
     ("sources", "sensors", "sentence"),
     [
