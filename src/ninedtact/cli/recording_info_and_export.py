@@ -13,6 +13,7 @@ from ninedtact.cli.sensor_page import require_rerun
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
+    from ninedtact.recording.reader import Recording
     from ninedtact.recording.summary import RecordingSummary
 
 
@@ -29,7 +30,7 @@ class Info:
     recording: Annotated[Path, tyro.conf.Positional]
     """File that `ninedtact record` or `ninedtact collect` wrote, finished or cut short."""
     repair: bool = False
-    """Finish a file that was cut short, so that other programs read it too."""
+    """Finish a file that was cut short, so that other programs read it too; not while it is being recorded."""
     json: bool = False
     """Print the summary as one JSON object."""
 
@@ -38,18 +39,27 @@ class Info:
         from ninedtact.recording.errors import require_recording_libraries
 
         require_recording_libraries()
-        from ninedtact.recording.mcap_repair import repair_recording
         from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 
+        addresses = recorded_sensor_addresses(self.recording)
         if self.repair:
-            repair_recording(self.recording)
-        summaries, lines = [], list[str]()
-        for address in recorded_sensor_addresses(self.recording):
-            with Recording(address) as recording:
-                summaries.append(recording.summary())
-                lines += _summary_lines(recording.path, summaries[-1])
+            with Recording(addresses[0]) as recording:
+                _repair(recording)
+        with ExitStack() as opened:
+            recordings = [opened.enter_context(Recording(address)) for address in addresses]
+            summaries = [recording.summary() for recording in recordings]
+            lines = [line for summary in summaries for line in _summary_lines(recordings[0].path, summary)]
+            lines += _ending_lines(recordings[0], max(summary.seconds for summary in summaries))
         figures = [asdict(summary) for summary in summaries]
         return print_result(self.json, figures[0] if len(figures) == 1 else {"sensors": figures}, lines)
+
+
+def _repair(recording: "Recording") -> None:
+    """Finish the file of a recording; raises `RecordingRefused` where it is still being written."""
+    from ninedtact.recording.mcap_repair import repair_recording, require_ended_recording
+
+    require_ended_recording(recording, "repair it")
+    repair_recording(recording.path)
 
 
 def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
@@ -72,8 +82,16 @@ def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
         yield f"  label '{span.label}': {(span.end_ns - span.begin_ns) / 1e9:.2f} s from stamp {span.begin_ns / 1e9:.2f} s on"
     if summary.pairs:
         yield f"  pairs: {', '.join(f'{number} {kind}' for kind, number in summary.pairs.items())}"
-    if not summary.finished:
-        yield f"  {_cut_short_sentence(summary.seconds)}"
+
+
+def _ending_lines(recording: "Recording", seconds: float) -> Iterator[str]:
+    """Yield why the file of a recording has no proper end, where it has none; seconds: duration of what is there."""
+    from ninedtact.recording.mcap_repair import is_being_written
+
+    if is_being_written(recording):
+        yield f"  The file is still being written: {seconds:.1f} s so far."
+    elif not recording.is_finished:
+        yield f"  {_cut_short_sentence(seconds)}"
         yield "  It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
 
 
