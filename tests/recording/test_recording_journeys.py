@@ -129,6 +129,7 @@ def test_a_small_recording_is_played_back_and_exported_like_a_large_one(
     assert (found["height_step_mm"], found["camera_delay_ms"]) == (0.001, 20.0)
     assert main(["info", str(small)]) == 0
     said = capsys.readouterr().out
+    assert "not checked for damage here" in said
     assert "heights in steps of 0.001 mm" in said and "less the camera's delay of 20 ms" in said
     told(capsys, "export", small, "--out", tmp_path / "out")
     with Recording(large) as one, Recording(small) as other, RecordedFrameSource(small) as played:
@@ -616,9 +617,15 @@ def test_a_recording_that_was_cut_short_is_exported_with_its_images_or_refused(
     images = sum(one["messages"] for one in found["topics"] if one["topic"].endswith("image_raw"))
     assert (images > 0) == (share > 0.9)
     if images == 0:
+        refusal = "got a file that was cut short before its first image; copy it again whole"
+        assert main(["info", str(path)]) == 0
+        said = capsys.readouterr().out
+        assert refusal in said and "It can be read as it is" not in said
+        (said,) = failure_lines(capsys, "info", path, "--repair")
+        assert said.endswith(refusal) and path.stat().st_size == int(share * len(content))
         for to in ("files", "lerobot"):
             (said,) = failure_lines(capsys, "export", path, "--out", out, "--to", to)
-            assert said.endswith("got a file that was cut short before its first image; copy it again whole")
+            assert said.endswith(refusal)
         assert not out.exists() and not list(tmp_path.rglob("*.partial"))
         return
     for command in (["info", str(path)], ["export", str(path), "--out", str(out)]):

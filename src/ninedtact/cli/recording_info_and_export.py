@@ -25,7 +25,10 @@ def _cut_short_sentence(seconds: float) -> str:
 
 @dataclass(frozen=True)
 class Info:
-    """Print what is in a recording: topics, rates, drops, gaps, pairs. To watch it: ninedtact live --source FILE."""
+    """Print what is in a recording: topics, rates, drops, gaps, pairs. To watch it: ninedtact live --source FILE.
+
+    Images and other messages are not checked for damage, which takes minutes for a large file; `ninedtact export` checks them.
+    """
 
     recording: Annotated[Path, tyro.conf.Positional]
     """File that `ninedtact record` or `ninedtact collect` wrote, finished or cut short."""
@@ -43,23 +46,29 @@ class Info:
 
         addresses = recorded_sensor_addresses(self.recording)
         if self.repair:
-            with Recording(addresses[0]) as recording:
-                _repair(recording)
+            with ExitStack() as opened:
+                _repair([opened.enter_context(Recording(address)) for address in addresses])
         with ExitStack() as opened:
             recordings = [opened.enter_context(Recording(address)) for address in addresses]
             summaries = [recording.summary() for recording in recordings]
             lines = [line for summary in summaries for line in _summary_lines(recordings[0].path, summary)]
-            lines += _ending_lines(recordings[0], max(summary.seconds for summary in summaries))
+            lines += _ending_lines(recordings, max(summary.seconds for summary in summaries))
         figures = [asdict(summary) for summary in summaries]
         return print_result(self.json, figures[0] if len(figures) == 1 else {"sensors": figures}, lines)
 
 
-def _repair(recording: "Recording") -> None:
-    """Finish the file of a recording; raises `RecordingRefused` where it is still being written."""
+def _repair(recordings: "list[Recording]") -> None:
+    """Finish the file of some sensors' recordings.
+
+    Raises `RecordingRefused` where it is still being written, and `RecordingUnreadable` where it has no image, because as a
+    finished file it would pass for a whole one.
+    """
+    from ninedtact.recording.export import require_exportable
     from ninedtact.recording.mcap_repair import repair_recording, require_ended_recording
 
-    require_ended_recording(recording, "repair it")
-    repair_recording(recording.path)
+    require_ended_recording(recordings[0], "repair it")
+    require_exportable(recordings)
+    repair_recording(recordings[0].path)
 
 
 def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
@@ -84,15 +93,22 @@ def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
         yield f"  pairs: {', '.join(f'{number} {kind}' for kind, number in summary.pairs.items())}"
 
 
-def _ending_lines(recording: "Recording", seconds: float) -> Iterator[str]:
-    """Yield why the file of a recording has no proper end, where it has none; seconds: duration of what is there."""
+def _ending_lines(recordings: "list[Recording]", seconds: float) -> Iterator[str]:
+    """Yield how far the file of some sensors' recordings can be used; seconds: duration of what is there."""
+    from ninedtact.recording.errors import RecordingUnreadable
+    from ninedtact.recording.export import require_exportable
     from ninedtact.recording.mcap_repair import is_being_written
 
-    if is_being_written(recording):
+    if is_being_written(recordings[0]):
         yield f"  The file is still being written: {seconds:.1f} s so far."
-    elif not recording.is_finished:
+    elif not recordings[0].is_finished:
         yield f"  {_cut_short_sentence(seconds)}"
-        yield "  It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
+        try:
+            require_exportable(recordings)
+            yield "  It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
+        except RecordingUnreadable as refusal:
+            yield f"  It cannot be exported: {refusal}."
+    yield "  Images and other messages are not checked for damage here; 'ninedtact export' checks them."
 
 
 class NotOneRecording(InputError):
