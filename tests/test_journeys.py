@@ -1,6 +1,8 @@
 """What a person does at the command line, from images to files, and what they read when something is wrong."""
 
 import json
+import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -75,6 +77,29 @@ def test_reconstruct_gives_a_ball_of_the_right_size(
     assert all(Path(file).stat().st_size > 1000 for file in told["files"].values())
     points = np.asarray(trimesh.load(told["files"]["ply"]).vertices)
     assert sphere_radius(points[points[:, 2] < -0.4]) == pytest.approx(4.0, abs=0.15)
+
+
+def test_reconstruct_writes_files_of_their_own_for_every_image_and_no_folder_on_a_full_disk(
+    sensor: Path, real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ball, out, images = real_data / "sensor_a" / "ball.png", tmp_path / "new" / "out", []
+    for name in ("x/a.png", "y/a.png", "z/a_1.png"):
+        images.append(tmp_path / name)
+        images[-1].parent.mkdir()
+        shutil.copy(ball, images[-1])
+    options = ["--sensor", str(sensor), "--reference", str(ball.with_name("ball_reference.png")), "--out", str(out)]
+    command = ["reconstruct", *options, "--formats", "npy", "--no-drawings", "--json", "--", *map(str, images)]
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    try:
+        assert main(command) == 1
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert "expected to write" in refusal(capsys) and not out.parent.exists()
+    assert main(command) == 0
+    told = json.loads(capsys.readouterr().out)["images"]
+    files = [Path(one["files"]["npy"]) for one in told]
+    assert len(set(files)) == 3 and set(files) == set(out.iterdir()) and files[2].name == "a_1_height.npy"
 
 
 def sphere_radius(points: np.ndarray) -> float:

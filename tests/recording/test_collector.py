@@ -25,7 +25,7 @@ from ninedtact.recording.collected_pairs import NO_OBJECT, RecordedPair, read_re
 from ninedtact.recording.collecting.collection_sources import setup_with_twin
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings, CollectSettingsInvalid
-from ninedtact.recording.merge_streams import MergedArrival, merge_recorded_streams
+from ninedtact.recording.merge_streams import Arrival, MergedArrival, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.topics_and_messages import RecordingEventKind
@@ -103,6 +103,19 @@ def test_every_pair_is_on_disk_when_it_is_counted(tmp_path: Path) -> None:
 
     collected(tmp_path / "e.mcap", seen=look)
     assert all(found == counted for found, counted in on_disk) and on_disk[-1][0] > 8
+
+
+def test_an_object_that_is_named_before_the_first_image_begins_with_it(tmp_path: Path) -> None:
+    path, camera = tmp_path / "e.mcap", Camera(1.0)
+    with RecordingWriter(path, RecordingMetadata("hand"), COLLECTED_TOPICS) as episode:
+        collector = Collector(episode, SETTINGS, iter(["cup", "key", "nut"]))
+        collector.begin_object()
+        collector.begin_object()
+        for frame in (camera.read(), camera.read()):
+            collector.add(Arrival(frame, frame.stamp_ns))
+    with Recording(path) as read:
+        assert [(event.stamp_ns, event.subject) for event in read.events()] == [(BEGAN_NS, "key")]
+        assert read.began_ns == BEGAN_NS
 
 
 def between(begin_s: float, end_s: float, then: Callable[[float, np.ndarray], np.ndarray | None]) -> ForceTorque:

@@ -276,6 +276,32 @@ def test_a_killed_program_loses_at_most_the_last_second(tmp_path: Path) -> None:
         assert killed_ns - read.stamps_ns(Topic.MEASURED)[-1] < 1e9 and killed_ns - frames[-1].stamp_ns < 1e9
 
 
+def test_a_recording_that_is_being_written_is_not_repaired(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("ninedtact.recording.mcap_repair._WRITTEN_WITHIN_S", 600.0)
+    path = tmp_path / "running.mcap"
+    with RecordingWriter(path, RecordingMetadata("small"), BOTH) as episode:
+        write_messages(episode, 6, 40)
+        episode.flush()
+        assert main(["info", str(path)]) == 0
+        said = capsys.readouterr().out
+        assert "is still being written" in said and "cut short" not in said and "--repair" not in said
+        size = path.stat().st_size
+        assert main(["info", str(path), "--repair"]) == 1 and path.stat().st_size == size
+        assert "which is still being written; wait, and repair it then" in capsys.readouterr().err
+        content = path.read_bytes()
+    assert prefix_of_the_whole(path) == (6, 40)
+    cut = tmp_path / "cut.mcap"  # the same content, of which the last is an hour old
+    cut.write_bytes(content)
+    os.utime(cut, (time.time() - 3600,) * 2)
+    assert main(["info", str(cut)]) == 0 and "The file was cut short" in capsys.readouterr().out
+    assert main(["info", str(cut), "--repair"]) == 0 and "cut short" not in capsys.readouterr().out
+    assert prefix_of_the_whole(cut) == (6, 40)
+    with Recording(cut) as read:
+        assert read.is_finished
+
+
 @contextmanager
 def disk_of(size: int) -> Iterator[None]:
     """While the block runs, no file may grow beyond this."""

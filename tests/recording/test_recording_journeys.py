@@ -129,6 +129,7 @@ def test_a_small_recording_is_played_back_and_exported_like_a_large_one(
     assert (found["height_step_mm"], found["camera_delay_ms"]) == (0.001, 20.0)
     assert main(["info", str(small)]) == 0
     said = capsys.readouterr().out
+    assert "not checked for damage here" in said
     assert "heights in steps of 0.001 mm" in said and "less the camera's delay of 20 ms" in said
     told(capsys, "export", small, "--out", tmp_path / "out")
     with Recording(large) as one, Recording(small) as other, RecordedFrameSource(small) as played:
@@ -232,6 +233,30 @@ def test_a_sensor_that_is_lost_is_reported_and_the_others_go_on(sensor: Path, tm
     with Recording(tmp_path / "grasp.mcap#left") as recording:
         (event,) = recording.events()
         assert event.subject == "lost" and "plug the camera in" in event.text and recording.is_finished
+
+
+def test_a_full_disk_keeps_what_was_recorded_of_several_sensors(
+    sensor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ninedtact.recording.writer.CHUNK_BYTES", 30_000)
+    folder, path, said = load_sensor(sensor), tmp_path / "grasp.mcap", list[str]()
+    parts = {name: SensorToRecord(Camera(10.0), folder) for name in ("left", "right")}
+    room, limit = 2 * sum(map(len, read_folder_files(sensor).values())) + 600_000, resource.RLIMIT_FSIZE
+    before = resource.getrlimit(limit)
+    resource.setrlimit(limit, (room, before[1]))
+    try:
+        writers, errors = record_several(parts, path, notify=said.append)
+    finally:
+        resource.setrlimit(limit, before)
+    assert set(errors) == set(writers)
+    for address in recorded_sensor_addresses(path):
+        with Recording(address) as recording:
+            images = list(recording.frames())
+        assert len(images) > 10
+        for frame, expected in zip(images, Camera(10.0), strict=False):
+            assert np.array_equal(frame.image, expected.image)
+    assert any("got an earlier write that failed" in one for one in said)
+    assert all("free the disk" in one and "others go on" not in one for one in said)
 
 
 @pytest.mark.parametrize(
@@ -586,14 +611,21 @@ def test_a_recording_that_was_cut_short_is_exported_with_its_images_or_refused(
     recorded_hand(path, sensor, seconds=2.0)
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
+    os.utime(path, (time.time() - 3600,) * 2)  # a file that was just changed counts as being written
     assert main(["info", str(path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     images = sum(one["messages"] for one in found["topics"] if one["topic"].endswith("image_raw"))
     assert (images > 0) == (share > 0.9)
     if images == 0:
+        refusal = "got a file that was cut short before its first image; copy it again whole"
+        assert main(["info", str(path)]) == 0
+        said = capsys.readouterr().out
+        assert refusal in said and "It can be read as it is" not in said
+        (said,) = failure_lines(capsys, "info", path, "--repair")
+        assert said.endswith(refusal) and path.stat().st_size == int(share * len(content))
         for to in ("files", "lerobot"):
             (said,) = failure_lines(capsys, "export", path, "--out", out, "--to", to)
-            assert said.endswith("got a file that was cut short before its first image; copy it again whole")
+            assert said.endswith(refusal)
         assert not out.exists() and not list(tmp_path.rglob("*.partial"))
         return
     for command in (["info", str(path)], ["export", str(path), "--out", str(out)]):

@@ -1,6 +1,7 @@
 """ninedtact reconstruct: images of a calibrated sensor → heights in millimetres, as files and figures."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -82,22 +83,46 @@ class ReconstructCommand:
         from ninedtact.shape.export import export_shape
         from ninedtact.shape.relief_image import render_relief
 
-        self.out.mkdir(parents=True, exist_ok=True)
-        for ending in self.formats:
-            path = self.out / f"{name}_height.{ending}"
-            export_shape(height, path)
-            yield ending, path
-        if self.drawings:
-            for kind, draw in (("colour", draw_height_map_figure), ("shaded", render_relief)):
-                path = self.out / f"{name}_{kind}.png"
-                write_file_atomically(path, draw(height))
-                yield f"{kind}_image", path
+        with _folder_for_files(self.out):
+            for ending in self.formats:
+                path = self.out / f"{name}_height.{ending}"
+                export_shape(height, path)
+                yield ending, path
+            if self.drawings:
+                for kind, draw in (("colour", draw_height_map_figure), ("shaded", render_relief)):
+                    path = self.out / f"{name}_{kind}.png"
+                    write_file_atomically(path, draw(height))
+                    yield f"{kind}_image", path
+
+
+@contextmanager
+def _folder_for_files(folder: Path) -> Iterator[None]:
+    """Create a folder and its parents; where the block fails, those of them that are still empty are removed."""
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            for each in missing:
+                each.rmdir()
+        raise
 
 
 def _output_names(images: tuple[Path, ...]) -> list[str]:
-    """A name for every image's files: its own, with its number where two would be alike."""
+    """Return a name of its own for every image's files: that of the image, with its number where two have the same."""
     stems = [path.stem for path in images]
-    return [stem if stems.count(stem) == 1 else f"{stem}_{number}" for number, stem in enumerate(stems, start=1)]
+    taken = {stem for stem in stems if stems.count(stem) == 1}
+    names = []
+    for number, stem in enumerate(stems, start=1):
+        name = stem
+        if stems.count(stem) > 1:
+            name = f"{stem}_{number}"
+            while name in taken:  # another image is called so
+                name += f"_{number}"
+            taken.add(name)
+        names.append(name)
+    return names
 
 
 def _format_results(results: list[dict[str, Any]]) -> Iterator[str]:

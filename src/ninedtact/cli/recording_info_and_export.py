@@ -13,6 +13,7 @@ from ninedtact.cli.sensor_page import require_rerun
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
+    from ninedtact.recording.reader import Recording
     from ninedtact.recording.summary import RecordingSummary
 
 
@@ -24,12 +25,15 @@ def _cut_short_sentence(seconds: float) -> str:
 
 @dataclass(frozen=True)
 class Info:
-    """Print what is in a recording: topics, rates, drops, gaps, pairs. To watch it: ninedtact live --source FILE."""
+    """Print what is in a recording: topics, rates, drops, gaps, pairs. To watch it: ninedtact live --source FILE.
+
+    Images and other messages are not checked for damage, which takes minutes for a large file; `ninedtact export` checks them.
+    """
 
     recording: Annotated[Path, tyro.conf.Positional]
     """File that `ninedtact record` or `ninedtact collect` wrote, finished or cut short."""
     repair: bool = False
-    """Finish a file that was cut short, so that other programs read it too."""
+    """Finish a file that was cut short, so that other programs read it too; not while it is being recorded."""
     json: bool = False
     """Print the summary as one JSON object."""
 
@@ -38,18 +42,33 @@ class Info:
         from ninedtact.recording.errors import require_recording_libraries
 
         require_recording_libraries()
-        from ninedtact.recording.mcap_repair import repair_recording
         from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 
+        addresses = recorded_sensor_addresses(self.recording)
         if self.repair:
-            repair_recording(self.recording)
-        summaries, lines = [], list[str]()
-        for address in recorded_sensor_addresses(self.recording):
-            with Recording(address) as recording:
-                summaries.append(recording.summary())
-                lines += _summary_lines(recording.path, summaries[-1])
+            with ExitStack() as opened:
+                _repair([opened.enter_context(Recording(address)) for address in addresses])
+        with ExitStack() as opened:
+            recordings = [opened.enter_context(Recording(address)) for address in addresses]
+            summaries = [recording.summary() for recording in recordings]
+            lines = [line for summary in summaries for line in _summary_lines(recordings[0].path, summary)]
+            lines += _ending_lines(recordings, max(summary.seconds for summary in summaries))
         figures = [asdict(summary) for summary in summaries]
         return print_result(self.json, figures[0] if len(figures) == 1 else {"sensors": figures}, lines)
+
+
+def _repair(recordings: "list[Recording]") -> None:
+    """Finish the file of some sensors' recordings.
+
+    Raises `RecordingRefused` where it is still being written, and `RecordingUnreadable` where it has no image, because as a
+    finished file it would pass for a whole one.
+    """
+    from ninedtact.recording.export import require_exportable
+    from ninedtact.recording.mcap_repair import repair_recording, require_ended_recording
+
+    require_ended_recording(recordings[0], "repair it")
+    require_exportable(recordings)
+    repair_recording(recordings[0].path)
 
 
 def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
@@ -72,9 +91,24 @@ def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
         yield f"  label '{span.label}': {(span.end_ns - span.begin_ns) / 1e9:.2f} s from stamp {span.begin_ns / 1e9:.2f} s on"
     if summary.pairs:
         yield f"  pairs: {', '.join(f'{number} {kind}' for kind, number in summary.pairs.items())}"
-    if not summary.finished:
-        yield f"  {_cut_short_sentence(summary.seconds)}"
-        yield "  It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
+
+
+def _ending_lines(recordings: "list[Recording]", seconds: float) -> Iterator[str]:
+    """Yield how far the file of some sensors' recordings can be used; seconds: duration of what is there."""
+    from ninedtact.recording.errors import RecordingUnreadable
+    from ninedtact.recording.export import require_exportable
+    from ninedtact.recording.mcap_repair import is_being_written
+
+    if is_being_written(recordings[0]):
+        yield f"  The file is still being written: {seconds:.1f} s so far."
+    elif not recordings[0].is_finished:
+        yield f"  {_cut_short_sentence(seconds)}"
+        try:
+            require_exportable(recordings)
+            yield "  It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
+        except RecordingUnreadable as refusal:
+            yield f"  It cannot be exported: {refusal}."
+    yield "  Images and other messages are not checked for damage here; 'ninedtact export' checks them."
 
 
 class NotOneRecording(InputError):

@@ -54,7 +54,8 @@ _EDIT_LOCKS: dict[Path, Lock] = {}
 def repair_recording(path: Path) -> bool:
     """Complete a truncated recording in place, and return whether it was truncated.
 
-    Raises what `Recording` raises, and `OSError` on a full disk.
+    A recording that is still being written would lose what follows: `require_ended_recording` first. Raises what `Recording`
+    raises, and `OSError` on a full disk.
     """
     with Recording(recorded_sensor_addresses(path)[0]) as recording:
         found = recording.index
@@ -70,6 +71,20 @@ def repair_recording(path: Path) -> bool:
             file.truncate(found.end)
             raise
     return True
+
+
+def is_being_written(recording: Recording) -> bool:
+    """Return whether a recording has no end yet and was changed within the last seconds."""
+    age_s = time.time() - recording.path.stat().st_mtime
+    return not recording.is_finished and abs(age_s) < _WRITTEN_WITHIN_S  # the clock may have been set back
+
+
+def require_ended_recording(recording: Recording, then: str) -> None:
+    """Raise `RecordingRefused` for a recording that is still being written; then: what can be done after its end."""
+    if is_being_written(recording):
+        raise RecordingRefused(
+            f"expected a recording that has ended, got {recording.path}, which is still being written; wait, and {then} then"
+        )
 
 
 def edit_labelled_spans(
@@ -94,10 +109,7 @@ def save_labelled_spans(path: Path, spans: Sequence[LabelledSpan]) -> None:
     Raises what `Recording` raises, `RecordingRefused` for a file that is still being written, and `FileNotWritten`.
     """
     with Recording(recorded_sensor_addresses(path)[0]) as recording:
-        if not recording.is_finished and time.time() - path.stat().st_mtime < _WRITTEN_WITHIN_S:
-            raise RecordingRefused(
-                f"expected a recording that has ended, got {path}, which is still being written; wait, and label it then"
-            )
+        require_ended_recording(recording, "label it")
         now_ns = int(max(recording.stamps_ns(Topic.IMAGES), default=0))
     content = json.dumps([vars(span) for span in spans], ensure_ascii=False).encode()
     record = _to_bytes([Attachment(now_ns, now_ns, SPANS_ATTACHMENT, "application/json", content)])

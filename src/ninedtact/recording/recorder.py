@@ -20,7 +20,7 @@ from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import ForceEstimator, NoForceEstimator
 from ninedtact.quantities import EstimateWarning, Frame, Wrench
 from ninedtact.reading import Reading
-from ninedtact.recording.errors import ReferenceMomentRefused
+from ninedtact.recording.errors import RecordingStopped, ReferenceMomentRefused
 from ninedtact.recording.merge_streams import BackgroundReader
 from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses, sensor_folder_attachments
@@ -110,7 +110,8 @@ def record_several(
     """Record several sensors, by their names, into one new MCAP file, until all sources have ended or `should_stop` is true.
 
     All sources are opened, or none. A sensor that fails later is reported through `notify` and marked in the file, and the others
-    go on. Returns the closed writers, and the errors of those that failed. Raises what `record` raises where nothing is recorded.
+    go on; where the file itself can no longer be written (a full disk), all of them end, and what was written before is kept.
+    Returns the closed writers, and the errors of those that failed. Raises what `record` raises where nothing is recorded.
     """
     first = RecordingMetadata("", settings=settings, images=images, height_step_mm=height_step_mm if heights else 0.0)
     recorders: dict[str, Recorder] = {}
@@ -129,7 +130,7 @@ def record_several(
             recorder.require_reference()
         except NinedtactError as error:
             errors[name] = error
-            recorder.notify(f"{error}; the others go on")
+            recorder.notify(str(error) if isinstance(error, RecordingStopped) else f"{error}; the others go on")
             with suppress(NinedtactError):
                 recorder.writer.write_event(
                     RecordingEvent(monotonic_ns(), RecordingEventKind.REMARK, "lost", str(error))

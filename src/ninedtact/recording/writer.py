@@ -272,8 +272,16 @@ class _SharedFile:
 
     @contextmanager
     def writing_records(self) -> Iterator[Writer]:
-        """Give the library's writer to one thread; an interruption of the block leaves it in an unknown state."""
+        """Give the library's writer to one thread; an interruption of the block leaves it in an unknown state.
+
+        Raises `RecordingStopped` after such an interruption: what it would write then could not be read.
+        """
         with self._lock:
+            if not self.is_between_records:
+                raise RecordingStopped(
+                    f"expected to continue writing {self.records.path}, got an earlier write that failed; free the disk, and "
+                    "record on under another name"
+                )
             self.is_between_records = False
             yield self.mcap
             self.is_between_records = True

@@ -118,6 +118,8 @@ class Collector:
         self.tare_in_progress: TareInProgress | None = TareInProgress(0, self.settings)
         self.reference: TareResult | None = None
         self.object = ""
+        self._object_waits = False
+        """Whether the object was named before the first image, and is recorded with it."""
         self._rejection_text = ""
         self._history = _WrenchHistory()
         self._pending: deque[tuple[Frame, str]] = deque()
@@ -139,6 +141,8 @@ class Collector:
 
     def _add_frame(self, frame: Frame) -> None:
         self._newest_ns = max(self._newest_ns, frame.stamp_ns)
+        if self._object_waits:
+            self.begin_object(self.object)
         if self.tare_in_progress is not None:
             self.tare_in_progress.add_frame(frame)
             self._finish_tare()
@@ -164,9 +168,15 @@ class Collector:
         self.tare_in_progress = TareInProgress(number, self.settings, self.reference)
 
     def begin_object(self, name: str | None = None, at_ns: int | None = None) -> None:
-        """Continue with another object: the named one, else the next in turn. at_ns: since when, if not now."""
+        """Continue with another object: the named one, else the next in turn. at_ns: since when, if not now.
+
+        Before the first image there is no time yet: the object is then recorded with that image.
+        """
         self.object = name or next(self.objects)
-        self.writer.write_event(RecordingEvent(at_ns or self._newest_ns, RecordingEventKind.OBJECT, self.object))
+        stamp_ns = at_ns or self._newest_ns
+        self._object_waits = stamp_ns == 0
+        if not self._object_waits:
+            self.writer.write_event(RecordingEvent(stamp_ns, RecordingEventKind.OBJECT, self.object))
 
     def undo_last_contact(self) -> str:
         """Remove the newest contact that has pairs; return what was done as text."""
