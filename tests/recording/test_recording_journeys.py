@@ -305,9 +305,10 @@ def test_a_recording_is_shown_live_with_the_sensor_that_it_carries(tmp_path: Pat
     assert not folder.path.exists()
 
 
-def recorded_hand(path: Path, sensor: Path, seconds: float) -> None:
+def recorded_hand(path: Path, sensor: Path, seconds: float, delay_ms: float = 0.0) -> None:
     """Everything that the hand's devices tell."""
-    with RecordingWriter(path, RecordingMetadata("twin"), attachments=sensor_folder_attachments(sensor)) as episode:
+    metadata = RecordingMetadata("twin", camera_delay_ms=delay_ms)
+    with RecordingWriter(path, metadata, attachments=sensor_folder_attachments(sensor)) as episode:
         for heard in merge_recorded_streams(Camera(seconds), ForceTorque()):
             assert heard is not None
             (episode.write_image if isinstance(heard.item, Frame) else episode.write_measured)(heard.item)
@@ -329,6 +330,21 @@ def test_pairs_are_collected_from_a_recording_with_its_stamps_and_its_sensor(
         assert one.metadata.wall_minus_monotonic_ns == other.metadata.wall_minus_monotonic_ns
     assert main(["collect", *map(str, sources), "--out", str(out)]) == 1
     assert "expected --out to be a new file" in capsys.readouterr().err
+
+
+def test_a_delay_that_a_recording_has_subtracted_is_not_subtracted_again(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, out = tmp_path / "hand.mcap", tmp_path / "pairs.mcap"
+    recorded_hand(source, sensor, 0.5, delay_ms=42.0)
+    options = ["collect", "--source", source, "--force-torque", source, "--out", out, "--camera-delay-ms"]
+    assert main([*map(str, options), "42"]) == 1
+    assert f"{source}, whose stamps already have 42 ms subtracted, got 42.0; drop it" in capsys.readouterr().err
+    assert main([*map(str, options), "saved"]) == 0
+    assert "the saved delay is not subtracted again" in capsys.readouterr().err
+    with Recording(out) as recording:
+        assert recording.metadata.camera_delay_ms == 42.0
+        assert json.loads(recording.metadata.settings)["camera_delay_ms"] == 0.0
 
 
 def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
