@@ -274,6 +274,7 @@ def test_commands_are_answered_and_a_recording_opens(tmp_path: Path) -> None:
         wait_until(lambda: running.shared.published > published + 20)
         assert running.answer("stop_recording")["recording"] is None
         assert "without a folder" in running.answer("start_recording ../elsewhere")["answer"]
+        assert "printable" in running.answer("start_recording a\0b")["answer"]
         assert "got 'dance'" in running.answer("dance")["answer"]
         running.command("start_recording unfinished")
         wait_until(lambda: (out / "unfinished.mcap").exists())
@@ -281,6 +282,16 @@ def test_commands_are_answered_and_a_recording_opens(tmp_path: Path) -> None:
         assert sum(1 for _ in recording.frames()) >= 20
     with Recording(out / "unfinished.mcap") as recording:  # finished when the command ended
         assert recording.metadata.sensor == RECORDED.id
+
+
+def test_a_command_that_is_not_utf_8_is_refused_and_the_next_one_is_obeyed(tmp_path: Path) -> None:
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
+        sender = running.participant.writer("/small/command", STRING_TYPE, QosProfile.RELIABLE)
+        wait_until(lambda: sender.has_subscribers)
+        sender.write(b"\0\1\0\0\3\0\0\0\xff\xfe\0")
+        refused = running.until_status(lambda status: status.get("ok") is False)
+        assert refused["command"] == "" and "in UTF-8" in refused["answer"]
+        assert running.answer("take_reference")["ok"]
 
 
 def test_a_recording_on_a_full_disk_is_reported_and_the_next_one_can_begin(tmp_path: Path) -> None:

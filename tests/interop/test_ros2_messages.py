@@ -20,6 +20,7 @@ from ninedtact.interop.ros2_messages import (
     LIVE_TOPICS,
     POINTS,
     TF_TYPE,
+    Ros2CommandUnreadable,
     SensorMessages,
     decode_ros2_command,
     encode_ros2_status,
@@ -126,6 +127,12 @@ def test_the_gel_frame_is_at_the_bonded_side_of_the_gel() -> None:
 
 def test_commands_and_status_are_strings() -> None:
     assert decode_ros2_command(encode_ros2_status({"a": 1})) == '{"a": 1}'
+
+
+@pytest.mark.parametrize("message", [b"", b"\0\1\0\0", b"\0\1\0\0\3\0\0\0\xff\xfe\0", b"\0\1\0\0\xff\0\0\0ab\0"])
+def test_a_command_that_cannot_be_decoded_is_refused(message: bytes) -> None:
+    with pytest.raises(Ros2CommandUnreadable, match=r"in UTF-8, got: .*; send it as text"):
+        decode_ros2_command(message)
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,14 @@ import os
 import pty
 import resource
 import shutil
+import signal
+import subprocess
 import sys
 import termios
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,6 +38,7 @@ from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSour
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.cli import main
 from ninedtact.cli.collect import CollectTerminalDisplay, collect_progress_line, open_key_reader
+from ninedtact.cli.record import run_commands_together
 from ninedtact.cli.result_and_interrupt import stop_on_signal
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.open_sensor import load_given_or_recorded_sensor, source_in_real_time
@@ -325,9 +330,10 @@ def test_a_recording_is_shown_live_with_the_sensor_that_it_carries(tmp_path: Pat
     assert not folder.path.exists()
 
 
-def recorded_hand(path: Path, sensor: Path, seconds: float) -> None:
+def recorded_hand(path: Path, sensor: Path, seconds: float, delay_ms: float = 0.0) -> None:
     """Everything that the hand's devices tell."""
-    with RecordingWriter(path, RecordingMetadata("twin"), attachments=sensor_folder_attachments(sensor)) as episode:
+    metadata = RecordingMetadata("twin", camera_delay_ms=delay_ms)
+    with RecordingWriter(path, metadata, attachments=sensor_folder_attachments(sensor)) as episode:
         for heard in merge_recorded_streams(Camera(seconds), ForceTorque()):
             assert heard is not None
             (episode.write_image if isinstance(heard.item, Frame) else episode.write_measured)(heard.item)
@@ -349,6 +355,21 @@ def test_pairs_are_collected_from_a_recording_with_its_stamps_and_its_sensor(
         assert one.metadata.wall_minus_monotonic_ns == other.metadata.wall_minus_monotonic_ns
     assert main(["collect", *map(str, sources), "--out", str(out)]) == 1
     assert "expected --out to be a new file" in capsys.readouterr().err
+
+
+def test_a_delay_that_a_recording_has_subtracted_is_not_subtracted_again(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, out = tmp_path / "hand.mcap", tmp_path / "pairs.mcap"
+    recorded_hand(source, sensor, 0.5, delay_ms=42.0)
+    options = ["collect", "--source", source, "--force-torque", source, "--out", out, "--camera-delay-ms"]
+    assert main([*map(str, options), "42"]) == 1
+    assert f"{source}, whose stamps already have 42 ms subtracted, got 42.0; drop it" in capsys.readouterr().err
+    assert main([*map(str, options), "saved"]) == 0
+    assert "the saved delay is not subtracted again" in capsys.readouterr().err
+    with Recording(out) as recording:
+        assert recording.metadata.camera_delay_ms == 42.0
+        assert json.loads(recording.metadata.settings)["camera_delay_ms"] == 0.0
 
 
 def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
@@ -749,3 +770,77 @@ def test_ctrl_c_asks_once_and_insists_twice() -> None:
     with stop_on_signal(seconds=0.01) as until:
         time.sleep(0.02)
         assert until.now and until.requested is False
+
+
+def test_a_closing_terminal_asks_for_the_end_as_often_as_it_likes_unless_it_is_ignored() -> None:
+    before = signal.getsignal(signal.SIGHUP)
+    try:
+        for ignored in (False, True):
+            signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
+            with stop_on_signal() as until:
+                for _ in range(2):
+                    signal.raise_signal(signal.SIGHUP)
+                assert until.requested is not ignored
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+SLEEPER = "import sys, time; open(sys.argv[1], 'w').close(); time.sleep(600)"
+TOGETHER = """
+import sys
+from ninedtact.cli.record import run_commands_together
+from ninedtact.cli.result_and_interrupt import stop_on_signal
+with stop_on_signal() as until:
+    run_commands_together({path: [sys.executable, "-c", sys.argv[1], path] for path in sys.argv[2:]}, lambda: until.requested)
+"""
+
+
+def running_with(files: list[Path]) -> list[int]:
+    """Return the processes that were started with one of these files."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it has ended
+            words = (process / "cmdline").read_text(errors="replace").split("\0")
+            found += [int(process.name)] if set(words) & {str(file) for file in files} else []
+    return found
+
+
+def wait_for_sleepers(files: list[Path]) -> None:
+    give_up_at = time.monotonic() + 60
+    while not all(file.exists() for file in files):
+        assert time.monotonic() < give_up_at
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def sleepers(tmp_path: Path) -> Iterator[list[Path]]:
+    """The files that processes create before they sleep; no such process outlives the test."""
+    files = [tmp_path / "left", tmp_path / "right"]
+    yield files
+    for number in running_with(files):
+        os.kill(number, signal.SIGKILL)
+
+
+def test_no_process_of_several_runs_on_when_the_terminal_closes(sleepers: list[Path]) -> None:
+    with subprocess.Popen([sys.executable, "-c", TOGETHER, SLEEPER, *map(str, sleepers)]) as parent:
+        wait_for_sleepers(sleepers)
+        parent.send_signal(signal.SIGHUP)
+        assert parent.wait(60) == 0
+    assert running_with(sleepers) == []
+
+
+@pytest.mark.parametrize("what", ["an error", "a program that is not there"])
+def test_no_process_of_several_runs_on_after_an_error(what: str, sleepers: list[Path], tmp_path: Path) -> None:
+    commands = {file.name: [sys.executable, "-c", SLEEPER, str(file)] for file in sleepers}
+
+    def raise_error() -> bool:
+        wait_for_sleepers(sleepers)
+        raise KeyboardInterrupt
+
+    if what == "an error":
+        with pytest.raises(KeyboardInterrupt):
+            run_commands_together(commands, raise_error)
+    else:
+        with pytest.raises(FileNotFoundError):
+            run_commands_together(commands | {"third": [str(tmp_path / "missing")]}, raise_error)
+    assert running_with(sleepers) == []

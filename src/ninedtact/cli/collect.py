@@ -8,7 +8,7 @@ import select
 import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import chain, count
 from pathlib import Path
 from time import monotonic
@@ -200,7 +200,7 @@ class Collect:
         screen = CollectTerminalDisplay()
         with given_or_recorded_sensor(self.sensor, self.source) as folder:
             setup = self._setup(folder, self.options.checks(), screen)
-            settings = self.options.settings(folder.path, setup.camera_name)
+            settings = self._options_for(setup).settings(folder.path, setup.camera_name)
             collector = self._collect(folder, settings, setup, screen)
         return print_result(self.json, _to_json_dict(self.out, collector), _summary_lines(self.out, collector))
 
@@ -224,6 +224,20 @@ class Collect:
         camera = source_in_real_time(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         device = force_torque_sensor_for(self.force_torque)
         return collection_setup_from_devices(camera, device, folder, checks, screen.show_message)
+
+    def _options_for(self, setup: "CollectSetup") -> CollectOptions:
+        """Return the options, without a delay that a recording's stamps have subtracted; raises `RecordingRefused`."""
+        from ninedtact.capture.camera_delay import SAVED
+
+        given, subtracted = self.options.camera_delay_ms, f"{setup.camera_delay_ms:g} ms subtracted"
+        if given == 0 or setup.camera_delay_ms == 0:
+            return self.options
+        if given != SAVED:
+            raise RecordingRefused(
+                f"expected no --camera-delay-ms for {self.source}, whose stamps already have {subtracted}, got {given}; drop it"
+            )
+        print_notice(f"the stamps of {self.source} already have {subtracted}; the saved delay is not subtracted again")
+        return replace(self.options, camera_delay_ms=0.0)
 
     def _collect(
         self, folder: "SensorFolder", settings: "CollectSettings", setup: "CollectSetup", screen: CollectTerminalDisplay
@@ -287,6 +301,7 @@ class Collect:
             force_torque=setup.force_torque.name,
             settings=json.dumps(asdict(settings)),
             software=version("ninedtact"),
+            camera_delay_ms=setup.camera_delay_ms,
             wall_minus_monotonic_ns=wall_minus_monotonic_ns() if ahead_ns is None else ahead_ns,
         )
 

@@ -21,6 +21,8 @@ from ninedtact.open_sensor import (
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
 
 if TYPE_CHECKING:
+    from subprocess import Popen
+
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.capture.wrench_source import WrenchSource
@@ -34,6 +36,8 @@ _BAR_WITHOUT_END = "{n:.0f} s{postfix}"
 _NAMED_ADDRESS = re.compile(r"(?P<name>[A-Za-z][A-Za-z0-9_]*)=(?P<address>.+)")
 """One of several sources or sensors, such as left=usb:1-2."""
 _POLL_S = 0.05
+_END_S = 5.0
+"""Time that a process has to end after each signal, where the command that started it cannot go on."""
 _BAR_DELAY_S = 0.3
 """A camera that is not there is reported before the bar appears."""
 
@@ -223,25 +227,43 @@ def parse_named_sources(source: tuple[str, ...], sensor: tuple[str, ...]) -> dic
 
 
 def run_commands_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]) -> dict[str, str]:
-    """Run commands at once and return the output of those that succeed; a failure, or `should_stop`, ends the others properly."""
+    """Run commands at once and return the output of those that succeed; a failure, or `should_stop`, ends the others properly.
+
+    None of them runs any more when this returns or raises.
+    """
     import signal
     import subprocess
     from time import sleep
 
     # In sessions of their own, so that Ctrl-C reaches this process alone, which passes it on once.
-    running = {
-        name: subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
-        for name, command in commands.items()
-    }
-    is_ending = False
-    while any(process.poll() is None for process in running.values()):
-        if not is_ending and (should_stop() or any(process.poll() for process in running.values())):
-            is_ending = True
-            for process in running.values():
-                process.send_signal(signal.SIGINT)
-        sleep(_POLL_S)
-    outputs = {name: process.communicate()[0] for name, process in running.items()}
+    running: dict[str, subprocess.Popen[str]] = {}
+    try:
+        for name, command in commands.items():
+            running[name] = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+        is_ending = False
+        while any(process.poll() is None for process in running.values()):
+            if not is_ending and (should_stop() or any(process.poll() for process in running.values())):
+                is_ending = True
+                for process in running.values():
+                    process.send_signal(signal.SIGINT)
+            sleep(_POLL_S)
+        outputs = {name: process.communicate()[0] for name, process in running.items()}
+    finally:
+        _end_processes(list(running.values()))
     return {name: output for name, output in outputs.items() if running[name].returncode == 0}
+
+
+def _end_processes(processes: "Collection[Popen[str]]") -> None:
+    """Interrupt the processes that still run; terminate, then kill, those that do not end in time."""
+    import signal
+    from time import monotonic, sleep
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        until = monotonic() + _END_S
+        for process in processes:
+            process.send_signal(number)  # does nothing to one that has ended
+        while any(process.poll() is None for process in processes) and monotonic() < until:
+            sleep(_POLL_S)
 
 
 def _twin_sources(folder: "SensorFolder", force_torque: bool) -> "tuple[FrameSource, WrenchSource | None]":

@@ -16,6 +16,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
 
+_HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
+"""What a process gets when its terminal closes; None on systems without it."""
+
 
 def print_result(as_json: bool, result: Mapping[str, Any], report_lines: Iterable[str]) -> int:
     """Print the result as one JSON object, or its report for a person; return the exit code 0.
@@ -76,7 +79,7 @@ def given_or_recorded_sensor(sensor: Path | None, source: str) -> "Iterator[Sens
 
 @dataclass
 class StopSignal:
-    """Whether long work is to end: after a Ctrl-C or a termination, or after a given time."""
+    """Whether long work is to end: after a Ctrl-C, a termination or the closing of its terminal, or after a given time."""
 
     seconds: float | None = None
     requested: bool = False
@@ -93,24 +96,30 @@ class StopSignal:
         return monotonic() - self.began_at
 
     def request(self, number: int, at: FrameType | None) -> None:
-        """Handle a signal: the first one requests the end, the second one raises `KeyboardInterrupt`."""
-        if self.requested:
+        """Handle a signal: the first one requests the end, the second one raises `KeyboardInterrupt`.
+
+        A hangup never raises, because a closing terminal and its shell may send one each.
+        """
+        if self.requested and number != _HANGUP:
             raise KeyboardInterrupt
         self.requested = True
 
 
 @contextmanager
 def stop_on_signal(seconds: float | None = None) -> Iterator[StopSignal]:
-    """Turn the first Ctrl-C or termination during the block into a request, so that files are completed.
+    """Turn the first Ctrl-C, termination or hangup during the block into a request, so that files are completed.
 
-    A request cannot get lost, as a `KeyboardInterrupt` does that is raised where a library ignores errors. Outside the main thread
-    no signal arrives, and nothing is changed.
+    A request cannot get lost, as a `KeyboardInterrupt` does that is raised where a library ignores errors. A hangup that is
+    ignored, as under nohup, stays ignored. Outside the main thread no signal arrives, and nothing is changed.
     """
     stop = StopSignal(seconds, began_at=monotonic())
     if current_thread() is not main_thread():
         yield stop
         return
-    before = {number: signal.signal(number, stop.request) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if _HANGUP is not None and signal.getsignal(_HANGUP) is not signal.SIG_IGN:
+        numbers.append(_HANGUP)
+    before = {number: signal.signal(number, stop.request) for number in numbers}
     try:
         yield stop
     finally:

@@ -21,8 +21,10 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray as Array
+from rosbags.serde import SerdeError
 
 from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.errors import InputError
 from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.topics_and_messages import (
@@ -54,6 +56,10 @@ _FLOAT32 = 7
 _FIT_ROWS = 30
 """About so many rows of the rectified grid, and columns as far apart, are points of the camera fit."""
 _M_PER_MM = 1e-3
+
+
+class Ros2CommandUnreadable(InputError):
+    """Raised for a command whose message cannot be decoded."""
 
 
 class QosProfile(StrEnum):
@@ -278,6 +284,11 @@ def encode_ros2_status(fields: Mapping[str, Any]) -> bytes:
 
 
 def decode_ros2_command(data: bytes) -> str:
-    """Return the text of a command, without surrounding white space."""
-    text: str = type_store().deserialize_cdr(data, STRING_TYPE).data
+    """Return the text of a command, without surrounding white space; raises `Ros2CommandUnreadable`."""
+    try:
+        text: str = type_store().deserialize_cdr(data, STRING_TYPE).data
+    except SerdeError as error:
+        raise Ros2CommandUnreadable(
+            f"expected a command as a {STRING_TYPE} in UTF-8, got: {error}; send it as text"
+        ) from error
     return text.strip()

@@ -122,8 +122,10 @@ class ReadingRecorder:
         if self.writer is not None:
             raise InvalidRos2Option(f"expected no recording in progress, got {self.writer.path}; stop it first")
         name = name or f"{self.messages.name}_{monotonic_ns() + wall_minus_monotonic_ns()}"
-        if Path(name).name != name or name.startswith("."):
-            raise InvalidRos2Option(f"expected the name of a recording without a folder, got {name!r}; leave it out")
+        if Path(name).name != name or name.startswith(".") or not name.isprintable():
+            raise InvalidRos2Option(
+                f"expected the printable name of a recording without a folder, got {name!r}; leave it out"
+            )
         self.out.mkdir(parents=True, exist_ok=True)
         path = self.out / f"{name.removesuffix('.mcap')}.mcap"
         metadata = RecordingMetadata("", "ros2", self.source, self.force_torque)
@@ -207,7 +209,7 @@ class SensorOnRos2:
                     if now.reading is not None and now.reading is not last:
                         self.publish(last := now.reading)
                     for command in commands.take():
-                        self._write_status(now, **self._obey(decode_ros2_command(command), poller))
+                        self._write_status(now, **self._obey(command, poller))
                     has_recording_failed = self._recorder.end_if_failed()
                     if has_recording_failed:
                         self.notify(self._recorder.trouble)
@@ -267,10 +269,12 @@ class SensorOnRos2:
             if not over.is_set():
                 self._trouble = trouble
 
-    def _obey(self, command: str, poller: SensorPoller) -> dict[str, Any]:
-        """Carry a command out and return the answer."""
-        word, _, argument = command.partition(" ")
+    def _obey(self, message: bytes, poller: SensorPoller) -> dict[str, Any]:
+        """Carry a command out and return the answer, with the command as text, which is empty where it cannot be decoded."""
+        command = ""
         try:
+            command = decode_ros2_command(message)
+            word, _, argument = command.partition(" ")
             answer = self._carry_out(word, argument.strip(), poller)
         except (NinedtactError, OSError) as refusal:
             return {"command": command, "ok": False, "answer": str(refusal)}

@@ -67,6 +67,8 @@ class CollectSetup:
     """Receives a sentence about a device that delivers nothing."""
     recorded_camera: str = ""
     """Name of the camera of a recording, as it was when the recording was made."""
+    camera_delay_ms: float = 0.0
+    """Delay of the camera that the stamps of a recording already have subtracted."""
 
     @property
     def camera_name(self) -> str:
@@ -109,6 +111,7 @@ def collection_setup_from_recordings(images: Path, wrenches: Path, checks: Sampl
         is_live=False,
         wall_minus_monotonic_ns=metadata.wall_minus_monotonic_ns,
         recorded_camera=metadata.source,
+        camera_delay_ms=metadata.camera_delay_ms,
     )
 
 
