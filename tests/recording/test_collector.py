@@ -20,7 +20,7 @@ from ninedtact.capture.force_torque.sample_checks import (
 from ninedtact.capture.training_pair_rule import SamplingRuleSettings
 from ninedtact.cli.collect import CollectTerminalDisplay, collect_progress_line, handle_collect_keys, histogram_lines
 from ninedtact.cli.option_parser import CollectOptions
-from ninedtact.quantities import Frame
+from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.collected_pairs import NO_OBJECT, RecordedPair, read_recorded_pairs
 from ninedtact.recording.collecting.collection_sources import setup_with_twin
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
@@ -28,6 +28,7 @@ from ninedtact.recording.collecting.pair_selection import CollectSettings, Colle
 from ninedtact.recording.merge_streams import Arrival, MergedArrival, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
+from ninedtact.recording.recorded_source import RecordedFrameSource, RecordedWrenchSource
 from ninedtact.recording.topics_and_messages import RecordingEventKind
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
@@ -91,6 +92,17 @@ def test_pairs_are_true_apart_and_of_all_kinds(tmp_path: Path) -> None:
     assert collector.reference is not None and collector.reference.zero == pytest.approx(BIAS, abs=6e-3)
     assert sum(map(sum, collector.counts.counts)) == 6 * len(pairs)
     assert [len(line) for line in histogram_lines(collector)] and "pairs (" in collect_progress_line(collector)
+
+
+def test_images_are_merged_up_to_the_last_sample_of_a_recording(tmp_path: Path) -> None:
+    path, stamps_ns = tmp_path / "both.mcap", [10**12 + number * 33_000_000 for number in range(90)]
+    with RecordingWriter(path, RecordingMetadata("hand")) as writer:
+        for number, stamp_ns in enumerate(stamps_ns):
+            writer.write_image(Frame(np.zeros((48, 64, 3), np.uint8), stamp_ns, number))
+        for stamp_ns in range(10**12, stamps_ns[87] + 1, 1_000_000):  # and two images follow
+            writer.write_measured(Wrench(np.ones(3), np.ones(3), stamp_ns=stamp_ns))
+    items = [one.item for one in merge_recorded_streams(RecordedFrameSource(path), RecordedWrenchSource(path)) if one]
+    assert [item.stamp_ns for item in items if isinstance(item, Frame)] == stamps_ns[:88]
 
 
 def test_every_pair_is_on_disk_when_it_is_counted(tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelCo
 from ninedtact.studio.saved_files import Exporter, SaveLimits, SaveQuota, save_surface_sequence, save_video
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchWithUncertainty
+from ninedtact.studio.wrench_history import MOST_HZ, WrenchHistory, WrenchWithUncertainty
 
 PATIENCE_S = 90.0
 
@@ -157,6 +157,21 @@ def test_every_moment_of_a_recording_is_the_one_that_the_page_had(
     assert same.view is player.moment(NEWEST).view
     wait_until(lambda: player.moment(NEWEST).sensor.history.shape[1] == 4)
     player.close()
+
+
+def test_samples_at_the_rate_that_the_page_keeps_are_all_kept(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
+    _, bench = recorded
+    stamps_ns = [10**12 + round(number * 1e9 / MOST_HZ) for number in range(300)]
+    history = WrenchHistory("true", "of a twin")
+    with RecordingWriter(tmp_path / "60.mcap", RecordingMetadata("small")) as writer:
+        writer.write_image(Frame(bench.kept[0].image, stamps_ns[0], 0))
+        for stamp_ns in stamps_ns:
+            wrench = Wrench(np.zeros(3), np.zeros(3), stamp_ns=stamp_ns)
+            writer.write_measured(wrench)
+            history.add(WrenchWithUncertainty(wrench, np.full(6, np.nan)))
+    assert [at for at, _ in history.snapshot(None, stamps_ns[-1]).samples] == stamps_ns
+    with RecordedReadings(tmp_path / "60.mcap", bench.folder.shape) as readings:
+        assert [at for at, _ in readings.samples(Topic.MEASURED)] == stamps_ns
 
 
 def test_a_program_reads_the_reference_of_the_page_and_not_the_first_images(recorded: tuple[Path, Bench]) -> None:

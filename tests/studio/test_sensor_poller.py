@@ -10,11 +10,12 @@ import pytest
 from hand_fed import HandFed
 from small_sensor import SHAPE, UNTOUCHED, SkinCamera, sensor_on, skin, wait_until
 
-from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, RepeatingSource
+from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback, RepeatingSource
 from ninedtact.capture.image_and_video_files import ImageFolder
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
+from ninedtact.simulation.simulated_sources import SimulatedCamera
 from ninedtact.studio.page_controller import most_urgent_status
 from ninedtact.studio.sensor_poller import RecordingTooShortForReference, SensorPhase, SensorPoller, SensorSnapshot
 
@@ -114,6 +115,23 @@ def test_a_computer_that_is_too_slow_is_not_taken_for_an_unplugged_camera() -> N
         camera.plugged_in = False
         wait_until(lambda: sentence(loop).startswith("no image for"))
         is_fast.set()
+
+
+@pytest.mark.parametrize("kind", ["a simulation", "a recording"])
+def test_a_simulation_or_a_recording_is_late_and_not_unplugged(kind: str) -> None:
+    fed = HandFed()
+    fed.is_simulated, fed.is_live = kind == "a simulation", kind == "a simulation"
+    wrapped = ReconnectingFrameSource(fed, on_lost=lambda loss: None)
+    sensor = sensor_on(LivePlayback(RepeatingSource(DelayCorrectedSource(wrapped, 0.0))))
+    assert sensor.source.is_simulated is (kind == "a simulation") and SimulatedCamera.is_simulated
+    sensor.depth_reader = SHAPE.depth_reader(Frame(skin(UNTOUCHED)))
+    with SensorPoller(sensor) as loop:
+        fed.queue.put(Frame(skin(UNTOUCHED), time.monotonic_ns(), 0))
+        wait_until(lambda: sentence(loop).startswith("this computer is "))
+        moment, now_ns = now_in(loop), time.monotonic_ns()
+        status = most_urgent_status(moment, moment.reading, False, now_ns)
+        assert status.sentence.endswith("behind: end other programs, or use --force none") and not status.is_past
+        assert most_urgent_status(moment, moment.reading, True, now_ns).sentence.startswith("frozen")
 
 
 def test_images_that_are_all_too_old_to_be_read_are_said_too() -> None:

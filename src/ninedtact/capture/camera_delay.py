@@ -150,6 +150,7 @@ class SimulatedDelayedCamera(FrameSource):
     rate_hz: float = 30.0
     exposure_ms: float = 12.0
     name: str = "simulated camera with a known delay"
+    is_simulated = True
     _next: int = field(default=-1, init=False)
 
     def open(self) -> None:

@@ -37,7 +37,7 @@ class LatestFrameSource(FrameSource):
     """
 
     def __init__(self, source: FrameSource, max_age_ms: float = 200.0, timeout_ms: float = 2000.0) -> None:
-        self.name, self.is_live = source.name, source.is_live
+        self.name, self.is_live, self.is_simulated = source.name, source.is_live, source.is_simulated
         self.dropped = 0
         """Frames that were too old or replaced by a newer one before anybody read them."""
         self.newest_arrival: Arrival | None = None
@@ -135,7 +135,7 @@ class LivePlayback(FrameSource):
     """
 
     def __init__(self, source: FrameSource) -> None:
-        self.name, self.is_live = source.name, source.is_live
+        self.name, self.is_live, self.is_simulated = source.name, source.is_live, source.is_simulated
         self._source = source
         self._closing = Event()
         self._due_at = 0.0
@@ -174,7 +174,7 @@ class DelayCorrectedSource(FrameSource):
     """Wraps a source and subtracts the delay of its camera from every stamp, which then is the time of the exposure."""
 
     def __init__(self, source: FrameSource, delay_ms: float) -> None:
-        self.name, self.is_live = source.name, source.is_live
+        self.name, self.is_live, self.is_simulated = source.name, source.is_live, source.is_simulated
         self._source, self._delay_ns = source, round(delay_ms * 1e6)
 
     def open(self) -> None:
@@ -196,7 +196,7 @@ class RepeatingSource(FrameSource):
     """Wraps a source and starts it again when it ends; frame indices continue to count."""
 
     def __init__(self, source: FrameSource) -> None:
-        self.name, self.is_live = source.name, source.is_live
+        self.name, self.is_live, self.is_simulated = source.name, source.is_live, source.is_simulated
         self._source = source
         self._first_index = self._next_index = 0
         self._is_open = False

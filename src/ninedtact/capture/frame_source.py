@@ -82,6 +82,8 @@ class FrameSource(Openable):
 
     is_live: bool = True
     """Whether images show the present: a camera, a stream or a simulated camera. False for recordings, videos and images."""
+    is_simulated: bool = False
+    """Whether this computer renders the images, which are late where it is slow, but never unplugged."""
     recorded_hz: float | None = None
     """Images per second at which a recording was made, known once it is open; None for a live source, which paces itself."""
 

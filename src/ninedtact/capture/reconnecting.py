@@ -86,6 +86,11 @@ class ReconnectingFrameSource(_ReconnectingSource[FrameSource, CameraLost], Fram
         """Whether the source's images show the present."""
         return self._source.is_live
 
+    @property
+    def is_simulated(self) -> bool:  # type: ignore[override]
+        """Whether this computer renders the source's images."""
+        return self._source.is_simulated
+
     def open(self) -> None:
         """Open the source; raises what it raises."""
         super().open()

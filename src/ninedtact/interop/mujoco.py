@@ -142,6 +142,7 @@ class TactileSensor(FrameSource):
     geom: str | int | None = None
     """Name or number of the body's geom that is the gel, needed where several collide; what touches the others does not press."""
     is_live = False
+    is_simulated = True
     last: TactileReading | None = field(default=None, init=False, repr=False)
     """The newest reading, for programs that read frames."""
     is_open: bool = field(default=False, init=False)

@@ -150,24 +150,33 @@ def merge_live_streams(
 
 
 def merge_recorded_streams(camera: FrameSource, force_torque: WrenchSource) -> Generator[MergedArrival, None, None]:
-    """Yield every frame and every sample in the order of their stamps, as fast as they are requested, until one source ends."""
-    newest_ns = 0
+    """Yield every frame and every sample in the order of their stamps, as fast as they are requested, until one source ends.
+
+    Samples are read ahead, so that frames follow the last sample, up to its stamp.
+    """
+    newest_ns, has_samples = 0, True
     with force_torque, camera:
         try:
             while True:
                 frame = camera.read()
+                if not has_samples and frame.stamp_ns > newest_ns:
+                    return
                 yield Arrival(frame, frame.stamp_ns)
-                while newest_ns < frame.stamp_ns + _READ_AHEAD_NS:
-                    sample = _read_sample(force_torque)
+                while has_samples and newest_ns < frame.stamp_ns + _READ_AHEAD_NS:
+                    if (sample := _read_sample(force_torque)) is None:
+                        has_samples = False
+                        break
                     newest_ns = max(newest_ns, sample.stamp_ns if isinstance(sample, Wrench) else 0)
                     yield Arrival(sample, newest_ns)
         except SourceEnded:
             return
 
 
-def _read_sample(force_torque: WrenchSource) -> Wrench | WrenchSampleRejected:
-    """Return the next sample, or the reason for its rejection."""
+def _read_sample(force_torque: WrenchSource) -> Wrench | WrenchSampleRejected | None:
+    """Return the next sample, or the reason for its rejection; None after the last one."""
     try:
         return force_torque.read()
     except WrenchSampleRejected as reason:
         return reason
+    except SourceEnded:
+        return None

@@ -52,6 +52,7 @@ class SimulatedCalibrationCamera(FrameSource):
     """Delivers the images of a twin on which the pin board or the ball is held; `hold` and `follow` work from any thread."""
 
     name = "simulated sensor"
+    is_simulated = True
 
     def __init__(self, twin: Twin, design: SensorDesign, plays_by_itself: bool = True, rate_hz: float = 15.0) -> None:
         self.refusal = ""

@@ -25,6 +25,7 @@ from ninedtact.simulation.twin import Twin
 class SimulatedCamera(FrameSource):
     """A frame source of rendered images, one per step of a simulation; it ends after the last round, if there is one."""
 
+    is_simulated = True
     simulation: PressSequence
     is_open: bool = field(default=False, init=False)
     first: int = field(default=-1, init=False)

@@ -56,14 +56,10 @@ def most_urgent_status(moment: SensorSnapshot, shown: Reading | None, frozen: bo
         return _final_status(moment)
     if moment.phase is SensorPhase.ENDED:
         return SensorStatusMessage("held", f"recording ended, its last image is shown ({_format_duration(age_ms)} old)")
-    if silent_ms > SILENT_AFTER_MS:
+    if silent_ms > SILENT_AFTER_MS and moment.may_be_unplugged:
         return SensorStatusMessage("lost", f"no image for {_format_duration(silent_ms)}: unplugged? reconnecting…")
     if behind_ms > SILENT_AFTER_MS and not frozen:
-        return SensorStatusMessage(
-            "warned",
-            f"images arrive, but this computer is {_format_duration(behind_ms)} behind: lower the camera's rate or size, or use "
-            "--force none",
-        )
+        return _behind_status(behind_ms, moment.may_be_unplugged)
     if moment.phase is SensorPhase.REFERENCE:
         return _reference_status(moment.trouble)
     if reading is None:
@@ -88,6 +84,16 @@ def _reading_status(reading: Reading, age_ms: float) -> SensorStatusMessage:
             "warned", f"{', '.join(reading.image_warnings)}: nothing is estimated; check light and sensor"
         )
     return SensorStatusMessage("live", f"live, {age_ms:.0f} ms old")
+
+
+def _behind_status(behind_ms: float, is_camera: bool) -> SensorStatusMessage:
+    """Return the status of a sensor whose newest reading is old because this computer is slow."""
+    late = f"this computer is {_format_duration(behind_ms)} behind"
+    if is_camera:
+        return SensorStatusMessage(
+            "warned", f"images arrive, but {late}: lower the camera's rate or size, or use --force none"
+        )
+    return SensorStatusMessage("warned", f"{late}: end other programs, or use --force none")
 
 
 def _final_status(moment: SensorSnapshot) -> SensorStatusMessage:

@@ -42,7 +42,13 @@ from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
 from ninedtact.studio.page_controller import SILENT_AFTER_MS, WAITING_STATUS, PageMoment, SensorStatusMessage
 from ninedtact.studio.reading_view import ReadingView
 from ninedtact.studio.sensor_poller import HISTORY_S, NS_PER_S, SensorPhase, SensorSnapshot
-from ninedtact.studio.wrench_history import MOST_HZ, WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
+from ninedtact.studio.wrench_history import (
+    MOST_HZ,
+    ROUNDING_NS,
+    WrenchHistory,
+    WrenchSourceSnapshot,
+    WrenchWithUncertainty,
+)
 
 REFERENCE_FRAMES = 10
 CURVE_IMAGES = 600
@@ -106,7 +112,7 @@ class RecordedReadings:
         kept, found = -np.inf, []
         for position in positions:
             stamp_ns = int(position["stamp_ns"])
-            if stamp_ns - kept < NS_PER_S / MOST_HZ:
+            if stamp_ns - kept < NS_PER_S / MOST_HZ - ROUNDING_NS:
                 continue
             kept, estimate = stamp_ns, self._estimate_at(stamp_ns) if topic is Topic.ESTIMATED else None
             if estimate is None:

@@ -109,6 +109,8 @@ class SensorSnapshot:
     """Why the sensor thread has failed, why it refused the reference images, or why no image arrives."""
     arrived_ns: int = 0
     """Stamp of the newest image that the source delivered, read or not; 0 before the first."""
+    may_be_unplugged: bool = True
+    """Whether the images come from a camera or a stream, and not from this computer: a simulation, a recording or a video."""
 
     @property
     def trouble_sentence(self) -> str:
@@ -182,6 +184,7 @@ class SensorPoller:
                 self._history.until(until_ns),
                 self._trouble,
                 0 if arrival is None else arrival.stamp_ns,
+                source.is_live and not source.is_simulated,
             )
 
     def wait_for_change(self, timeout_s: float) -> None:

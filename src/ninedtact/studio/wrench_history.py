@@ -23,6 +23,8 @@ from ninedtact.studio.sensor_poller import HISTORY_S, NS_PER_S
 
 MOST_HZ = 60.0
 """Number of samples kept per second, which is more than a person can see."""
+ROUNDING_NS = 1000
+"""Time by which a sample may come before its turn: stamps are whole nanoseconds, and a step at `MOST_HZ` is not."""
 _UNKNOWN_STD = np.full(6, np.nan)
 
 
@@ -83,7 +85,7 @@ class WrenchHistory:
         """Keep a sample, unless it follows the last one within 1/`MOST_HZ`; drop those that are too old, or of a later time."""
         stamp_ns = sample.wrench.stamp_ns
         elapsed_ns = stamp_ns - self._samples[-1][0] if self._samples else np.inf
-        if 0 <= elapsed_ns < NS_PER_S / MOST_HZ:
+        if 0 <= elapsed_ns < NS_PER_S / MOST_HZ - ROUNDING_NS:
             return
         with self._lock:
             if elapsed_ns < 0:  # a recording that starts again
