@@ -29,7 +29,8 @@ def test_a_torque_about_another_point_is_the_cross_product_of_the_arm_and_the_fo
         moved = Wrench(force_n, torque_nm, old_mm, stamp_ns=7).about(new_mm)
         np.testing.assert_allclose(moved.torque_nm, torque_nm + np.cross((old_mm - new_mm) / 1e3, force_n), atol=1e-12)
         np.testing.assert_array_equal(moved.force_n, force_n)
-        assert moved.about_mm is new_mm and moved.stamp_ns == 7
+        np.testing.assert_array_equal(moved.about_mm, new_mm)
+        assert not np.shares_memory(moved.about_mm, new_mm) and moved.stamp_ns == 7
         six = np.arange(1.0, 7.0)
         one = WrenchEstimate(Wrench(force_n, torque_nm, old_mm), np.outer(six, six), touching=True)
         shifted = np.concatenate([six[:3], six[3:] + np.cross((old_mm - new_mm) / 1e3, six[:3])])
