@@ -17,6 +17,7 @@ from importlib.resources import as_file, files
 from typing import Any
 
 import numpy as np
+from array_api_compat import device
 from jaxtyping import Float
 from numpy import ndarray as Array
 
@@ -103,7 +104,7 @@ def finite_strain_height_terms_mm(
     deepest = xp.max(xp.max(-height, axis=-1, keepdims=True), axis=-2, keepdims=True) / thickness_mm
     wave_x, wave_y = grid.wave_vectors
     mean = np.exp(-(wave_x**2 + wave_y**2) * thickness_mm**2 / 2)
-    spectrum = forward_transform(bulge, grid.shape) * xp.asarray(mean, dtype=height.dtype, device=height.device)
+    spectrum = forward_transform(bulge, grid.shape) * xp.asarray(mean, dtype=height.dtype, device=device(height))
     smooth = inverse_transform(spectrum, grid.shape, grid.shape)
     carried = sum(
         _difference(xp, bulge * contact.tangential_mm[..., axis, :, :], -1 - axis, grid.pitch_mm) for axis in (0, 1)
