@@ -210,7 +210,8 @@ def loads_determine_power_law(load: Float[Array, " n"]) -> bool:
 def left_out_rms(load: Float[Array, " n"], wanted: Float[Array, " n"], degree: int) -> float:
     """Return the root mean square relative error of each press as a polynomial fit to the others predicts it."""
     others = ~np.eye(len(load), dtype=bool)
-    fits = [np.polynomial.Polynomial.fit(load[use], wanted[use], degree) for use in others]
+    # The domain is stated because NumPy below 2 cannot find one for a single load.
+    fits = [np.polynomial.Polynomial.fit(load[use], wanted[use], degree, domain=[-1, 1]) for use in others]
     return rms(np.array([wanted[n] - fit(load[n]) for n, fit in enumerate(fits)]))
 
 
