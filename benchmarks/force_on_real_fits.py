@@ -261,12 +261,12 @@ def compare_with_best(results: dict[tuple[str, str], Judged], sensors: list[str]
 def show_images_without_press(
     members: dict[str, SampledSensor], folders: list[tuple[SampledSensor, Path, Wrong]], jobs: list[tuple]
 ) -> None:
-    """Print what the default estimates from images without contact, black, white and uniform ones, and those of other sensors.
+    """Print how many images are answered well that are no presses of the sensor, and how many of its own presses.
 
-    An image is answered well if its wrench is exactly zero, for those without contact, or if a warning, an infinite error or a
-    refusal comes with it, for all others.
+    Without contact the wrench must be exactly zero, a press must be accepted, and all others must be refused, as `estimate` and
+    `reconstruct` refuse them. A warning that presses carry too does not count.
     """
-    print("\nimages that are no presses: answered well of all")
+    print("\nanswered well of all: images that are no presses, and the sensor's own presses")
     files = {member.name: file for member, _, file, _ in jobs}
     for member, folder, _ in folders:
         sensor = load_sensor(folder)
@@ -274,15 +274,16 @@ def show_images_without_press(
         with np.load(files[member.name]) as stored:
             references = [decoded(stored[f"reference_{number}"]) for number in range(REFERENCES)]
         depth_reader = sensor.shape.depth_reader(*map(Frame, references))
-        foreign = []
+        foreign, own = [], []
         for name in members:
-            if name != member.name:
-                with np.load(files[name]) as stored:
-                    foreign += [decoded(stored[f"image_{number}"]) for number in range(0, 40, 4)]
+            with np.load(files[name]) as stored:
+                numbers = range(len(stored["wrenches"])) if name == member.name else range(0, 40, 4)
+                (own if name == member.name else foreign).extend(decoded(stored[f"image_{n}"]) for n in numbers)
         kinds = {
             "no contact": [member.twin().renderer(None, 1000 + number) for number in range(50)],
             "black, white, uniform": [np.full_like(references[0], level) for level in (0, 3, 120, 255)],
             "other sensors": foreign,
+            "own presses": own,
         }
         texts = []
         for kind, images in kinds.items():
@@ -291,14 +292,16 @@ def show_images_without_press(
                 frame = Frame(image)
                 rectified = sensor.shape.rectify(frame)
                 reading = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
-                estimator.forget()
-                estimate = estimator.estimate(reading)
                 try:
                     require_plausible_image("image", rectified, depth_reader.reference, reading.height)
-                    refused = False
+                    is_refused = False
                 except ImageImplausible:
-                    refused = True
-                well += not estimate.wrench.six.any() if kind == "no contact" else refused or bool(estimate.warnings)
+                    is_refused = True
+                if kind == "no contact":
+                    estimator.forget()
+                    well += not (is_refused or estimator.estimate(reading).wrench.six.any())
+                else:
+                    well += is_refused is not (kind == "own presses")
             texts.append(f"{kind} {well} of {len(images)}")
         print(f"  {member.name:6s}" + "; ".join(texts), flush=True)
 

@@ -299,6 +299,18 @@ def test_a_recording_is_measured_against_the_references_that_it_holds(tmp_path: 
         assert [one.max_indentation_mm for one in recording.readings()] == pytest.approx([deep_mm] * 6, abs=0.03)
 
 
+def test_a_reference_that_a_program_takes_stays_in_spite_of_those_of_the_recording(tmp_path: Path) -> None:
+    path = tmp_path / "pairs.mcap"
+    reference_recording(tmp_path / "small", path, rectified=False)
+    with ninedtact.open(source=path, force="none") as sensor:
+        sensor.use_reference([sensor.read().frame])
+        found = [reading.max_indentation_mm for _, reading in zip(range(2), sensor, strict=False)]
+        assert found == pytest.approx([0.0, 0.0], abs=0.03)
+        chosen = sensor.depth_reader
+        for _ in sensor:  # the second reference of the recording comes with its fourth image
+            assert sensor.depth_reader is chosen
+
+
 def test_a_rectified_reference_of_another_calibration_is_a_warning_on_every_reading(tmp_path: Path) -> None:
     path = tmp_path / "page.mcap"
     own = reference_recording(tmp_path / "small", path, rectified=True)

@@ -67,6 +67,8 @@ class Sensor:
     """Whether the sensor itself took the present reference or moved it."""
     _recorded_reader: DepthReader | None = field(default=None, init=False)
     """The reader that `recorded_reference` returned last."""
+    _follows_recorded_references: bool = field(default=False, init=False)
+    """Whether the references of the recording are used; any other that is taken or given ends it."""
     _later_used: int = field(default=0, init=False)
     """Number of later references that have come into use since the sensor was opened."""
 
@@ -124,6 +126,7 @@ class Sensor:
     def use_reference(self, frames: Sequence[Frame]) -> None:
         """Make the mean of frames without contact the reference image from now on; raises `ReferenceUnusable`."""
         self._replace_reader(self.shape.depth_reader(*frames))
+        self._follows_recorded_references = False
         self.reference_faults = tuple(self.find_reference_faults(frames))
         self._follower = None
         if self.estimator is not None:
@@ -137,6 +140,7 @@ class Sensor:
         self.source.open()
         self.frames_read, self.last_frame_ns = 0, monotonic_ns()
         self._follower, self._later_used, self._recorded_reader = None, 0, None
+        self._follows_recorded_references = self.recorded_reference is not None
         if self._has_own_reference:
             self.depth_reader, self._given_reader, self._has_own_reference = self._given_reader, None, False
         self.reference_faults = () if self.depth_reader is None else self.given_reference_faults
@@ -160,8 +164,8 @@ class Sensor:
         self.depth_reader = reader
 
     def _use_recorded_reference(self, now_ns: int) -> None:
-        """Make the reference that a recording has for this moment the present one, until a later one is set by hand."""
-        if self.recorded_reference is None or self._later_used:
+        """Make the reference that a recording has for this moment the present one, unless another was chosen since the opening."""
+        if self.recorded_reference is None or not self._follows_recorded_references:
             return
         reader = self.recorded_reference(now_ns)
         if reader is not None and reader is not self._recorded_reader:
