@@ -7,7 +7,6 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from shutil import copytree, rmtree
-from threading import Thread
 from typing import Any
 
 import cv2
@@ -28,6 +27,7 @@ from ninedtact.calibration.drift.diagnosis_and_reference_check import (
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.force.contact_detection import detect_contact
+from ninedtact.force.traction.estimator import _on_one_blas_thread
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.quantities import HeightSource, Rectified
 from ninedtact.recording.errors import ReferenceMomentRefused, SensorNotGiven
@@ -344,21 +344,19 @@ def test_an_opening_does_not_know_the_contact_of_the_one_before(physical_sensor:
     np.testing.assert_array_equal(found[0], found[1])
 
 
-def test_estimates_in_two_threads_leave_the_number_of_blas_threads_as_it_was(physical_sensor: SensorFolder) -> None:
-    def blas_threads() -> list[int]:
-        return [one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"]
+def test_estimates_that_overlap_leave_the_number_of_blas_threads_as_it_was() -> None:
+    def blas_threads() -> set[int]:
+        return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
 
-    def run() -> None:
-        with ninedtact.open(physical_sensor.path, source="sim") as sensor:
-            for _ in range(30):
-                sensor.read()
-
-    run()  # everything is loaded
+    with _on_one_blas_thread():
+        pass  # all libraries are loaded
     with threadpool_limits(2, user_api="blas"):
-        before = blas_threads()
-        threads = [Thread(target=run) for _ in range(3)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        assert blas_threads() == before
+        assert blas_threads() == {2}
+        first, second = _on_one_blas_thread(), _on_one_blas_thread()
+        first.__enter__()
+        second.__enter__()
+        assert blas_threads() == {1}
+        first.__exit__(None, None, None)
+        assert blas_threads() == {1}
+        second.__exit__(None, None, None)
+        assert blas_threads() == {2}
