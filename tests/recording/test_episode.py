@@ -208,6 +208,26 @@ def test_a_file_cut_anywhere_is_read_to_its_last_whole_chunk_and_can_be_mended(
     assert before == (12, 200)
 
 
+def test_a_file_whose_end_a_power_cut_left_as_zeros_is_read_to_its_last_undamaged_chunk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ninedtact.recording.writer.CHUNK_BYTES", 6000)
+    path = write_episode(tmp_path / "zeros.mcap")
+    with Recording(path) as read:
+        chunks, written = read.index.chunks, path.read_bytes()[: read.index.end]
+    middles = [(chunk.start + chunk.end) // 2 for chunk in chunks[1:]]
+    before = (0, 0)
+    for number, zeroed in enumerate([*middles, chunks[-1].end + 4]):
+        path.write_bytes(written[:zeroed] + bytes(len(written) - zeroed))
+        found = prefix_of_the_whole(path)
+        assert found > before
+        before = found
+        assert repair_recording(path) and prefix_of_the_whole(path) == found
+        if number % 8 == 0:
+            assert tuple(others_read(path).get(topic.path("small"), 0) for topic in BOTH) == found
+    assert before == (12, 200)
+
+
 def test_a_changed_description_a_changed_attachment_and_a_missing_message_are_refused(tmp_path: Path) -> None:
     content = write_episode(tmp_path / "whole.mcap", frames=3, samples=20).read_bytes()
     with Recording(tmp_path / "whole.mcap") as whole:

@@ -138,20 +138,45 @@ def _add_record(found: McapIndex, span: McapRecordSpan, file: BinaryIO) -> None:
 
 
 def complete_mcap_index(found: McapIndex, file: BinaryIO, name: str) -> None:
-    """Complete an index by the schemas and channels of the first chunk, and by the positions of a last chunk without index."""
+    """Complete an index by the schemas and channels of the first chunk, and by the positions of a last chunk without index.
+
+    The last chunks of an unfinished file are left out where they are damaged, as a power cut leaves them: the file ends before.
+    """
     if not found.chunks:
         return
+    last_chunk = None if found.finished else _drop_damaged_end(found, file, name)
     for record in breakup_chunk(read_mcap_chunk(file, found.chunks[0], name)):
         if isinstance(record, Schema):
             found.schemas[record.id] = record
         elif isinstance(record, Channel):
             found.channels[record.id] = record
     last = len(found.chunks) - 1
-    if not found.finished:
-        for channel, entries in _message_offsets(read_mcap_chunk(file, found.chunks[last], name)).items():
+    if last_chunk is not None:
+        for channel, entries in _message_offsets(last_chunk).items():
             if channel not in found.indexes[last]:
                 stamp_ns, offset = np.array(entries).T
                 found.positions[channel].append(_positions(channel, last, stamp_ns, offset))
+
+
+def _drop_damaged_end(found: McapIndex, file: BinaryIO, name: str) -> Chunk:
+    """Drop damaged chunks at the end, with all that follows them, and return the last whole one.
+
+    Raises `RecordingUnreadable` where the first chunk is damaged, too.
+    """
+    while True:
+        last, span = len(found.chunks) - 1, found.chunks[-1]
+        try:
+            return read_mcap_chunk(file, span, name)
+        except RecordingUnreadable:
+            if last == 0:
+                raise
+        found.end = span.start
+        del found.chunks[last]
+        for records in (found.attachments, found.metadata):
+            records[:] = [record for record in records if record.end <= found.end]
+        for channel in found.indexes.pop(last, {}):
+            found.positions[channel].pop()
+        found.index_bytes.pop(last, None)
 
 
 def _message_offsets(chunk: Chunk) -> dict[int, list[tuple[int, int]]]:
