@@ -307,6 +307,9 @@ def test_a_recording_that_is_being_written_is_not_repaired(
         assert main(["info", str(path)]) == 0
         said = capsys.readouterr().out
         assert "is still being written" in said and "cut short" not in said and "--repair" not in said
+        assert main(["export", str(path), "--out", str(tmp_path / "out")]) == 0
+        said = capsys.readouterr().out
+        assert "is still being written" in said and "cut short" not in said
         size = path.stat().st_size
         assert main(["info", str(path), "--repair"]) == 1 and path.stat().st_size == size
         assert "which is still being written; wait, and repair it then" in capsys.readouterr().err

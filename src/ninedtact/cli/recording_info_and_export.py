@@ -17,8 +17,12 @@ if TYPE_CHECKING:
     from ninedtact.recording.summary import RecordingSummary
 
 
-def _cut_short_sentence(seconds: float) -> str:
-    """Return what is missing from a file that was not closed properly; seconds: duration of what is there."""
+def _unfinished_sentence(recording: "Recording", seconds: float) -> str:
+    """Return why a recording has no end, still written or cut short; seconds: duration of what is there."""
+    from ninedtact.recording.mcap_repair import is_being_written
+
+    if is_being_written(recording):
+        return f"The file is still being written: {seconds:.1f} s so far."
     missing = "what followed is missing (after a crash of the recording program about half a second)"
     return f"The file was cut short: it ends after {seconds:.1f} s, and {missing}."
 
@@ -99,10 +103,9 @@ def _ending_lines(recordings: "list[Recording]", seconds: float) -> Iterator[str
     from ninedtact.recording.export import require_exportable
     from ninedtact.recording.mcap_repair import is_being_written
 
-    if is_being_written(recordings[0]):
-        yield f"  The file is still being written: {seconds:.1f} s so far."
-    elif not recordings[0].is_finished:
-        yield f"  {_cut_short_sentence(seconds)}"
+    if not recordings[0].is_finished:
+        yield f"  {_unfinished_sentence(recordings[0], seconds)}"
+    if not (recordings[0].is_finished or is_being_written(recordings[0])):
         try:
             require_exportable(recordings)
             yield "  It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
@@ -167,14 +170,16 @@ class Export:
                     written = export_rerun(recordings[0], self.out, self.points_every, on_image=bar.update)
                 else:
                     written = export_each_sensor(recordings, self.out, on_image=bar.update)
-            unfinished = dict[Path, float]()
+            unfinished, longest_s = dict[Path, str](), 0.0
             for recording in recordings:  # the sensors of one file have one end, that of the longest
+                longest_s = max(recording.duration_s, longest_s if recording.path in unfinished else 0.0)
                 if not recording.is_finished:
-                    unfinished[recording.path] = max(recording.duration_s, unfinished.get(recording.path, 0.0))
+                    unfinished[recording.path] = _unfinished_sentence(recording, longest_s)
         figures = {"out": str(self.out), "finished": not unfinished, "written": written}
         lines = [f"{self.out}:", *(f"  {number:8d}  {kind}" for kind, number in written.items())]
-        cut = (f"  {path}: {_cut_short_sentence(seconds)}" for path, seconds in unfinished.items())
-        return print_result(self.json, figures, [*lines, *cut])
+        return print_result(
+            self.json, figures, [*lines, *(f"  {path}: {sentence}" for path, sentence in unfinished.items())]
+        )
 
     def _require_one_recording_unless_episodes(self) -> None:
         """Raise `NotOneRecording` unless the format holds as many recordings as are given."""
