@@ -6,6 +6,9 @@ UV := VIRTUAL_ENV=$(CURDIR)/.venv .venv/bin/uv
 INSTALL := $(UV) pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt
 REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 
+# Tests and benchmarks start commands hundreds of times; these shall load compiled modules, as they do for a user.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo real test test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs docs-images gallery tour dist benchmarks clean
 
 .venv/bin/uv:

@@ -166,7 +166,8 @@ ninedtact.interop.rerun._VIEWER_ADDRESS = ("127.0.0.1", {port})
 main("live --source {images} --sensor {folder} --loop --port 0 --rerun".split())
 """
     start = [sys.executable, "-m", "rerun_cli", "--save", str(out), "--port", str(port), "--bind", "127.0.0.1"]
-    with subprocess.Popen(start, env=os.environ | {"RERUN_ANALYTICS": "0"}) as program:
+    environment = os.environ | {"RERUN_ANALYTICS": "0"}
+    with subprocess.Popen(start, env=environment, preexec_fn=heed_interrupt) as program:
         wait_until(lambda: answers(port))
         with subprocess.Popen([sys.executable, "-c", live], stdout=subprocess.PIPE, text=True) as running:
             wait_until(lambda: out.exists() and out.stat().st_size > 200_000)
@@ -178,6 +179,11 @@ main("live --source {images} --sensor {folder} --loop --port 0 --rerun".split())
     shown = found["/small/image"]["image"]
     assert len(shown) > 2 and shown == sorted(set(shown)) == found["/small/surface"]["image"]
     assert len(found["/small/surface"]["Points3D:positions"][0]) == 8 * 10
+
+
+def heed_interrupt() -> None:
+    """Undo that background jobs of a shell ignore Ctrl-C, which would keep the program from ending."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def answers(port: int) -> bool:
