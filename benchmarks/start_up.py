@@ -1,14 +1,24 @@
-"""How long `import ninedtact` and `ninedtact --help` take in a fresh process (best of five), and that they load nothing heavy."""
+"""How long `import ninedtact` and `ninedtact --help` take in a fresh process (best of five), and that they load nothing heavy.
 
+And the processor time of whole commands on real images: `calibrate` of two sensors and `estimate` of one image (median of three).
+Modules are loaded compiled, as for a user; PYTHONDONTWRITEBYTECODE would add the compilation of 300 modules to each command.
+"""
+
+import os
+import resource
 import subprocess
 import sys
 import time
 from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
 
 import tyro
 from figures import Figure, answer, at_most, holds
+from real_images import PRESSES, sensor_folder
 
 HEAVY = ("cv2", "scipy", "torch", "viser", "matplotlib")
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 COMMAND = Path(sys.executable).with_name("ninedtact")
 IMPORT = [sys.executable, "-c", "import ninedtact"]
 HELP = [str(COMMAND), "--help"]
@@ -25,7 +35,37 @@ def start_up(tries: int = 5, json: bool = False) -> None:
         lightness("import ninedtact", "import ninedtact"),
         lightness("ninedtact --help", HELP_INSIDE),
     ]
+    with TemporaryDirectory() as temporary:
+        for name in ("sensor_a", "sensor_i"):
+            figures += commands_on(sensor_folder(name), Path(temporary) / name)
     answer("Start", figures, json)
+
+
+def commands_on(images: Path, sensor: Path) -> list[Figure]:
+    """The processor time of calibrating a sensor and of estimating one image with it."""
+    calibrate = [str(COMMAND), "calibrate", "--out", str(sensor)]
+    for press in PRESSES:
+        calibrate += [f"--{press.replace('_', '-')}", str(images / f"{press}.png")]
+    estimate = [str(COMMAND), "estimate", "--sensor", str(sensor), "--reference", str(images / "ball_reference.png")]
+    return [
+        at_most(f"ninedtact calibrate, {images.name}, s of processor", processor_seconds(calibrate), 8.0),
+        at_most(
+            f"ninedtact estimate, {images.name}, s of processor",
+            processor_seconds([*estimate, str(images / "ball.png")]),
+            1.2,
+        ),
+    ]
+
+
+def processor_seconds(command: list[str]) -> float:
+    """The median of the user and system time of three fresh processes, after one that compiles what it loads."""
+    found = []
+    for _ in range(4):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run(command, check=True, capture_output=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        found.append(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
+    return median(found[1:])
 
 
 def best_seconds(command: list[str], tries: int) -> float:
