@@ -181,6 +181,25 @@ main("live --source {images} --sensor {folder} --loop --port 0 --rerun".split())
     assert len(found["/small/surface"]["Points3D:positions"][0]) == 8 * 10
 
 
+def test_a_viewer_that_takes_nothing_does_not_keep_the_program_from_ending(tmp_path: Path) -> None:
+    folder, images = sensor_folder(tmp_path / "small"), tmp_path / "images"
+    images.mkdir()
+    for number in range(12):
+        cv2.imwrite(str(images / f"{number:02}.png"), skin(100))
+    with socket.create_server(("127.0.0.1", 0)) as viewer:  # connections are completed, but nobody reads
+        code = f"""
+import ninedtact
+from ninedtact.interop import rerun
+rerun._VIEWER_ADDRESS, rerun._END_WAIT_S = ("127.0.0.1", {viewer.getsockname()[1]}), 0.5
+with ninedtact.open({str(folder)!r}, source={str(images)!r}, force="none") as sensor, rerun.RerunViewer("small") as shown:
+    for reading in sensor:
+        shown.show(reading)
+print("left")
+"""
+        ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert ended.stdout == "left\n" and "Traceback" not in ended.stderr
+
+
 def heed_interrupt() -> None:
     """Undo that background jobs of a shell ignore Ctrl-C, which would keep the program from ending."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -11,6 +11,8 @@ Forces are in N, torques in N·m about the skin centre. Timelines: `sensor_time`
 and `image`, the number of the image in its source. Times of logging are not written.
 """
 
+import atexit
+import ctypes
 import os
 import socket
 from collections.abc import Callable
@@ -238,12 +240,15 @@ def _log_recording(log: RerunLog, recording: Recording, on_image: Callable[[], N
 _VIEWER_ADDRESS = ("127.0.0.1", 9876)
 """Where the Rerun viewer listens."""
 _WAITING_READINGS = 4
+_END_WAIT_S = 5.0
+"""Time that a viewer has at the end to take what it was sent; what it has not taken then is lost to it."""
 
 
 class RerunViewer:
     """Shows readings in the Rerun viewer on this computer while it is open (`with`), from a thread of its own.
 
-    Readings that the viewer is too slow for are not shown; the sensor is never delayed.
+    Readings that the viewer is too slow for are not shown; the sensor is never delayed. A viewer that takes nothing more delays the
+    end by a few seconds.
     """
 
     def __init__(self, sensor: str) -> None:
@@ -271,9 +276,14 @@ class RerunViewer:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._waiting.put(None)
-        self._thread.join()
-        self._stream.disconnect()
+        with suppress(Full):
+            self._waiting.put(None, timeout=_END_WAIT_S)
+        self._thread.join(_END_WAIT_S)
+        end = Thread(target=self._stream.disconnect, name="rerun end", daemon=True)
+        end.start()
+        end.join(_END_WAIT_S)
+        if end.is_alive():
+            _abandon(self._stream)
 
     def _run(self) -> None:
         log = RerunLog(self._sensor, self._stream)
@@ -286,3 +296,13 @@ class RerunViewer:
                 log.log_wrenches("wrench_estimated", np.array([wall_ns]), estimate.wrench.six[None], estimate.std[None])
             if reading.warnings:
                 log.log_warnings([warning.value for warning in reading.warnings], wall_ns, reading.frame.index)
+
+
+def _abandon(stream: rr.RecordingStream) -> None:
+    """Never free a stream whose viewer takes nothing more.
+
+    Its destructor, and what Rerun runs at the end of the program, would wait for the viewer without end
+    (github.com/rerun-io/rerun/issues/12620).
+    """
+    atexit.unregister(rr.rerun_shutdown)
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))
