@@ -1,7 +1,8 @@
 import json
+import re
 import subprocess
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import cv2
@@ -9,9 +10,16 @@ import pytest
 
 from ninedtact.cli import main
 from ninedtact.cli.hardware import ExploreDesignsCommand, format_bill_of_materials
+from ninedtact.design import SensorDesign
 from ninedtact.hardware.buildable_design import BuildableDesign
-from ninedtact.hardware.design import default_hardware_design, read_hardware_design
+from ninedtact.hardware.design import (
+    DesignVariant,
+    default_hardware_design,
+    hardware_design_of_variant,
+    read_hardware_design,
+)
 from ninedtact.hardware.fabrication_guide import format_fabrication_guide
+from ninedtact.hardware.part_dimensions import WindowDimensions
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -117,3 +125,17 @@ def test_the_guide_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     code, found = told(capsys, "guide", "--variant", "original", "--out", str(tmp_path))
     assert code == 0 and len(found["files"]) == 13
     assert "original design" in (tmp_path / "fabrication.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("variant", ["default", "original"])
+def test_the_guide_names_the_command_that_writes_its_parts(variant: DesignVariant, tmp_path: Path) -> None:
+    """Read back with the options that the page states, the design is that of the page."""
+    published = hardware_design_of_variant(SensorDesign(), variant)
+    for design in (published, replace(published, window=WindowDimensions(thick_mm=2.5))):
+        page = format_fabrication_guide(BuildableDesign(design))
+        (options,) = re.findall(r"`ninedtact hardware export --out parts(.*?)`", page)
+        stated = tmp_path / "your_design.toml"
+        stated.write_text("[hardware.window]\nthick_mm = 2.5\n")
+        given = dict(re.findall(r" --(\w+) (\S+)", options))
+        path = stated if given.get("design") == stated.name else None
+        assert read_hardware_design(path, given.get("variant", "default")) == design
