@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise, product
 from math import hypot, inf, sqrt
 
+from ninedtact.hardware.assembly_dimensions import distance_to_edge_mm
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.part_dimensions import M2_DIAMETER_MM
 
@@ -81,6 +82,8 @@ PLUG_TOLERANCE_MM = 1.0
 STIFFENER_INTERFERENCE_MM = -0.1
 """Clearance of the camera's stiffener in the original's pocket. The original was built so, and the stiffener's corner
 gives way."""
+MIN_RIM_MM = 0.4
+"""Least plastic beside a screw head's counterbore, which carries no load: one line of a nozzle of 0.4 mm."""
 ROUNDING_MM = 1e-9
 
 
@@ -240,7 +243,7 @@ def _camera_clearances(design: HardwareDesign) -> Iterator[Clearance]:
 
 def _fastener_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """Yield the clearances of screws and inserts."""
-    base, fasteners = design.base, design.fasteners
+    base, fasteners, plan = design.base, design.fasteners, design.horizontal_dimensions
     head, tall = fasteners.head_mm
     yield Clearance(
         "screw shank, hole of the base", "base.shell_screw_mm", (base.shell_screw_mm - M2_DIAMETER_MM) / 2, 0.1, BASE
@@ -249,6 +252,16 @@ def _fastener_clearances(design: HardwareDesign) -> Iterator[Clearance]:
         "bolt of the robot, hole of the base", "base.bolt_mm", (base.bolt_mm - M2_DIAMETER_MM) / 2, 0.1, BASE
     )
     yield Clearance("screw head, counterbore", "base.counterbore_mm", (base.counterbore_mm - head) / 2, 0.05, BASE)
+    rim_mm = distance_to_edge_mm(max(plan.shell_screws), plan.outer, base.corner_radius_mm) - base.counterbore_mm / 2
+    yield Clearance(
+        "counterbore, side of the base",
+        "shell.wall_mm, shell.boss_inset_mm, base.counterbore_mm or base.corner_radius_mm",
+        rim_mm,
+        MIN_RIM_MM,
+        BASE,
+        MIN_RIM_MM,
+        "wall_too_thin",
+    )
     yield Clearance(
         "screw head below the base's face", "base.counterbore_deep_mm", base.counterbore_deep_mm - tall, 0.0
     )
