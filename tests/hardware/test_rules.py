@@ -108,6 +108,18 @@ def test_a_design_without_a_circuit_board_is_refused() -> None:
         BuildableDesign(beyond_the_edge)
 
 
+@pytest.mark.parametrize(
+    ("design", "part"),
+    [
+        (replace(default_hardware_design(), base=BaseDimensions(channel_wide_mm=8.5)), "sensor_base"),
+        (replace(default_hardware_design(), shell=ShellDimensions(slot_chamfer_mm=0.2)), "sensor_shell"),
+    ],
+)
+def test_a_fillet_that_does_not_fit_is_refused_with_its_part(design: HardwareDesign, part: str) -> None:
+    with pytest.raises(DesignImpossible, match=rf"expected .* the {part} .*, got: .*; change"):
+        _ = BuildableDesign(design).parts
+
+
 def test_every_rule_has_a_design_that_breaks_it() -> None:
     for rule in DESIGN_RULES:
         assert any([*rule(design)] for design in BREAKING.values()), f"nothing breaks {rule.__name__}"

@@ -10,6 +10,7 @@ from typing import Literal
 
 from build123d import Part
 
+from ninedtact.design import DesignImpossible
 from ninedtact.hardware.assembly_dimensions import XY
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.parts.solids import (
@@ -139,6 +140,24 @@ class BuiltPart:
         return float(self.solid.volume)
 
 
+class PartNotModelled(DesignImpossible):
+    """Raised for a part that the modelling library cannot build, mostly for a fillet that does not fit its edges."""
+
+
 def build_parts(design: HardwareDesign) -> dict[str, BuiltPart]:
-    """Build all parts of a design and return them by name. The design must keep all rules: see `buildability`."""
-    return {made.name: BuiltPart(made.name, made.method, made.build(design)) for made in PART_CATALOGUE}
+    """Build all parts of a design and return them by name. The design must keep all rules: see `buildability`.
+
+    Raises `PartNotModelled`.
+    """
+    return {made.name: BuiltPart(made.name, made.method, _build_part(made, design)) for made in PART_CATALOGUE}
+
+
+def _build_part(made: _CatalogueEntry, design: HardwareDesign) -> Part:
+    """Build one part; raises `PartNotModelled`."""
+    try:
+        return made.build(design)
+    except (ValueError, RuntimeError) as trouble:
+        raise PartNotModelled(
+            f"expected dimensions from which the {made.name} can be modelled, got: {trouble}; change its fillets, its chamfers or "
+            "the widths beside them"
+        ) from trouble
