@@ -78,6 +78,9 @@ BREAKING = {
     "pocket_in_ramp": replace(default_hardware_design(), base=BaseDimensions(pocket_back_mm=9.5)),
     "ramp_too_short": replace(default_hardware_design(), base=BaseDimensions(ramp_foot_mm=1.0)),
     "clamps_in_the_shell": replace(default_hardware_design(), moulds=MouldDimensions(beyond_mm=(8.0, 8.0))),
+    "ring_cuts_the_view": replace(
+        default_hardware_design(), window=WindowDimensions(22.0), shell=ShellDimensions(floor_mm=3.0)
+    ),
     "clamps_beyond_the_plates": replace(default_hardware_design(), moulds=MouldDimensions(pairs_mm=(35.0, 8.0))),
     "post_in_wall": replace(default_hardware_design(), board=LedBoardDimensions(locating_inset_mm=(1.0, 5.0))),
     "post_in_pocket": replace(default_hardware_design(), board=LedBoardDimensions(locating_inset_mm=(10.0, 5.0))),
@@ -170,6 +173,26 @@ def test_what_the_lens_reaches() -> None:
     design = default_hardware_design()
     assert lens_view_radius_mm(design, design.heights.rim) == pytest.approx(12.7, abs=0.05)
     assert lens_view_radius_mm(design) == pytest.approx(15.2, abs=0.05)
+
+
+def test_the_view_between_lens_and_window() -> None:
+    """Air only: 0.35 mm at 80° from the axis, nothing at the lens itself, and half halfway."""
+    design = default_hardware_design()
+    low, high = design.heights.lens_front, design.heights.floor_top
+    radii = [lens_view_radius_mm(design, low + share * (high - low)) for share in (0.0, 0.5, 1.0)]
+    assert radii == pytest.approx([0.0, 0.99, 1.985], abs=0.005)
+
+
+@pytest.mark.parametrize("variant", [default_hardware_design(), original_hardware_design()], ids=lambda it: it.variant)
+def test_a_receptacle_that_cannot_pass_the_wall_is_refused(variant: HardwareDesign) -> None:
+    """The mouth stands 0.09 out over the cavity, and the notches let the board give way by 0.10."""
+    for beyond_mm, slot_from_mm, rules in ((0.35, 1.55, set()), (0.36, 1.55, {"parts_touch"}), (0.8, 0.0, set())):
+        board, shell = (
+            replace(variant.board, usb_beyond_mm=beyond_mm),
+            replace(variant.shell, slot_from_mm=slot_from_mm),
+        )
+        broken = find_broken_rules(replace(variant, board=board, shell=shell))
+        assert {each.rule for each in broken} == rules and all("wall below its slot" in each.message for each in broken)
 
 
 @pytest.mark.parametrize(
