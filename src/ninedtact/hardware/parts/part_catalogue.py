@@ -66,12 +66,13 @@ def _clamping_plate(design: HardwareDesign, thick: float) -> Part:
 
 
 def build_transparent_gel(design: HardwareDesign) -> Part:
-    """Build the transparent gel, which fills the shell above the window. The groove between window and frame stays
-    empty."""
+    """Build the transparent gel, which fills the shell above window and frame. The groove between these stays empty."""
     shell, plan, levels = design.shell, design.horizontal_dimensions, design.heights
     body = make_plate(plan.opening, (levels.floor_top, levels.rim), shell.opening_radius_mm)
-    frame, window = plan.frame_outside, design.window.side_mm
-    body -= make_plate((frame, frame), (levels.floor_top, levels.frame_top))
+    outside, inside, window = plan.frame_outside, plan.frame_inside, design.window.side_mm
+    body -= make_plate((outside, outside), (levels.floor_top, levels.frame_top))
+    if levels.frame_top > levels.window_top:
+        body += make_plate((inside, inside), (levels.window_top, levels.frame_top))
     return single_solid_of_part(body - make_plate((window, window), (levels.floor_top, levels.window_top)))
 
 
