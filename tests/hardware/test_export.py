@@ -234,6 +234,14 @@ def test_a_folder_with_anything_of_ones_own_is_left_alone(
     assert (tmp_path / "letters" / "src" / "mine.txt").read_text() == "keep"
 
 
+def test_the_current_folder_is_refused_before_anything_is_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["hardware", "export", "--design", "missing.toml", "--out", "."]) == 1
+    assert "in which this program runs" in capsys.readouterr().err
+
+
 def test_a_manifest_that_is_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "manifest.json")
     with pytest.raises(ExportFolderRefused, match="manifest"):

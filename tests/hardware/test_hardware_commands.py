@@ -1,7 +1,8 @@
 import json
+import re
 import subprocess
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import cv2
@@ -9,9 +10,17 @@ import pytest
 
 from ninedtact.cli import main
 from ninedtact.cli.hardware import ExploreDesignsCommand, format_bill_of_materials
+from ninedtact.design import DesignImpossible, SensorDesign
 from ninedtact.hardware.buildable_design import BuildableDesign
-from ninedtact.hardware.design import default_hardware_design, read_hardware_design
+from ninedtact.hardware.design import (
+    DesignVariant,
+    default_hardware_design,
+    hardware_design_of_variant,
+    read_hardware_design,
+)
+from ninedtact.hardware.design_sweep import SweepCombination, explore_designs
 from ninedtact.hardware.fabrication_guide import format_fabrication_guide
+from ninedtact.hardware.part_dimensions import WindowDimensions
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -35,6 +44,14 @@ def test_check_names_the_broken_rule(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert code == 1 and found["broken"][0]["rule"] == "wall_too_thin"
     assert main(["hardware", "export", "--design", str(path), "--out", str(tmp_path / "parts")]) == 1
     assert "(rule wall_too_thin)" in capsys.readouterr().err and not (tmp_path / "parts").exists()
+
+
+def test_check_names_an_impossible_circuit_board(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "far.toml"
+    path.write_text("[hardware.board]\ndriver_at_mm = [3.49, 8.0]\n")
+    code, found = told(capsys, "check", "--design", str(path))
+    (broken,) = found["broken"]
+    assert code == 1 and broken["rule"] == "led_board" and "circuit board" in broken["message"]
 
 
 def test_bom(default: BuildableDesign, capsys: pytest.CaptureFixture[str]) -> None:
@@ -65,6 +82,23 @@ def test_explore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert thin["depth_range_mm"] < thick["depth_range_mm"] and thin["depth_at_1n_mm"] < thick["depth_at_1n_mm"]
     assert cv2.imread(str(out / "explore.png")) is not None
     assert len((out / "explore.csv").read_text().splitlines()) == 4
+
+
+def test_a_comparison_leaves_no_design_of_an_earlier_one(tmp_path: Path) -> None:
+    """Row 1 of the table is `design_01.toml`: a refused design must not have the file of another."""
+    kept = {"design_notes.toml", "design_01.toml.orig", "mine.txt"}
+    for name in (*kept, "design_01.toml", "design_02.toml", "design_101.toml"):
+        (tmp_path / name).write_text("earlier")
+    assert main(["hardware", "explore", "--gel-mm", "1", "--out", str(tmp_path)]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == kept | {"explore.csv", "explore.png"}
+
+
+def test_a_value_that_no_sensor_has_is_refused_before_any_design_is_built() -> None:
+    built: list[object] = []
+    choices = [SweepCombination(default_hardware_design(), gel_mm=gel) for gel in (2.5, 40.0)]
+    with pytest.raises(DesignImpossible, match=r"gel\.thickness_mm"):
+        built.extend(explore_designs(choices))
+    assert not built
 
 
 def test_explore_without_values_compares_the_usual_gels() -> None:
@@ -117,3 +151,17 @@ def test_the_guide_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     code, found = told(capsys, "guide", "--variant", "original", "--out", str(tmp_path))
     assert code == 0 and len(found["files"]) == 13
     assert "original design" in (tmp_path / "fabrication.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("variant", ["default", "original"])
+def test_the_guide_names_the_command_that_writes_its_parts(variant: DesignVariant, tmp_path: Path) -> None:
+    """Read back with the options that the page states, the design is that of the page."""
+    published = hardware_design_of_variant(SensorDesign(), variant)
+    for design in (published, replace(published, window=WindowDimensions(thick_mm=2.5))):
+        page = format_fabrication_guide(BuildableDesign(design))
+        (options,) = re.findall(r"`ninedtact hardware export --out parts(.*?)`", page)
+        stated = tmp_path / "your_design.toml"
+        stated.write_text("[hardware.window]\nthick_mm = 2.5\n")
+        given = dict(re.findall(r" --(\w+) (\S+)", options))
+        path = stated if given.get("design") == stated.name else None
+        assert read_hardware_design(path, given.get("variant", "default")) == design

@@ -1,10 +1,15 @@
 """The original's parts against what was measured on its files: volumes, boxes, areas, sections."""
 
+from dataclasses import replace
+from math import pi
+
 import pytest
 from build123d import Plane
 
 from ninedtact.hardware.buildable_design import BuildableDesign
-from ninedtact.hardware.parts.part_catalogue import PART_CATALOGUE
+from ninedtact.hardware.design import default_hardware_design
+from ninedtact.hardware.part_dimensions import ShellDimensions, WindowDimensions
+from ninedtact.hardware.parts.part_catalogue import PART_CATALOGUE, build_transparent_gel
 
 REFERENCE = {
     "sensor_base": ((32.5, 25.5, 8.5), 2419.59, 2748.67),
@@ -74,3 +79,12 @@ def test_centres_of_mass(original: BuildableDesign) -> None:
     base, shell = original.parts["sensor_base"].solid.center(), original.parts["sensor_shell"].solid.center()
     assert tuple(base) == pytest.approx((0, 0.33, 1.94), abs=0.01)
     assert tuple(shell) == pytest.approx((0, 0.10, 12.21), abs=0.01)
+
+
+def test_gel_fills_the_frame_above_a_thin_window() -> None:
+    """By hand: 28.50 x 21.50 x 11.20 with R1.00, less window and groove of 1.00 and the frame's wall of 2.00."""
+    design = default_hardware_design()
+    thin = replace(design, window=WindowDimensions(thick_mm=1.0), shell=ShellDimensions(frame_tall_mm=2.0))
+    opening = (28.5 * 21.5 - (4 - pi)) * 11.2
+    expected = opening - 14.2**2 * 1.0 - (15.8**2 - 14.2**2) * 2.0
+    assert build_transparent_gel(thin).volume == pytest.approx(expected, rel=1e-6)

@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ninedtact.design import CameraGeometry, DesignImpossible, Gel, PinBoard, SensingArea, SensorDesign
+from ninedtact.hardware.assembly_dimensions import distance_to_edge_mm
 from ninedtact.hardware.buildability import DESIGN_RULES, DesignRulesBroken, find_broken_rules, require_buildable_design
 from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import (
@@ -20,6 +21,7 @@ from ninedtact.hardware.design import (
     required_camera_distance_mm,
 )
 from ninedtact.hardware.design_sweep import SweepCombination
+from ninedtact.hardware.drawings.part_geometry import find_round_features
 from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
 from ninedtact.hardware.led_board.design_rule_check import find_violations
 from ninedtact.hardware.part_dimensions import (
@@ -34,6 +36,7 @@ from ninedtact.hardware.part_dimensions import (
     ShellDimensions,
     WindowDimensions,
 )
+from ninedtact.hardware.parts.solids import build_sensor_base
 
 
 def sensor(width: float = 24, height: float = 18, gel: float = 2.5, cols: int = 9, rows: int = 7) -> SensorDesign:
@@ -75,6 +78,10 @@ BREAKING = {
     "pocket_in_ramp": replace(default_hardware_design(), base=BaseDimensions(pocket_back_mm=9.5)),
     "ramp_too_short": replace(default_hardware_design(), base=BaseDimensions(ramp_foot_mm=1.0)),
     "clamps_in_the_shell": replace(default_hardware_design(), moulds=MouldDimensions(beyond_mm=(8.0, 8.0))),
+    "ring_cuts_the_view": replace(
+        default_hardware_design(), window=WindowDimensions(22.0), shell=ShellDimensions(floor_mm=3.0)
+    ),
+    "clamps_beyond_the_plates": replace(default_hardware_design(), moulds=MouldDimensions(pairs_mm=(35.0, 8.0))),
     "post_in_wall": replace(default_hardware_design(), board=LedBoardDimensions(locating_inset_mm=(1.0, 5.0))),
     "post_in_pocket": replace(default_hardware_design(), board=LedBoardDimensions(locating_inset_mm=(10.0, 5.0))),
     "ring_has_no_mouth": replace(default_hardware_design(), ring=LightIsolationRingDimensions(land_mm=1.0)),
@@ -104,9 +111,54 @@ def test_a_design_without_a_circuit_board_is_refused() -> None:
         BuildableDesign(beyond_the_edge)
 
 
+@pytest.mark.parametrize(
+    ("design", "part"),
+    [
+        (replace(default_hardware_design(), base=BaseDimensions(channel_wide_mm=8.5)), "sensor_base"),
+        (replace(default_hardware_design(), shell=ShellDimensions(slot_chamfer_mm=0.2)), "sensor_shell"),
+    ],
+)
+def test_a_fillet_that_does_not_fit_is_refused_with_its_part(design: HardwareDesign, part: str) -> None:
+    with pytest.raises(DesignImpossible, match=rf"expected .* the {part} .*, got: .*; change"):
+        _ = BuildableDesign(design).parts
+
+
 def test_every_rule_has_a_design_that_breaks_it() -> None:
     for rule in DESIGN_RULES:
         assert any([*rule(design)] for design in BREAKING.values()), f"nothing breaks {rule.__name__}"
+
+
+@pytest.mark.parametrize("pairs_mm", [(10.0, 25.0), (25.0, 8.0), (27.0, 22.0)])
+def test_a_mould_keeps_all_its_holes(pairs_mm: tuple[float, float]) -> None:
+    """Beyond the long side, through a rounded corner, and two holes at one place."""
+    moulds = MouldDimensions(pairs_mm=pairs_mm)
+    assert names(replace(default_hardware_design(), moulds=moulds)) == {"clamps_beyond_the_plates"}
+
+
+BORES, HEADS = "the shell outside its bores", "between counterbore, side of the base"
+
+
+@pytest.mark.parametrize(
+    ("wall_mm", "corner_mm", "thin"), [(1.0, 2.0, {BORES, HEADS}), (1.5, 2.0, {HEADS}), (2.0, 5.0, {BORES, HEADS})]
+)
+def test_screws_stay_inside_thin_walls(wall_mm: float, corner_mm: float, thin: set[str]) -> None:
+    """The axes of counterbores of 4.0 and bores of 2.85 lie 0.75 inside the cavity's walls."""
+    small = default_hardware_design(sensor(16, 12, cols=5, rows=3))
+    shell = ShellDimensions(wall_mm=wall_mm, corner_radius_mm=corner_mm)
+    broken = find_broken_rules(replace(small, base=BaseDimensions(corner_radius_mm=corner_mm), shell=shell))
+    assert {each.rule for each in broken} == {"wall_too_thin"}
+    assert {name for name in (BORES, HEADS) if any(name in each.message for each in broken)} == thin
+
+
+@pytest.mark.parametrize(("more_mm", "whole"), [(-0.01, 4), (0.01, 0)])
+def test_a_counterbore_meets_the_side_where_the_distance_says(more_mm: float, whole: int) -> None:
+    """At a rounded corner, too."""
+    design = replace(default_hardware_design(), base=BaseDimensions(corner_radius_mm=4.0))
+    plan = design.horizontal_dimensions
+    wide = 2 * (distance_to_edge_mm(max(plan.shell_screws), plan.outer, 4.0) + more_mm)
+    base = build_sensor_base(replace(design, base=replace(design.base, counterbore_mm=wide)))
+    found = {each.diameter_mm: len(each.positions) for each in find_round_features(base)}
+    assert found.get(round(wide, 3), 0) == whole
 
 
 def test_the_remedy_for_a_lens_that_sees_too_little_works() -> None:
@@ -121,6 +173,26 @@ def test_what_the_lens_reaches() -> None:
     design = default_hardware_design()
     assert lens_view_radius_mm(design, design.heights.rim) == pytest.approx(12.7, abs=0.05)
     assert lens_view_radius_mm(design) == pytest.approx(15.2, abs=0.05)
+
+
+def test_the_view_between_lens_and_window() -> None:
+    """Air only: 0.35 mm at 80° from the axis, nothing at the lens itself, and half halfway."""
+    design = default_hardware_design()
+    low, high = design.heights.lens_front, design.heights.floor_top
+    radii = [lens_view_radius_mm(design, low + share * (high - low)) for share in (0.0, 0.5, 1.0)]
+    assert radii == pytest.approx([0.0, 0.99, 1.985], abs=0.005)
+
+
+@pytest.mark.parametrize("variant", [default_hardware_design(), original_hardware_design()], ids=lambda it: it.variant)
+def test_a_receptacle_that_cannot_pass_the_wall_is_refused(variant: HardwareDesign) -> None:
+    """The mouth stands 0.09 out over the cavity, and the notches let the board give way by 0.10."""
+    for beyond_mm, slot_from_mm, rules in ((0.35, 1.55, set()), (0.36, 1.55, {"parts_touch"}), (0.8, 0.0, set())):
+        board, shell = (
+            replace(variant.board, usb_beyond_mm=beyond_mm),
+            replace(variant.shell, slot_from_mm=slot_from_mm),
+        )
+        broken = find_broken_rules(replace(variant, board=board, shell=shell))
+        assert {each.rule for each in broken} == rules and all("wall below its slot" in each.message for each in broken)
 
 
 @pytest.mark.parametrize(

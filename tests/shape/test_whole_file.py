@@ -2,10 +2,11 @@
 
 import errno
 import stat
+from pathlib import Path
 
 import pytest
 
-from ninedtact.atomic_write import FileNotWritten, open_atomic_file, write_file_atomically
+from ninedtact.atomic_write import FileNotWritten, create_folder_atomically, open_atomic_file, write_file_atomically
 
 
 def test_content_appears_whole_and_replaces_what_was_there(tmp_path):
@@ -59,3 +60,20 @@ def test_a_folder_in_its_place_is_refused_and_left_alone(tmp_path):
 def test_a_missing_folder_is_named(tmp_path):
     with pytest.raises(FileNotWritten, match=f"make the folder {tmp_path / 'missing'}"):
         write_file_atomically(tmp_path / "missing" / "file", b"content")
+
+
+@pytest.mark.parametrize("name", [".", "..", "../here", "sub/..", "/"])
+def test_the_current_folder_is_not_replaced_under_the_program(tmp_path, monkeypatch, name):
+    here = tmp_path / "here"
+    (here / "sub").mkdir(parents=True)
+    monkeypatch.chdir(here)
+    with pytest.raises(FileNotWritten, match=r"expected .*, got .*, in which this program runs; "):  # noqa: SIM117
+        with create_folder_atomically(Path(name)):
+            pytest.fail("nothing is worked for in vain")
+    with create_folder_atomically(Path("sub")) as folder:
+        (folder / "file").touch()
+    assert [found.relative_to(tmp_path).as_posix() for found in tmp_path.rglob("*")] == [
+        "here",
+        "here/sub",
+        "here/sub/file",
+    ]

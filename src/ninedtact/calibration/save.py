@@ -10,7 +10,12 @@ import cv2
 import msgspec
 import tomli_w
 
-from ninedtact.atomic_write import create_folder_atomically, list_foreign_files, write_file_atomically
+from ninedtact.atomic_write import (
+    create_folder_atomically,
+    list_foreign_files,
+    require_folder_elsewhere,
+    write_file_atomically,
+)
 from ninedtact.calibration.certificate.html_page import render_certificate_html
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
@@ -89,7 +94,9 @@ def create_sensor_folder(out: Path | str) -> Iterator[Path]:
 
 
 def require_replaceable_sensor_folder(final: Path) -> None:
-    """Raise `SensorFolderNotReplaceable` unless the folder is new, empty, or a sensor folder with nothing else in it."""
+    """Raise `SensorFolderNotReplaceable` unless the folder is new, empty, or a sensor folder with nothing else in it, and
+    `FileNotWritten` where it holds the current folder."""
+    require_folder_elsewhere(final)
     is_sensor = (final / SENSOR_FILE).is_file()
     if foreign := list_foreign_files(final, lambda file: is_sensor and _is_sensor_file(file)):
         raise SensorFolderNotReplaceable(

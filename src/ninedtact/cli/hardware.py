@@ -109,14 +109,22 @@ class CheckHardwareCommand:
 
     def run(self) -> int:
         """Check the rules; build and measure a design that keeps them."""
-        from ninedtact.hardware.buildability import find_broken_rules
+        from ninedtact.hardware.buildability import BrokenRule, find_broken_rules
+        from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
 
         if broken := find_broken_rules(self.design_options.read_hardware()):
-            print_result(self.json, {"broken": [asdict(each) for each in broken]}, _format_broken_rules(broken))
-            return 1
-        sensor = self.design_options.build_sensor()
+            return self._refuse(broken)
+        try:
+            sensor = self.design_options.build_sensor()
+        except LedBoardImpossible as refused:
+            return self._refuse([BrokenRule("led_board", str(refused))])
         print_result(self.json, {"broken": [], **sensor.to_json_dict()}, sensor.check_report_lines())
         return 1 if sensor.interferences else 0
+
+    def _refuse(self, broken: "list[BrokenRule]") -> int:
+        """Print the broken rules and return the exit code."""
+        print_result(self.json, {"broken": [asdict(each) for each in broken]}, _format_broken_rules(broken))
+        return 1
 
 
 def _format_broken_rules(broken: "list[BrokenRule]") -> Iterator[str]:
@@ -155,7 +163,8 @@ class ExploreDesignsCommand:
     cluster: str | None = None
     """Run on the workers of a cluster in place of processes here: dask:HOST:PORT or ray:HOST:PORT (docs: clusters)."""
     out: Path | None = None
-    """Folder for explore.csv, explore.png and a design file of every design."""
+    """Folder for explore.csv, explore.png and a design file of every design. Those of an earlier comparison there are removed,
+    other files stay."""
     json: bool = False
     """Print the comparison as one JSON object."""
 
@@ -202,6 +211,9 @@ class ExploreDesignsCommand:
         contents |= {"explore.csv": design_comparison_to_csv(found), "explore.png": plot_design_comparison(found)}
         for name, content in contents.items():
             write_file_atomically(self.out / name, content)
+        for stale in self.out.glob("design_[0-9][0-9]*.toml"):
+            if stale.name not in contents and stale.stem.removeprefix("design_").isdecimal():
+                stale.unlink()
         return [str(self.out / name) for name in contents]
 
 

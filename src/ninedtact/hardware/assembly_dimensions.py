@@ -4,6 +4,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
+from math import hypot, sqrt
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -55,6 +56,13 @@ class HorizontalDimensions:
     def outer(self) -> XY:
         """Outer size of base and shell."""
         return _enlarge(self.cavity, self.design.shell.wall_mm)
+
+    @property
+    def shell_corner(self) -> float:
+        """Thickness of the shell along the diagonal of a corner of the gel cavity."""
+        outer, inner = self.design.shell.corner_radius_mm, self.design.shell.opening_radius_mm
+        apart = [(self.outer[axis] / 2 - outer) - (self.opening[axis] / 2 - inner) for axis in (0, 1)]
+        return outer - inner + sqrt(2) * min(apart)
 
     @property
     def translucent(self) -> XY:
@@ -153,6 +161,12 @@ class HorizontalDimensions:
 def _enlarge(size: XY, each_side: float) -> XY:
     """Return a size that is larger by `each_side` on every side."""
     return size[0] + 2 * each_side, size[1] + 2 * each_side
+
+
+def distance_to_edge_mm(place: XY, size: XY, radius_mm: float) -> float:
+    """Return the distance of a point in a plate, with vertical corners of this radius, from the plate's edge; negative outside."""
+    x, y = (size[axis] / 2 - abs(place[axis]) for axis in (0, 1))
+    return radius_mm - hypot(radius_mm - x, radius_mm - y) if max(x, y) < radius_mm else min(x, y)
 
 
 def _mirrored_corners(x: float, y: float) -> Iterator[XY]:

@@ -1,16 +1,14 @@
-"""Rules that a design must keep before anything is built: a hardware design goes in, broken rules with expected, got
-and remedy come out.
-
-`find_broken_rules` applies all rules, `require_buildable_design` raises `DesignRulesBroken`.
+"""Rules that a design must keep before anything is built: `find_broken_rules` returns those that it breaks with expected,
+got and remedy, `require_buildable_design` raises `DesignRulesBroken`.
 """
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import combinations, product
-from math import atan2, hypot, radians, sqrt, tan
+from math import atan2, dist, hypot, radians, sqrt, tan
 
 from ninedtact.design import DesignImpossible
-from ninedtact.hardware.assembly_dimensions import XY
+from ninedtact.hardware.assembly_dimensions import XY, distance_to_edge_mm
 from ninedtact.hardware.clearances import list_clearances
 from ninedtact.hardware.design import (
     HardwareDesign,
@@ -54,15 +52,20 @@ def _check_wall_thickness(design: HardwareDesign) -> Iterator[BrokenRule]:
 
 def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
     """Yield name and thickness of every wall."""
-    shell, base = design.shell, design.base
+    shell, base, plan = design.shell, design.base, design.horizontal_dimensions
     yield "shell.wall_mm", shell.wall_mm
     yield "shell.frame_wall_mm", shell.frame_wall_mm
-    yield "the shell's corner beside the gel", _shell_corner_thickness_mm(design)
+    yield "the shell's corner beside the gel", plan.shell_corner
+    beside_bores = distance_to_edge_mm(max(plan.shell_screws), plan.outer, shell.corner_radius_mm) - shell.bore_mm / 2
+    yield (
+        "the shell outside its bores (shell.wall_mm and shell.boss_inset_mm, less shell.bore_mm, halved)",
+        beside_bores,
+    )
     yield "the screw bosses' wall (shell.boss_mm less shell.bore_mm, halved)", (shell.boss_mm - shell.bore_mm) / 2
     yield "the insert bosses' wall (base.boss_mm less base.bore_mm, halved)", (base.boss_mm - base.bore_mm) / 2
     yield "base.floor_mm", base.floor_mm
     yield "the base under its counterbores", base.plate_mm - base.counterbore_deep_mm
-    yield "the ring's wall", (design.horizontal_dimensions.ring_side - design.ring.bore_mm) / 2
+    yield "the ring's wall", (plan.ring_side - design.ring.bore_mm) / 2
     if shell.relief_deep_mm:
         yield "shell.relief_left_mm", shell.relief_left_mm
 
@@ -78,14 +81,6 @@ def _check_isolation_ring_cone(design: HardwareDesign) -> Iterator[BrokenRule]:
             f"expected a cone of more than zero and less than the ring's {tall:.2f} mm deep, got {deep:.2f} mm; change "
             "ring.land_mm, ring.bore_mm or ring.cone_deg",
         )
-
-
-def _shell_corner_thickness_mm(design: HardwareDesign) -> float:
-    """Return the thickness of the shell along the diagonal of a corner of the gel cavity."""
-    shell, plan = design.shell, design.horizontal_dimensions
-    outer, inner = shell.corner_radius_mm, shell.opening_radius_mm
-    apart = [(plan.outer[axis] / 2 - outer) - (plan.opening[axis] / 2 - inner) for axis in (0, 1)]
-    return outer - inner + sqrt(2) * min(apart)
 
 
 @dataclass(frozen=True)
@@ -206,7 +201,6 @@ MIN_MOULD_MM = 1.5
 """Half an M3 screw: a thinner acrylic plate bends or cracks between the clamps, and the gel runs out under it."""
 MIN_THREAD_MM = 2.0
 """Least length of M2 thread that holds, which is its diameter."""
-
 M3_NUT_WIDTH_MM = 6.4
 """Width of an M3 nut across its corners (ISO 4032: 6.01 at least)."""
 
@@ -284,6 +278,19 @@ def _check_clamp_positions(design: HardwareDesign) -> Iterator[BrokenRule]:
                 "moulds.beyond_mm",
             )
             return
+
+
+def _check_clamp_holes(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """Check that the holes for the moulds' screws lie within the plates and leave room for the nuts."""
+    plan, moulds, nut_mm = design.horizontal_dimensions, design.moulds, M3_NUT_WIDTH_MM
+    rims = (distance_to_edge_mm(place, plan.plate, moulds.corner_radius_mm) for place in plan.clamps)
+    rim, apart = min(rims) - moulds.hole_mm / 2, min(dist(*pair) for pair in combinations(plan.clamps, 2))
+    if rim < MIN_WALL_MM - 1e-9 or apart < nut_mm:
+        yield BrokenRule(
+            "clamps_beyond_the_plates",
+            f"expected the moulds' holes {MIN_WALL_MM:g} mm inside the plates and {nut_mm:g} mm apart, got {rim:.2f} and "
+            f"{apart:.2f} mm; change moulds.pairs_mm, moulds.hole_inset_mm or moulds.corner_radius_mm",
+        )
 
 
 MAX_CAMERA_DISTANCE_MM = 200.0
@@ -377,6 +384,7 @@ DESIGN_RULES: tuple[DesignRule, ...] = (
     _check_gel_seat,
     _check_calibration_board_fit,
     _check_clamp_positions,
+    _check_clamp_holes,
 )
 
 

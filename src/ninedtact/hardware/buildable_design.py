@@ -40,7 +40,7 @@ class BuildableDesign:
 
     @cached_property
     def parts(self) -> dict[str, BuiltPart]:
-        """The built parts by name."""
+        """The built parts by name; raises `PartNotModelled`."""
         return build_parts(self.design)
 
     @cached_property

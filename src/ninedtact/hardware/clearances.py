@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from itertools import pairwise, product
 from math import hypot, inf, sqrt
 
-from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.assembly_dimensions import distance_to_edge_mm
+from ninedtact.hardware.design import HardwareDesign, lens_view_radius_mm
 from ninedtact.hardware.part_dimensions import M2_DIAMETER_MM
 
 
@@ -65,6 +66,11 @@ def _rectangle_distance_mm(along_x: float, along_y: float) -> float:
     return max(along_x, along_y) if max(along_x, along_y) < 0 else hypot(max(along_x, 0.0), max(along_y, 0.0))
 
 
+def _board_play_mm(design: HardwareDesign) -> float:
+    """Return how far the LED board can be moved away from the slot while it is lowered into the shell."""
+    return min(design.board.gap_mm, design.board.notch_mm - design.shell.boss_mm / 2)
+
+
 def _plug_stop_distance_mm(design: HardwareDesign) -> float:
     """Return how far the receptacle's mouth lies behind the face that stops the plug's overmould."""
     return (
@@ -81,6 +87,8 @@ PLUG_TOLERANCE_MM = 1.0
 STIFFENER_INTERFERENCE_MM = -0.1
 """Clearance of the camera's stiffener in the original's pocket. The original was built so, and the stiffener's corner
 gives way."""
+MIN_RIM_MM = 0.4
+"""Least plastic beside a screw head's counterbore, which carries no load: one line of a nozzle of 0.4 mm."""
 ROUNDING_MM = 1e-9
 
 
@@ -176,7 +184,7 @@ def _led_board_clearances(design: HardwareDesign) -> Iterator[Clearance]:
 
 def _window_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """Yield the clearances of window and isolation ring in the shell."""
-    shell, ring, levels = design.shell, design.ring, design.heights
+    shell, ring, plan, levels = design.shell, design.ring, design.horizontal_dimensions, design.heights
     yield Clearance("isolation ring, window hole of the shell", "ring.gap_mm", ring.gap_mm, 0.03, (*RING, *SHELL))
     yield Clearance("isolation ring, LED board", "ring.above_board_mm", ring.above_board_mm, 0.0, RING)
     yield Clearance("window, frame of the shell", "shell.frame_gap_mm", shell.frame_gap_mm, 0.05, (*WINDOW, *SHELL))
@@ -185,6 +193,14 @@ def _window_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     )
     yield Clearance(
         "window, gel below the skin", "camera.distance_mm or gel.thickness_mm", levels.rim - levels.window_top, 1.0
+    )
+    mouth, reach = plan.ring_side / 2 - ring.land_mm, lens_view_radius_mm(design, levels.floor_top)
+    yield Clearance(
+        "cone of view, mouth of the isolation ring",
+        "shell.hole_mm, shell.floor_mm or shell.led_cavity_mm",
+        mouth - reach,
+        0.0,
+        rule="ring_cuts_the_view",
     )
     yield Clearance(
         "lens front, window", "shell.led_cavity_mm or shell.floor_mm", levels.floor_top - levels.lens_front, 0.1
@@ -240,7 +256,7 @@ def _camera_clearances(design: HardwareDesign) -> Iterator[Clearance]:
 
 def _fastener_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """Yield the clearances of screws and inserts."""
-    base, fasteners = design.base, design.fasteners
+    base, fasteners, plan = design.base, design.fasteners, design.horizontal_dimensions
     head, tall = fasteners.head_mm
     yield Clearance(
         "screw shank, hole of the base", "base.shell_screw_mm", (base.shell_screw_mm - M2_DIAMETER_MM) / 2, 0.1, BASE
@@ -249,6 +265,16 @@ def _fastener_clearances(design: HardwareDesign) -> Iterator[Clearance]:
         "bolt of the robot, hole of the base", "base.bolt_mm", (base.bolt_mm - M2_DIAMETER_MM) / 2, 0.1, BASE
     )
     yield Clearance("screw head, counterbore", "base.counterbore_mm", (base.counterbore_mm - head) / 2, 0.05, BASE)
+    rim_mm = distance_to_edge_mm(max(plan.shell_screws), plan.outer, base.corner_radius_mm) - base.counterbore_mm / 2
+    yield Clearance(
+        "counterbore, side of the base",
+        "shell.wall_mm, shell.boss_inset_mm, base.counterbore_mm or base.corner_radius_mm",
+        rim_mm,
+        MIN_RIM_MM,
+        BASE,
+        MIN_RIM_MM,
+        "wall_too_thin",
+    )
     yield Clearance(
         "screw head below the base's face", "base.counterbore_deep_mm", base.counterbore_deep_mm - tall, 0.0
     )
@@ -280,6 +306,14 @@ def _outer_clearances(design: HardwareDesign) -> Iterator[Clearance]:
         0.0,
         SHELL,
     )
+    if design.shell.slot_from_mm > 0:
+        yield Clearance(
+            "micro-USB receptacle, wall below its slot while the board is lowered",
+            "board.usb_beyond_mm, board.gap_mm or board.notch_mm",
+            _board_play_mm(design) - (design.board.usb_beyond_mm - design.board.gap_mm),
+            0.0,
+            SHELL,
+        )
     spare, forgiven = PLUG_TOLERANCE_MM - _plug_stop_distance_mm(design), None if design.variant == "original" else 0.0
     yield Clearance(
         "plug's overmould, mouth of the receptacle",

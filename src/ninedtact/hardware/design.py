@@ -155,13 +155,13 @@ def hardware_design_to_toml(design: HardwareDesign) -> str:
 
 
 def lens_view_radius_mm(design: HardwareDesign, height_mm: float | None = None) -> float:
-    """Return the radius in mm that the lens sees at a height in the assembly; at the skin if none is given.
+    """Return the radius in mm that the lens sees at a height in the assembly, not below its front; at the skin if none is given.
 
     The pupil is taken to be at the lens front, where wide-angle lenses have it nearly.
     """
     levels, angle = design.heights, _lens_half_angle_rad(design)
     height = levels.skin if height_mm is None else height_mm
-    air = levels.floor_top - levels.lens_front
+    air = min(height, levels.floor_top) - levels.lens_front
     acrylic = min(max(height - levels.floor_top, 0.0), design.window.thick_mm)
     silicone = max(height - levels.window_top, 0.0)
     return (

@@ -158,10 +158,12 @@ class ExploredDesign:
 def explore_designs(
     choices: Sequence[SweepCombination], calibrated: bool = False, workers: Workers = 1
 ) -> Iterator[ExploredDesign]:
-    """Yield the results in the order of the designs; raises `DesignImpossible` for values that no sensor has.
+    """Yield the results in the order of the designs; raises `DesignImpossible` for values that no sensor has, before any is built.
 
     calibrated: whether the twin of each is calibrated and read as well. workers: number of processes, or a cluster.
     """
+    for choice in choices:
+        _ = choice.hardware
     early: dict[int, ExploredDesign] = {}
     expected = 0
     for number, found in run_jobs(_explore_design, [(choice, calibrated) for choice in choices], workers):

@@ -306,7 +306,7 @@ PAGE, IMAGES = "fabrication.md", "images"
 INTRODUCTION = """# How to build a sensor
 
 Written by `ninedtact hardware guide`: numbers and images are those of {whose}, with a sensing area of {area} mm
-and {gel} mm of gel. `ninedtact hardware export --out parts` writes the files that the parts are made from, and
+and {gel} mm of gel. `ninedtact hardware export --out parts{options}` writes the files that the parts are made from, and
 `parts/bom.html` lists what to buy. Silicones, ratios and curing are those of the paper
 ([references.md](references.md#9dtact)). The instructions on inserts, bubbles and glue, and all
 checks, are our own. Nobody has built a sensor from this page yet.
@@ -324,18 +324,27 @@ def format_fabrication_guide(sensor: BuildableDesign) -> str:
     design = sensor.design
     area = f"{design.sensor.sensing_area.width_mm:g} x {design.sensor.sensing_area.height_mm:g}"
     gel = f"{design.sensor.gel.thickness_mm:g}"
-    opening = INTRODUCTION.format(whose=_design_name(design), area=area, gel=gel, days=DAYS)
+    opening = INTRODUCTION.format(
+        whose=_design_name(design), area=area, gel=gel, options=_design_options(design), days=DAYS
+    )
     sections = [_format_step(number, step) for number, step in enumerate(_list_guide_steps(sensor), start=1)]
     return "\n".join([opening, *sections])
 
 
 def _design_name(design: HardwareDesign) -> str:
     """Return the name of the design that the page describes."""
-    return (
-        f"the {design.variant} design"
-        if design == hardware_design_of_variant(SensorDesign(), design.variant)
-        else "a design of its own"
-    )
+    return f"the {design.variant} design" if _is_published_size(design) else "a design of its own"
+
+
+def _design_options(design: HardwareDesign) -> str:
+    """Return the options with which a hardware command works on this design; none for the default one."""
+    own = "" if _is_published_size(design) else OWN_DESIGN
+    return own + ("" if design.variant == "default" else f" --variant {design.variant}")
+
+
+def _is_published_size(design: HardwareDesign) -> bool:
+    """Return whether no dimension differs from those of its variant."""
+    return design == hardware_design_of_variant(SensorDesign(), design.variant)
 
 
 def _format_step(number: int, step: _GuideStep) -> str:

@@ -123,6 +123,8 @@ def test_narrower_tracks_are_sound(led: float, ground: float, supply: float, nec
     [
         lambda: LedBoardDesign.for_size(20, 21),
         lambda: LedBoardDesign.for_size(28, 21, columns=9),
+        lambda: LedBoardDesign.for_size(28, 21, columns=1),
+        lambda: LedBoardDesign.for_size(28, 21, rows=0),
         lambda: BoardOutline(lens_hole_mm=11),
         lambda: BoardOutline(thickness_mm=1.6),
         lambda: BoardOutline(notch_radius_mm=0.5),

@@ -11,7 +11,12 @@ from typing import Any
 
 import cv2
 
-from ninedtact.atomic_write import create_folder_atomically, list_foreign_files, write_file_atomically
+from ninedtact.atomic_write import (
+    create_folder_atomically,
+    list_foreign_files,
+    require_folder_elsewhere,
+    write_file_atomically,
+)
 from ninedtact.checked_reading import read_json_object
 from ninedtact.errors import OutputError
 from ninedtact.hardware.bill_of_materials import bill_to_csv, bill_to_html
@@ -98,7 +103,9 @@ class ExportFolderRefused(OutputError):
 
 
 def require_replaceable_parts_folder(out: Path) -> None:
-    """Refuse a folder unless it is missing, empty, or an earlier export and nothing else; raises `ExportFolderRefused`."""
+    """Refuse a folder unless it is missing, empty, or an earlier export and nothing else; raises `ExportFolderRefused`, and
+    `FileNotWritten` where it holds the current folder."""
+    require_folder_elsewhere(out)
     ours = _list_exported_files(out / MANIFEST)
     if strange := list_foreign_files(out, ours.__contains__):
         raise ExportFolderRefused(

@@ -95,7 +95,10 @@ class LedPositions:
 
 
 def _evenly_spaced(half_span_mm: float, count: int) -> tuple[float, ...]:
-    """Return this many positions, evenly spaced from minus to plus half the span."""
+    """Return this many positions, evenly spaced from minus to plus half the span; fewer than two, which `LedPositions` refuses, as
+    they are."""
+    if count < 2:
+        return (half_span_mm,) * count
     return tuple(half_span_mm * (2 * number / (count - 1) - 1) for number in range(count))
 
 

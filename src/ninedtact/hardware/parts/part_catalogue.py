@@ -10,6 +10,7 @@ from typing import Literal
 
 from build123d import Part
 
+from ninedtact.design import DesignImpossible
 from ninedtact.hardware.assembly_dimensions import XY
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.parts.solids import (
@@ -65,12 +66,13 @@ def _clamping_plate(design: HardwareDesign, thick: float) -> Part:
 
 
 def build_transparent_gel(design: HardwareDesign) -> Part:
-    """Build the transparent gel, which fills the shell above the window. The groove between window and frame stays
-    empty."""
+    """Build the transparent gel, which fills the shell above window and frame. The groove between these stays empty."""
     shell, plan, levels = design.shell, design.horizontal_dimensions, design.heights
     body = make_plate(plan.opening, (levels.floor_top, levels.rim), shell.opening_radius_mm)
-    frame, window = plan.frame_outside, design.window.side_mm
-    body -= make_plate((frame, frame), (levels.floor_top, levels.frame_top))
+    outside, inside, window = plan.frame_outside, plan.frame_inside, design.window.side_mm
+    body -= make_plate((outside, outside), (levels.floor_top, levels.frame_top))
+    if levels.frame_top > levels.window_top:
+        body += make_plate((inside, inside), (levels.window_top, levels.frame_top))
     return single_solid_of_part(body - make_plate((window, window), (levels.floor_top, levels.window_top)))
 
 
@@ -139,6 +141,24 @@ class BuiltPart:
         return float(self.solid.volume)
 
 
+class PartNotModelled(DesignImpossible):
+    """Raised for a part that the modelling library cannot build, mostly for a fillet that does not fit its edges."""
+
+
 def build_parts(design: HardwareDesign) -> dict[str, BuiltPart]:
-    """Build all parts of a design and return them by name. The design must keep all rules: see `buildability`."""
-    return {made.name: BuiltPart(made.name, made.method, made.build(design)) for made in PART_CATALOGUE}
+    """Build all parts of a design and return them by name. The design must keep all rules: see `buildability`.
+
+    Raises `PartNotModelled`.
+    """
+    return {made.name: BuiltPart(made.name, made.method, _build_part(made, design)) for made in PART_CATALOGUE}
+
+
+def _build_part(made: _CatalogueEntry, design: HardwareDesign) -> Part:
+    """Build one part; raises `PartNotModelled`."""
+    try:
+        return made.build(design)
+    except (ValueError, RuntimeError) as trouble:
+        raise PartNotModelled(
+            f"expected dimensions from which the {made.name} can be modelled, got: {trouble}; change its fillets, its chamfers or "
+            "the widths beside them"
+        ) from trouble
