@@ -59,6 +59,24 @@ def test_missing_pins_are_predicted_and_named() -> None:
     assert np.abs(fit.points_px[~fit.found] - truth_px).max() < 1.0
 
 
+@pytest.mark.parametrize("shift_px", [(0, 60), (60, 0), (0, -60), (-60, 0)], ids=str)
+def test_pins_that_lie_beyond_the_image_are_predicted(shift_px: tuple[int, int]) -> None:
+    """A camera that is turned a little and mounted off the middle leaves a corner of the board out of view."""
+    camera = np.column_stack([cv2.getRotationMatrix2D((319.5, 239.5), 8, 1)[:, :2], (0.0, 0.0)])
+    camera[:, 2] = np.array([319.5, 239.5]) - camera[:, :2] @ (319.5, 239.5) + shift_px
+    straight = KnownSensor().images()
+    images = CalibrationImages(
+        *(
+            cv2.warpAffine(image, camera, (640, 480), borderMode=cv2.BORDER_REPLICATE)
+            for image in (straight.board_reference, straight.board)
+        )
+    )
+    made = calibrate(images)
+    truth_px = KnownSensor().lens.to_px(made.board.points_mm) @ camera[:, :2].T + camera[:, 2]
+    assert ((truth_px < 0) | (truth_px > (639, 479))).any() and made.record.certificate.board.pins_found < 63
+    assert np.abs(made.board.points_px - truth_px).max() < 1.5
+
+
 def test_too_many_missing_pins_are_counted() -> None:
     images = KnownSensor().images(skip=tuple(range(20, 34)))
     with pytest.raises(BoardNotFound, match="expected 63 pins") as refusal:
