@@ -30,9 +30,9 @@ from ninedtact.calibration.twin.sensor_twin import TwinMissing
 from ninedtact.cli import main, parse_arguments
 from ninedtact.cli.calibrate import CalibrateCommand, DepthWouldBeLost, InvalidCalibrateOption
 from ninedtact.cli.demo import Demo
-from ninedtact.cli.option_parser import CalibrationOptions
+from ninedtact.cli.option_parser import CalibrationOptions, DesignGivenTwice
 from ninedtact.cli.original_calibration import ImportCalibrationCommand
-from ninedtact.design import SensorDesign
+from ninedtact.design import BallGauge, Gel, SensorDesign
 from ninedtact.quantities import Frame
 
 DESIGN = SensorDesign()
@@ -290,6 +290,52 @@ def test_a_board_alone_rectifies_and_a_ball_completes_it(
     with pytest.raises(InvalidCalibrateOption, match="images of the ball alone"):
         calibrate_command(tmp_path / "new", images, ("ball_reference", "ball"))
     assert load_sensor(out).record == whole.record
+
+
+def test_a_ball_alone_is_measured_with_the_radius_that_is_given_however_it_is_given(
+    twin_sensor: SensorFolder, tmp_path: Path
+) -> None:
+    images, out, ball = twin_sensor.path / "images", tmp_path / "finger", ("ball_reference", "ball")
+    shutil.copytree(twin_sensor.path, out)
+    design_file = tmp_path / "design.toml"
+    design_file.write_text("[ball]\nradius_mm = 4.4\n")
+    five = SensorDesign(ball=BallGauge(5.0))
+    for options, radius_mm in (
+        ({"design": five}, 5.0),
+        ({}, 5.0),  # that of the folder
+        ({"design_file": design_file}, 4.4),
+        ({"ball_radius_mm": 4.0}, 4.0),
+        ({"ball_radius_mm": 4.8, "design_file": design_file}, 4.8),
+    ):
+        calibrate_command(out, images, ball, **options)
+        record = load_sensor(out).record
+        assert record.design.ball.radius_mm == radius_mm and record.certificate.ball.ball_radius_mm == radius_mm
+    with pytest.raises(DesignGivenTwice):
+        calibrate_command(out, images, ball, design=replace(five, gel=Gel(thickness_mm=3.0)))
+
+
+def test_images_of_a_ball_alone_change_neither_lens_nor_camera_rotation(
+    twin_sensor: SensorFolder, tmp_path: Path
+) -> None:
+    images, out, ball = twin_sensor.path / "images", tmp_path / "finger", ("ball_reference", "ball")
+    shutil.copytree(twin_sensor.path, out)
+    for options, refused in (
+        (CalibrationOptions(method="ratio", camera_rotation_deg="180"), "--camera-rotation-deg 180"),
+        (CalibrationOptions(method="ratio", lens="paper"), "--lens paper"),
+    ):
+        with pytest.raises(InvalidCalibrateOption, match=f"got {refused}; .* give the images of the board as well"):
+            calibrate_command(out, images, ball, options=options)
+    assert (
+        calibrate_command(out, images, ball, options=CalibrationOptions(method="ratio", camera_rotation_deg="0")) == 0
+    )
+
+
+def test_an_imported_rectification_is_not_taken_together_with_a_camera(
+    twin_sensor: SensorFolder, tmp_path: Path
+) -> None:
+    with pytest.raises(InvalidCalibrateOption, match=r"beside --from-import, .* got --source; give the two images"):
+        CalibrateCommand(tmp_path / "finger", from_import=twin_sensor.path, source="sim").run()
+    assert not (tmp_path / "finger").exists()
 
 
 def test_images_of_a_ball_upgrade_an_imported_sensor(

@@ -24,11 +24,10 @@ from ninedtact.cli.calibration_page import (
 from ninedtact.cli.option_parser import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
 from ninedtact.cli.result_and_interrupt import print_notice, print_result
 from ninedtact.design import SensorDesign
-from ninedtact.errors import CameraError, InputError, NinedtactError
+from ninedtact.errors import CameraError, InputError
 from ninedtact.open_sensor import is_twin_address, source_for
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.board.detection import BoardNotFound
     from ninedtact.calibration.guidance import CaptureStep
     from ninedtact.calibration.press_brightness import BgrImage
     from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings
@@ -97,6 +96,7 @@ class CalibrateCommand:
     def run(self) -> int:
         """Calibrate, write the sensor folder, and print how good it is."""
         from ninedtact.calibration.board.detection import BoardNotFound
+        from ninedtact.calibration.certificate.plot_style import save_board_not_found_drawing
         from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
 
         require_replaceable_sensor_folder(self.out)
@@ -106,7 +106,8 @@ class CalibrateCommand:
             try:
                 made = self._calibrate(Path(scratch), line.show)
             except BoardNotFound as refusal:
-                raise _with_overlay_image(refusal, self.out) from refusal
+                drawing = self.out.with_name(f"{self.out.name}_board_not_found.png")
+                raise save_board_not_found_drawing(refusal, drawing) from refusal
             line.show("drawing the certificate")
             sensor = save_sensor(self.out, made)
         return print_result(self.json, _to_json_dict(sensor), _format_calibration(sensor))
@@ -151,14 +152,15 @@ class CalibrateCommand:
         """Calibrate the depth of a sensor that has its lens already."""
         from ninedtact.calibration.procedure import repeat_calibration
 
-        if self.resolved_design not in (replace(SensorDesign(), ball=self.resolved_design.ball), folder.record.design):
+        given, standard, kept = self.resolved_design, SensorDesign(), folder.record.design
+        if replace(given, ball=kept.ball) not in (replace(standard, ball=kept.ball), kept):
             raise DesignGivenTwice(
                 f"expected the design that {folder.path} was made with, got another one; leave out --design, or give the images of "
                 "the board as well"
             )
-        given = self.ball_radius_mm
-        ball_gauge = folder.record.design.ball if given is None else replace(folder.record.design.ball, radius_mm=given)
-        design = replace(folder.record.design, ball=ball_gauge)
+        _require_kept_lens(self.options, folder)
+        is_ball_given = self.ball_radius_mm is not None or given.ball != standard.ball
+        design = replace(kept, ball=given.ball if is_ball_given else kept.ball)
         made = repeat_calibration(folder, self.options.method, ball, design, on_step)
         return replace(made, record=structs.replace(made.record, id=self.id or folder.id))
 
@@ -196,7 +198,7 @@ class CalibrateCommand:
         `InvalidCalibrateOption`."""
         given = [name for name in _IMAGE_NAMES if getattr(self, name)]
         ways = [bool(given), self.images is not None, self.source is not None]
-        if sum(ways) == 1 and self.source is not None:
+        if sum(ways) == 1 and self.source is not None and self.from_import is None:
             return _capture_guided_images(self.source, self.resolved_design, self.options.settings(), self.automatic)
         if sum(ways) == 1 and self.images is not None:
             return _read_images({name: (self.images / f"{name}.png",) for name in self._names_in(self.images)})
@@ -245,6 +247,21 @@ def _require_no_depth_lost(out: Path) -> None:
         raise DepthWouldBeLost(
             f"expected images of the ball as well, since {out} is calibrated for depth, got those of the board alone; give all "
             "four, or choose another --out"
+        )
+
+
+def _require_kept_lens(options: CalibrationOptions, folder: "SensorFolder") -> None:
+    """Raise `InvalidCalibrateOption` for another lens or camera rotation than those of a sensor that keeps its lens."""
+    from ninedtact.calibration.sensor_toml_schema import PinMapTable
+
+    asked, kept = options.settings().camera_rotation_deg, folder.record.grid.camera_rotation_deg
+    refused = [] if asked in ("auto", kept) else [f"--camera-rotation-deg {asked}"]
+    if options.lens == "paper" and not isinstance(folder.record.lens, PinMapTable):
+        refused.append("--lens paper")
+    if refused:
+        raise InvalidCalibrateOption(
+            f"expected the lens and the camera rotation ({kept}°) of {folder.path}, which images of the ball alone keep, got "
+            f"{' and '.join(refused)}; leave that out, or give the images of the board as well"
         )
 
 
@@ -332,22 +349,6 @@ def _follow_step(
     raise CalibrationRecordingTooShort(
         f"expected images until the step '{step.instruction}' was done, got the end of the recording; record it longer"
     )
-
-
-def _with_overlay_image(refusal: "BoardNotFound", out: Path) -> NinedtactError:
-    """Draw what was detected beside the folder to write, and return the error with the drawing's path."""
-    import cv2
-
-    from ninedtact.atomic_write import FileNotWritten, write_file_atomically
-    from ninedtact.calibration.certificate.plot_style import draw_board_not_found
-
-    path = out.with_name(f"{out.name}_board_not_found.png")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_file_atomically(path, cv2.imencode(".png", draw_board_not_found(refusal))[1].tobytes())
-    except (OSError, FileNotWritten):
-        return refusal
-    return refusal.with_drawing(path)
 
 
 def _to_json_dict(sensor: "SensorFolder") -> dict[str, object]:
