@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shlex
 import shutil
 from dataclasses import replace
@@ -225,6 +226,16 @@ def test_something_else_is_never_overwritten(calibrated_a: Calibration, tmp_path
     with pytest.raises(SensorFolderNotReplaceable, match=r"chapter\.tex"):
         save_sensor(tmp_path / "thesis", calibrated_a)
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "years of work"
+
+
+@pytest.mark.parametrize("kept", ["images/today.png", "images/second_press/ball.png", "original_9dtact/notes.txt"])
+def test_files_of_the_user_in_the_folders_of_a_sensor_are_never_deleted(kept: str, folder: Path) -> None:
+    require_replaceable_sensor_folder(folder)
+    (folder / kept).parent.mkdir(parents=True, exist_ok=True)
+    (folder / kept).write_text("mine")
+    with pytest.raises(SensorFolderNotReplaceable, match=re.escape(kept)), create_sensor_folder(folder):
+        pass
+    assert (folder / kept).read_text() == "mine"
 
 
 def test_an_older_calibration_survives_a_failed_one(folder: Path) -> None:

@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import fields
 from hashlib import sha256
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import tomli_w
 
 from ninedtact.atomic_write import create_folder_atomically, list_foreign_files, write_file_atomically
 from ninedtact.calibration.certificate.html_page import render_certificate_html
+from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.calibration.sensor_toml_schema import NOT_CALIBRATED, SensorTomlRecord, StoredCalibrationImage
@@ -100,5 +102,6 @@ def require_replaceable_sensor_folder(final: Path) -> None:
 
 def _is_sensor_file(file: str) -> bool:
     """Return whether a path within a sensor folder is one that this program writes there."""
-    files = (SENSOR_FILE, CERTIFICATE_FILE, PIXEL_MAP_FILE, _FORCE_FILE, _CAMERA_FILE)
-    return file in files or file.startswith((f"{IMAGE_FOLDER}/", f"{ORIGINAL_FOLDER}/"))
+    images = (f"{IMAGE_FOLDER}/{field.name}.png" for field in fields(CalibrationImages))
+    originals = (f"{ORIGINAL_FOLDER}/{original}" for original in ORIGINAL_FILES)
+    return file in (SENSOR_FILE, CERTIFICATE_FILE, PIXEL_MAP_FILE, _FORCE_FILE, _CAMERA_FILE, *images, *originals)
