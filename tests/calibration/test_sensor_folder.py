@@ -80,6 +80,8 @@ def test_an_older_format_is_refused_with_the_command_that_calibrates_again(
     (folder / "images").rename(folder / "pictures")
     record, thick = folder / "sensor.toml", replace(DESIGN, gel=replace(DESIGN.gel, thickness_mm=3.0))
     older = record.read_text().replace("format = 4", "format = 3").replace("camera_rotation_deg", "mounting_deg")
+    older = older.replace("mounting_deg = 0", "mounting_deg = 180").replace('method = "physics"', 'method = "table"', 1)
+    older = older.replace('kind = "model"', 'kind = "paper"')
     record.write_text(older.replace("thickness_mm = 2.5", "thickness_mm = 3.0", 1))
     with pytest.raises(SensorFolderDamaged, match="older ninedtact; run: ") as refusal:
         load_sensor(folder)
@@ -87,6 +89,7 @@ def test_an_older_format_is_refused_with_the_command_that_calibrates_again(
     command = parse_arguments(arguments)
     assert program == "ninedtact" and isinstance(command, CalibrateCommand)
     assert command.resolved_design == thick and command.id == calibrated_a.record.id
+    assert command.options == CalibrationOptions("paper", "180", "table")
     require_replaceable_sensor_folder(command.out)
     images = command.obtain_images()
     assert all(np.array_equal(vars(images)[name], image) for name, image in vars(calibrated_a.images).items())
