@@ -28,12 +28,14 @@ from ninedtact.calibration.save import (
 )
 from ninedtact.calibration.sensor_folder import DepthNotCalibrated, SensorFolder, SensorFolderDamaged, load_sensor
 from ninedtact.calibration.twin.sensor_twin import TwinMissing
+from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
 from ninedtact.cli import main, parse_arguments
 from ninedtact.cli.calibrate import CalibrateCommand, DepthWouldBeLost, InvalidCalibrateOption
 from ninedtact.cli.demo import Demo
 from ninedtact.cli.option_parser import CalibrationOptions, DesignGivenTwice
 from ninedtact.cli.original_calibration import ImportCalibrationCommand
 from ninedtact.design import BallGauge, Gel, SensorDesign
+from ninedtact.force.known_load_scale import ForceScale, write_force_scale
 from ninedtact.quantities import Frame
 
 DESIGN = SensorDesign()
@@ -326,6 +328,25 @@ def test_a_ball_alone_is_measured_with_the_radius_that_is_given_however_it_is_gi
         assert record.design.ball.radius_mm == radius_mm and record.certificate.ball.ball_radius_mm == radius_mm
     with pytest.raises(DesignGivenTwice):
         calibrate_command(out, images, ball, design=replace(five, gel=Gel(thickness_mm=3.0)))
+
+
+def test_a_calibration_says_which_later_measurements_it_removes(
+    twin_sensor: SensorFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    images, out, ball = twin_sensor.path / "images", tmp_path / "finger", ("ball_reference", "ball")
+    shutil.copytree(twin_sensor.path, out)
+    calibrate_command(out, images, ball)
+    assert "removed" not in capsys.readouterr().err
+    write_force_scale(out, "force by physics", ForceScale(1.2))
+    write_camera_delay(out, CameraDelay(30.0, 1.0))
+    with pytest.raises(InvalidCalibrateOption):
+        calibrate_command(out, images, ball, options=CalibrationOptions(lens="paper"))
+    assert "removed" not in capsys.readouterr().err and (out / "force.toml").is_file()
+    calibrate_command(out, images, ball)
+    said = capsys.readouterr().err
+    assert f"({out / 'force.toml'}) was removed" in said and "run 'ninedtact adapt' again" in said
+    assert f"({out / 'camera.toml'}) was removed" in said and "run 'ninedtact camera-delay' again" in said
+    assert not (out / "force.toml").exists() and not (out / "camera.toml").exists()
 
 
 def test_images_of_a_ball_alone_change_neither_lens_nor_camera_rotation(

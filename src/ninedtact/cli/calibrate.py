@@ -22,7 +22,7 @@ from ninedtact.cli.calibration_page import (
     simulated_calibration_camera,
 )
 from ninedtact.cli.option_parser import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
-from ninedtact.cli.result_and_interrupt import print_notice, print_result
+from ninedtact.cli.result_and_interrupt import print_notice, print_result, sensor_replacement
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CameraError, InputError
 from ninedtact.open_sensor import is_twin_address, source_for
@@ -95,13 +95,19 @@ class CalibrateCommand:
 
     def run(self) -> int:
         """Calibrate, write the sensor folder, and print how good it is."""
+        with sensor_replacement(self.out):
+            sensor = self._calibrate_on_page() if self.on_page.page else self._calibrate_from_images()
+        if sensor is None:
+            print_notice(f"stopped before the calibration was complete; {self.out} is as it was")
+            return 1
+        return print_result(self.json, _to_json_dict(sensor), _format_calibration(sensor))
+
+    def _calibrate_from_images(self) -> "SensorFolder":
+        """Calibrate from files or with a camera, and write the sensor folder."""
         from ninedtact.calibration.board.detection import BoardNotFound
         from ninedtact.calibration.certificate.plot_style import save_board_not_found_drawing
-        from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
+        from ninedtact.calibration.save import save_sensor
 
-        require_replaceable_sensor_folder(self.out)
-        if self.on_page.page:
-            return self._calibrate_on_page()
         with _StepLine() as line, TemporaryDirectory() as scratch:
             try:
                 made = self._calibrate(Path(scratch), line.show)
@@ -109,31 +115,19 @@ class CalibrateCommand:
                 drawing = self.out.with_name(f"{self.out.name}_board_not_found.png")
                 raise save_board_not_found_drawing(refusal, drawing) from refusal
             line.show("drawing the certificate")
-            sensor = save_sensor(self.out, made)
-        return print_result(self.json, _to_json_dict(sensor), _format_calibration(sensor))
+            return save_sensor(self.out, made)
 
-    def _calibrate_on_page(self) -> int:
-        """Serve the guided calibration in the browser until Ctrl-C, and print its result; raises `InvalidCalibrateOption`."""
+    def _calibrate_on_page(self) -> "SensorFolder | None":
+        """Serve the guided calibration in the browser until Ctrl-C; None without a sensor; raises `InvalidCalibrateOption`."""
         images_given = self.images is not None or any(getattr(self, name) for name in _IMAGE_NAMES)
         if images_given or self.from_import is not None:
             raise InvalidCalibrateOption(
                 "expected --page alone or with --source, since it takes the images itself, got images or --from-import; drop --page"
             )
-        guided = CalibrationPageServer(
-            self.out,
-            self.id or self.out.name,
-            self.resolved_design,
-            self.options.settings(),
-            self.on_page,
-            self.source,
-            self.automatic,
-        )
+        design, settings, name = self.resolved_design, self.options.settings(), self.id or self.out.name
+        page = CalibrationPageServer(self.out, name, design, settings, self.on_page, self.source, self.automatic)
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
-            sensor = guided.serve()
-        if sensor is None:
-            print_notice(f"stopped before the calibration was complete; {self.out} is as it was")
-            return 1
-        return print_result(self.json, _to_json_dict(sensor), _format_calibration(sensor))
+            return page.serve()
 
     def _calibrate(self, scratch: Path, on_step: Callable[[str], None]) -> "Calibration":
         """Calibrate from all presses, or with images of a ball on the sensor that has the lens already."""
