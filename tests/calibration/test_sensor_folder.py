@@ -243,6 +243,19 @@ def test_files_of_the_user_in_the_folders_of_a_sensor_are_never_deleted(kept: st
     assert (folder / kept).read_text() == "mine"
 
 
+@pytest.mark.parametrize("place", [".", "", "..", "../.."])
+def test_the_working_directory_is_not_replaced(
+    place: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "images" / "deeper").mkdir()
+    monkeypatch.chdir(
+        folder / "images" / "deeper" if place == "../.." else folder / "images" if place == ".." else folder
+    )
+    assert main(["simulate", "fit", "--sensor", place]) == 1
+    assert "change to another directory" in capsys.readouterr().err
+    assert load_sensor(folder).record.twin is not None
+
+
 def test_an_older_calibration_survives_a_failed_one(folder: Path) -> None:
     before = (folder / "sensor.toml").read_bytes()
     with pytest.raises(KeyboardInterrupt), create_sensor_folder(folder) as partial:

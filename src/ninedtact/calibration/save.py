@@ -106,7 +106,15 @@ def create_sensor_folder(out: Path | str) -> Iterator[Path]:
 
 
 def require_replaceable_sensor_folder(final: Path) -> None:
-    """Raise `SensorFolderNotReplaceable` unless the folder is new, empty, or a sensor folder with nothing else in it."""
+    """Raise `SensorFolderNotReplaceable` unless the folder is new, empty, or a sensor folder with nothing else in it.
+
+    The working directory and the folders above it are refused, since the program and the shell would be left in a deleted folder.
+    """
+    if Path.cwd().is_relative_to(final.resolve()):
+        raise SensorFolderNotReplaceable(
+            f"expected to write a folder that no work is done in, got {final}, the working directory or a folder above it; change "
+            "to another directory and give the folder's path from there"
+        )
     is_sensor = (final / SENSOR_FILE).is_file()
     if foreign := list_foreign_files(final, lambda file: is_sensor and _is_sensor_file(file)):
         raise SensorFolderNotReplaceable(
