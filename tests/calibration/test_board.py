@@ -17,11 +17,12 @@ from ninedtact.calibration.board.board_fit import (
 )
 from ninedtact.calibration.board.detection import BoardNotFound, find_board_candidate
 from ninedtact.calibration.board.lens_fit import fit_lens_with_terms, rms_vector_length
+from ninedtact.calibration.guidance import search_board_pins
 from ninedtact.calibration.press_brightness import ImageUnusable
 from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
-from ninedtact.design import PinBoard
+from ninedtact.design import PinBoard, SensorDesign
 
 BOARD = PinBoard()
 
@@ -174,6 +175,13 @@ def test_untouched_skin_is_no_board(real_images: dict[str, CalibrationImages]) -
     images = real_images["j"]
     with pytest.raises(BoardNotFound, match="nothing touched"):
         fit_board(images.ball_reference, images.ball, BOARD)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_press_without_a_single_pin_is_no_warning_of_the_program(real_images: dict[str, CalibrationImages]) -> None:
+    images = real_images["j"]
+    pins = search_board_pins(images.ball_reference, images.ball, SensorDesign(), CalibrationSettings())
+    assert (pins.found, pins.expected, pins.side, pins.has_lens) == (0, 63, "", False)
 
 
 def test_a_ball_is_no_board(real_images: dict[str, CalibrationImages]) -> None:
