@@ -12,7 +12,10 @@ from pathlib import Path
 import pytest
 
 import ninedtact
+from ninedtact.calibration.guidance import guided_capture_steps
+from ninedtact.calibration.procedure import CalibrationSettings
 from ninedtact.cli import parse_arguments
+from ninedtact.design import SensorDesign
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTED = re.findall(r"^::: ([\w.]+)$", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), re.MULTILINE)
@@ -38,6 +41,12 @@ def test_the_reference_of_commands_is_what_the_commands_print(monkeypatch: pytes
     sys.modules.pop("write_command_reference", None)
     page = import_module("write_command_reference").command_reference()
     assert page == (ROOT / "docs" / "commands.md").read_text(encoding="utf-8"), "run scripts/write_command_reference.py"
+
+
+def test_the_guided_calibration_on_its_page_is_that_of_the_program() -> None:
+    page = (ROOT / "docs" / "calibrating.md").read_text(encoding="utf-8")
+    for step in guided_capture_steps(SensorDesign(), CalibrationSettings()):
+        assert f"\n    {step.instruction}\n" in page
 
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]

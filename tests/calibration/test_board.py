@@ -17,11 +17,12 @@ from ninedtact.calibration.board.board_fit import (
 )
 from ninedtact.calibration.board.detection import BoardNotFound, find_board_candidate
 from ninedtact.calibration.board.lens_fit import fit_lens_with_terms, rms_vector_length
+from ninedtact.calibration.guidance import search_board_pins
 from ninedtact.calibration.press_brightness import ImageUnusable
 from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
-from ninedtact.design import PinBoard
+from ninedtact.design import PinBoard, SensorDesign
 
 BOARD = PinBoard()
 
@@ -57,6 +58,24 @@ def test_missing_pins_are_predicted_and_named() -> None:
     assert fit.missing_pins == ["column 1, row 1", "column 4, row 4", "column 9, row 5"]
     truth_px = sensor.lens.to_px(fit.points_mm[~fit.found])
     assert np.abs(fit.points_px[~fit.found] - truth_px).max() < 1.0
+
+
+@pytest.mark.parametrize("shift_px", [(0, 60), (60, 0), (0, -60), (-60, 0)], ids=str)
+def test_pins_that_lie_beyond_the_image_are_predicted(shift_px: tuple[int, int]) -> None:
+    """A camera that is turned a little and mounted off the middle leaves a corner of the board out of view."""
+    camera = np.column_stack([cv2.getRotationMatrix2D((319.5, 239.5), 8, 1)[:, :2], (0.0, 0.0)])
+    camera[:, 2] = np.array([319.5, 239.5]) - camera[:, :2] @ (319.5, 239.5) + shift_px
+    straight = KnownSensor().images()
+    images = CalibrationImages(
+        *(
+            cv2.warpAffine(image, camera, (640, 480), borderMode=cv2.BORDER_REPLICATE)
+            for image in (straight.board_reference, straight.board)
+        )
+    )
+    made = calibrate(images)
+    truth_px = KnownSensor().lens.to_px(made.board.points_mm) @ camera[:, :2].T + camera[:, 2]
+    assert ((truth_px < 0) | (truth_px > (639, 479))).any() and made.record.certificate.board.pins_found < 63
+    assert np.abs(made.board.points_px - truth_px).max() < 1.5
 
 
 def test_too_many_missing_pins_are_counted() -> None:
@@ -156,6 +175,13 @@ def test_untouched_skin_is_no_board(real_images: dict[str, CalibrationImages]) -
     images = real_images["j"]
     with pytest.raises(BoardNotFound, match="nothing touched"):
         fit_board(images.ball_reference, images.ball, BOARD)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_press_without_a_single_pin_is_no_warning_of_the_program(real_images: dict[str, CalibrationImages]) -> None:
+    images = real_images["j"]
+    pins = search_board_pins(images.ball_reference, images.ball, SensorDesign(), CalibrationSettings())
+    assert (pins.found, pins.expected, pins.side, pins.has_lens) == (0, 63, "", False)
 
 
 def test_a_ball_is_no_board(real_images: dict[str, CalibrationImages]) -> None:

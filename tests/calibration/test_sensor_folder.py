@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shlex
 import shutil
 from dataclasses import replace
@@ -27,12 +28,14 @@ from ninedtact.calibration.save import (
 )
 from ninedtact.calibration.sensor_folder import DepthNotCalibrated, SensorFolder, SensorFolderDamaged, load_sensor
 from ninedtact.calibration.twin.sensor_twin import TwinMissing
+from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
 from ninedtact.cli import main, parse_arguments
 from ninedtact.cli.calibrate import CalibrateCommand, DepthWouldBeLost, InvalidCalibrateOption
 from ninedtact.cli.demo import Demo
-from ninedtact.cli.option_parser import CalibrationOptions
+from ninedtact.cli.option_parser import CalibrationOptions, DesignGivenTwice
 from ninedtact.cli.original_calibration import ImportCalibrationCommand
-from ninedtact.design import SensorDesign
+from ninedtact.design import BallGauge, Gel, SensorDesign
+from ninedtact.force.known_load_scale import ForceScale, write_force_scale
 from ninedtact.quantities import Frame
 
 DESIGN = SensorDesign()
@@ -79,6 +82,8 @@ def test_an_older_format_is_refused_with_the_command_that_calibrates_again(
     (folder / "images").rename(folder / "pictures")
     record, thick = folder / "sensor.toml", replace(DESIGN, gel=replace(DESIGN.gel, thickness_mm=3.0))
     older = record.read_text().replace("format = 4", "format = 3").replace("camera_rotation_deg", "mounting_deg")
+    older = older.replace("mounting_deg = 0", "mounting_deg = 180").replace('method = "physics"', 'method = "table"', 1)
+    older = older.replace('kind = "model"', 'kind = "paper"')
     record.write_text(older.replace("thickness_mm = 2.5", "thickness_mm = 3.0", 1))
     with pytest.raises(SensorFolderDamaged, match="older ninedtact; run: ") as refusal:
         load_sensor(folder)
@@ -86,6 +91,7 @@ def test_an_older_format_is_refused_with_the_command_that_calibrates_again(
     command = parse_arguments(arguments)
     assert program == "ninedtact" and isinstance(command, CalibrateCommand)
     assert command.resolved_design == thick and command.id == calibrated_a.record.id
+    assert command.options == CalibrationOptions("paper", "180", "table")
     require_replaceable_sensor_folder(command.out)
     images = command.obtain_images()
     assert all(np.array_equal(vars(images)[name], image) for name, image in vars(calibrated_a.images).items())
@@ -227,6 +233,29 @@ def test_something_else_is_never_overwritten(calibrated_a: Calibration, tmp_path
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "years of work"
 
 
+@pytest.mark.parametrize("kept", ["images/today.png", "images/second_press/ball.png", "original_9dtact/notes.txt"])
+def test_files_of_the_user_in_the_folders_of_a_sensor_are_never_deleted(kept: str, folder: Path) -> None:
+    require_replaceable_sensor_folder(folder)
+    (folder / kept).parent.mkdir(parents=True, exist_ok=True)
+    (folder / kept).write_text("mine")
+    with pytest.raises(SensorFolderNotReplaceable, match=re.escape(kept)), create_sensor_folder(folder):
+        pass
+    assert (folder / kept).read_text() == "mine"
+
+
+@pytest.mark.parametrize("place", [".", "", "..", "../.."])
+def test_the_working_directory_is_not_replaced(
+    place: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "images" / "deeper").mkdir()
+    monkeypatch.chdir(
+        folder / "images" / "deeper" if place == "../.." else folder / "images" if place == ".." else folder
+    )
+    assert main(["simulate", "fit", "--sensor", place]) == 1
+    assert "run it from another folder" in capsys.readouterr().err
+    assert load_sensor(folder).record.twin is not None
+
+
 def test_an_older_calibration_survives_a_failed_one(folder: Path) -> None:
     before = (folder / "sensor.toml").read_bytes()
     with pytest.raises(KeyboardInterrupt), create_sensor_folder(folder) as partial:
@@ -290,6 +319,71 @@ def test_a_board_alone_rectifies_and_a_ball_completes_it(
     with pytest.raises(InvalidCalibrateOption, match="images of the ball alone"):
         calibrate_command(tmp_path / "new", images, ("ball_reference", "ball"))
     assert load_sensor(out).record == whole.record
+
+
+def test_a_ball_alone_is_measured_with_the_radius_that_is_given_however_it_is_given(
+    twin_sensor: SensorFolder, tmp_path: Path
+) -> None:
+    images, out, ball = twin_sensor.path / "images", tmp_path / "finger", ("ball_reference", "ball")
+    shutil.copytree(twin_sensor.path, out)
+    design_file = tmp_path / "design.toml"
+    design_file.write_text("[ball]\nradius_mm = 4.4\n")
+    five = SensorDesign(ball=BallGauge(5.0))
+    for options, radius_mm in (
+        ({"design": five}, 5.0),
+        ({}, 5.0),  # that of the folder
+        ({"design_file": design_file}, 4.4),
+        ({"ball_radius_mm": 4.0}, 4.0),
+        ({"ball_radius_mm": 4.8, "design_file": design_file}, 4.8),
+    ):
+        calibrate_command(out, images, ball, **options)
+        record = load_sensor(out).record
+        assert record.design.ball.radius_mm == radius_mm and record.certificate.ball.ball_radius_mm == radius_mm
+    with pytest.raises(DesignGivenTwice):
+        calibrate_command(out, images, ball, design=replace(five, gel=Gel(thickness_mm=3.0)))
+
+
+def test_a_calibration_says_which_later_measurements_it_removes(
+    twin_sensor: SensorFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    images, out, ball = twin_sensor.path / "images", tmp_path / "finger", ("ball_reference", "ball")
+    shutil.copytree(twin_sensor.path, out)
+    calibrate_command(out, images, ball)
+    assert "removed" not in capsys.readouterr().err
+    write_force_scale(out, "force by physics", ForceScale(1.2))
+    write_camera_delay(out, CameraDelay(30.0, 1.0))
+    with pytest.raises(InvalidCalibrateOption):
+        calibrate_command(out, images, ball, options=CalibrationOptions(lens="paper"))
+    assert "removed" not in capsys.readouterr().err and (out / "force.toml").is_file()
+    calibrate_command(out, images, ball)
+    said = capsys.readouterr().err
+    assert f"({out / 'force.toml'}) was removed" in said and "run 'ninedtact adapt' again" in said
+    assert f"({out / 'camera.toml'}) was removed" in said and "run 'ninedtact camera-delay' again" in said
+    assert not (out / "force.toml").exists() and not (out / "camera.toml").exists()
+
+
+def test_images_of_a_ball_alone_change_neither_lens_nor_camera_rotation(
+    twin_sensor: SensorFolder, tmp_path: Path
+) -> None:
+    images, out, ball = twin_sensor.path / "images", tmp_path / "finger", ("ball_reference", "ball")
+    shutil.copytree(twin_sensor.path, out)
+    for options, refused in (
+        (CalibrationOptions(method="ratio", camera_rotation_deg="180"), "--camera-rotation-deg 180"),
+        (CalibrationOptions(method="ratio", lens="paper"), "--lens paper"),
+    ):
+        with pytest.raises(InvalidCalibrateOption, match=f"got {refused}; .* give the images of the board as well"):
+            calibrate_command(out, images, ball, options=options)
+    assert (
+        calibrate_command(out, images, ball, options=CalibrationOptions(method="ratio", camera_rotation_deg="0")) == 0
+    )
+
+
+def test_an_imported_rectification_is_not_taken_together_with_a_camera(
+    twin_sensor: SensorFolder, tmp_path: Path
+) -> None:
+    with pytest.raises(InvalidCalibrateOption, match=r"beside --from-import, .* got --source; give the two images"):
+        CalibrateCommand(tmp_path / "finger", from_import=twin_sensor.path, source="sim").run()
+    assert not (tmp_path / "finger").exists()
 
 
 def test_images_of_a_ball_upgrade_an_imported_sensor(

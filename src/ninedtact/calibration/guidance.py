@@ -46,7 +46,7 @@ BEST_DEPTH_MM = (1.0, 2.2)
 STILL = "hold still"
 """Beginning of the advice while something touches and has not yet been still for long enough."""
 PATIENCE = 4
-"""Number of still presses that are skipped in favour of a better one."""
+"""Number of still presses of which the last one is taken even where a better one is possible."""
 
 
 _OFF_CENTRE = 0.12
@@ -84,10 +84,11 @@ def search_board_pins(
         fit = fit_board(reference, press, design.pin_board, settings.camera_rotation_deg)
     except BoardNotFound as refusal:
         found_px = np.asarray(refusal.detected_px, float).reshape(-1, 2)
-        missing_px = refusal.missing_px
-        towards = missing_px.mean(axis=0) / half - 1 if len(missing_px) else 1 - found_px.mean(axis=0) / half
-        side = _side_in_words(towards) if len(found_px) else ""
-        return PinSearchResult(expected, found_px, refusal.missing_px, has_lens=False, side=side)
+        missing_px, side = refusal.missing_px, ""
+        if len(missing_px) or len(found_px):
+            towards = missing_px.mean(axis=0) / half - 1 if len(missing_px) else 1 - found_px.mean(axis=0) / half
+            side = _side_in_words(towards)
+        return PinSearchResult(expected, found_px, missing_px, has_lens=False, side=side)
     missing_px = fit.points_px[~fit.found]
     side = _side_in_words(missing_px.mean(axis=0) / half - 1) if len(missing_px) else ""
     return PinSearchResult(

@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import fields
 from hashlib import sha256
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from ninedtact.atomic_write import (
     write_file_atomically,
 )
 from ninedtact.calibration.certificate.html_page import render_certificate_html
+from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.calibration.sensor_toml_schema import NOT_CALIBRATED, SensorTomlRecord, StoredCalibrationImage
@@ -28,11 +30,12 @@ IMAGE_FOLDER = "images"
 PIXEL_MAP_FILE = "rectification.npy"
 ORIGINAL_FOLDER = "original_9dtact"
 """Folder in an imported sensor that keeps the original project's files as they were."""
-_FORCE_FILE = "force.toml"
-"""The force calibration with known loads (`force.adaptation_file`)."""
-
-_CAMERA_FILE = "camera.toml"
-"""The measured delay of the camera (`capture.camera_delay.CAMERA_FILE`)."""
+_MEASURED_LATER = {
+    "force.toml": ("the force calibration with known loads", "ninedtact adapt"),
+    "camera.toml": ("the delay of the camera", "ninedtact camera-delay"),
+}
+"""What is measured after a calibration, by its file in the folder (`force.known_load_scale`, `capture.camera_delay`), and the
+command that measures it."""
 
 
 class SensorFolderNotReplaceable(OutputError):
@@ -81,6 +84,20 @@ def to_sensor_toml(record: SensorTomlRecord) -> bytes:
     return tomli_w.dumps({CHECKSUM_KEY: mapping_checksum(tables, NOT_CALIBRATED), **tables}).encode()
 
 
+def list_later_measurements(folder: Path) -> frozenset[str]:
+    """Return the files of a sensor folder that were measured after its calibration, and that a new calibration removes."""
+    return frozenset(file for file in _MEASURED_LATER if (folder / file).is_file())
+
+
+def removal_notices(folder: Path, before: frozenset[str]) -> list[str]:
+    """Return a sentence for each file of `list_later_measurements` that was in a sensor folder before and is not there now."""
+    removed = sorted(before - list_later_measurements(folder))
+    return [
+        f"{meaning} ({folder / file}) was removed with the older calibration, to which it belonged; run '{command}' again"
+        for file, (meaning, command) in ((file, _MEASURED_LATER[file]) for file in removed)
+    ]
+
+
 @contextmanager
 def create_sensor_folder(out: Path | str) -> Iterator[Path]:
     """Yield a folder to fill, which takes the place of `out` when the block ends without an error.
@@ -107,5 +124,6 @@ def require_replaceable_sensor_folder(final: Path) -> None:
 
 def _is_sensor_file(file: str) -> bool:
     """Return whether a path within a sensor folder is one that this program writes there."""
-    files = (SENSOR_FILE, CERTIFICATE_FILE, PIXEL_MAP_FILE, _FORCE_FILE, _CAMERA_FILE)
-    return file in files or file.startswith((f"{IMAGE_FOLDER}/", f"{ORIGINAL_FOLDER}/"))
+    images = (f"{IMAGE_FOLDER}/{field.name}.png" for field in fields(CalibrationImages))
+    originals = (f"{ORIGINAL_FOLDER}/{original}" for original in ORIGINAL_FILES)
+    return file in (SENSOR_FILE, CERTIFICATE_FILE, PIXEL_MAP_FILE, *_MEASURED_LATER, *images, *originals)

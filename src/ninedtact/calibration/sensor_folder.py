@@ -284,7 +284,18 @@ def _recalibration_command(folder: Path, tables: dict[str, Any]) -> str:
         words += ["--id", quote(tables["id"])]
     if tables.get("design") != msgspec.json.decode(msgspec.json.encode(SensorDesign())):
         words += ["--design", quote(str(folder / SENSOR_FILE))]
-    return " ".join(words)
+    return " ".join([*words, *_recalibration_options(tables)])
+
+
+def _recalibration_options(tables: dict[str, Any]) -> list[str]:
+    """Return the options by which an older sensor was calibrated, where they are not the defaults."""
+    grid, lens, depth = (
+        found if isinstance(found := tables.get(name), dict) else {} for name in ("grid", "lens", "depth")
+    )
+    rotation = grid.get("camera_rotation_deg", grid.get("mounting_deg"))
+    words = ["--camera-rotation-deg", str(rotation)] if rotation in (90, 180, 270) else []
+    words += ["--lens", "paper"] if lens.get("kind") == "paper" else []
+    return words + (["--method", depth["method"]] if depth.get("method") in ("ratio", "table") else [])
 
 
 def build_projection(lens: LensModelTable | PinMapTable, raw_shape: tuple[int, int]) -> Projection:

@@ -22,13 +22,12 @@ from ninedtact.cli.calibration_page import (
     simulated_calibration_camera,
 )
 from ninedtact.cli.option_parser import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
-from ninedtact.cli.result_and_interrupt import print_notice, print_result
+from ninedtact.cli.result_and_interrupt import print_notice, print_result, sensor_replacement
 from ninedtact.design import SensorDesign
-from ninedtact.errors import CameraError, InputError, NinedtactError
+from ninedtact.errors import CameraError, InputError
 from ninedtact.open_sensor import is_twin_address, source_for
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.board.detection import BoardNotFound
     from ninedtact.calibration.guidance import CaptureStep
     from ninedtact.calibration.press_brightness import BgrImage
     from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings
@@ -96,43 +95,39 @@ class CalibrateCommand:
 
     def run(self) -> int:
         """Calibrate, write the sensor folder, and print how good it is."""
-        from ninedtact.calibration.board.detection import BoardNotFound
-        from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
+        with sensor_replacement(self.out):
+            sensor = self._calibrate_on_page() if self.on_page.page else self._calibrate_from_images()
+        if sensor is None:
+            print_notice(f"stopped before the calibration was complete; {self.out} is as it was")
+            return 1
+        return print_result(self.json, _to_json_dict(sensor), _format_calibration(sensor))
 
-        require_replaceable_sensor_folder(self.out)
-        if self.on_page.page:
-            return self._calibrate_on_page()
+    def _calibrate_from_images(self) -> "SensorFolder":
+        """Calibrate from files or with a camera, and write the sensor folder."""
+        from ninedtact.calibration.board.detection import BoardNotFound
+        from ninedtact.calibration.certificate.plot_style import save_board_not_found_drawing
+        from ninedtact.calibration.save import save_sensor
+
         with _StepLine() as line, TemporaryDirectory() as scratch:
             try:
                 made = self._calibrate(Path(scratch), line.show)
             except BoardNotFound as refusal:
-                raise _with_overlay_image(refusal, self.out) from refusal
+                drawing = self.out.with_name(f"{self.out.name}_board_not_found.png")
+                raise save_board_not_found_drawing(refusal, drawing) from refusal
             line.show("drawing the certificate")
-            sensor = save_sensor(self.out, made)
-        return print_result(self.json, _to_json_dict(sensor), _format_calibration(sensor))
+            return save_sensor(self.out, made)
 
-    def _calibrate_on_page(self) -> int:
-        """Serve the guided calibration in the browser until Ctrl-C, and print its result; raises `InvalidCalibrateOption`."""
+    def _calibrate_on_page(self) -> "SensorFolder | None":
+        """Serve the guided calibration in the browser until Ctrl-C; None without a sensor; raises `InvalidCalibrateOption`."""
         images_given = self.images is not None or any(getattr(self, name) for name in _IMAGE_NAMES)
         if images_given or self.from_import is not None:
             raise InvalidCalibrateOption(
                 "expected --page alone or with --source, since it takes the images itself, got images or --from-import; drop --page"
             )
-        guided = CalibrationPageServer(
-            self.out,
-            self.id or self.out.name,
-            self.resolved_design,
-            self.options.settings(),
-            self.on_page,
-            self.source,
-            self.automatic,
-        )
+        design, settings, name = self.resolved_design, self.options.settings(), self.id or self.out.name
+        page = CalibrationPageServer(self.out, name, design, settings, self.on_page, self.source, self.automatic)
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
-            sensor = guided.serve()
-        if sensor is None:
-            print_notice(f"stopped before the calibration was complete; {self.out} is as it was")
-            return 1
-        return print_result(self.json, _to_json_dict(sensor), _format_calibration(sensor))
+            return page.serve()
 
     def _calibrate(self, scratch: Path, on_step: Callable[[str], None]) -> "Calibration":
         """Calibrate from all presses, or with images of a ball on the sensor that has the lens already."""
@@ -151,14 +146,15 @@ class CalibrateCommand:
         """Calibrate the depth of a sensor that has its lens already."""
         from ninedtact.calibration.procedure import repeat_calibration
 
-        if self.resolved_design not in (replace(SensorDesign(), ball=self.resolved_design.ball), folder.record.design):
+        given, standard, kept = self.resolved_design, SensorDesign(), folder.record.design
+        if replace(given, ball=kept.ball) not in (replace(standard, ball=kept.ball), kept):
             raise DesignGivenTwice(
                 f"expected the design that {folder.path} was made with, got another one; leave out --design, or give the images of "
                 "the board as well"
             )
-        given = self.ball_radius_mm
-        ball_gauge = folder.record.design.ball if given is None else replace(folder.record.design.ball, radius_mm=given)
-        design = replace(folder.record.design, ball=ball_gauge)
+        _require_kept_lens(self.options, folder)
+        is_ball_given = self.ball_radius_mm is not None or given.ball != standard.ball
+        design = replace(kept, ball=given.ball if is_ball_given else kept.ball)
         made = repeat_calibration(folder, self.options.method, ball, design, on_step)
         return replace(made, record=structs.replace(made.record, id=self.id or folder.id))
 
@@ -196,7 +192,7 @@ class CalibrateCommand:
         `InvalidCalibrateOption`."""
         given = [name for name in _IMAGE_NAMES if getattr(self, name)]
         ways = [bool(given), self.images is not None, self.source is not None]
-        if sum(ways) == 1 and self.source is not None:
+        if sum(ways) == 1 and self.source is not None and self.from_import is None:
             return _capture_guided_images(self.source, self.resolved_design, self.options.settings(), self.automatic)
         if sum(ways) == 1 and self.images is not None:
             return _read_images({name: (self.images / f"{name}.png",) for name in self._names_in(self.images)})
@@ -245,6 +241,21 @@ def _require_no_depth_lost(out: Path) -> None:
         raise DepthWouldBeLost(
             f"expected images of the ball as well, since {out} is calibrated for depth, got those of the board alone; give all "
             "four, or choose another --out"
+        )
+
+
+def _require_kept_lens(options: CalibrationOptions, folder: "SensorFolder") -> None:
+    """Raise `InvalidCalibrateOption` for another lens or camera rotation than those of a sensor that keeps its lens."""
+    from ninedtact.calibration.sensor_toml_schema import PinMapTable
+
+    asked, kept = options.settings().camera_rotation_deg, folder.record.grid.camera_rotation_deg
+    refused = [] if asked in ("auto", kept) else [f"--camera-rotation-deg {asked}"]
+    if options.lens == "paper" and not isinstance(folder.record.lens, PinMapTable):
+        refused.append("--lens paper")
+    if refused:
+        raise InvalidCalibrateOption(
+            f"expected the lens and the camera rotation ({kept}°) of {folder.path}, which images of the ball alone keep, got "
+            f"{' and '.join(refused)}; leave that out, or give the images of the board as well"
         )
 
 
@@ -332,22 +343,6 @@ def _follow_step(
     raise CalibrationRecordingTooShort(
         f"expected images until the step '{step.instruction}' was done, got the end of the recording; record it longer"
     )
-
-
-def _with_overlay_image(refusal: "BoardNotFound", out: Path) -> NinedtactError:
-    """Draw what was detected beside the folder to write, and return the error with the drawing's path."""
-    import cv2
-
-    from ninedtact.atomic_write import FileNotWritten, write_file_atomically
-    from ninedtact.calibration.certificate.plot_style import draw_board_not_found
-
-    path = out.with_name(f"{out.name}_board_not_found.png")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_file_atomically(path, cv2.imencode(".png", draw_board_not_found(refusal))[1].tobytes())
-    except (OSError, FileNotWritten):
-        return refusal
-    return refusal.with_drawing(path)
 
 
 def _to_json_dict(sensor: "SensorFolder") -> dict[str, object]:

@@ -118,8 +118,9 @@ def _format_measurement(found: dict[str, Any]) -> str:
     if found["shift_px"] is not None:
         px, mm = hypot(*found["shift_px"]), hypot(*found["shift_mm"])
         skin = f"skin {px:.2f} ± {found['shift_error_px']:.2f} px ({mm:.3f} mm) away, turn {found['turn_deg']:.2f}°"
+    today = "" if found["diagnosis"] == "something touches the gel" else ", none with today's"
     return (
         f"brightness {found['brightness_percent']:+.1f} %, light even to {found['uneven_percent']:.1f} %, {skin}, "
         f"marks on {found['changed_area_mm2']:.1f} mm², together worth up to {found['old_reference_height_mm']:.2f} mm "
-        "of height with the calibration's reference image, none with today's"
+        f"of height on 99 % of the view with the calibration's reference image{today}"
     )

@@ -57,7 +57,8 @@ class CalibrationOptions:
     camera_rotation_deg: Literal["auto", "0", "90", "180", "270"] = "auto"
     """Angle from the image's columns to the sensor's x axis, clockwise on the screen."""
     method: Literal["physics", "ratio", "table"] = "physics"
-    """Depth from the brightness factor, or from the paper's mapping list of grey differences."""
+    """Depth from contact mechanics and light, fitted to the whole image of the ball, or from the ball's cap alone: from the
+    brightness factor (ratio), or from the paper's mapping list of grey differences (table)."""
 
     def settings(self) -> "CalibrationSettings":
         """The same as the calibration room names it."""

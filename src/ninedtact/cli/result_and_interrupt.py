@@ -52,6 +52,20 @@ def print_notices(sentences: Iterable[str]) -> None:
         print_notice(sentence)
 
 
+@contextmanager
+def sensor_replacement(folder: Path) -> Iterator[None]:
+    """Replace the sensor in a folder in the block, and then print which later measurements were removed with the older sensor.
+
+    Raises `SensorFolderNotReplaceable` before the block for a folder that cannot be replaced.
+    """
+    from ninedtact.calibration.save import list_later_measurements, removal_notices, require_replaceable_sensor_folder
+
+    require_replaceable_sensor_folder(folder)
+    measured = list_later_measurements(folder)
+    yield
+    print_notices(removal_notices(folder, measured))
+
+
 def load_sensor_with_notices(path: Path) -> "SensorFolder":
     """Read the sensor folder that a command is given and print why its calibration is to be distrusted, if it is.
 

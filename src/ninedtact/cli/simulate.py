@@ -16,7 +16,7 @@ import tyro
 
 from ninedtact.cli.dataset import DatasetStopped
 from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, refuse_design_beside_sensor
-from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result, sensor_replacement
 from ninedtact.design import SensingArea
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class _Fit:
     """
 
     sensor: Path
-    """Sensor folder that `ninedtact calibrate` wrote; its record and its certificate are updated."""
+    """Sensor folder that `ninedtact calibrate` wrote; it is replaced by the new calibration, as by `calibrate`."""
     json: bool = False
     """Print the twin as one JSON object."""
 
@@ -48,7 +48,9 @@ class _Fit:
         from ninedtact.calibration.procedure import repeat_calibration
         from ninedtact.calibration.save import save_sensor
 
-        folder = save_sensor(self.sensor, repeat_calibration(load_sensor_with_notices(self.sensor), "physics"))
+        calibrated = load_sensor_with_notices(self.sensor)
+        with sensor_replacement(self.sensor):
+            folder = save_sensor(self.sensor, repeat_calibration(calibrated, "physics"))
         twin = folder.record.twin
         assert twin is not None, "the physics method makes a twin"
         found = {"sensor": str(self.sensor), **msgspec.to_builtins(twin)}

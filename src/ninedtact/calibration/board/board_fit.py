@@ -207,11 +207,12 @@ def published_mm_per_px_std(points_mm: Points, points_px: Points, pitch_mm: floa
 
 
 def truncated_spot_centroids_px(fit: BoardFit) -> Points:
-    """Return the centre of each spot's pixels that are darker than half its depth, truncated to integers; predicted pins stay."""
-    image = smooth_gaussian(fit.change, 1.5)
+    """Return the centre of each spot's pixels that are darker than half its depth, truncated to integers. Predicted pins, which
+    may be out of view, stay."""
+    image, centres_px = smooth_gaussian(fit.change, 1.5), fit.points_px.copy()
     half_step = 0.45 * fit.board.pitch_mm / central_mm_per_px(fit.lens, fit.board.pitch_mm)
-    seen = [_integer_spot_centre(image, point, round(half_step)) for point in fit.points_px]
-    return np.where(fit.found[:, None], seen, fit.points_px)
+    centres_px[fit.found] = [_integer_spot_centre(image, point, round(half_step)) for point in fit.points_px[fit.found]]
+    return centres_px
 
 
 def _integer_spot_centre(image: Float32[Array, "rows cols"], point_px: Point, reach_px: int) -> Point:

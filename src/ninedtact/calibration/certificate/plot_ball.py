@@ -241,7 +241,7 @@ PARAMETER_MEANINGS = {
     "saturation": "How much faster thin gel darkens than thick gel; zero is a straight line.",
     "inverse_distance_per_mm": "How much pressed skin appears displaced outwards, per mm of height and mm from the axis.",
     "finite_strain": "How the gel bulges at large strain: 0 as a linear layer does, 1 as neo-Hookean rubber.",
-    "loss": "Light that the whole image loses, per mean darkening of the view.",
+    "loss": "Relative change of the whole image's brightness in this press; light is lost where it is negative.",
     "darkening_per_mm": "Relative darkening where indentation begins.",
     "brightening_per_mm": "Relative brightening where the gel bulges.",
 }

@@ -5,6 +5,7 @@ slow to import, so it is imported when a figure is drawn; its global state is ne
 """
 
 from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
@@ -12,6 +13,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
 
+from ninedtact.atomic_write import FileNotWritten, write_file_atomically
 from ninedtact.calibration.board.detection import BoardNotFound
 
 if TYPE_CHECKING:
@@ -57,6 +59,16 @@ def draw_board_not_found(error: BoardNotFound) -> UInt8[Array, "rows cols 3"]:
         canvas, f"found {error.found} of {error.expected} pins; spots circled: {inside.sum()}", long_side / 1300
     )
     return np.asarray(canvas)
+
+
+def save_board_not_found_drawing(error: BoardNotFound, path: Path) -> BoardNotFound:
+    """Draw what was detected into a PNG file; return the error with the file's path, as it was where nothing can be written."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_file_atomically(path, cv2.imencode(".png", draw_board_not_found(error))[1].tobytes())
+    except (OSError, FileNotWritten):
+        return error
+    return error.with_drawing(path)
 
 
 def _write_caption(canvas: UInt8[Array, "rows cols 3"], words: str, size: float) -> None:
