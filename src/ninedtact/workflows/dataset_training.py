@@ -3,13 +3,15 @@
 A data set, training settings and a fraction to hold out go in; the folder of `train_network` with the model comes out.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
+from ninedtact.dataset.folder import DatasetFolder
 from ninedtact.dataset.height_cache import load_height_pairs
 from ninedtact.dataset.reader import load_dataset
 from ninedtact.design import Gel
@@ -18,7 +20,6 @@ from ninedtact.force.network_input import NetworkInputSettings, scale_input_sett
 from ninedtact.force.training.examples import TrainingExamples
 from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
 from ninedtact.force.training.train import TrainingResult, train_network
-from ninedtact.simulation.sensor_population import SampledSensor
 from ninedtact.workflows.dataset_calibrations import load_dataset_sensors, load_simulated_sensors
 
 
@@ -84,12 +85,13 @@ def read_training_examples(
     progress: bool = False,
     notify: Callable[[str], None] = lambda _: None,
 ) -> tuple[TrainingExamples, Sequence[str]]:
-    """Read examples and their ids; wrenches of simulated sensors are scaled to the design's shear modulus."""
+    """Read examples and their ids; wrenches are scaled from the shear modulus of each sensor's gel to that of the design."""
     if grid.channels.of_heights:
         examples, ids = _read_height_examples(data, grid, sensors, workers, progress, notify)
     else:
         examples, ids = _read_image_examples(data, grid, workers, progress)
-    return _scale_simulated_wrenches(examples, load_simulated_sensors(data)), ids
+    usual, moduli = Gel().shear_modulus_mpa, _gel_moduli_mpa(data, sensors)
+    return examples.scale_to_design_modulus(np.array([moduli.get(name, usual) for name in examples.sensors])), ids
 
 
 def _read_height_examples(
@@ -135,11 +137,15 @@ def _read_image_examples(
     return examples, pairs.ids.tolist()
 
 
-def _scale_simulated_wrenches(examples: TrainingExamples, members: Mapping[str, SampledSensor]) -> TrainingExamples:
-    """Scale wrenches of simulated sensors to the design's shear modulus; those of real sensors stay as measured."""
-    usual = Gel().shear_modulus_mpa
-    moduli = {name: member.gel.shear_modulus_mpa for name, member in members.items()}
-    return examples.scale_to_design_modulus(np.array([moduli.get(name, usual) for name in examples.sensors]))
+def _gel_moduli_mpa(data: Path, sensors: Path | None) -> dict[str, float]:
+    """Return the shear modulus of each sensor's gel: the true one of a simulated sensor, that of its sensor folder for a real one.
+
+    A force model multiplies by the modulus of the sensor folder, so that a real sensor's wrenches are divided by it first.
+    """
+    folders = (DatasetFolder(data).sensor_folders if sensors is None else sensors).glob(f"*/{SENSOR_FILE}")
+    simulated = {name: member.gel.shear_modulus_mpa for name, member in load_simulated_sensors(data).items()}
+    real = [file.parent for file in folders if file.parent.name not in simulated]
+    return {**simulated, **{folder.name: load_sensor(folder).gel.shear_modulus_mpa for folder in real}}
 
 
 def match_input_width_to_dataset(settings: TrainingSettings, data: Path) -> TrainingSettings:

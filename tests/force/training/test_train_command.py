@@ -38,6 +38,7 @@ from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.simulation.sensor_population import sample_sensor
 from ninedtact.workflows.dataset_calibrations import DatasetSensors, calibrate_simulated_sensors, load_dataset_sensors
+from ninedtact.workflows.dataset_training import read_training_examples
 
 MM_PER_PX = 0.0522
 GRID = NetworkInputSettings(InputChannels.HEIGHTS_AND_GEL, 16, 24, 1.0)
@@ -155,6 +156,23 @@ def test_a_corrector_of_physics_is_trained_and_used(
     image = to_whole_grey_levels(image_of(2.0, 5), MM_PER_PX)
     reading = Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, reader(image), reference=reader.reference)
     assert estimator.estimate(reading).touching
+
+
+@pytest.mark.parametrize("channels", [InputChannels.HEIGHTS_AND_SENSOR, InputChannels.DEFORMATION])
+def test_a_model_of_a_real_sensor_returns_the_forces_that_were_measured(
+    channels: InputChannels, folder: Path, sensors: Path, tmp_path: Path
+) -> None:
+    """A model multiplies by the modulus of the sensor's folder, whatever it is."""
+    stiff = tmp_path / "sensors"
+    shutil.copytree(sensors, stiff)
+    settings = stiff / "b" / "sensor.toml"
+    settings.write_text(settings.read_text().replace("shear_modulus_mpa = 0.093", "shear_modulus_mpa = 0.186"))
+    moduli = {name: load_sensor(stiff / name).gel.shear_modulus_mpa for name in "ab"}
+    assert moduli == {"a": 0.093, "b": 0.186}
+    examples, ids = read_training_examples(folder, replace(GRID, channels=channels), stiff)
+    for wrench, name, of in zip(examples.wrench, ids, examples.sensors, strict=True):
+        measured = row_of(int(name), 3, (8, 8)).wrench
+        np.testing.assert_allclose(wrench * moduli[of] / Gel().shear_modulus_mpa, measured, rtol=1e-6)
 
 
 def test_a_reading_that_was_stopped_goes_on(folder: Path, sensors: Path, monkeypatch: pytest.MonkeyPatch) -> None:
