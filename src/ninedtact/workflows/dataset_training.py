@@ -13,9 +13,17 @@ import numpy as np
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 from ninedtact.dataset.folder import DatasetFolder
 from ninedtact.dataset.height_cache import load_height_pairs
-from ninedtact.dataset.reader import load_dataset
+from ninedtact.dataset.reader import load_dataset, read_pair_columns
 from ninedtact.design import Gel
-from ninedtact.force.dataset_split import NO_OBJECT, SplitKeys, SplitRows, SplitSettings, read_split, split_dataset
+from ninedtact.force.dataset_split import (
+    NO_OBJECT,
+    SplitImpossible,
+    SplitKeys,
+    SplitRows,
+    SplitSettings,
+    read_split,
+    split_dataset,
+)
 from ninedtact.force.network_input import NetworkInputSettings, scale_input_settings_to_width, sensor_features_of
 from ninedtact.force.training.examples import TrainingExamples
 from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
@@ -25,7 +33,7 @@ from ninedtact.workflows.dataset_calibrations import load_dataset_sensors, load_
 
 @dataclass(frozen=True)
 class HeldOutSettings:
-    """Which pairs are held out of the training; the best epoch is chosen by them."""
+    """Which pairs are held out of the training; the best epoch is chosen by them. Raises `SplitImpossible`."""
 
     kind: Literal["sensor_and_object", "object", "sensor", "standard"] | None = None
     """Kind of the split; None: by objects and sensors, or by objects alone where there is one sensor."""
@@ -35,9 +43,22 @@ class HeldOutSettings:
     """Split file whose training part is divided; its test part is not used at all."""
     seed: int = 0
 
-    def rows(self, ids: Sequence[str], examples: TrainingExamples) -> SplitRows:
-        """Return the rows for training and for validation; raises `SplitImpossible`, `SplitFileUnusable`."""
-        train = np.arange(len(ids)) if self.split is None else read_split(self.split).rows(ids).train
+    def __post_init__(self) -> None:
+        if not 0 < self.fraction < 1:
+            raise SplitImpossible(
+                f"expected a fraction between 0 and 1 to hold out, got {self.fraction:g}; hold out 0.1 of the objects or sensors"
+            )
+
+    def rows(self, ids: Sequence[str], examples: TrainingExamples, all_ids: Sequence[str] | None = None) -> SplitRows:
+        """Return the rows for training and for validation; raises `SplitImpossible`, `SplitFileUnusable`.
+
+        all_ids: ids of the whole data set, which a split file is of, where some of its pairs are no examples.
+        """
+        train = np.arange(len(ids))
+        if self.split is not None:
+            split = read_split(self.split)
+            split.rows(ids if all_ids is None else all_ids)
+            train = np.flatnonzero(np.isin(np.asarray(ids, dtype=str), split.train))
         names, objects, sensors = (
             np.asarray(column)[train].tolist() for column in (ids, examples.objects, examples.sensors)
         )
@@ -73,7 +94,8 @@ def train_on_dataset(
     Raises what `load_dataset_sensors`, the data set, the split and `train_network` raise.
     """
     examples, ids = read_training_examples(data, settings.input, sensors, workers, progress, notify)
-    rows = held_out.rows(ids, examples)
+    all_ids = ids if held_out.split is None else read_pair_columns(data)["id"].to_pylist()
+    rows = held_out.rows(ids, examples, all_ids)
     return train_network(examples, rows, settings, out, name=name, licence=licence, machine=machine, progress=progress)
 
 

@@ -24,6 +24,7 @@ from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
 from ninedtact.force.brightness_channels import to_whole_grey_levels
+from ninedtact.force.dataset_split import SplitKeys, SplitSettings, split_dataset, write_split
 from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.force.network_input import (
     InputChannels,
@@ -158,6 +159,32 @@ def test_a_corrector_of_physics_is_trained_and_used(
     assert estimator.estimate(reading).touching
 
 
+def test_a_split_of_the_whole_data_set_also_holds_where_pairs_are_left_out(
+    folder: Path, physics_sensors: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A model that corrects physics learns nothing from pairs in which physics finds no contact."""
+    untouched = tmp_path / "pairs"
+    shutil.copytree(folder, untouched, ignore=shutil.ignore_patterns("cache"))
+    rows = [row_of(number, 3, (460, 345)) for number in range(24)]
+    rows[:4] = [replace(row, image=png(image_of(0, 99))) for row in rows[:4]]
+    for part in range(2):
+        write_pair_file(untouched / "data" / f"train-0000{part}-of-00002.parquet", rows[part::2])
+    ids = [row.id for row in rows]
+    split = split_dataset(SplitKeys(ids, [row.object for row in rows]), SplitSettings("object", objects=1))
+    write_split(tmp_path / "split.json", split)
+    given = ["--data", str(untouched), "--sensors", str(physics_sensors), "--split", str(tmp_path / "split.json")]
+    options = [*given, "--out", str(tmp_path / "out"), "--preset", "corrector", "--held-out", "object"]
+    size = ("--size", "24", "16", "--epochs", "1", "--batch", "8")
+    assert main(["train", *options, *size, "--json", *ON_CPU]) == 0
+    found = json.loads(capsys.readouterr().out)
+    left = set(split.train) - set(ids[:4])
+    assert found["pairs"] + found["held_out"]["pairs"] == len(left) < len(split.train)
+    assert set(found["held_out"]["by_object"]) < {"thing_0", "thing_1", "thing_2"} - set(split.held_out_objects)
+    other = replace(split, train=(*split.train, "another"))
+    write_split(tmp_path / "split.json", other)
+    assert "expected the 25 pairs of the split" in told(capsys, [*options, *size])
+
+
 @pytest.mark.parametrize("channels", [InputChannels.HEIGHTS_AND_SENSOR, InputChannels.DEFORMATION])
 def test_a_model_of_a_real_sensor_returns_the_forces_that_were_measured(
     channels: InputChannels, folder: Path, sensors: Path, tmp_path: Path
@@ -229,6 +256,8 @@ def test_what_cannot_be_learnt_from_is_refused_in_a_sentence(
     given = ["--data", str(folder), *out, "--sensors", str(tmp_path)]
     assert "multiples of 4" in told(capsys, [*given, "--size", "30", "20"])
     assert "one of moments" in told(capsys, [*given, "--network", "alexnet"])
+    for fraction in ("nan", "-0.1", "1"):
+        assert "a fraction between 0 and 1" in told(capsys, [*given, "--held-out-fraction", fraction])
     assert not (tmp_path / "out").exists()
 
 
