@@ -155,6 +155,31 @@ def test_gone_on_with_after_a_stop_it_learns_the_same(
         assert torch.equal(part, again.state_dict()[name]), name
 
 
+def test_the_best_epoch_stays_the_best_where_the_folder_is_moved_between_two_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings, step = toy_settings(schedule="constant"), ForceTrainingModule.training_step
+
+    def worse_in_the_end(self: ForceTrainingModule, batch: object, number: int) -> torch.Tensor:
+        if self.current_epoch == 2 and number == 1 and stops:
+            raise KeyboardInterrupt
+        return step(self, batch, number) * (1 if self.current_epoch < 2 else -1)
+
+    stops = False
+    monkeypatch.setattr(ForceTrainingModule, "training_step", worse_in_the_end)
+    whole, rows = fitted(tmp_path / "whole", settings)
+    stops = True
+    with pytest.raises(TrainingStopped):
+        fitted(tmp_path / "stopped", settings)
+    (tmp_path / "stopped").rename(tmp_path / "moved")
+    stops = False
+    again, rows_again = fitted(tmp_path / "moved", settings)
+    assert rows_again == rows and min(rows, key=lambda row: row["val_loss"])["epoch"] <= 2
+    for name, part in weights_of(whole).items():
+        assert torch.equal(part, again.state_dict()[name]), name
+    assert not (tmp_path / "stopped").exists()
+
+
 def test_half_precision_is_not_for_labels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings, seen = toy_settings(augmentation=NO_AUGMENTATION), []
     monkeypatch.setattr(

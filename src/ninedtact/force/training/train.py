@@ -202,7 +202,7 @@ def _build_trainer(
     module: ForceTrainingModule, history: MetricsHistory, out: Path, machine: ComputeSettings, progress: bool
 ) -> Trainer:
     """Return a Lightning trainer that writes to `out` alone."""
-    checkpoints = ModelCheckpoint(
+    checkpoints = _MovableModelCheckpoint(
         out / CHECKPOINT_FOLDER,
         filename=_BEST_CHECKPOINT,
         monitor=MONITORED_METRIC,
@@ -227,6 +227,24 @@ def _build_trainer(
             enable_progress_bar=False,
             enable_model_summary=False,
         )
+
+
+class _MovableModelCheckpoint(ModelCheckpoint):
+    """Lightning's checkpoints of the best and the last epoch, in a folder that may be moved or copied between two runs.
+
+    Lightning itself forgets which epoch was the best when the path of the folder differs.
+    """
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Restore what a checkpoint says of the best epoch, with the paths that its files have now."""
+        paths = ("best_model_path", "kth_best_model_path", "last_model_path")
+        moved = {name: self._present_path(state_dict[name]) for name in paths}
+        scores = {self._present_path(path): score for path, score in state_dict["best_k_models"].items()}
+        super().load_state_dict({**state_dict, **moved, "best_k_models": scores, "dirpath": self.dirpath})
+
+    def _present_path(self, path: str) -> str:
+        """Return the path in the present folder of a checkpoint that was written with another path; empty paths stay empty."""
+        return str(Path(self.dirpath or "", Path(path).name)) if path else path
 
 
 class _ExamplesDataModule(LightningDataModule):
