@@ -253,6 +253,11 @@ def test_labels_that_are_no_numbers_are_refused() -> None:
 def test_another_training_in_the_same_folder_is_refused(trained: TrainingResult, tmp_path: Path) -> None:
     with pytest.raises(TrainingFolderTaken, match="another settings"):
         train_network(of_heights(), ROWS, toy_settings(seed=1), trained.path.parent, machine=CPU)
+    heights = of_heights()
+    features = np.full((PAIRS, 5), 0.1, np.float32)
+    for other in (replace(heights, images=2 * heights.images), replace(heights, sensor_features=features)):
+        with pytest.raises(TrainingFolderTaken, match="another examples"):
+            train_network(other, ROWS, toy_settings(), trained.path.parent, machine=CPU)
     (tmp_path / "something").write_text("else")
     with pytest.raises(TrainingFolderTaken, match="something else"):
         train_network(of_heights(), ROWS, toy_settings(), tmp_path, machine=CPU)
