@@ -159,6 +159,26 @@ def test_a_corrector_of_physics_is_trained_and_used(
     assert estimator.estimate(reading).touching
 
 
+def test_an_image_that_no_press_can_cause_is_reported_and_its_predictions_can_be_read_again(
+    folder: Path, physics_sensors: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dark = tmp_path / "pairs"
+    shutil.copytree(folder, dark, ignore=shutil.ignore_patterns("cache"))
+    rows = [row_of(number, 3, (460, 345)) for number in range(24)]
+    rows[5] = replace(rows[5], image=png(np.zeros((345, 460), np.uint8)))
+    for part in range(2):
+        write_pair_file(dark / "data" / f"train-0000{part}-of-00002.parquet", rows[part::2])
+    given = ["--data", str(dark), "--sensors", str(physics_sensors), "--workers", "1"]
+    assert main(["evaluate", *given, "--out", str(tmp_path / "out"), "--json"]) == 0
+    printed = capsys.readouterr()
+    assert "nothing is estimated from 1 of 24 images" in printed.err
+    assert None not in json.loads(printed.out)["coverage"]["90"]
+    read = ["--predictions", str(tmp_path / "out" / "predictions.csv"), "--predictions-about-mm", "0", "0", "0"]
+    assert main(["evaluate", *read, "--trust-units", "--json"]) == 0
+    kept = json.loads(capsys.readouterr().out)
+    assert {**kept, "files": {}} == {**json.loads(printed.out), "files": {}}
+
+
 def test_a_split_of_the_whole_data_set_also_holds_where_pairs_are_left_out(
     folder: Path, physics_sensors: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
