@@ -17,7 +17,7 @@ from ninedtact.force.network_input import InputChannels
 from ninedtact.force.networks import WrenchNetwork
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact.force.training import train as fitting
-from ninedtact.force.training.augmentation import NO_AUGMENTATION
+from ninedtact.force.training.augmentation import NO_AUGMENTATION, GeometricAugmentation
 from ninedtact.force.training.error_scale_and_model_card import TrainedNetwork
 from ninedtact.force.training.examples import ExamplesUnusable, TrainingExamples, move_examples_to_torque_point
 from ninedtact.force.training.onnx_export import rewrite_card
@@ -192,6 +192,28 @@ def test_half_precision_is_not_for_labels(tmp_path: Path, monkeypatch: pytest.Mo
     fit_network(learner, of_heights(), ROWS, tmp_path, ComputeSettings(accelerator="cpu", precision="bf16-mixed"))
     known = {tuple(six) for six in of_heights().wrench.tolist()}
     assert {tuple(six) for six in torch.cat(seen).tolist()} <= known
+
+
+def test_examples_are_mirrored_about_the_centre_of_the_skin_wherever_their_torques_are_about(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    about_mm, seen = (10.0, -5.0, -35.0), []
+    mirrored = replace(NO_AUGMENTATION, geometric=GeometricAugmentation(transformed_share=0))
+    settings = replace(toy_settings(augmentation=mirrored, about_mm=about_mm), epochs=1)
+    monkeypatch.setattr(
+        "ninedtact.force.training.training_module.compute_batch_loss",
+        lambda answer, wrench, unit: seen.append(wrench) or compute_batch_loss(answer, wrench, unit),
+    )
+    examples = move_examples_to_torque_point(of_heights(), about_mm)
+    module = ForceTrainingModule(settings, fit_label_scaling(examples.wrench[ROWS.train], settings))
+    fit_network(module, examples, ROWS, tmp_path, CPU)
+    six = torch.cat(seen).numpy()
+    moved = replace(of_heights(), wrench=np.resize(six, (PAIRS, 6)))
+    at_centre = move_examples_to_torque_point(moved, (-10.0, 5.0, 35.0)).wrench
+    # The force of a dent is proportional to its place, in a mirror image too: T_y = −x F_z = 20 mm F_x, T_x = y F_z = −10 mm F_y.
+    assert np.ptp(np.sign(six[:, 0])) == 2
+    np.testing.assert_allclose(at_centre[:, 4], 0.02 * at_centre[:, 0], atol=1e-6)
+    np.testing.assert_allclose(at_centre[:, 3], -0.01 * at_centre[:, 1], atol=1e-6)
 
 
 def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
