@@ -132,6 +132,19 @@ def test_separate_images_do_not_depend_on_their_order(desk: Path, capsys: pytest
     np.testing.assert_array_equal(wrenches, estimated(desk, capsys)[order])
 
 
+def test_images_of_a_folder_are_named_by_their_files(
+    desk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("press_2", "press_10"):
+        shutil.copy(presses(desk)[0], tmp_path / f"{name}.png")
+    words = ("estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", tmp_path)
+    rows = asked(capsys, *words)["wrenches"]
+    assert [row["image"] for row in rows] == [str(tmp_path / f"{name}.png") for name in ("press_2", "press_10")]
+    cv2.imwrite(str(tmp_path / "press_3.png"), np.zeros((480, 640, 3), np.uint8))
+    assert main([*map(str, words)]) == 1
+    assert capsys.readouterr().err.startswith(f"ninedtact: {tmp_path / 'press_3.png'}: expected an image taken with")
+
+
 def test_untouched_skin_is_zero_exactly_about_any_point(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = asked(
         capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", "--about-mm", "0", "0", "-35",

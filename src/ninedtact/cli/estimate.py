@@ -132,7 +132,7 @@ class Estimate:
         ) as sensor:
             for fault in sensor.reference_faults:
                 print_notice(f"the reference image is doubtful; {fault}")
-            for name, reading in _iterate_named_readings(self.source, sensor):
+            for name, reading in _iterate_named_readings(self.source, frames, sensor):
                 if self.images_are_separate and reading.reference is not None:
                     require_plausible_image(name, reading.rectified, reading.reference, reading.height)
                 yield name, reading
@@ -189,10 +189,18 @@ def _is_image(text: str) -> bool:
     return text.lower().endswith((".png", ".jpg", ".jpeg", ".bmp"))
 
 
-def _iterate_named_readings(source: tuple[str, ...], sensor: "Sensor") -> "Iterator[tuple[str, Reading]]":
-    """Yield every reading with its name: the file of a single image, or the number of a frame."""
+def _iterate_named_readings(
+    source: tuple[str, ...], frames: "FrameSource", sensor: "Sensor"
+) -> "Iterator[tuple[str, Reading]]":
+    """Yield every reading with its name: the file of an image, also of one in a folder, or the number of a frame."""
+    from ninedtact.capture.image_and_video_files import ImageFolder
+
     for number, reading in enumerate(sensor):
-        yield (source[number] if _is_image(source[0]) else str(reading.frame.index)), reading
+        if _is_image(source[0]):
+            yield source[number], reading
+        else:
+            index = reading.frame.index
+            yield str(frames.images[index] if isinstance(frames, ImageFolder) else index), reading
 
 
 def _write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
