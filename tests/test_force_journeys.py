@@ -132,6 +132,19 @@ def test_separate_images_do_not_depend_on_their_order(desk: Path, capsys: pytest
     np.testing.assert_array_equal(wrenches, estimated(desk, capsys)[order])
 
 
+def test_images_of_a_folder_are_named_by_their_files(
+    desk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("press_2", "press_10"):
+        shutil.copy(presses(desk)[0], tmp_path / f"{name}.png")
+    words = ("estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", tmp_path)
+    rows = asked(capsys, *words)["wrenches"]
+    assert [row["image"] for row in rows] == [str(tmp_path / f"{name}.png") for name in ("press_2", "press_10")]
+    cv2.imwrite(str(tmp_path / "press_3.png"), np.zeros((480, 640, 3), np.uint8))
+    assert main([*map(str, words)]) == 1
+    assert capsys.readouterr().err.startswith(f"ninedtact: {tmp_path / 'press_3.png'}: expected an image taken with")
+
+
 def test_untouched_skin_is_zero_exactly_about_any_point(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = asked(
         capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", "--about-mm", "0", "0", "-35",
@@ -144,6 +157,13 @@ def test_untouched_skin_is_zero_exactly_about_any_point(desk: Path, capsys: pyte
 def test_a_torque_is_told_about_the_point_that_was_asked_for(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     at_skin, below = estimated(desk, capsys), estimated(desk, capsys, "--about-mm", "0", "0", "-35")
     assert below[:, 4] == pytest.approx(at_skin[:, 4] + 0.035 * at_skin[:, 0])
+
+
+@pytest.mark.parametrize("coordinate", ["nan", "inf", "1e300"])
+def test_a_point_of_torques_that_is_nowhere_is_refused(coordinate: str, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["estimate", "--sensor", "my_sensor", "--reference", "reference.png", "press.png"]
+    assert main([*words, "--about-mm", coordinate, "0", "-35"]) == 1
+    assert "expected --about-mm X Y Z of at most 1e+06 mm each, got" in capsys.readouterr().err
 
 
 def test_an_image_that_is_not_estimated_is_null_in_json_and_says_so_in_text(

@@ -230,10 +230,12 @@ class WrenchEstimate:
 
     def about(self, point_mm: Float64[Array, "3"]) -> "WrenchEstimate":
         """Return the same estimate with torques, and their errors, about another point."""
-        if not np.isfinite(self.covariance).all():
-            return replace(self, wrench=self.wrench.about(point_mm))
         shift = self.wrench.shift_matrix(point_mm)
-        return replace(self, wrench=self.wrench.about(point_mm), covariance=shift @ self.covariance @ shift.T)
+        unknown = ~np.isfinite(self.covariance).all(axis=1)
+        covariance = shift @ np.where(unknown[:, None] | unknown, 0, self.covariance) @ shift.T
+        # An axis into which the move mixes one without a stated error has none either.
+        covariance[np.diag_indices(6)] += np.where((shift[:, unknown] != 0).any(axis=1), np.inf, 0)
+        return replace(self, wrench=self.wrench.about(point_mm), covariance=covariance)
 
 
 def diagonal_covariance(std: Float64[Array, "6"]) -> Float64[Array, "6 6"]:

@@ -86,12 +86,12 @@ class KnownPhysics(TractionForce):
         self.forgets += 1
 
 
-def model(known: bool = True) -> ForceModel:
-    """Corrects F_z by the pressure summed over the input, in the model's unit of modulus."""
+def model(known: bool = True, about_mm: tuple[float, float, float] = (0.0, 0.0, 0.0), axis: int = 2) -> ForceModel:
+    """Corrects F_z, or the force on another axis, by the pressure summed over the input, in the model's unit of modulus."""
     per_input = np.zeros((*SETTINGS.shape, 6))
-    per_input[1, ..., 2] = -0.01
+    per_input[1, ..., axis] = -0.01
     card = msgspec.structs.replace(
-        a_card(SETTINGS), input_ranges={"max_indentation": (0.0, 0.5) if known else (-1.0, -0.9)}
+        a_card(SETTINGS, about_mm), input_ranges={"max_indentation": (0.0, 0.5) if known else (-1.0, -0.9)}
     )
     written = linear_model(card, per_input.reshape(-1, 6), STD / 2)
     return parse_force_model(written.SerializeToString(), "small")
@@ -114,6 +114,18 @@ def test_the_network_is_asked_about_tractions_over_the_modulus_and_answers_in_un
     assert corrected.warnings == ()
     estimator.forget()
     assert estimator.physics.forgets == 1  # type: ignore[attr-defined]
+
+
+def test_torques_of_a_correction_about_another_point_are_moved_to_the_centre_of_the_skin() -> None:
+    below_mm = (0.0, 0.0, -35.0)
+    physics = KnownPhysics(by_physics())
+    corrected = NetworkCorrectedForce(physics, model(about_mm=below_mm, axis=1), TYPICAL_FEATURES).estimate(reading())
+    change = corrected.wrench.six - SIX
+    assert change[1] < -0.003
+    expected = Wrench(change[:3], np.zeros(3), np.array(below_mm)).about(np.zeros(3))
+    np.testing.assert_allclose(change[3:], expected.torque_nm, atol=1e-12)
+    at_centre = NetworkCorrectedForce(physics, model(axis=1), TYPICAL_FEATURES).estimate(reading())
+    np.testing.assert_array_equal(corrected.std > at_centre.std + 1e-9, [False] * 3 + [True, True, False])
 
 
 @pytest.mark.parametrize("doubt", ["another image", "not converged", "beyond the training"])

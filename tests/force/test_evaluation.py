@@ -106,6 +106,19 @@ def test_errors_without_end_cover_all_and_exact_zeros_do_not_flatter() -> None:
     assert all((one.covered == 0).all() for one in narrow)
 
 
+def test_pairs_without_a_claimed_error_do_not_count_in_the_coverage_of_the_others() -> None:
+    truth, predicted, std = wrenches(200), wrenches(200, seed=1), SCALE * np.ones((200, 6))
+    whole = WrenchPredictions(truth, predicted, std)
+    some = replace(whole, std=np.where(np.arange(200)[:, None] < 150, std, np.nan))
+    some.std[:, 5] = np.nan
+    for found, alone in zip(
+        evaluate_predictions(some).coverage,
+        evaluate_predictions(whole.select([True] * 150 + [False] * 50)).coverage,
+        strict=True,
+    ):
+        np.testing.assert_array_equal(found.covered, [*alone.covered[:5], np.nan])
+
+
 def test_parts_make_up_the_whole_and_an_untouched_skin_is_apart() -> None:
     truth, draw = wrenches(300), np.random.default_rng(2)
     truth[:30] = 0

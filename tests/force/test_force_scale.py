@@ -146,3 +146,10 @@ def test_presses_that_contradict_each_other_are_refused() -> None:
     presses = [KnownLoadPress(1.0, 0.5), KnownLoadPress(2.0, 6.0), KnownLoadPress(4.0, 1.5), KnownLoadPress(3.0, 9.0)]
     with pytest.raises(ForceScaleImpossible, match="agree on one force scale"):
         fit_force_scale(presses)
+
+
+def test_a_scale_that_could_not_be_read_again_is_refused() -> None:
+    """The power 4.5 of the load fits these presses, and the bounds of force.toml would refuse it."""
+    estimated_and_weighed_n = ((1.0, 0.21), (1.01, 0.215), (2.02, 9.9), (2.05, 10.0))
+    with pytest.raises(ForceScaleImpossible, match=r"got the power 4\.5; check that each image belongs to its weight"):
+        fit_force_scale([KnownLoadPress(*press) for press in estimated_and_weighed_n])

@@ -8,7 +8,12 @@ from linear_model import SMALL, a_card, linear_model
 
 from ninedtact.design import Gel
 from ninedtact.force.network_force import ModelNeedsSensorFeatures, NetworkForce
-from ninedtact.force.network_input import TYPICAL_FEATURES, InputChannels, NetworkInputSettings
+from ninedtact.force.network_input import (
+    TYPICAL_FEATURES,
+    InputChannels,
+    NetworkInputBuilder,
+    NetworkInputSettings,
+)
 from ninedtact.force.onnx_model import SHIPPED_MODEL, parse_force_model, read_force_model
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified, Wrench
 from ninedtact.reading import Reading
@@ -73,6 +78,36 @@ def test_two_results_share_no_memory() -> None:
     first = network.estimate(reading(0.0))
     first.std[:] = 9
     assert network.estimate(reading(0.0)).std[0] != 9
+
+
+class OverlappedNetworkForce(NetworkForce):
+    """Is told by another thread to forget what it has just remembered."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        super().__setattr__(name, value)
+        if name == "_no_contact_std" and value is not None:
+            self.forget()
+
+
+class OverlappedInput(NetworkInputBuilder):
+    """Is given another reference by another thread as soon as it remembers the first one."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        super().__setattr__(name, value)
+        if name == "_reader" and getattr(value, "reference", None) is GREY[0]:
+            self.of_image(GREY[1], GREY[1])
+
+
+GREY = [Rectified(np.full((ROWS, COLS), grey, np.float32), MM_PER_PX) for grey in (100, 200)]
+
+
+def test_two_threads_that_share_a_network_do_not_share_references() -> None:
+    shared = estimator()
+    overlapped = OverlappedNetworkForce(shared.model, shared.gel)
+    np.testing.assert_array_equal(overlapped.estimate(reading(0.0)).std, shared.estimate(reading(0.0)).std)
+    builder = OverlappedInput(NetworkInputSettings(InputChannels.DEFORMATION, ROWS, COLS, MM_PER_PX))
+    darker, _, reference = builder.of_image(replace(GREY[0], grey=GREY[0].grey - 10), GREY[0])
+    assert (darker == 10).all() and (reference == 100).all()
 
 
 def test_a_model_with_sensor_features_refuses_to_run_without_them() -> None:

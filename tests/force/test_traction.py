@@ -1,5 +1,7 @@
 """Laws of force without training, on heights and on light that the contact mechanics made."""
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import lru_cache
 
@@ -8,6 +10,7 @@ import pytest
 
 from ninedtact.design import Gel
 from ninedtact.force.traction.brightness_from_traction import COMPLIANT_BASE
+from ninedtact.force.traction.cell_grid import cell_grid_over_image
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force
 from ninedtact.force.traction.observation import (
     BrightnessObservationModel,
@@ -208,6 +211,45 @@ def lit(contact: Contact) -> Reading:
     before = Rectified(np.full(WIDE, 150, np.float32), PX_MM)
     after = Rectified((150 * (1 + seen)).astype(np.float32), PX_MM)
     return Reading(FRAME, after, replace(true, z_mm=read_mm), reference=before)
+
+
+class OverlappedLoss(GlobalDimmingModel):
+    """Lets another thread work on another reading in the middle of an observation."""
+
+    def __call__(self, grey: np.ndarray, reference: np.ndarray) -> float:
+        if OTHER_WORK:
+            with ThreadPoolExecutor(1) as other:
+                other.submit(OTHER_WORK.pop()).result()
+        return 0.0
+
+
+class OverlappedForce(TractionForce):
+    """Lets another thread work on another reading as soon as the result of an inversion is remembered."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        super().__setattr__(name, value)
+        if name == "last" and value is not None and OTHER_WORK:
+            with ThreadPoolExecutor(1) as other:
+                other.submit(OTHER_WORK.pop()).result()
+
+
+OTHER_WORK: list[Callable[[], object]] = []
+
+
+def test_two_threads_that_share_an_estimator_get_the_answers_of_their_own_images() -> None:
+    one = lit(dragged())
+    assert one.reference is not None
+    dim = replace(one, reference=replace(one.reference, grey=one.reference.grey * np.float32(0.7)))
+    model = BrightnessObservationModel(CURVE, OverlappedLoss(), 0.5)
+    cells = cell_grid_over_image(WIDE, PX_MM, GEL.thickness_mm)
+    alone = model.observe(one, cells).change
+    OTHER_WORK.append(lambda: model.observe(dim, cells))
+    np.testing.assert_array_equal(model.observe(one, cells).change, alone)
+    force, expected = OverlappedForce(HeightObservationModel(), GEL), by_height(solver=SolverSettings())
+    OTHER_WORK.append(lambda: force.estimate(reading(noisy(contact=dragged(-3.0, 2.0, -0.7)))))
+    six = force.estimate(reading(noisy())).wrench.six
+    np.testing.assert_array_equal(six, expected.estimate(reading(noisy())).wrench.six)
+    assert not OTHER_WORK
 
 
 def test_the_inversion_of_light_that_saturates_with_depth_converges() -> None:

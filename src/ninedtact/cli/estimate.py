@@ -27,6 +27,14 @@ class InvalidEstimateSource(InputError):
     """What was named cannot be estimated: nothing, several things that are not images, or images without a reference image."""
 
 
+class InvalidTorquePoint(InputError):
+    """The point that torques are to be about is no point near the sensor."""
+
+
+_MAX_ARM_MM = 1e6
+"""Largest coordinate of the point that torques are about."""
+
+
 @dataclass(frozen=True)
 class Estimate:
     """Estimate the six-axis force on the skin from images, a video or a recording. Live: ninedtact live --force."""
@@ -57,6 +65,7 @@ class Estimate:
         """
         from ninedtact.errors import CameraError, FileFormatError
 
+        self._require_torque_point()
         with given_or_recorded_sensor(self.sensor, self.source[0] if self.source else "") as folder:
             from ninedtact.force.estimator_loading import load_estimator
 
@@ -82,6 +91,13 @@ class Estimate:
         if damage is not None:
             print_notice(f"{damage} ({len(found)} images were estimated)")
         return 0 if damage is None else 1
+
+    def _require_torque_point(self) -> None:
+        """Raise `InvalidTorquePoint` for a point with a coordinate that is no number, or beyond all arms."""
+        if not all(abs(coordinate) <= _MAX_ARM_MM for coordinate in self.about_mm):
+            raise InvalidTorquePoint(
+                f"expected --about-mm X Y Z of at most {_MAX_ARM_MM:g} mm each, got {self.about_mm}; 0 0 0 is the skin's centre"
+            )
 
     def readings(self, folder: "SensorFolder", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image."""
@@ -116,7 +132,7 @@ class Estimate:
         ) as sensor:
             for fault in sensor.reference_faults:
                 print_notice(f"the reference image is doubtful; {fault}")
-            for name, reading in _iterate_named_readings(self.source, sensor):
+            for name, reading in _iterate_named_readings(self.source, frames, sensor):
                 if self.images_are_separate and reading.reference is not None:
                     require_plausible_image(name, reading.rectified, reading.reference, reading.height)
                 yield name, reading
@@ -173,10 +189,18 @@ def _is_image(text: str) -> bool:
     return text.lower().endswith((".png", ".jpg", ".jpeg", ".bmp"))
 
 
-def _iterate_named_readings(source: tuple[str, ...], sensor: "Sensor") -> "Iterator[tuple[str, Reading]]":
-    """Yield every reading with its name: the file of a single image, or the number of a frame."""
+def _iterate_named_readings(
+    source: tuple[str, ...], frames: "FrameSource", sensor: "Sensor"
+) -> "Iterator[tuple[str, Reading]]":
+    """Yield every reading with its name: the file of an image, also of one in a folder, or the number of a frame."""
+    from ninedtact.capture.image_and_video_files import ImageFolder
+
     for number, reading in enumerate(sensor):
-        yield (source[number] if _is_image(source[0]) else str(reading.frame.index)), reading
+        if _is_image(source[0]):
+            yield source[number], reading
+        else:
+            index = reading.frame.index
+            yield str(frames.images[index] if isinstance(frames, ImageFolder) else index), reading
 
 
 def _write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:

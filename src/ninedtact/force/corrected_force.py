@@ -14,7 +14,11 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.force.network_force import STD_PER_LAPLACE_SCALE, is_wrench_beyond_training
+from ninedtact.force.network_force import (
+    STD_PER_LAPLACE_SCALE,
+    is_wrench_beyond_training,
+    move_prediction_to_skin_centre,
+)
 from ninedtact.force.network_input import NetworkInputBuilder, SensorFeatures
 from ninedtact.force.onnx_model import ForceModel
 from ninedtact.force.out_of_distribution import training_range_membership
@@ -61,11 +65,13 @@ class NetworkCorrectedForce(ForceEstimator):
         self.physics.forget()
 
     def _correction(self, reading: Reading, physics: WrenchEstimate) -> tuple[float, Six, Six]:
-        """Return how far the network is to be trusted (0 to 1), its correction of the wrench, and its standard deviation."""
+        """Return how far the network is to be trusted (0 to 1), its correction of the wrench about the skin's centre, and the
+        standard deviation of this correction."""
         assert physics.traction is not None
         card, modulus_mpa = self.model.card, self.physics.gel.shear_modulus_mpa
         inputs = self.input.of_physics(reading.height, physics.traction, modulus_mpa)
-        prediction, unit = self.model(inputs[None]), modulus_mpa / card.modulus_mpa
+        prediction = move_prediction_to_skin_centre(self.model(inputs[None]), card.about_mm)
+        unit = modulus_mpa / card.modulus_mpa
         is_foreign = EstimateWarning.NOT_CONVERGED in physics.warnings or is_wrench_beyond_training(
             physics.wrench.six / unit, card
         )

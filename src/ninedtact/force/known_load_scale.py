@@ -31,6 +31,8 @@ from ninedtact.reading import Reading
 
 FEWEST = 2
 FEWEST_FOR_CURVE = 4
+_MAX_EXPONENT = 3.0
+"""Largest magnitude of the exponent of the load; a larger one means that images or weights were exchanged."""
 WIDEST_FACTOR = 5.0
 """Largest ratio between known and estimated load, in either direction; a larger one means a wrong unit or a wrong sensor."""
 CURVE_MUST_GAIN = 0.8
@@ -73,7 +75,7 @@ class ForceScale:
     """Factor by which a sensor's estimated wrenches are multiplied, as a function of the load; the default is a factor of one."""
 
     factor: Annotated[float, Meta(ge=1 / WIDEST_FACTOR, le=WIDEST_FACTOR)] = 1.0
-    curve: Annotated[float, Meta(ge=-3, le=3)] = 0.0
+    curve: Annotated[float, Meta(ge=-_MAX_EXPONENT, le=_MAX_EXPONENT)] = 0.0
     """Exponent c of the load, with which the factor changes."""
     about_n: Annotated[float, Meta(ge=1e-3, le=1e3)] = 1.0
     """Load F_0 at which the factor is `factor`."""
@@ -197,6 +199,11 @@ def fit_force_scale(presses: Sequence[KnownLoadPress]) -> ForceScaleFit:
         raise ForceScaleImpossible(
             f"expected presses that agree on one force scale to {_MAX_ERROR:.0%}, got a scatter of {error:.0%}; check that each "
             "image belongs to its weight, and that the scale was set to zero with the sensor on it"
+        )
+    if abs(curve) > _MAX_EXPONENT:
+        raise ForceScaleImpossible(
+            f"expected a factor that changes at most with the power {_MAX_EXPONENT:g} of the load, got the power {curve:.1f}; "
+            "check that each image belongs to its weight"
         )
     found = ForceScale(float(np.exp(factor)), float(curve), about, error, len(presses))
     return ForceScaleFit(found, rms(wanted), by_factor, by_curve)

@@ -96,12 +96,13 @@ class NetworkForce(ForceEstimator):
 
     def no_contact_std(self, reading: Reading) -> Float64[Array, "6"]:
         """Return the network's standard deviation where nothing touches, computed at the first call."""
-        if self._no_contact_std is None:
+        std = self._no_contact_std
+        if std is None:
             flat = replace(reading.height, z_mm=np.zeros_like(reading.height.z_mm))
             rectified = reading.rectified if reading.reference is None else reading.reference
             inputs = self.input(replace(reading, height=flat, rectified=rectified))
-            self._no_contact_std = STD_PER_LAPLACE_SCALE * self.estimate_many(inputs[None]).scale[0]
-        return self._no_contact_std.copy()
+            self._no_contact_std = std = STD_PER_LAPLACE_SCALE * self.estimate_many(inputs[None]).scale[0]
+        return std.copy()
 
     def forget(self) -> None:
         """Forget the standard deviation without contact; readings are estimated one by one."""

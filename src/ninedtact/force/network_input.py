@@ -220,9 +220,10 @@ class NetworkInputBuilder:
 
     def of_image(self, rectified: Rectified, reference: Rectified) -> Float32[Array, "channels rows cols"]:
         """Return the input for an image and its reference, resized whole to the network's size; raises `ImagesDoNotMatch`."""
-        if self._reader is None or self._reader.reference is not reference:
-            self._reader = DeformationBuilder(reference, (self.settings.rows, self.settings.cols))
-        return deformation_network_input(self._reader(rectified), self.settings.channels.layout)
+        reader = self._reader
+        if reader is None or reader.reference is not reference:
+            self._reader = reader = DeformationBuilder(reference, (self.settings.rows, self.settings.cols))
+        return deformation_network_input(reader(rectified), self.settings.channels.layout)
 
 
 def tractions_over_shear_modulus(

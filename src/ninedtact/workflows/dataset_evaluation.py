@@ -68,7 +68,7 @@ def predict_dataset(
     """Return the estimator's wrenches for a data set beside the true ones, torques about the skin's centre.
 
     workers: number of processes that calibrate simulated sensors and estimate, or a cluster. notify: receives a sentence about each
-    sensor whose pairs are left out. Raises what estimators and data sets raise.
+    sensor whose pairs are left out, and about images from which nothing is estimated. Raises what estimators and data sets raise.
     """
     _estimators.clear()  # a model file may have been written anew since the last evaluation in this process
     known = load_dataset_sensors(data, settings.sensors, workers, progress)
@@ -88,6 +88,10 @@ def predict_dataset(
             groups[number] = group
             bar.update(len(group))
     pairs = [pair for number in sorted(groups) for pair in groups[number]]
+    if refused := sum(pair.is_refused for pair in pairs):
+        notify(
+            f"nothing is estimated from {refused} of {len(pairs)} images, which no press can cause; they count as zero"
+        )
     columns = [pair.truth for pair in pairs], [pair.wrench for pair in pairs], [pair.std for pair in pairs]
     six = [np.array(column, float).reshape(-1, 6) for column in columns]
     objects, names = [pair.object for pair in pairs], [pair.sensor for pair in pairs]
@@ -105,6 +109,8 @@ class _EstimatedPair:
     std: Any
     object: str
     sensor: str
+    is_refused: bool
+    """Whether no press can cause the image, so that nothing is estimated from it."""
 
 
 def _select(names: Collection[str], all_of: Mapping[str, _Value]) -> dict[str, _Value]:
@@ -142,7 +148,10 @@ def _estimate_pairs(
         estimator = _estimators[key]
         estimator.forget()
         estimate = estimator.estimate(pair.reading)
-        pairs.append(_EstimatedPair(pair.wrench, estimate.wrench.six, estimate.std, pair.object, pair.sensor))
+        is_refused = bool(pair.reading.image_warnings)
+        pairs.append(
+            _EstimatedPair(pair.wrench, estimate.wrench.six, estimate.std, pair.object, pair.sensor, is_refused)
+        )
     return pairs
 
 

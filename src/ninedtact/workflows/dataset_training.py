@@ -3,28 +3,37 @@
 A data set, training settings and a fraction to hold out go in; the folder of `train_network` with the model comes out.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
+from ninedtact.dataset.folder import DatasetFolder
 from ninedtact.dataset.height_cache import load_height_pairs
-from ninedtact.dataset.reader import load_dataset
+from ninedtact.dataset.reader import load_dataset, read_pair_columns
 from ninedtact.design import Gel
-from ninedtact.force.dataset_split import NO_OBJECT, SplitKeys, SplitRows, SplitSettings, read_split, split_dataset
+from ninedtact.force.dataset_split import (
+    NO_OBJECT,
+    SplitImpossible,
+    SplitKeys,
+    SplitRows,
+    SplitSettings,
+    read_split,
+    split_dataset,
+)
 from ninedtact.force.network_input import NetworkInputSettings, scale_input_settings_to_width, sensor_features_of
 from ninedtact.force.training.examples import TrainingExamples
 from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
 from ninedtact.force.training.train import TrainingResult, train_network
-from ninedtact.simulation.sensor_population import SampledSensor
 from ninedtact.workflows.dataset_calibrations import load_dataset_sensors, load_simulated_sensors
 
 
 @dataclass(frozen=True)
 class HeldOutSettings:
-    """Which pairs are held out of the training; the best epoch is chosen by them."""
+    """Which pairs are held out of the training; the best epoch is chosen by them. Raises `SplitImpossible`."""
 
     kind: Literal["sensor_and_object", "object", "sensor", "standard"] | None = None
     """Kind of the split; None: by objects and sensors, or by objects alone where there is one sensor."""
@@ -34,9 +43,22 @@ class HeldOutSettings:
     """Split file whose training part is divided; its test part is not used at all."""
     seed: int = 0
 
-    def rows(self, ids: Sequence[str], examples: TrainingExamples) -> SplitRows:
-        """Return the rows for training and for validation; raises `SplitImpossible`, `SplitFileUnusable`."""
-        train = np.arange(len(ids)) if self.split is None else read_split(self.split).rows(ids).train
+    def __post_init__(self) -> None:
+        if not 0 < self.fraction < 1:
+            raise SplitImpossible(
+                f"expected a fraction between 0 and 1 to hold out, got {self.fraction:g}; hold out 0.1 of the objects or sensors"
+            )
+
+    def rows(self, ids: Sequence[str], examples: TrainingExamples, all_ids: Sequence[str] | None = None) -> SplitRows:
+        """Return the rows for training and for validation; raises `SplitImpossible`, `SplitFileUnusable`.
+
+        all_ids: ids of the whole data set, which a split file is of, where some of its pairs are no examples.
+        """
+        train = np.arange(len(ids))
+        if self.split is not None:
+            split = read_split(self.split)
+            split.rows(ids if all_ids is None else all_ids)
+            train = np.flatnonzero(np.isin(np.asarray(ids, dtype=str), split.train))
         names, objects, sensors = (
             np.asarray(column)[train].tolist() for column in (ids, examples.objects, examples.sensors)
         )
@@ -72,7 +94,8 @@ def train_on_dataset(
     Raises what `load_dataset_sensors`, the data set, the split and `train_network` raise.
     """
     examples, ids = read_training_examples(data, settings.input, sensors, workers, progress, notify)
-    rows = held_out.rows(ids, examples)
+    all_ids = ids if held_out.split is None else read_pair_columns(data)["id"].to_pylist()
+    rows = held_out.rows(ids, examples, all_ids)
     return train_network(examples, rows, settings, out, name=name, licence=licence, machine=machine, progress=progress)
 
 
@@ -84,12 +107,13 @@ def read_training_examples(
     progress: bool = False,
     notify: Callable[[str], None] = lambda _: None,
 ) -> tuple[TrainingExamples, Sequence[str]]:
-    """Read examples and their ids; wrenches of simulated sensors are scaled to the design's shear modulus."""
+    """Read examples and their ids; wrenches are scaled from the shear modulus of each sensor's gel to that of the design."""
     if grid.channels.of_heights:
         examples, ids = _read_height_examples(data, grid, sensors, workers, progress, notify)
     else:
         examples, ids = _read_image_examples(data, grid, workers, progress)
-    return _scale_simulated_wrenches(examples, load_simulated_sensors(data)), ids
+    usual, moduli = Gel().shear_modulus_mpa, _gel_moduli_mpa(data, sensors)
+    return examples.scale_to_design_modulus(np.array([moduli.get(name, usual) for name in examples.sensors])), ids
 
 
 def _read_height_examples(
@@ -135,11 +159,15 @@ def _read_image_examples(
     return examples, pairs.ids.tolist()
 
 
-def _scale_simulated_wrenches(examples: TrainingExamples, members: Mapping[str, SampledSensor]) -> TrainingExamples:
-    """Scale wrenches of simulated sensors to the design's shear modulus; those of real sensors stay as measured."""
-    usual = Gel().shear_modulus_mpa
-    moduli = {name: member.gel.shear_modulus_mpa for name, member in members.items()}
-    return examples.scale_to_design_modulus(np.array([moduli.get(name, usual) for name in examples.sensors]))
+def _gel_moduli_mpa(data: Path, sensors: Path | None) -> dict[str, float]:
+    """Return the shear modulus of each sensor's gel: the true one of a simulated sensor, that of its sensor folder for a real one.
+
+    A force model multiplies by the modulus of the sensor folder, so that a real sensor's wrenches are divided by it first.
+    """
+    folders = (DatasetFolder(data).sensor_folders if sensors is None else sensors).glob(f"*/{SENSOR_FILE}")
+    simulated = {name: member.gel.shear_modulus_mpa for name, member in load_simulated_sensors(data).items()}
+    real = [file.parent for file in folders if file.parent.name not in simulated]
+    return {**simulated, **{folder.name: load_sensor(folder).gel.shear_modulus_mpa for folder in real}}
 
 
 def match_input_width_to_dataset(settings: TrainingSettings, data: Path) -> TrainingSettings:

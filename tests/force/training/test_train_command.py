@@ -24,6 +24,7 @@ from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
 from ninedtact.force.brightness_channels import to_whole_grey_levels
+from ninedtact.force.dataset_split import SplitKeys, SplitSettings, split_dataset, write_split
 from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.force.network_input import (
     InputChannels,
@@ -38,6 +39,7 @@ from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.simulation.sensor_population import sample_sensor
 from ninedtact.workflows.dataset_calibrations import DatasetSensors, calibrate_simulated_sensors, load_dataset_sensors
+from ninedtact.workflows.dataset_training import read_training_examples
 
 MM_PER_PX = 0.0522
 GRID = NetworkInputSettings(InputChannels.HEIGHTS_AND_GEL, 16, 24, 1.0)
@@ -157,6 +159,69 @@ def test_a_corrector_of_physics_is_trained_and_used(
     assert estimator.estimate(reading).touching
 
 
+def test_an_image_that_no_press_can_cause_is_reported_and_its_predictions_can_be_read_again(
+    folder: Path, physics_sensors: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dark = tmp_path / "pairs"
+    shutil.copytree(folder, dark, ignore=shutil.ignore_patterns("cache"))
+    rows = [row_of(number, 3, (460, 345)) for number in range(24)]
+    rows[5] = replace(rows[5], image=png(np.zeros((345, 460), np.uint8)))
+    for part in range(2):
+        write_pair_file(dark / "data" / f"train-0000{part}-of-00002.parquet", rows[part::2])
+    given = ["--data", str(dark), "--sensors", str(physics_sensors), "--workers", "1"]
+    assert main(["evaluate", *given, "--out", str(tmp_path / "out"), "--json"]) == 0
+    printed = capsys.readouterr()
+    assert "nothing is estimated from 1 of 24 images" in printed.err
+    assert None not in json.loads(printed.out)["coverage"]["90"]
+    read = ["--predictions", str(tmp_path / "out" / "predictions.csv"), "--predictions-about-mm", "0", "0", "0"]
+    assert main(["evaluate", *read, "--trust-units", "--json"]) == 0
+    kept = json.loads(capsys.readouterr().out)
+    assert {**kept, "files": {}} == {**json.loads(printed.out), "files": {}}
+
+
+def test_a_split_of_the_whole_data_set_also_holds_where_pairs_are_left_out(
+    folder: Path, physics_sensors: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A model that corrects physics learns nothing from pairs in which physics finds no contact."""
+    untouched = tmp_path / "pairs"
+    shutil.copytree(folder, untouched, ignore=shutil.ignore_patterns("cache"))
+    rows = [row_of(number, 3, (460, 345)) for number in range(24)]
+    rows[:4] = [replace(row, image=png(image_of(0, 99))) for row in rows[:4]]
+    for part in range(2):
+        write_pair_file(untouched / "data" / f"train-0000{part}-of-00002.parquet", rows[part::2])
+    ids = [row.id for row in rows]
+    split = split_dataset(SplitKeys(ids, [row.object for row in rows]), SplitSettings("object", objects=1))
+    write_split(tmp_path / "split.json", split)
+    given = ["--data", str(untouched), "--sensors", str(physics_sensors), "--split", str(tmp_path / "split.json")]
+    options = [*given, "--out", str(tmp_path / "out"), "--preset", "corrector", "--held-out", "object"]
+    size = ("--size", "24", "16", "--epochs", "1", "--batch", "8")
+    assert main(["train", *options, *size, "--json", *ON_CPU]) == 0
+    found = json.loads(capsys.readouterr().out)
+    left = set(split.train) - set(ids[:4])
+    assert found["pairs"] + found["held_out"]["pairs"] == len(left) < len(split.train)
+    assert set(found["held_out"]["by_object"]) < {"thing_0", "thing_1", "thing_2"} - set(split.held_out_objects)
+    other = replace(split, train=(*split.train, "another"))
+    write_split(tmp_path / "split.json", other)
+    assert "expected the 25 pairs of the split" in told(capsys, [*options, *size])
+
+
+@pytest.mark.parametrize("channels", [InputChannels.HEIGHTS_AND_SENSOR, InputChannels.DEFORMATION])
+def test_a_model_of_a_real_sensor_returns_the_forces_that_were_measured(
+    channels: InputChannels, folder: Path, sensors: Path, tmp_path: Path
+) -> None:
+    """A model multiplies by the modulus of the sensor's folder, whatever it is."""
+    stiff = tmp_path / "sensors"
+    shutil.copytree(sensors, stiff)
+    settings = stiff / "b" / "sensor.toml"
+    settings.write_text(settings.read_text().replace("shear_modulus_mpa = 0.093", "shear_modulus_mpa = 0.186"))
+    moduli = {name: load_sensor(stiff / name).gel.shear_modulus_mpa for name in "ab"}
+    assert moduli == {"a": 0.093, "b": 0.186}
+    examples, ids = read_training_examples(folder, replace(GRID, channels=channels), stiff)
+    for wrench, name, of in zip(examples.wrench, ids, examples.sensors, strict=True):
+        measured = row_of(int(name), 3, (8, 8)).wrench
+        np.testing.assert_allclose(wrench * moduli[of] / Gel().shear_modulus_mpa, measured, rtol=1e-6)
+
+
 def test_a_reading_that_was_stopped_goes_on(folder: Path, sensors: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calibrated = load_dataset_sensors(folder, sensors, 1, progress=False).by_name
     whole = load_height_pairs(folder, calibrated, GRID.grid)
@@ -211,6 +276,8 @@ def test_what_cannot_be_learnt_from_is_refused_in_a_sentence(
     given = ["--data", str(folder), *out, "--sensors", str(tmp_path)]
     assert "multiples of 4" in told(capsys, [*given, "--size", "30", "20"])
     assert "one of moments" in told(capsys, [*given, "--network", "alexnet"])
+    for fraction in ("nan", "-0.1", "1"):
+        assert "a fraction between 0 and 1" in told(capsys, [*given, "--held-out-fraction", fraction])
     assert not (tmp_path / "out").exists()
 
 

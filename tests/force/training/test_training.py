@@ -17,7 +17,7 @@ from ninedtact.force.network_input import InputChannels
 from ninedtact.force.networks import WrenchNetwork
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact.force.training import train as fitting
-from ninedtact.force.training.augmentation import NO_AUGMENTATION
+from ninedtact.force.training.augmentation import NO_AUGMENTATION, GeometricAugmentation
 from ninedtact.force.training.error_scale_and_model_card import TrainedNetwork
 from ninedtact.force.training.examples import ExamplesUnusable, TrainingExamples, move_examples_to_torque_point
 from ninedtact.force.training.onnx_export import rewrite_card
@@ -155,6 +155,31 @@ def test_gone_on_with_after_a_stop_it_learns_the_same(
         assert torch.equal(part, again.state_dict()[name]), name
 
 
+def test_the_best_epoch_stays_the_best_where_the_folder_is_moved_between_two_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings, step = toy_settings(schedule="constant"), ForceTrainingModule.training_step
+
+    def worse_in_the_end(self: ForceTrainingModule, batch: object, number: int) -> torch.Tensor:
+        if self.current_epoch == 2 and number == 1 and stops:
+            raise KeyboardInterrupt
+        return step(self, batch, number) * (1 if self.current_epoch < 2 else -1)
+
+    stops = False
+    monkeypatch.setattr(ForceTrainingModule, "training_step", worse_in_the_end)
+    whole, rows = fitted(tmp_path / "whole", settings)
+    stops = True
+    with pytest.raises(TrainingStopped):
+        fitted(tmp_path / "stopped", settings)
+    (tmp_path / "stopped").rename(tmp_path / "moved")
+    stops = False
+    again, rows_again = fitted(tmp_path / "moved", settings)
+    assert rows_again == rows and min(rows, key=lambda row: row["val_loss"])["epoch"] <= 2
+    for name, part in weights_of(whole).items():
+        assert torch.equal(part, again.state_dict()[name]), name
+    assert not (tmp_path / "stopped").exists()
+
+
 def test_half_precision_is_not_for_labels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings, seen = toy_settings(augmentation=NO_AUGMENTATION), []
     monkeypatch.setattr(
@@ -167,6 +192,28 @@ def test_half_precision_is_not_for_labels(tmp_path: Path, monkeypatch: pytest.Mo
     fit_network(learner, of_heights(), ROWS, tmp_path, ComputeSettings(accelerator="cpu", precision="bf16-mixed"))
     known = {tuple(six) for six in of_heights().wrench.tolist()}
     assert {tuple(six) for six in torch.cat(seen).tolist()} <= known
+
+
+def test_examples_are_mirrored_about_the_centre_of_the_skin_wherever_their_torques_are_about(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    about_mm, seen = (10.0, -5.0, -35.0), []
+    mirrored = replace(NO_AUGMENTATION, geometric=GeometricAugmentation(transformed_share=0))
+    settings = replace(toy_settings(augmentation=mirrored, about_mm=about_mm), epochs=1)
+    monkeypatch.setattr(
+        "ninedtact.force.training.training_module.compute_batch_loss",
+        lambda answer, wrench, unit: seen.append(wrench) or compute_batch_loss(answer, wrench, unit),
+    )
+    examples = move_examples_to_torque_point(of_heights(), about_mm)
+    module = ForceTrainingModule(settings, fit_label_scaling(examples.wrench[ROWS.train], settings))
+    fit_network(module, examples, ROWS, tmp_path, CPU)
+    six = torch.cat(seen).numpy()
+    moved = replace(of_heights(), wrench=np.resize(six, (PAIRS, 6)))
+    at_centre = move_examples_to_torque_point(moved, (-10.0, 5.0, 35.0)).wrench
+    # The force of a dent is proportional to its place, in a mirror image too: T_y = −x F_z = 20 mm F_x, T_x = y F_z = −10 mm F_y.
+    assert np.ptp(np.sign(six[:, 0])) == 2
+    np.testing.assert_allclose(at_centre[:, 4], 0.02 * at_centre[:, 0], atol=1e-6)
+    np.testing.assert_allclose(at_centre[:, 3], -0.01 * at_centre[:, 1], atol=1e-6)
 
 
 def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
@@ -228,6 +275,11 @@ def test_labels_that_are_no_numbers_are_refused() -> None:
 def test_another_training_in_the_same_folder_is_refused(trained: TrainingResult, tmp_path: Path) -> None:
     with pytest.raises(TrainingFolderTaken, match="another settings"):
         train_network(of_heights(), ROWS, toy_settings(seed=1), trained.path.parent, machine=CPU)
+    heights = of_heights()
+    features = np.full((PAIRS, 5), 0.1, np.float32)
+    for other in (replace(heights, images=2 * heights.images), replace(heights, sensor_features=features)):
+        with pytest.raises(TrainingFolderTaken, match="another examples"):
+            train_network(other, ROWS, toy_settings(), trained.path.parent, machine=CPU)
     (tmp_path / "something").write_text("else")
     with pytest.raises(TrainingFolderTaken, match="something else"):
         train_network(of_heights(), ROWS, toy_settings(), tmp_path, machine=CPU)

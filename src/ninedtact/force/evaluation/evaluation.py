@@ -124,7 +124,7 @@ class IntervalCoverage:
 
     share: float
     covered: Six
-    """Part of the pairs whose truth lies in the interval; NaN for an axis without a claimed standard deviation."""
+    """Part of the pairs with a claimed standard deviation whose truth lies in the interval; NaN for an axis without any."""
 
 
 @dataclass(frozen=True)
@@ -265,15 +265,15 @@ def _interval_coverage(predictions: WrenchPredictions) -> tuple[IntervalCoverage
 def interval_coverage(predictions: WrenchPredictions, share: float) -> Six:
     """Return the part of the pairs whose truth lies in the central interval of this share, by axis.
 
-    Pairs without contact for which exactly zero is predicted are left out, because they are always covered.
+    Pairs without contact for which exactly zero is predicted are left out, because they are always covered. So are, on each axis,
+    pairs without a claimed standard deviation.
     """
     assert predictions.std is not None
-    counts = predictions.truth.any(1) | predictions.predicted.any(1)
-    if not counts.any():
-        return np.full(6, np.nan)
-    half_width = predictions.distribution.half_width(share) * predictions.std[counts]
-    inside = (np.abs(predictions.error[counts]) <= half_width).mean(0)
-    return np.where(np.isnan(half_width).any(0), np.nan, inside)
+    is_force = np.concatenate([predictions.truth, predictions.predicted], axis=1).any(axis=1, keepdims=True)
+    counts = is_force & ~np.isnan(predictions.std)
+    half_width = predictions.distribution.half_width(share) * predictions.std
+    inside = counts & (np.abs(predictions.error) <= half_width)
+    return _ratio(inside.sum(0).astype(float), counts.sum(0).astype(float))
 
 
 def _groups_to_json(groups: Iterable[GroupScores]) -> dict[str, Any]:

@@ -4,8 +4,8 @@ their form as CSV files.
     object,sensor,Fx_N,…,Fz_N,Tx_Nm,…,Tz_Nm,pFx,…,pTz,eFx,…,eTz
 
 Each row of a file holds the six true numbers, the six predicted ones (`p…`) and, optionally, the six claimed standard
-deviations of the predictions (`e…`), in N and N·m. `object` and `sensor` are optional. Other columns are ignored, and the order
-is free.
+deviations of the predictions (`e…`), in N and N·m. A standard deviation is `nan` where none is claimed. `object` and `sensor` are
+optional. Other columns are ignored, and the order is free.
 """
 
 import csv
@@ -69,7 +69,7 @@ class WrenchPredictions:
     truth: Wrenches
     predicted: Wrenches
     std: Wrenches | None = None
-    """Standard deviations that the predictions claim; NaN where none is claimed for an axis."""
+    """Standard deviations that the predictions claim; NaN where none is claimed."""
     distribution: ErrorDistribution = ErrorDistribution.GAUSSIAN
     """Distribution of which `std` are the standard deviations."""
     objects: Sequence[str] | None = None
@@ -270,14 +270,14 @@ def _parse_columns(
 def _parse_cells(
     path: Path, columns: dict[str, tuple[str, ...]], names: Sequence[str], lines: Sequence[int]
 ) -> Iterator[float]:
-    """Parse columns cell by cell, to name the line that is wrong. A standard deviation may be infinite."""
+    """Parse columns cell by cell, to name the line that is wrong. A standard deviation may be infinite, or NaN (not claimed)."""
     for name in names:
         for line, cell in zip(lines, columns[name], strict=True):
             try:
                 value = float(cell)
             except ValueError:
                 _refuse_line(path, line, f"expected a number in column {name}, got {cell[:40]!r}")
-            if not (isfinite(value) or (name in _STD and value == np.inf)):
+            if not (isfinite(value) or (name in _STD and value != -np.inf)):
                 _refuse_line(path, line, f"expected a finite number in column {name}, got {cell}")
             yield value
 

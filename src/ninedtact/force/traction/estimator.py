@@ -92,8 +92,8 @@ class TractionForce(ForceEstimator):
             return WrenchEstimate(
                 zero_wrench(reading.frame.stamp_ns), diagonal_covariance(NO_CONTACT_STD), touching=False
             )
-        self.last = inversion.invert(observation, region, self.last)
-        return self._to_estimate(reading, observation, self.last)
+        self.last = result = inversion.invert(observation, region, self.last)
+        return self._to_estimate(reading, observation, result)
 
     def _find_region(self, observation: ObservationOnCells) -> Float32[Array, "rows cols"] | None:
         """Return where pressure may act, None where nothing touches."""

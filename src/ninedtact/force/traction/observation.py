@@ -140,10 +140,13 @@ class BrightnessObservationModel(ObservationModel):
 
     def _relative_change(self, image: Rectified, reference: Rectified, cells: CellGrid) -> View:
         """Return the relative change of brightness of every cell, corrected for the global loss of light."""
-        if not self._reference or self._reference[0][0] is not reference or self._reference[0][1].shape != cells.shape:
-            self._reference[:] = [(reference, np.maximum(cells.average(reference.grey), np.float32(1)))]
+        # Another thread may replace the cached reference at any moment.
+        cached = self._reference[0] if self._reference else None
+        if cached is None or cached[0] is not reference or cached[1].shape != cells.shape:
+            cached = reference, np.maximum(cells.average(reference.grey), np.float32(1))
+            self._reference[:] = [cached]
         lost = self.loss(image.grey, reference.grey)
-        return cells.average(image.grey) / self._reference[0][1] * np.float32(1 / (1 + lost)) - np.float32(1)
+        return cells.average(image.grey) / cached[1] * np.float32(1 / (1 + lost)) - np.float32(1)
 
     @property
     def curve_error(self) -> float:

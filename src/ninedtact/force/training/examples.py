@@ -149,6 +149,12 @@ class TrainingBatch:
         converted = {name: part.float() for name, part in vars(self).items() if part is not None}
         return replace(self, **converted)
 
+    def about(self, point_mm: tuple[float, float, float]) -> "TrainingBatch":
+        """Return the batch with torques about another point, given from the present one, as `Wrench.about` moves them."""
+        force_n, torque_nm = self.wrench[:, :3], self.wrench[:, 3:]
+        arm_m = (torch.tensor(point_mm).to(force_n) / 1e3).expand_as(force_n)
+        return replace(self, wrench=torch.cat([force_n, torque_nm - torch.linalg.cross(arm_m, force_n)], 1))
+
     def network_input(self, channels: InputChannels) -> Tensor:
         """Return the network's input (n, channels, rows, cols)."""
         if self.references is None:

@@ -8,7 +8,7 @@ model.onnx                 the model with its card, written last
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -20,6 +20,7 @@ import torch
 from lightning import LightningDataModule, Trainer
 from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.loggers import TensorBoardLogger
+from numpy import ndarray as Array
 from torch.utils.data import DataLoader
 
 from ninedtact.atomic_write import FileNotWritten, is_partial_file, write_file_atomically
@@ -56,6 +57,8 @@ from ninedtact.force.training.training_module import (
 _SETTINGS_FILE, MODEL_FILE, _CURVES_FILE, _METRICS_FILE = "settings.json", "model.onnx", "curves.png", "metrics.csv"
 CHECKPOINT_FOLDER, _TENSORBOARD_FOLDER = "checkpoints", "tensorboard"
 _BEST_CHECKPOINT, _LAST_CHECKPOINT = "best", "last"
+_MAX_DIGESTED_IMAGES = 1000
+"""Largest number of images by which a training is recognised."""
 
 
 class TrainingFolderTaken(OutputError):
@@ -108,11 +111,23 @@ def train_network(
 
 
 def _digest_examples(examples: TrainingExamples, rows: SplitRows) -> dict[str, Any]:
-    """Return the number of pairs and a digest of the wrenches, by which a training is continued only with the same examples."""
+    """Return the number of pairs and digests, by which a training is continued only with the same examples.
+
+    Of images, references and tractions, which may be large, at most `_MAX_DIGESTED_IMAGES` each are read.
+    """
+    wrenches = (examples.wrench, rows.train, rows.test)
+    inputs = (examples.images, examples.references, examples.tractions)
+    sampled = (part if part is None else part[:: -(-len(part) // _MAX_DIGESTED_IMAGES)] for part in inputs)
+    others = (*sampled, examples.reference_of, examples.sensor_features, examples.physics)
+    return {"pairs": len(examples), "wrenches": _digest_arrays(wrenches), "inputs": _digest_arrays(others)}
+
+
+def _digest_arrays(arrays: Iterable[Array | None]) -> str:
+    """Return a digest of the numbers of arrays, of which some may be missing."""
     digest = blake2b(digest_size=8)
-    for part in (examples.wrench, rows.train, rows.test):
-        digest.update(np.ascontiguousarray(part).tobytes())
-    return {"pairs": len(examples), "wrenches": digest.hexdigest()}
+    for array in arrays:
+        digest.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
 
 
 def _open_training_folder(out: Path, description: dict[str, Any]) -> None:
@@ -202,7 +217,7 @@ def _build_trainer(
     module: ForceTrainingModule, history: MetricsHistory, out: Path, machine: ComputeSettings, progress: bool
 ) -> Trainer:
     """Return a Lightning trainer that writes to `out` alone."""
-    checkpoints = ModelCheckpoint(
+    checkpoints = _MovableModelCheckpoint(
         out / CHECKPOINT_FOLDER,
         filename=_BEST_CHECKPOINT,
         monitor=MONITORED_METRIC,
@@ -227,6 +242,24 @@ def _build_trainer(
             enable_progress_bar=False,
             enable_model_summary=False,
         )
+
+
+class _MovableModelCheckpoint(ModelCheckpoint):
+    """Lightning's checkpoints of the best and the last epoch, in a folder that may be moved or copied between two runs.
+
+    Lightning itself forgets which epoch was the best when the path of the folder differs.
+    """
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Restore what a checkpoint says of the best epoch, with the paths that its files have now."""
+        paths = ("best_model_path", "kth_best_model_path", "last_model_path")
+        moved = {name: self._present_path(state_dict[name]) for name in paths}
+        scores = {self._present_path(path): score for path, score in state_dict["best_k_models"].items()}
+        super().load_state_dict({**state_dict, **moved, "best_k_models": scores, "dirpath": self.dirpath})
+
+    def _present_path(self, path: str) -> str:
+        """Return the path in the present folder of a checkpoint that was written with another path; empty paths stay empty."""
+        return str(Path(self.dirpath or "", Path(path).name)) if path else path
 
 
 class _ExamplesDataModule(LightningDataModule):

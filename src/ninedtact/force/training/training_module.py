@@ -90,7 +90,7 @@ class ForceTrainingModule(lightning.LightningModule):
         settings = self.settings
         # Labels, and the positions that pixels are resampled from, need full precision.
         with torch.no_grad(), torch.autocast(self.device.type, enabled=False):
-            augmented = settings.augmentation(batch.to_float(), settings.input.mm_per_px, self._batch_generator(number))
+            augmented = self._augment(batch.to_float(), self._batch_generator(number))
             shown = augmented.network_input(settings.input.channels)
         loss = compute_batch_loss(self.model(shown), augmented.wrench, self.model.unit)
         self.log(
@@ -112,6 +112,13 @@ class ForceTrainingModule(lightning.LightningModule):
         self.log_dict(
             {MONITORED_METRIC: loss.absolute_error.mean(), **metrics}, batch_size=len(batch.wrench), sync_dist=True
         )
+
+    def _augment(self, batch: TrainingBatch, generator: torch.Generator) -> TrainingBatch:
+        """Return the batch, randomly changed. Torques are moved to the skin's centre for it, about which images are mirrored."""
+        settings = self.settings
+        x, y, z = settings.about_mm
+        changed = settings.augmentation(batch.about((-x, -y, -z)), settings.input.mm_per_px, generator)
+        return changed.about(settings.about_mm)
 
     def _batch_generator(self, number: int) -> torch.Generator:
         """Return the random generator of one batch; its seed is the same when a training is resumed."""
