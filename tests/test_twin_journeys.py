@@ -77,6 +77,7 @@ BAD = {
     "--object ball:4 --load-n -3": "above zero, got -3 N",
     "--object ball:4 --depth-mm -1": "above zero, got -1 mm deep",
     "--object ball:4 --depth-mm nan": "above zero, got nan",
+    "--object ball:4 --depth-mm 1 --seed -1": "expected a seed of zero or more, got -1",
     "--object ball:4": "expected a depth or a load, got neither",
     "--object ball:4 --depth-mm 1 --load-n 3": "expected a depth or a load, got both",
     "--object ball:4 --depth-mm 1 --tilt-deg 80 0": "turn the object itself",

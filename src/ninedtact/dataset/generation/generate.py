@@ -178,13 +178,18 @@ def _session_objects(settings: GenerationSettings, session: int) -> Iterator[str
 
 
 def _session_quotas(number: int, settings: GenerationSettings) -> dict[str, int]:
-    """Return how many pairs of each kind a session makes, such that the shares hold over all sessions."""
-    first = number * settings.pairs_per_session
-    end = min(first + settings.pairs_per_session, settings.pairs)
-    shares = {"no_contact": settings.shares.no_contact, "light_touch": settings.shares.light_touch}
-    counts = {kind: round(share * end) - round(share * first) for kind, share in shares.items()}
-    others = min(sum(counts.values()), end - first)
-    return {**counts, "rule": end - first - others}
+    """Return how many pairs of each kind a session makes, such that the shares hold over all sessions.
+
+    Where both small kinds are due in a session without room for both, light touches wait for the next one with room.
+    """
+    ends = np.minimum(settings.pairs_per_session * np.arange(number + 2), settings.pairs)
+    no_contact, light_due = (
+        np.rint(share * ends).astype(int) for share in (settings.shares.no_contact, settings.shares.light_touch)
+    )
+    room = ends - no_contact
+    light_touch = room + np.minimum.accumulate(light_due - room)
+    pairs, untouched, light = (int(total[-1] - total[-2]) for total in (ends, no_contact, light_touch))
+    return {"no_contact": untouched, "light_touch": light, "rule": pairs - untouched - light}
 
 
 SESSIONS_PER_BATCH = 256
