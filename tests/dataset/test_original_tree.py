@@ -5,6 +5,7 @@ from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from built_sets import built_from, decoded, listed, references_in, rows_in, sources_at
 from hypothesis import HealthCheck, given, settings
@@ -73,8 +74,11 @@ def test_images_alone_have_no_reference_unless_one_is_named(tree: LittleTree, tm
         built_from(tmp_path / "none", tree.root)
     named = tmp_path / "skin.png"
     cv2.imwrite(str(named), tree.skin)
-    assert built_from(tmp_path / "out", tree.root, conventions=SourceConventions(reference=named)).report.findings == []
-    assert len(references_in(tmp_path / "out")) == 1
+    conventions = SourceConventions(reference=named, sensor="left finger")
+    built = built_from(tmp_path / "out", tree.root, conventions=conventions)
+    assert built.report.findings == []
+    (reference,) = pq.read_table(tmp_path / "out" / "references.parquet").to_pylist()
+    assert {reference["sensor"]} == set(built.statistics.sensors) == {"left finger"}
 
 
 def test_what_is_missing_or_odd_is_listed(tree: LittleTree, tmp_path: Path) -> None:
