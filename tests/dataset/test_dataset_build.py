@@ -28,6 +28,7 @@ from ninedtact.dataset.sources.source import SourceUnknown
 from ninedtact.dataset.statistics_and_card import UnknownLicence
 from ninedtact.parallel_jobs import WorkersImpossible
 from ninedtact.simulation.rectified_renderer import rectified_mm_per_px
+from ninedtact.workflows.dataset_calibrations import load_simulated_sensors
 
 KEPT = ("reference_id", "wrench", "object", "contact_id", "step", "time_ns", "sensor", "kind")
 BUILD = """
@@ -60,6 +61,29 @@ def test_a_built_one_built_again_is_the_same(twins: Path, tmp_path: Path) -> Non
     built_from(tmp_path / "a", twins)
     built_from(tmp_path / "b", tmp_path / "a")
     assert rows_in(tmp_path / "a") == rows_in(tmp_path / "b")
+
+
+def test_simulated_sensors_and_their_calibrations_come_along(twins: Path, tmp_path: Path) -> None:
+    source = shutil.copytree(twins, tmp_path / "source")
+    (source / "sensors" / "twin_0_001").mkdir(parents=True)
+    (source / "sensors" / "twin_0_001" / "sensor.toml").write_text("calibrated")
+    built_from(tmp_path / "out", source)
+    assert load_simulated_sensors(tmp_path / "out") == load_simulated_sensors(twins)
+    assert [path.name for path in (tmp_path / "out" / "sensors").iterdir()] == ["twin_0_001"]
+    assert (tmp_path / "out" / "sensors" / "twin_0_001" / "sensor.toml").read_text() == "calibrated"
+
+
+def test_a_name_of_two_different_simulated_sensors_is_that_of_neither(twins: Path, tmp_path: Path) -> None:
+    source = shutil.copytree(twins, tmp_path / "source")
+    (source / "sensors" / "twin_0_001").mkdir(parents=True)
+    (source / "sensors" / "twin_0_001" / "sensor.toml").write_text("calibrated")
+    tables = json.loads((twins / "sensors.json").read_text())
+    tables[1]["friction"] += 0.1
+    tables[1]["checksum"] = mapping_checksum(tables[1])
+    (source / "sensors.json").write_text(json.dumps(tables))
+    built_from(tmp_path / "out", twins, source)
+    assert set(load_simulated_sensors(tmp_path / "out")) == {"twin_0_000"}
+    assert not (tmp_path / "out" / "sensors").exists()
 
 
 def test_several_sources_keep_their_ids_apart(twins: Path, tree: LittleTree, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from ninedtact.dataset.fault_report import (
     require_any_usable_pair,
     write_quality_report,
 )
-from ninedtact.dataset.folder import DatasetFolder, begin_or_resume_dataset, make_folder
+from ninedtact.dataset.folder import DatasetFolder, begin_or_resume_dataset, make_folder, to_json_bytes
 from ninedtact.dataset.parquet_files import (
     DatasetDamaged,
     copy_pairs_without_rows,
@@ -245,18 +245,34 @@ def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], count: int,
     for number, file in enumerate(kept):
         _move_pair_file(file.pairs, folder.pair_file(number, len(kept)), unwanted.get(file.pairs.name, set()))
     write_reference_images_file(folder.references, _unique_references(files))
-    _save_sensor_folders(folder, sources)
+    _save_sensor_folders(folder, sources, _save_simulated_sensors(folder, sources))
     card = format_build_card(_folder_statistics(folder), sources, settings.licence, report, version("ninedtact"))
     write_file_atomically(folder.card, card.encode())
 
 
-def _save_sensor_folders(folder: DatasetFolder, sources: Sequence[Source]) -> None:
+def _save_simulated_sensors(folder: DatasetFolder, sources: Sequence[Source]) -> set[str]:
+    """Write the parameters of the simulated sensors that the sources carry; raises `FileNotWritten`, `DatasetDamaged`.
+
+    Returns the names that several different sensors have. They are left out, because the images do not say which one is theirs.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    contradictory = set()
+    for table in (table for source in sources for table in source.simulated_sensors()):
+        if table != found.setdefault(table["name"], table):
+            contradictory.add(table["name"])
+    if tables := [table for name, table in found.items() if name not in contradictory]:
+        write_file_atomically(folder.sensors, to_json_bytes(tables))
+    return contradictory
+
+
+def _save_sensor_folders(folder: DatasetFolder, sources: Sequence[Source], contradictory: set[str]) -> None:
     """Write the sensor folders that the sources carry, for those who compute heights; raises `FileNotWritten`.
 
-    A sensor that comes with several calibrations is left out, because its images do not say which one is theirs.
+    contradictory: names to be left out. A sensor that comes with several calibrations is left out as well, because its images do
+    not say which one is theirs.
     """
     found: dict[str, dict[str, bytes]] = {}
-    contradictory = set()
+    contradictory = set(contradictory)
     for source in sources:
         for name, files in source.sensor_folders():
             if files.get(SENSOR_FILE) != found.setdefault(name, files).get(SENSOR_FILE):

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float32, Float64
@@ -125,6 +125,10 @@ class Source(ABC):
     def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes]]]:
         """Yield the name of each sensor whose calibration the source carries, and the files of its folder by their paths."""
         return iter(())
+
+    def simulated_sensors(self) -> list[dict[str, Any]]:
+        """Return all parameters of the simulated sensors that the source carries, as `sensors.json` stores them."""
+        return []
 
     def statement_lines(self) -> Iterator[str]:
         """Yield what was stated about the source as phrases for the card."""
