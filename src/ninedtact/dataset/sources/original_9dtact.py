@@ -215,7 +215,9 @@ class OriginalDatasetSource(Source):
 
     def statement_lines(self) -> Iterator[str]:
         """Yield what was stated about the folder."""
-        return self.conventions.statement_lines()
+        yield from self.conventions.statement_lines()
+        if self.conventions.reference is not None:
+            yield f"images without a mixed_image have the reference image {self.conventions.reference.name}"
 
     def files(self) -> list[Path]:
         """Return everything in the three folders but hidden files."""
