@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import trimesh
 import tyro
 
 from ninedtact.checked_reading import mapping_checksum
@@ -211,6 +212,20 @@ def test_a_finished_one_is_left_as_it_is(made: GenerationResult) -> None:
 def test_other_settings_are_not_mixed_in(made: GenerationResult) -> None:
     with pytest.raises(DatasetFolderTaken, match=r"another seed \(seed: 5 instead of 0\)"):
         generate_dataset(made.folder, replace(SMALL, seed=5))
+
+
+def test_another_mesh_in_the_same_file_is_another_data_set(tmp_path: Path) -> None:
+    part = tmp_path / "part.stl"
+    settings = replace(SMALL, pairs=2, sensors=1, object_names=(f"{part}@+z",))
+    trimesh.creation.icosphere(radius=3).export(part)
+    made = [generate_dataset(tmp_path / "ball", settings)]
+    assert generate_dataset(tmp_path / "ball", settings).new_files == 0
+    trimesh.creation.box((6, 6, 6)).export(part)
+    with pytest.raises(DatasetFolderTaken, match="mesh_digests"):
+        generate_dataset(tmp_path / "ball", settings)
+    made.append(generate_dataset(tmp_path / "box", settings))
+    ball, box = (pq.read_table(next((one.folder / "data").iterdir()))["image"].to_pylist() for one in made)
+    assert ball != box
 
 
 def test_a_folder_with_something_else_is_refused(tmp_path: Path) -> None:
