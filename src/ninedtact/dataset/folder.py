@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ninedtact.atomic_write import FileNotWritten, write_file_atomically
+from ninedtact.calibration.sensor_folder import SENSOR_FILE
 from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum, read_json_object, read_text_file
 from ninedtact.dataset.parquet_files import DatasetDamaged, require_pair_columns
 from ninedtact.dataset.schema import DATASET_FORMAT
@@ -150,6 +151,11 @@ def read_dataset_settings(folder: Path) -> dict[str, Any]:
             f"expected {path} as it was written, got other settings than its checksum; copy the whole data set again"
         )
     return found
+
+
+def find_sensor_folders(folder: Path) -> list[Path]:
+    """Return the sensor folders in a folder, without those that a killed process left half written."""
+    return sorted(file.parent for file in folder.glob(f"*/{SENSOR_FILE}") if not file.parent.name.startswith("."))
 
 
 def read_sensor_parameters(folder: Path) -> list[dict[str, Any]]:

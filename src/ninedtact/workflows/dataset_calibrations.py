@@ -16,7 +16,12 @@ from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 from ninedtact.dataset.calibrated_readings import DatasetSensorCalibration, SensorCalibrationMissing
-from ninedtact.dataset.folder import DatasetFolder, read_sensor_parameters, sensor_parameters_damage
+from ninedtact.dataset.folder import (
+    DatasetFolder,
+    find_sensor_folders,
+    read_sensor_parameters,
+    sensor_parameters_damage,
+)
 from ninedtact.errors import NinedtactError
 from ninedtact.parallel_jobs import Workers, run_writing_jobs
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, simulate_calibration_images
@@ -64,13 +69,12 @@ def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progr
             raise SensorCalibrationMissing(
                 f"expected simulated sensors that can be calibrated, got none of {data}: {next(iter(refused.values()))}"
             )
-    folders = [path.parent for path in sorted(given.glob(f"*/{SENSOR_FILE}"))]
-    return DatasetSensors({folder.name: _load_calibrated_sensor(folder) for folder in folders}, refused)
+    return DatasetSensors({path.name: _load_calibrated_sensor(path) for path in find_sensor_folders(given)}, refused)
 
 
 def require_sensor_calibrations(data: Path, given: Path | None) -> None:
     """Raise `SensorCalibrationMissing` where a data set has no calibrations and none can be made; this takes no time."""
-    carried = any(DatasetFolder(data).sensor_folders.glob(f"*/{SENSOR_FILE}"))
+    carried = find_sensor_folders(DatasetFolder(data).sensor_folders)
     if data.is_dir() and given is None and not carried and not load_simulated_sensors(data):
         raise SensorCalibrationMissing(
             f"expected the calibrations of the sensors of {data}, got none, or several of one sensor; give --sensors, a folder "

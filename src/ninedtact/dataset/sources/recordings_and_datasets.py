@@ -17,12 +17,13 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
+from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.dataset.fault_report import PairFault
 from ninedtact.dataset.folder import (
     REFERENCES_FILE,
     DatasetFolder,
     find_pair_files,
+    find_sensor_folders,
     read_dataset_settings,
     read_sensor_parameters,
 )
@@ -230,8 +231,8 @@ class ExistingDatasetSource(Source):
         """Yield each sensor that was calibrated with the files of its folder."""
         from ninedtact.recording.reader import read_folder_files
 
-        for file in sorted(DatasetFolder(self.path).sensor_folders.glob(f"*/{SENSOR_FILE}")):
-            yield file.parent.name, read_folder_files(file.parent)
+        for folder in find_sensor_folders(DatasetFolder(self.path).sensor_folders):
+            yield folder.name, read_folder_files(folder)
 
     def simulated_sensors(self) -> list[dict[str, Any]]:
         """Return all parameters of its simulated sensors; raises `DatasetDamaged`."""
