@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from socket import gethostname
 from typing import Any
@@ -229,12 +230,15 @@ def _make_part(
     return len(check.ids)
 
 
-def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], count: int, settings: BuildSettings) -> None:
+def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], parts: int, settings: BuildSettings) -> None:
     """Check across parts and combine them into one data set; raises `NoUsablePairs`, `FileNotWritten`."""
-    files = [_PartFiles(folder.parts, number) for number in range(count)]
+    files = [_PartFiles(folder.parts, number) for number in range(parts)]
     checks = [file.read_check() for file in files]
-    report = combine_file_checks(checks, [file.pairs.name for file in files], settings.drop)
-    write_quality_report(folder.report, report)
+    names = [file.pairs.name for file in files] if settings.drop else _name_pair_files(folder, checks)
+    for check, name in zip(checks, names, strict=True):
+        check.findings = [msgspec.structs.replace(finding, file=name) for finding in check.findings]
+    report = combine_file_checks(checks, names, settings.drop)
+    write_quality_report(folder.report, _without_places(report) if settings.drop else report)
     require_any_usable_pair(report, folder.report)
     unwanted = _rows_with_faults(report) if settings.drop else {}
     kept = [
@@ -248,6 +252,18 @@ def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], count: int,
     _save_sensor_folders(folder, sources, _save_simulated_sensors(folder, sources))
     card = format_build_card(_folder_statistics(folder), sources, settings.licence, report, version("ninedtact"))
     write_file_atomically(folder.card, card.encode())
+
+
+def _name_pair_files(folder: DatasetFolder, checks: Sequence[FileCheck]) -> list[str]:
+    """Return the name of each part's file in a data set that leaves out no pair; empty for a part without pairs."""
+    numbers, total = count(), sum(bool(check.ids) for check in checks)
+    return [folder.pair_file(next(numbers), total).name if check.ids else "" for check in checks]
+
+
+def _without_places(report: QualityReport) -> QualityReport:
+    """Return the report of a data set that leaves out all pairs with findings, which are in none of its files."""
+    findings = [msgspec.structs.replace(finding, row=None, file="") for finding in report.findings]
+    return msgspec.structs.replace(report, findings=findings)
 
 
 def _save_simulated_sensors(folder: DatasetFolder, sources: Sequence[Source]) -> set[str]:
