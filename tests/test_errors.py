@@ -1,12 +1,15 @@
 """Errors form a small tree that a program can catch: every concrete error derives from one of its classes."""
 
 import ast
+import pickle
 from pathlib import Path
 
 import pytest
 
 import ninedtact
 from ninedtact import errors
+from ninedtact.hardware.buildability import BrokenRule, DesignRulesBroken
+from ninedtact.simulation.objects.mesh_objects import MeshMisplaced
 
 PACKAGE = Path(ninedtact.__file__).parent
 GROUPS = {name for name, kind in vars(errors).items() if isinstance(kind, type) and kind is not errors.NinedtactError}
@@ -27,3 +30,17 @@ def test_every_error_belongs_to_a_group() -> None:
 def test_groups_are_documented_and_derive_from_the_base(name: str) -> None:
     assert f"── {name} " in str(errors.__doc__)
     assert issubclass(getattr(errors, name), errors.NinedtactError)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MeshMisplaced("expected a part of 1 mm, got 0.2 mm", "give unit in"),
+        DesignRulesBroken([BrokenRule("wall_too_thin", "expected a wall of 0.8 mm, got 0.5 mm")]),
+        errors.InputError("expected one, got two"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_an_error_of_a_worker_arrives_as_it_was_raised(error: errors.NinedtactError) -> None:
+    arrived = pickle.loads(pickle.dumps(error))
+    assert (type(arrived), str(arrived), vars(arrived)) == (type(error), str(error), vars(error))

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from ninedtact.calibration.procedure import Calibration
+from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.cli import main
@@ -58,6 +60,28 @@ def test_a_press_to_a_load_and_with_a_mesh(tmp_path: Path, capsys: pytest.Captur
     assert told["wrench"]["force_n"][2] == pytest.approx(-5, rel=1e-2) and 0.3 < told["pose"]["depth_mm"] < 1.5
 
 
+def test_a_press_of_a_sensor_is_on_the_grid_of_its_rectified_images(
+    calibrated_a: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sensor = save_sensor(tmp_path / "a", calibrated_a)
+    press = ["--object", "ball:4", "--depth-mm", "1", "--at-mm", "6", "-3"]
+    told = told_by_press(tmp_path / "out", capsys, *press, "--sensor", str(sensor.path))
+    height = np.load(tmp_path / "out" / "height.npy")
+    assert told["mm_per_px"] == sensor.rectification.mm_per_px != 0.0522
+    row, col = np.unravel_index(height.argmin(), height.shape)
+    x, y = ((at - (side - 1) / 2) * told["mm_per_px"] for at, side in zip((col, row), height.shape[::-1], strict=True))
+    assert (x, y) == pytest.approx((6, -3), abs=0.1)
+
+
+def test_a_press_of_a_design_with_twice_as_many_pixels_is_as_wide(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "fine.toml").write_text("[field_of_view]\nrows = 690\ncols = 920\nraw_long_side_px = 1280\n")
+    press = ["--object", "ball:4", "--depth-mm", "1", "--design", str(tmp_path / "fine.toml")]
+    told = told_by_press(tmp_path / "out", capsys, *press)
+    assert told["mm_per_px"] == pytest.approx(0.0261) and np.load(tmp_path / "out" / "height.npy").shape == (690, 920)
+
+
 def test_the_same_press_gives_the_same_bytes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("one", "other"):
         told_by_press(tmp_path / name, capsys, *DRAGGED.split())
@@ -77,6 +101,7 @@ BAD = {
     "--object ball:4 --load-n -3": "above zero, got -3 N",
     "--object ball:4 --depth-mm -1": "above zero, got -1 mm deep",
     "--object ball:4 --depth-mm nan": "above zero, got nan",
+    "--object ball:4 --depth-mm 1 --seed -1": "expected a seed of zero or more, got -1",
     "--object ball:4": "expected a depth or a load, got neither",
     "--object ball:4 --depth-mm 1 --load-n 3": "expected a depth or a load, got both",
     "--object ball:4 --depth-mm 1 --tilt-deg 80 0": "turn the object itself",

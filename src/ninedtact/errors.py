@@ -25,6 +25,18 @@ found, and what to do. The command line prints it as one line and ends with exit
 class NinedtactError(Exception):
     """An error that the user can act on; the message says what was expected, what was found, and what to do."""
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Return message and attributes for pickling: an error of a worker process arrives as it was raised.
+
+        Exceptions are otherwise restored by a call of their class with the message alone, which classes of other arguments refuse.
+        """
+        return _restore_error, (type(self), self.args), self.__dict__
+
+
+def _restore_error(kind: type[NinedtactError], message: tuple[object, ...]) -> NinedtactError:
+    """Return an error of this class with this message, without a call of its constructor."""
+    return kind.__new__(kind, *message)
+
 
 class InputError(NinedtactError):
     """A value, an option, a design or an object cannot be used."""

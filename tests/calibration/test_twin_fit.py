@@ -1,17 +1,20 @@
 """The twin that one ball press tells: of a twin whose numbers are known, and of real sensors whose are not."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from ninedtact.calibration.ball.ball_fit import fit_ball, rectified_flat_fielded_change
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, find_contact_circle
 from ninedtact.calibration.board.board_fit import fit_board
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, build_rectification
+from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
 from ninedtact.calibration.twin.sensor_twin import assemble_twin, fitted_gel
-from ninedtact.design import SensorDesign
+from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import finite_strain_ball_change_mm
 from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
@@ -98,6 +101,14 @@ def test_the_twin_of_gel_at_finite_strain_bears_more_load_at_the_same_depth(cali
         one = assemble_twin("rubber", gel, LIGHT, calibrated_a.rectify, untouched, NOISE)
         loads_n.append(-pressed_and_corrected(one, Pose(depth_mm=1.2)).wrench().force_n[2])
     assert 1.05 < loads_n[1] / loads_n[0] < 1.3
+
+
+def test_the_twin_of_a_wide_sensor_has_its_skin(calibrated_a: Calibration, tmp_path: Path) -> None:
+    folder = save_sensor(tmp_path / "a", calibrated_a)
+    assert (folder.twin().area_mm, folder.twin().gel_mm) == ((24, 18), (29.5, 22.5))
+    design = replace(folder.record.design, sensing_area=SensingArea(30, 22.5))
+    wide = replace(folder, record=structs.replace(folder.record, design=design)).twin()
+    assert wide.step(wide.model.initial_contact(), LyingCylinder(3, 12), Pose(10.0, 0.0, 0.5)).touches
 
 
 def pressed_and_corrected(twin: Twin, at: Pose) -> Contact:

@@ -21,13 +21,14 @@ from ninedtact.atomic_write import FileNotWritten
 from ninedtact.checked_reading import mapping_checksum
 from ninedtact.dataset.build import BuildSettings, build_dataset
 from ninedtact.dataset.checks import PairCheckSettings, PairCheckSettingsImpossible
-from ninedtact.dataset.fault_report import NoUsablePairs
+from ninedtact.dataset.fault_report import NoUsablePairs, read_quality_report
 from ninedtact.dataset.folder import DatasetFolderTaken, DatasetUnfinished
 from ninedtact.dataset.parquet_files import DatasetDamaged
 from ninedtact.dataset.sources.source import SourceUnknown
 from ninedtact.dataset.statistics_and_card import UnknownLicence
 from ninedtact.parallel_jobs import WorkersImpossible
 from ninedtact.simulation.rectified_renderer import rectified_mm_per_px
+from ninedtact.workflows.dataset_calibrations import load_simulated_sensors
 
 KEPT = ("reference_id", "wrench", "object", "contact_id", "step", "time_ns", "sensor", "kind")
 BUILD = """
@@ -60,6 +61,29 @@ def test_a_built_one_built_again_is_the_same(twins: Path, tmp_path: Path) -> Non
     built_from(tmp_path / "a", twins)
     built_from(tmp_path / "b", tmp_path / "a")
     assert rows_in(tmp_path / "a") == rows_in(tmp_path / "b")
+
+
+def test_simulated_sensors_and_their_calibrations_come_along(twins: Path, tmp_path: Path) -> None:
+    source = shutil.copytree(twins, tmp_path / "source")
+    (source / "sensors" / "twin_0_001").mkdir(parents=True)
+    (source / "sensors" / "twin_0_001" / "sensor.toml").write_text("calibrated")
+    built_from(tmp_path / "out", source)
+    assert load_simulated_sensors(tmp_path / "out") == load_simulated_sensors(twins)
+    assert [path.name for path in (tmp_path / "out" / "sensors").iterdir()] == ["twin_0_001"]
+    assert (tmp_path / "out" / "sensors" / "twin_0_001" / "sensor.toml").read_text() == "calibrated"
+
+
+def test_a_name_of_two_different_simulated_sensors_is_that_of_neither(twins: Path, tmp_path: Path) -> None:
+    source = shutil.copytree(twins, tmp_path / "source")
+    (source / "sensors" / "twin_0_001").mkdir(parents=True)
+    (source / "sensors" / "twin_0_001" / "sensor.toml").write_text("calibrated")
+    tables = json.loads((twins / "sensors.json").read_text())
+    tables[1]["friction"] += 0.1
+    tables[1]["checksum"] = mapping_checksum(tables[1])
+    (source / "sensors.json").write_text(json.dumps(tables))
+    built_from(tmp_path / "out", twins, source)
+    assert set(load_simulated_sensors(tmp_path / "out")) == {"twin_0_000"}
+    assert not (tmp_path / "out" / "sensors").exists()
 
 
 def test_several_sources_keep_their_ids_apart(twins: Path, tree: LittleTree, tmp_path: Path) -> None:
@@ -103,6 +127,24 @@ def test_what_is_listed_is_kept_or_dropped_as_asked(tree: LittleTree, tmp_path: 
     names = [row["id"] for row in rows_in(tmp_path / "dropped")]
     assert names == ["Dataset/1/1", "Dataset/1/3", "Dataset/2/1", "Dataset/2/2"]
     assert "left out" in (tmp_path / "dropped" / "README.md").read_text()
+
+
+def test_the_report_says_where_each_finding_is(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "0.npz").write_bytes(b"no zip")
+    for number in (1, 2):
+        forces = np.outer(np.linspace(0.1, 4, 5), [0, 0, -1, 0, 0, 0])
+        forces[number, 2] = 4.0
+        changes = {"6d_force": forces, "ref_force": np.zeros(6)}
+        little_episode(tmp_path / "in" / f"{number}.npz", seed=number, **changes)
+    built_from(tmp_path / "kept", tmp_path / "in")
+    found = [one for one in read_quality_report(tmp_path / "kept" / "report.json").findings if one.row is not None]
+    assert {one.id for one in found} >= {"in/1/00001", "in/2/00002"}
+    for one in found:
+        assert pq.read_table(tmp_path / "kept" / "data" / one.file)["id"][one.row].as_py() == one.id
+    built_from(tmp_path / "dropped", tmp_path / "in", settings=BuildSettings(drop=True))
+    left_out = read_quality_report(tmp_path / "dropped" / "report.json").findings
+    assert {(one.row, one.file) for one in left_out} == {(None, "")}
 
 
 def test_a_card_says_what_a_person_needs(tree: LittleTree, twins: Path, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from built_sets import rows_in
 from little_sources import LittleTree, little_tree
@@ -18,6 +19,18 @@ def told(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, 
     code = main(["dataset", *map(str, words)])
     said = capsys.readouterr()
     return code, said.out, said.err
+
+
+def test_an_evaluation_refuses_the_pairs_that_training_refuses(
+    twins: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = shutil.copytree(twins, tmp_path / "data")
+    references = pq.read_table(data / "references.parquet")
+    pq.write_table(references.slice(1), data / "references.parquet")
+    assert main(["evaluate", "--data", str(data), "--workers", "1"]) == 1
+    (said,) = capsys.readouterr().err.strip().splitlines()
+    assert "without reference; leave those out: ninedtact dataset build --drop" in said
+    assert not (data / "sensors").exists()
 
 
 def test_build_check_and_show(tree: LittleTree, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,12 +12,18 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import trimesh
 import tyro
 
 from ninedtact.checked_reading import mapping_checksum
 from ninedtact.cli.simulate import SimulateDatasetCommand
 from ninedtact.dataset.folder import DatasetFolderTaken
-from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
+from ninedtact.dataset.generation.generate import (
+    GenerationResult,
+    _session_quotas,
+    generate_dataset,
+    make_simulated_sensor,
+)
 from ninedtact.dataset.generation.press_trajectory import PressSettings, PressTarget, RandomPress
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings, PairKindShares
 from ninedtact.dataset.schema import arrow_schema
@@ -79,6 +85,31 @@ def test_all_pairs_are_there_in_their_shares(made: GenerationResult, rows: list[
     assert made.statistics.kinds == {"light_touch": 4, "no_contact": 2, "rule": 18}
     assert {row["sensor"] for row in rows} == {"twin_0_000", "twin_0_001", "twin_0_002"}
     assert {row["object"] for row in rows} == {*SMALL.object_names, "none"}
+
+
+@pytest.mark.parametrize(
+    ("shares", "per_session"),
+    [((0.5, 0.5), 1), ((0.25, 0.3), 1), ((0.05, 0.05), 1), ((0.5, 0.5), 3), ((0.03, 0.05), 50)],
+)
+def test_every_session_makes_its_number_of_pairs_and_all_together_the_shares(
+    shares: tuple[float, float], per_session: int
+) -> None:
+    settings = replace(SMALL, pairs=203, sensors=1, session_pairs=per_session, shares=PairKindShares(*shares))
+    quotas = [_session_quotas(number, settings) for number in range(settings.sessions)]
+    assert [sum(one.values()) for one in quotas] == [per_session] * (203 // per_session) + [203 % per_session] * (
+        per_session > 1
+    )
+    assert min(min(one.values()) for one in quotas) >= 0
+    totals = {kind: sum(one[kind] for one in quotas) for kind in quotas[0]}
+    assert totals["no_contact"] == pytest.approx(203 * shares[0], abs=0.5)
+    assert totals["light_touch"] == pytest.approx(203 * shares[1], abs=1.6)
+
+
+def test_sessions_of_one_pair_have_ids_of_their_own(tmp_path: Path) -> None:
+    settings = replace(SMALL, pairs=4, sensors=4, shares=PairKindShares(0.5, 0.5))
+    made = generate_dataset(tmp_path / "single", settings)
+    tables = [pq.read_table(path, columns=["id"])["id"] for path in sorted((made.folder / "data").iterdir())]
+    assert len({name for column in tables for name in column.to_pylist()}) == made.statistics.pairs == 4
 
 
 def test_kinds_mean_what_they_say(rows: list[dict[str, object]]) -> None:
@@ -183,6 +214,20 @@ def test_other_settings_are_not_mixed_in(made: GenerationResult) -> None:
         generate_dataset(made.folder, replace(SMALL, seed=5))
 
 
+def test_another_mesh_in_the_same_file_is_another_data_set(tmp_path: Path) -> None:
+    part = tmp_path / "part.stl"
+    settings = replace(SMALL, pairs=2, sensors=1, object_names=(f"{part}@+z",))
+    trimesh.creation.icosphere(radius=3).export(part)
+    made = [generate_dataset(tmp_path / "ball", settings)]
+    assert generate_dataset(tmp_path / "ball", settings).new_files == 0
+    trimesh.creation.box((6, 6, 6)).export(part)
+    with pytest.raises(DatasetFolderTaken, match="mesh_digests"):
+        generate_dataset(tmp_path / "ball", settings)
+    made.append(generate_dataset(tmp_path / "box", settings))
+    ball, box = (pq.read_table(next((one.folder / "data").iterdir()))["image"].to_pylist() for one in made)
+    assert ball != box
+
+
 def test_a_folder_with_something_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("precious")
     for taken in (tmp_path, tmp_path / "thesis.tex"):
@@ -211,6 +256,7 @@ def test_a_full_disk_is_one_sentence(tmp_path: Path) -> None:
         {"sensors": 0},
         {"objects": 0},
         {"seed": -1},
+        {"objects_seed": -1},
         {"size": (4, 3)},
         {"pitch_mm": 0.0},
         {"pitch_mm": float("nan")},

@@ -5,6 +5,7 @@ from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from built_sets import built_from, decoded, listed, references_in, rows_in, sources_at
 from hypothesis import HealthCheck, given, settings
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from little_sources import LittleTree, grey, mixed_of, touched, untouched, wrench_about_sensor
 
 from ninedtact.dataset.fault_report import NoUsablePairs
+from ninedtact.dataset.folder import DatasetFolderTaken
 from ninedtact.dataset.schema import DatasetRow, RejectedItem
 from ninedtact.dataset.sources.source import SourceConventions, SourceUnknown, parse_axes
 from ninedtact.errors import NinedtactError
@@ -73,8 +75,26 @@ def test_images_alone_have_no_reference_unless_one_is_named(tree: LittleTree, tm
         built_from(tmp_path / "none", tree.root)
     named = tmp_path / "skin.png"
     cv2.imwrite(str(named), tree.skin)
-    assert built_from(tmp_path / "out", tree.root, conventions=SourceConventions(reference=named)).report.findings == []
-    assert len(references_in(tmp_path / "out")) == 1
+    conventions = SourceConventions(reference=named, sensor="left finger")
+    built = built_from(tmp_path / "out", tree.root, conventions=conventions)
+    assert built.report.findings == []
+    (reference,) = pq.read_table(tmp_path / "out" / "references.parquet").to_pylist()
+    assert {reference["sensor"]} == set(built.statistics.sensors) == {"left finger"}
+    assert (
+        "  - images without a mixed_image have the reference image skin.png\n"
+        in (tmp_path / "out" / "README.md").read_text()
+    )
+
+
+def test_another_image_by_the_name_of_the_stated_reference_is_not_mixed_in(tree: LittleTree, tmp_path: Path) -> None:
+    (tree.root / "mixed_image").rename(tmp_path / "elsewhere")
+    conventions = SourceConventions(reference=tmp_path / "skin.png")
+    cv2.imwrite(str(tmp_path / "skin.png"), tree.skin)
+    built_from(tmp_path / "out", tree.root, conventions=conventions)
+    (tmp_path / "out" / "README.md").unlink()  # as after a stop
+    cv2.imwrite(str(tmp_path / "skin.png"), tree.skin[::-1])
+    with pytest.raises(DatasetFolderTaken, match="got another source"):
+        built_from(tmp_path / "out", tree.root, conventions=conventions)
 
 
 def test_what_is_missing_or_odd_is_listed(tree: LittleTree, tmp_path: Path) -> None:

@@ -28,7 +28,9 @@ def test_images_forces_and_references_are_the_stored_ones(tmp_path: Path) -> Non
     assert [row["kind"] for row in rows] == ["light_touch", *["stream"] * 4]
     (reference,) = references_in(tmp_path / "out").values()
     assert np.array_equal(reference, grey(untouched(0, 24, 24)))
-    assert "CC BY-NC" in (tmp_path / "out" / "README.md").read_text()
+    card = (tmp_path / "out" / "README.md").read_text()
+    assert "CC BY-NC" in card
+    assert "5 pairs of all kinds, N and" in card
 
 
 @pytest.mark.parametrize("scale", [1.0, 1 / 255])
@@ -69,7 +71,9 @@ def scramble(path: Path) -> None:
         ({"6d_force": None}, "the arrays tactile_img"),
         ({"tactile_img": np.zeros((5, 24, 24), np.uint8)}, "8-bit images"),
         ({"tactile_img": np.zeros((5, 24, 24, 3), np.float32)}, "8-bit images"),
+        ({"tactile_img": np.zeros((5, 0, 24, 3), np.uint8)}, "8-bit images"),
         ({"ref_frame": np.zeros((24, 24), np.uint8)}, "one RGB image"),
+        ({"ref_frame": np.zeros((0, 24, 3))}, "one RGB image"),
         ({"ref_force": np.zeros(3)}, "six numbers"),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else value,

@@ -1,6 +1,8 @@
 """One motion for everybody who watches: solved once, in order, the same every time, and never late."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from small_press_simulation import PRESSED, TWIN, small_press_simulation
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
+from ninedtact.simulation.hand_moved_object import HandTarget
 from ninedtact.simulation.press_sequence import (
     KEPT_CONTACTS,
     ObjectTrajectory,
@@ -73,6 +76,28 @@ def test_while_a_hand_holds_an_object_in_real_time_no_step_is_solved_ahead() -> 
     stage.hand.release()
     stage.wrench_six_at(0.05)
     assert list(stage.contacts) == [0, 1]
+
+
+class LockWithSomebodyWaiting(AbstractContextManager[None]):
+    """A lock after whose next release another thread does something at once."""
+
+    def __init__(self, then: Callable[[], None]) -> None:
+        self.waiting = [then]
+
+    def __exit__(self, *_: object) -> None:
+        if self.waiting:
+            self.waiting.pop()()
+
+
+def test_an_object_that_is_taken_during_a_step_starts_on_untouched_skin() -> None:
+    stage, other = small_press_simulation(hz=30.0), Ball(2.0)
+    stage.hand.take(Ball(4.0))
+    stage.hand.aim(HandTarget(Pose(depth_mm=0.6)))
+    assert stage.contact(5).touches
+    stage.hand._lock = LockWithSomebodyWaiting(lambda: stage.hand.take(other))  # type: ignore[assignment]
+    contacts = {number: stage.contact(number) for number in range(6, 12)}
+    with_other = [contact for number, contact in contacts.items() if stage.indenters[number] is other]
+    assert not with_other[0].touches and with_other[-1].touches
 
 
 def test_acts_follow_each_other_on_untouched_skin_round_after_round() -> None:

@@ -3,11 +3,13 @@ calibration images; press an object on it, and write image, heights, tractions a
 many simulated sensors, as a folder that Hugging Face opens; list the objects that can press it.
 """
 
+import json
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
-from math import radians
+from io import BytesIO
+from math import hypot, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,11 +19,12 @@ import tyro
 from ninedtact.cli.dataset import DatasetStopped
 from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, refuse_design_beside_sensor
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result, sensor_replacement
-from ninedtact.design import SensingArea
+from ninedtact.design import RectifiedImageSize, SensingArea
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.calibration.sensor_toml_schema import TwinFitQuality, TwinTable
     from ninedtact.dataset.generation.generate import GenerationResult
     from ninedtact.dataset.generation.settings import GenerationSettings
@@ -29,6 +32,8 @@ if TYPE_CHECKING:
     from ninedtact.mechanics.indenter import Indenter
     from ninedtact.simulation.trajectory import ScriptedPress
     from ninedtact.simulation.twin import Twin
+
+Pair = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -109,9 +114,6 @@ def _format_object_list(
     yield "models of Thingi10K by number: thingi10k:32770"
 
 
-Pair = tuple[float, float]
-
-
 @dataclass(frozen=True)
 class _Press:
     """Press an object on the twin of a sensor; write its image, heights, pressure, shear, wrench and a figure of all."""
@@ -155,9 +157,11 @@ class _Press:
 
     @property
     def press(self) -> "ScriptedPress":
-        """The same in radians; raises `InvalidPress`."""
-        from ninedtact.simulation.trajectory import ScriptedPress
+        """The same in radians; raises `InvalidPress`, also for a seed below zero."""
+        from ninedtact.simulation.trajectory import InvalidPress, ScriptedPress
 
+        if self.seed < 0:
+            raise InvalidPress(f"expected a seed of zero or more, got {self.seed}; give another")
         tilt = radians(self.tilt_deg[0]), radians(self.tilt_deg[1])
         return ScriptedPress(self.depth_mm, self.load_n, self.at_mm, self.drag_mm, radians(self.twist_deg), tilt)
 
@@ -166,17 +170,18 @@ class _Press:
         """The twin of the sensor or of the design."""
         from ninedtact.simulation.twin import twin_from_design
 
-        if self.sensor is None:
+        if self.folder is None:
             return twin_from_design(read_design_or_default(self.design_file), self.seed)
-        refuse_design_beside_sensor(self.sensor, self.design_file)
-        from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
+        return self.folder.twin()
 
-        return build_twin_from_folder(load_sensor_with_notices(self.sensor))
+    @cached_property
+    def folder(self) -> "SensorFolder | None":
+        """The sensor that is pressed, where one is given; raises `DesignGivenTwice`, and what `load_sensor` raises."""
+        refuse_design_beside_sensor(self.sensor, self.design_file)
+        return None if self.sensor is None else load_sensor_with_notices(self.sensor)
 
     def write_files(self, indenter: "Indenter", contact: "Contact", found: dict[str, Any]) -> dict[str, str]:
         """Write all files, and return the path of each by its name."""
-        import json
-
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact.shape.export import export_shape
         from ninedtact.simulation.ground_truth import true_height_map
@@ -209,26 +214,25 @@ class _Press:
     @cached_property
     def grid(self) -> tuple[tuple[int, int], float]:
         """The (rows, cols) and the mm per pixel of heights and tractions, as in the rectified image."""
+        if self.folder is not None:
+            rectify = self.folder.rectification
+            return rectify.height_source.shape, rectify.mm_per_px
+        from ninedtact.simulation.rectified_renderer import PUBLISHED_MM_PER_PX
+
         design = read_design_or_default(self.design_file)
         view, wider = design.field_of_view, design.sensing_area.width_mm / SensingArea().width_mm
-        return (view.rows, view.cols), MM_PER_PX * wider
+        finer = view.raw_long_side_px / RectifiedImageSize().raw_long_side_px
+        return (view.rows, view.cols), PUBLISHED_MM_PER_PX * wider / finer
 
     @property
     def cut(self) -> Pair:
         """The direction of the cut in the figure, which is that of the drag."""
-        x, y = self.drag_mm
-        length = float(x**2 + y**2) ** 0.5
+        (x, y), length = self.drag_mm, hypot(*self.drag_mm)
         return (x / length, y / length) if length else (1.0, 0.0)
-
-
-MM_PER_PX = 0.0522
-"""Scale of the published sensor: 24 mm over 460 pixels."""
 
 
 def _press_to_json_dict(indenter: "Indenter", contact: "Contact", twin: "Twin", mm_per_px: float) -> dict[str, Any]:
     """Return the results of a press for JSON."""
-    from dataclasses import asdict
-
     import numpy as np
 
     wrench, pressed = contact.wrench(), np.asarray(contact.pressure_mpa) > 0
@@ -275,8 +279,6 @@ def _encode_png(image: "np.ndarray") -> bytes:
 
 def _encode_npy(field: "np.ndarray") -> bytes:
     """Return an array as the bytes of a .npy file."""
-    from io import BytesIO
-
     import numpy as np
 
     buffer = BytesIO()

@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from socket import gethostname
 from typing import Any
@@ -27,7 +28,7 @@ from ninedtact.dataset.fault_report import (
     require_any_usable_pair,
     write_quality_report,
 )
-from ninedtact.dataset.folder import DatasetFolder, begin_or_resume_dataset, make_folder
+from ninedtact.dataset.folder import DatasetFolder, begin_or_resume_dataset, make_folder, to_json_bytes
 from ninedtact.dataset.parquet_files import (
     DatasetDamaged,
     copy_pairs_without_rows,
@@ -229,12 +230,15 @@ def _make_part(
     return len(check.ids)
 
 
-def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], count: int, settings: BuildSettings) -> None:
+def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], parts: int, settings: BuildSettings) -> None:
     """Check across parts and combine them into one data set; raises `NoUsablePairs`, `FileNotWritten`."""
-    files = [_PartFiles(folder.parts, number) for number in range(count)]
+    files = [_PartFiles(folder.parts, number) for number in range(parts)]
     checks = [file.read_check() for file in files]
-    report = combine_file_checks(checks, [file.pairs.name for file in files], settings.drop)
-    write_quality_report(folder.report, report)
+    names = [file.pairs.name for file in files] if settings.drop else _name_pair_files(folder, checks)
+    for check, name in zip(checks, names, strict=True):
+        check.findings = [msgspec.structs.replace(finding, file=name) for finding in check.findings]
+    report = combine_file_checks(checks, names, settings.drop)
+    write_quality_report(folder.report, _without_places(report) if settings.drop else report)
     require_any_usable_pair(report, folder.report)
     unwanted = _rows_with_faults(report) if settings.drop else {}
     kept = [
@@ -245,18 +249,46 @@ def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], count: int,
     for number, file in enumerate(kept):
         _move_pair_file(file.pairs, folder.pair_file(number, len(kept)), unwanted.get(file.pairs.name, set()))
     write_reference_images_file(folder.references, _unique_references(files))
-    _save_sensor_folders(folder, sources)
+    _save_sensor_folders(folder, sources, _save_simulated_sensors(folder, sources))
     card = format_build_card(_folder_statistics(folder), sources, settings.licence, report, version("ninedtact"))
     write_file_atomically(folder.card, card.encode())
 
 
-def _save_sensor_folders(folder: DatasetFolder, sources: Sequence[Source]) -> None:
+def _name_pair_files(folder: DatasetFolder, checks: Sequence[FileCheck]) -> list[str]:
+    """Return the name of each part's file in a data set that leaves out no pair; empty for a part without pairs."""
+    numbers, total = count(), sum(bool(check.ids) for check in checks)
+    return [folder.pair_file(next(numbers), total).name if check.ids else "" for check in checks]
+
+
+def _without_places(report: QualityReport) -> QualityReport:
+    """Return the report of a data set that leaves out all pairs with findings, which are in none of its files."""
+    findings = [msgspec.structs.replace(finding, row=None, file="") for finding in report.findings]
+    return msgspec.structs.replace(report, findings=findings)
+
+
+def _save_simulated_sensors(folder: DatasetFolder, sources: Sequence[Source]) -> set[str]:
+    """Write the parameters of the simulated sensors that the sources carry; raises `FileNotWritten`, `DatasetDamaged`.
+
+    Returns the names that several different sensors have. They are left out, because the images do not say which one is theirs.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    contradictory = set()
+    for table in (table for source in sources for table in source.simulated_sensors()):
+        if table != found.setdefault(table["name"], table):
+            contradictory.add(table["name"])
+    if tables := [table for name, table in found.items() if name not in contradictory]:
+        write_file_atomically(folder.sensors, to_json_bytes(tables))
+    return contradictory
+
+
+def _save_sensor_folders(folder: DatasetFolder, sources: Sequence[Source], contradictory: set[str]) -> None:
     """Write the sensor folders that the sources carry, for those who compute heights; raises `FileNotWritten`.
 
-    A sensor that comes with several calibrations is left out, because its images do not say which one is theirs.
+    contradictory: names to be left out. A sensor that comes with several calibrations is left out as well, because its images do
+    not say which one is theirs.
     """
     found: dict[str, dict[str, bytes]] = {}
-    contradictory = set()
+    contradictory = set(contradictory)
     for source in sources:
         for name, files in source.sensor_folders():
             if files.get(SENSOR_FILE) != found.setdefault(name, files).get(SENSOR_FILE):

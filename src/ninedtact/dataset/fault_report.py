@@ -76,8 +76,9 @@ class PairFinding(msgspec.Struct, frozen=True):
     id: str
     message: str
     row: int | None = None
-    """Row number in its file; None if it could not become a row."""
+    """Row number in its file; None if the pair is in no file of the data set."""
     file: str = ""
+    """File in `data/`."""
 
 
 class QualityReport(msgspec.Struct, frozen=True):

@@ -3,7 +3,7 @@
 settings.json        what the data set is made from; written first
 data/                files of pairs
 references.parquet   reference images (no contact)
-sensors.json         all parameters of simulated sensors, in a generated data set
+sensors.json         all parameters of simulated sensors, in a generated data set or one that was built from such
 sensors/             sensor folders by the names of the sensors: carried by recordings, or calibrated for simulated sensors
 report.json          what the checks found, in a built data set
 README.md            the card; written last: where it exists, the data set is finished
@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from ninedtact.atomic_write import FileNotWritten, write_file_atomically
-from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum, read_json_object
+from ninedtact.calibration.sensor_folder import SENSOR_FILE
+from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum, read_json_object, read_text_file
 from ninedtact.dataset.parquet_files import DatasetDamaged, require_pair_columns
 from ninedtact.dataset.schema import DATASET_FORMAT
 from ninedtact.errors import OutputError
@@ -150,6 +151,38 @@ def read_dataset_settings(folder: Path) -> dict[str, Any]:
             f"expected {path} as it was written, got other settings than its checksum; copy the whole data set again"
         )
     return found
+
+
+def find_sensor_folders(folder: Path) -> list[Path]:
+    """Return the sensor folders in a folder, without those that a killed process left half written."""
+    return sorted(file.parent for file in folder.glob(f"*/{SENSOR_FILE}") if not file.parent.name.startswith("."))
+
+
+def read_sensor_parameters(folder: Path) -> list[dict[str, Any]]:
+    """Return all parameters of a data set's simulated sensors as they are stored, none where it has none.
+
+    Raises `DatasetDamaged`, also where they were changed.
+    """
+    path = folder / SENSORS_FILE
+    if not path.exists() and "objects_seed" not in read_dataset_settings(folder):
+        return []
+    try:
+        tables = json.loads(read_text_file(path))
+        by_name = {table["name"]: table for table in tables}
+        for name, table in by_name.items():
+            if table.get(CHECKSUM_KEY) not in (None, mapping_checksum(table)):
+                raise ValueError(f"other parameters of {name} than its checksum")
+        return list(by_name.values())
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as trouble:
+        raise sensor_parameters_damage(folder, trouble) from trouble
+
+
+def sensor_parameters_damage(folder: Path, trouble: Exception) -> DatasetDamaged:
+    """Return the error for parameters of simulated sensors that cannot be read."""
+    return DatasetDamaged(
+        f"expected the simulated sensors in {folder / SENSORS_FILE} as they were written, got: {trouble}; copy the whole data set "
+        "again"
+    )
 
 
 def make_folder(path: Path, advice: str = "correct the path or its permissions") -> None:

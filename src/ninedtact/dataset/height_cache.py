@@ -3,8 +3,8 @@ calibration of each sensor.
 
     cache/heights-<digest>/train-00000-of-00040.npz …      float16, one file for each Parquet file
 
-The digest is that of the data, the grid and the calibrations. Every file appears whole or not at all, so that a computation that
-was stopped continues.
+The digest is that of the data, the grid, the calibrations and the version of ninedtact. Every file appears whole or not at all,
+so that a computation that was stopped continues.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float16, Float32, Shaped
 from numpy import ndarray as Array
 
+from ninedtact._version import __version__
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.dataset.calibrated_readings import (
@@ -146,7 +147,7 @@ def _digest_inputs(
     """Return a digest of everything that the heights depend on."""
     calibrations = sorted((name, sensor.digest) for name, sensor in sensors.items())
     data = digest_files_with_cache([*files, files[0].parents[1] / REFERENCES_FILE], cache)
-    return blake2b(repr((data, calibrations, grid)).encode(), digest_size=6).hexdigest()
+    return blake2b(repr((__version__, data, calibrations, grid)).encode(), digest_size=6).hexdigest()
 
 
 def _cache_file(folder: Path, pair_file: Path) -> Path:

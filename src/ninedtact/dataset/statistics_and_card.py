@@ -81,8 +81,9 @@ class DatasetStatistics:
             return
         found = wrench_percentiles(self.rule_wrenches)
         errors_percent = 100 * differences_from_real_percentiles(found)
+        pairs = "pairs by the rule" if "rule" in self.kinds else "pairs of all kinds"
         yield (
-            f"{len(self.rule_wrenches)} pairs by the rule, N and N·m about {FORCE_TORQUE_BELOW_SKIN_MM:g} mm below the skin; "
+            f"{len(self.rule_wrenches)} {pairs}, N and N·m about {FORCE_TORQUE_BELOW_SKIN_MM:g} mm below the skin; "
             "percentiles 5, 50, 95:"
         )
         yield f"    {'this data set':28}{'real':28}difference, % of the real span"

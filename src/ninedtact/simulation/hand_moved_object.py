@@ -55,10 +55,13 @@ class SimulatedHand:
             return self._target
 
     @property
-    def grasp_number(self) -> int:
-        """Number of objects that were taken into the hand until now; a new object starts on undeformed skin."""
+    def grasp(self) -> tuple[int, Indenter | None]:
+        """Number of objects that were taken until now, and the one in the hand, of the same moment.
+
+        A new object starts on undeformed skin.
+        """
         with self._lock:
-            return self._grasps
+            return self._grasps, self._indenter
 
     @property
     def refusal(self) -> str:

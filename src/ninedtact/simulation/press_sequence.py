@@ -243,7 +243,7 @@ class PressSequence:
 
     def _solve_step(self, newest: int, step: int) -> tuple[Indenter, Contact]:
         """Return the object and the contact at a step after the newest one; every object starts on undeformed skin."""
-        grasp, held = self.hand.grasp_number, self.hand.held_object
+        grasp, held = self.hand.grasp
         before, self._last_grasp = self._last_grasp, 0 if held is None else grasp
         if held is not None:
             continues = newest >= 0 and before == grasp

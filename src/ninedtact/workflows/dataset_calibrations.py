@@ -4,7 +4,6 @@
 calibrated. Heights and wrenches of the data set are computed with these calibrations.
 """
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
@@ -16,10 +15,13 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
-from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum, read_text_file
 from ninedtact.dataset.calibrated_readings import DatasetSensorCalibration, SensorCalibrationMissing
-from ninedtact.dataset.folder import SENSORS_FILE, DatasetFolder, read_dataset_settings
-from ninedtact.dataset.parquet_files import DatasetDamaged
+from ninedtact.dataset.folder import (
+    DatasetFolder,
+    find_sensor_folders,
+    read_sensor_parameters,
+    sensor_parameters_damage,
+)
 from ninedtact.errors import NinedtactError
 from ninedtact.parallel_jobs import Workers, run_writing_jobs
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, simulate_calibration_images
@@ -44,19 +46,11 @@ class DatasetSensors:
 
 def load_simulated_sensors(data: Path) -> dict[str, SampledSensor]:
     """Read the simulated sensors of a data set by name; a data set of real sensors has none. Raises `DatasetDamaged`."""
-    path = data / SENSORS_FILE
-    if not path.exists() and "objects_seed" not in read_dataset_settings(data):
-        return {}
+    tables = read_sensor_parameters(data)
     try:
-        tables = json.loads(read_text_file(path))
-        changed = [table["name"] for table in tables if table.get(CHECKSUM_KEY) not in (None, mapping_checksum(table))]
-        if changed:
-            raise ValueError(f"other parameters of {changed[0]} than its checksum")
         return {table["name"]: sampled_sensor_from_json(table) for table in tables}
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, NinedtactError) as trouble:
-        raise DatasetDamaged(
-            f"expected the simulated sensors in {path} as they were written, got: {trouble}; copy the whole data set again"
-        ) from trouble
+    except (ValueError, TypeError, NinedtactError) as trouble:
+        raise sensor_parameters_damage(data, trouble) from trouble
 
 
 def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progress: bool) -> DatasetSensors:
@@ -75,13 +69,12 @@ def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progr
             raise SensorCalibrationMissing(
                 f"expected simulated sensors that can be calibrated, got none of {data}: {next(iter(refused.values()))}"
             )
-    folders = [path.parent for path in sorted(given.glob(f"*/{SENSOR_FILE}"))]
-    return DatasetSensors({folder.name: _load_calibrated_sensor(folder) for folder in folders}, refused)
+    return DatasetSensors({path.name: _load_calibrated_sensor(path) for path in find_sensor_folders(given)}, refused)
 
 
 def require_sensor_calibrations(data: Path, given: Path | None) -> None:
     """Raise `SensorCalibrationMissing` where a data set has no calibrations and none can be made; this takes no time."""
-    carried = any(DatasetFolder(data).sensor_folders.glob(f"*/{SENSOR_FILE}"))
+    carried = find_sensor_folders(DatasetFolder(data).sensor_folders)
     if data.is_dir() and given is None and not carried and not load_simulated_sensors(data):
         raise SensorCalibrationMissing(
             f"expected the calibrations of the sensors of {data}, got none, or several of one sensor; give --sensors, a folder "

@@ -19,6 +19,7 @@ from ninedtact.dataset.calibrated_readings import (
     RowsWithReferences,
     iterate_rows_with_references,
 )
+from ninedtact.dataset.reader import read_pair_columns
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file_of_spec, without_contact_detection
 from ninedtact.force.evaluation import ErrorDistribution, WrenchPredictions, evaluate_predictions
@@ -68,8 +69,10 @@ def predict_dataset(
     """Return the estimator's wrenches for a data set beside the true ones, torques about the skin's centre.
 
     workers: number of processes that calibrate simulated sensors and estimate, or a cluster. notify: receives a sentence about each
-    sensor whose pairs are left out, and about images from which nothing is estimated. Raises what estimators and data sets raise.
+    sensor whose pairs are left out, and about images from which nothing is estimated. Raises what estimators and data sets raise, as
+    training does for wrenches that are not finite and pairs without a reference image.
     """
+    read_pair_columns(data)
     _estimators.clear()  # a model file may have been written anew since the last evaluation in this process
     known = load_dataset_sensors(data, settings.sensors, workers, progress)
     for notice in known.exclusion_notices():

@@ -120,6 +120,22 @@ def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_se
     assert pairs.wrenches[row, 2] == np.float32(-1.75) and pairs.objects[row] == "thing_2" and pairs.sensors[row] == "a"
 
 
+def test_a_sensor_folder_that_a_killed_process_left_is_none(folder: Path, sensors: Path, tmp_path: Path) -> None:
+    given = shutil.copytree(sensors, tmp_path / "sensors")
+    shutil.copytree(given / "a", given / ".b.1a2b3c4d.partial")
+    assert set(load_dataset_sensors(folder, given, 1, progress=False).by_name) == {"a", "b"}
+
+
+def test_heights_of_another_version_are_not_taken(
+    folder: Path, sensors: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calibrated = load_dataset_sensors(folder, sensors, 1, progress=False).by_name
+    for version in ("1.0", "1.1"):
+        monkeypatch.setattr("ninedtact.dataset.height_cache.__version__", version)
+        load_height_pairs(folder, calibrated, GRID.grid, tmp_path / "cache")
+    assert len(list((tmp_path / "cache").glob("heights-*"))) == 2
+
+
 def test_what_physics_finds_is_kept_beside_the_heights(folder: Path, physics_sensors: Path, tmp_path: Path) -> None:
     calibrated = load_dataset_sensors(folder, physics_sensors, 1, progress=False).by_name
     sensor = load_sensor(physics_sensors / "a")

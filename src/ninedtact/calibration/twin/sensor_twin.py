@@ -40,20 +40,25 @@ class TwinMissing(CalibrationError):
 
 
 def build_twin_from_folder(folder: SensorFolder) -> Twin:
-    """Return the twin of a sensor folder; raises `TwinMissing`, and `SensorFolderDamaged` where its images are missing."""
+    """Return the twin of a sensor folder, whose skin has the size of its design.
+
+    Raises `TwinMissing`, and `SensorFolderDamaged` where its images are missing.
+    """
     table = folder.record.twin
     if table is None:
         raise TwinMissing(
             f"expected {folder.path} to hold a twin, got a sensor without one; run: {folder.completion_command}"
         )
     untouched = folder.stored_image("ball_reference").image
-    return assemble_twin(folder.id, table.gel, table.light, folder.rectification, untouched, table.noise_grey_levels)
+    twin = assemble_twin(folder.id, table.gel, table.light, folder.rectification, untouched, table.noise_grey_levels)
+    area = folder.record.design.sensing_area
+    return replace(twin, area_mm=area.size_mm, gel_mm=area.gel_mm)
 
 
 def assemble_twin(
     name: str, gel: Gel, light: BrightnessModel, rectify: Rectification, untouched: BgrImage, noise_grey_levels: float
 ) -> Twin:
-    """Return the twin with this gel, light, rectification, reference image and noise."""
+    """Return the twin with this gel, light, rectification, reference image and noise, and a skin of the published size."""
 
     def correct_contact(contact: Contact, indenter: Indenter | None = None) -> Contact:
         return correct_for_finite_strain(contact, gel.thickness_mm, indenter, gel.finite_strain)

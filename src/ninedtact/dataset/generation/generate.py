@@ -15,6 +15,7 @@ files is therefore computed again as a whole, and only those files are written.
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from warnings import warn
@@ -40,7 +41,7 @@ from ninedtact.simulation.batched.session_requests import (
     SimulatedSetup,
     run_session_on_cpu,
 )
-from ninedtact.simulation.objects.catalogue import indenter_from_name
+from ninedtact.simulation.objects.catalogue import indenter_from_name, mesh_file_of_name
 from ninedtact.simulation.rectified_renderer import rectified_mm_per_px, rectified_renderer
 
 _STEP_NS = 100_000_000
@@ -161,10 +162,26 @@ def _cached_setup(number: int, settings: GenerationSettings) -> SimulatedSetup:
     return make_simulated_sensor(number, settings)
 
 
-@lru_cache(maxsize=64)
 def _load_object(name: str, seed: int) -> Indenter:
-    """Return the object of this name, made once; raises `UnknownObject`."""
+    """Return the object of this name, made once, and again where its mesh file was written again; raises `UnknownObject`."""
+    file = mesh_file_of_name(name)
+    entry = file.stat() if file is not None and file.is_file() else None
+    return _cached_object(name, seed, entry and (entry.st_size, entry.st_mtime_ns))
+
+
+@lru_cache(maxsize=64)
+def _cached_object(name: str, seed: int, stamp: tuple[int, int] | None) -> Indenter:
+    """Return the object of this name; stamp: size and time of its mesh file."""
     return indenter_from_name(name, seed)
+
+
+def _mesh_digests(settings: GenerationSettings) -> dict[str, str]:
+    """Return a digest of the mesh file of every object that is one; raises what `indenter_from_name` raises."""
+    files = {name: mesh_file_of_name(name) for name in settings.object_names}
+    for name, file in files.items():
+        if file is not None:
+            _load_object(name, settings.objects_seed)  # a file that is missing or no mesh is refused
+    return {name: sha256(file.read_bytes()).hexdigest() for name, file in files.items() if file is not None}
 
 
 def _session_objects(settings: GenerationSettings, session: int) -> Iterator[str]:
@@ -178,13 +195,18 @@ def _session_objects(settings: GenerationSettings, session: int) -> Iterator[str
 
 
 def _session_quotas(number: int, settings: GenerationSettings) -> dict[str, int]:
-    """Return how many pairs of each kind a session makes, such that the shares hold over all sessions."""
-    first = number * settings.pairs_per_session
-    end = min(first + settings.pairs_per_session, settings.pairs)
-    shares = {"no_contact": settings.shares.no_contact, "light_touch": settings.shares.light_touch}
-    counts = {kind: round(share * end) - round(share * first) for kind, share in shares.items()}
-    others = min(sum(counts.values()), end - first)
-    return {**counts, "rule": end - first - others}
+    """Return how many pairs of each kind a session makes, such that the shares hold over all sessions.
+
+    Where both small kinds are due in a session without room for both, light touches wait for the next one with room.
+    """
+    ends = np.minimum(settings.pairs_per_session * np.arange(number + 2), settings.pairs)
+    no_contact, light_due = (
+        np.rint(share * ends).astype(int) for share in (settings.shares.no_contact, settings.shares.light_touch)
+    )
+    room = ends - no_contact
+    light_touch = room + np.minimum.accumulate(light_due - room)
+    pairs, untouched, light = (int(total[-1] - total[-2]) for total in (ends, no_contact, light_touch))
+    return {"no_contact": untouched, "light_touch": light, "rule": pairs - untouched - light}
 
 
 SESSIONS_PER_BATCH = 256
@@ -259,7 +281,9 @@ def _begin_generation(folder: DatasetFolder, settings: GenerationSettings, devic
     if not folder.settings.is_file():
         for name in settings.object_names:
             _load_object(name, settings.objects_seed)  # unknown names are refused before anything is written
-    begin_or_resume_dataset(folder, {"device": device, **settings.to_json_dict()})
+    digests = _mesh_digests(settings)
+    meshes = {"mesh_digests": digests} if digests else {}
+    begin_or_resume_dataset(folder, {"device": device, **settings.to_json_dict(), **meshes})
     if not folder.sensors.is_file():
         sensors = [settings.sensor_parameters(number).to_json_dict() for number in range(settings.sensors)]
         with_checksums = [{**sensor, CHECKSUM_KEY: mapping_checksum(sensor)} for sensor in sensors]

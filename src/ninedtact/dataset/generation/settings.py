@@ -72,8 +72,9 @@ class GenerationSettings:
                 raise GenerationImpossible(
                     f"expected {name} of at least 1, got {getattr(self, name)}; give a larger number"
                 )
-        if self.seed < 0:
-            raise GenerationImpossible(f"expected a seed of zero or more, got {self.seed}; give another")
+        for name in ("seed", "objects_seed"):
+            if getattr(self, name) < 0:
+                raise GenerationImpossible(f"expected {name} of zero or more, got {getattr(self, name)}; give another")
         if min(self.size) < _SMALLEST_PX:
             raise GenerationImpossible(
                 f"expected images of at least {_SMALLEST_PX} x {_SMALLEST_PX} pixels, got {self.size[0]} x {self.size[1]}; give "

@@ -64,7 +64,7 @@ class _NpzArchive:
     def iterate_images(self, name: str) -> Iterator[UInt8[Array, "rows cols 3"]]:
         """Yield the images of a long array one by one; raises `TransformerEpisodeDamaged`."""
         with self._open_member(name) as (file, shape, dtype):
-            if len(shape) != 4 or shape[3] != 3 or dtype != np.uint8:
+            if len(shape) != 4 or shape[3] != 3 or 0 in shape[1:3] or dtype != np.uint8:
                 raise self.damage(f"{name} as 8-bit images (T, rows, cols, 3)", f"{dtype} of shape {shape}")
             size = int(np.prod(shape[1:]))
             for _ in range(shape[0]):
@@ -180,7 +180,7 @@ class _EpisodePart(SourcePart):
     def _read_reference(self, episode: _NpzArchive) -> ReferenceImage:
         """Return the episode's own reference image; raises `TransformerEpisodeDamaged`."""
         image = episode.read_array(_REFERENCE if _REFERENCE in episode.names else _OLDER_REFERENCE)
-        if image.ndim != 3 or image.shape[2] != 3 or image.dtype.kind not in "uif":
+        if image.ndim != 3 or image.shape[2] != 3 or image.size == 0 or image.dtype.kind not in "uif":
             raise episode.damage(f"{_REFERENCE} as one RGB image", f"{image.dtype} of shape {image.shape}")
         if image.dtype.kind == "f":
             scale = 255.0 if np.nanmax(image) <= 1.0 else 1.0

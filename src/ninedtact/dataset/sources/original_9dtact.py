@@ -179,8 +179,8 @@ class _PairsPart(SourcePart):
     def items(self) -> Iterator[SourceItem]:
         """Yield the pairs, and every reference image once before the first pair that names it."""
         known: set[str] = set()
-        path = self.conventions.reference
-        given = _make_reference(_read_grey_image(path), self.source, self.source) if path else None
+        path, sensor = self.conventions.reference, self.conventions.sensor or self.source
+        given = _make_reference(_read_grey_image(path), self.source, sensor) if path else None
         for pair in self.pairs:
             for item in pair.items(self.source, self.conventions, given):
                 if isinstance(item, ReferenceImage):
@@ -215,7 +215,9 @@ class OriginalDatasetSource(Source):
 
     def statement_lines(self) -> Iterator[str]:
         """Yield what was stated about the folder."""
-        return self.conventions.statement_lines()
+        yield from self.conventions.statement_lines()
+        if self.conventions.reference is not None:
+            yield f"images without a mixed_image have the reference image {self.conventions.reference.name}"
 
     def files(self) -> list[Path]:
         """Return everything in the three folders but hidden files."""

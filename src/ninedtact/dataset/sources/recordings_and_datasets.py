@@ -19,7 +19,14 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.dataset.fault_report import PairFault
-from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files, read_dataset_settings
+from ninedtact.dataset.folder import (
+    REFERENCES_FILE,
+    DatasetFolder,
+    find_pair_files,
+    find_sensor_folders,
+    read_dataset_settings,
+    read_sensor_parameters,
+)
 from ninedtact.dataset.parquet_files import (
     StoredImageUnreadable,
     decode_stored_image,
@@ -219,6 +226,17 @@ class ExistingDatasetSource(Source):
             _FilePart(self.name, file, references, self.several, self._objects_seed)
             for file in find_pair_files(self.path)
         ]
+
+    def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes]]]:
+        """Yield each sensor that was calibrated with the files of its folder."""
+        from ninedtact.recording.reader import read_folder_files
+
+        for folder in find_sensor_folders(DatasetFolder(self.path).sensor_folders):
+            yield folder.name, read_folder_files(folder)
+
+    def simulated_sensors(self) -> list[dict[str, Any]]:
+        """Return all parameters of its simulated sensors; raises `DatasetDamaged`."""
+        return read_sensor_parameters(self.path)
 
     @cached_property
     def _settings(self) -> dict[str, Any]:

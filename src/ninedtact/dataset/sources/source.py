@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float32, Float64
@@ -71,8 +71,12 @@ class SourceConventions:
             yield f"torques of its labels were about ({', '.join(f'{mm:g}' for mm in self.origin_mm)}) mm"
         if self.axes != _AS_MEASURED:
             yield f"the sensor's x, y, z are the measured {', '.join(self.axes)}"
-        if self.reference is not None:
-            yield f"all images have the same reference image, {self.reference.name}"
+
+    def files(self) -> list[Path]:
+        """Return the files that were stated: the reference image, and those of the sensor folder."""
+        reference = [] if self.reference is None else [self.reference]
+        folder = [] if self.sensor_folder is None else sorted(self.sensor_folder.rglob("*"))
+        return [path for path in (*reference, *folder) if path.is_file()]
 
 
 def parse_axes(text: str) -> _Axes:
@@ -126,16 +130,21 @@ class Source(ABC):
         """Yield the name of each sensor whose calibration the source carries, and the files of its folder by their paths."""
         return iter(())
 
+    def simulated_sensors(self) -> list[dict[str, Any]]:
+        """Return all parameters of the simulated sensors that the source carries, as `sensors.json` stores them."""
+        return []
+
     def statement_lines(self) -> Iterator[str]:
         """Yield what was stated about the source as phrases for the card."""
         return iter(())
 
     def fingerprint(self) -> str:
-        """Return a digest that changes when a file is added, removed or written again."""
+        """Return a digest that changes when a file of the source, or one that was stated, is added, removed or written again."""
         digest = blake2b(digest_size=12)
-        for file in self.files():
+        stated = [(file, file) for file in self.conventions.files()]
+        for name, file in [*((file.relative_to(self.root), file) for file in self.files()), *stated]:
             entry = file.stat()
-            digest.update(os.fsencode(file.relative_to(self.root)))
+            digest.update(os.fsencode(name))
             digest.update(f" {entry.st_size} {entry.st_mtime_ns}\n".encode())
         return digest.hexdigest()
 

@@ -121,6 +121,13 @@ def indenter_from_name(text: str, seed: int = 0) -> Indenter:
     raise UnknownObject(f"expected {_accepted_names()}, got {text!r}; give one of these")
 
 
+def mesh_file_of_name(text: str) -> Path | None:
+    """Return the mesh file that an object's name refers to; None for all other objects."""
+    is_other = text.partition(":")[0] in (*PRIMITIVES, "thingi10k") or re.sub(r"_?\d+$", "", text) in FAMILIES
+    path = Path(_split_mesh_options(text)[0])
+    return path if not is_other and path.suffix.lower() in MESH_FILE_SUFFIXES else None
+
+
 def _accepted_names() -> str:
     """Return one sentence about all names that are accepted."""
     solids = ", ".join(f"{kind}:{dimensions}" for kind, (dimensions, _) in PRIMITIVES.items())
