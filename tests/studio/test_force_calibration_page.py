@@ -8,7 +8,9 @@ from functools import partial
 from pathlib import Path
 from threading import Event
 
+import msgspec
 import pytest
+from page_client import page_socket
 from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
 from reading_clients import page_errors
@@ -165,6 +167,45 @@ def test_an_unplugged_camera_is_waited_for_and_a_full_disk_leaves_the_old_scale(
     session.save()
     session.save()  # two people press it
     assert session.state.saved is not None and session.state.phase is ForceCalibrationPhase.SAVED
+
+
+def test_a_press_is_dropped_once_and_a_load_that_still_rests_is_not_taken_for_it(
+    session: ForceCalibrationSession, camera: SimulatedCalibrationCamera
+) -> None:
+    stays = Event()
+
+    def put_on(grams: float) -> None:
+        if not grams and len(session.state.presses) == 2:
+            stays.set()  # nobody takes the load away
+        if not stays.is_set():
+            camera.offer(ball_press_under_load(grams))
+
+    session.on_load = put_on
+    with page_server("127.0.0.1", 0) as server:
+        page = ForceCalibrationPage(server, session, lambda: {"sim": "simulated sensor"}, 4.0)
+        with page_socket(server.get_port()) as one, page_socket(server.get_port()) as other:
+            session.start()
+            wait_until(lambda: session.state.phase is ForceCalibrationPhase.LIFT and stays.is_set(), PATIENCE_S)
+            first, second = session.state.presses
+            page.refresh()
+            for client in (one, other):  # two people press the button that names the second press
+                client.send(msgspec.msgpack.encode(_press_of(page._remove._impl.uuid)))
+            wait_until(lambda: second not in session.state.presses)
+            for client in (one, other):  # whose messages have been handled when the answer to a ping is there
+                client.ping().wait(PATIENCE_S)
+    assert session.state.presses == (first,)
+    session.remove(first)
+    wait_until(lambda: "something still touches the skin" in session.state.advice, PATIENCE_S)
+    assert session.state.phase is ForceCalibrationPhase.REFERENCE and not session.state.presses
+    stays.clear()
+    camera.offer(ball_press_under_load(0.0))
+    wait_until(lambda: len(session.state.presses) == 1, PATIENCE_S)
+    assert session.state.presses[0].estimated_n == pytest.approx(first.estimated_n, rel=0.05)
+
+
+def _press_of(uuid: str) -> dict[str, object]:
+    """Return the message of a browser whose button is pressed."""
+    return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": True}}
 
 
 def test_a_press_that_contradicts_the_others_is_named() -> None:
