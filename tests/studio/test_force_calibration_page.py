@@ -167,6 +167,8 @@ def test_an_unplugged_camera_is_waited_for_and_a_full_disk_leaves_the_old_scale(
     session.save()
     session.save()  # two people press it
     assert session.state.saved is not None and session.state.phase is ForceCalibrationPhase.SAVED
+    session.start_over()
+    assert session.saved is not None and session.saved.is_file() and session.state.saved is None
 
 
 def test_a_press_is_dropped_once_and_a_load_that_still_rests_is_not_taken_for_it(

@@ -96,7 +96,7 @@ class CalibrationPageServer:
                     page.refresh()
                     sleep(1 / REFRESH_HZ)
             if stop.now:
-                return session.state.result
+                return session.saved
             result, source = session.state.result, session.state.source
             assert result is not None
             if session.force_requested.is_set():
@@ -104,7 +104,7 @@ class CalibrationPageServer:
                 ForceCalibrationPageServer(result, options, source, automatic=self.automatic).serve(guard)
             else:
                 serve_calibrated_sensor(result, source, port, guard, self.automatic)
-        return session.state.result
+        return session.saved
 
     def _camera(self, address: str) -> "FrameSource":
         """Return a camera or recording."""
@@ -170,7 +170,7 @@ class ForceCalibrationPageServer:
                     sleep(1 / REFRESH_HZ)
             if not stop.now:
                 serve_calibrated_sensor(folder, session.state.source, port, guard, self.automatic)
-        return session.state.saved
+        return session.saved
 
     def _simulated_camera(self) -> "tuple[SimulatedCalibrationCamera, float] | tuple[None, None]":
         """Return the sensor's twin under loads and its stiffness; nothing for a sensor without a twin, unless it is named."""

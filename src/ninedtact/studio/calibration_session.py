@@ -118,6 +118,8 @@ class CalibrationSession:
         self._progress: _StepProgress | None = None
         self._last_back_s = -np.inf
         self._agreed: bytes | None = None
+        self.saved: SensorFolder | None = None
+        """The sensor that was written last, also after somebody has started over."""
         self._state = CalibrationState(source=self.source)
         self._searches = ThreadPoolExecutor(1, "pins")
         self._failure: BaseException | None = None
@@ -194,9 +196,13 @@ class CalibrationSession:
             self._begin_step(kept)
 
     def start_over(self) -> None:
-        """Give up the images and go back to the choice of the camera; a fit that runs is not interrupted."""
+        """Give up the images and go back to the choice of the camera; a fit that runs is not interrupted.
+
+        Nothing happens once somebody wants to see the sensor live, or to calibrate its force. A sensor that was written stays.
+        """
         with self._changed:
-            if self._state.phase not in (CalibrationPhase.PREVIEW, CalibrationPhase.FIT):
+            is_left = self.live_requested.is_set() or self.force_requested.is_set()
+            if self._state.phase not in (CalibrationPhase.PREVIEW, CalibrationPhase.FIT) and not is_left:
                 self._taken, self._progress = {}, None
                 self._state = CalibrationState(source=self.source)
                 self.camera.restart_recording()
@@ -209,6 +215,18 @@ class CalibrationSession:
             if self._state.phase is CalibrationPhase.REFUSED and len(self._taken) == len(self._steps):
                 self._agree(replace_sensor)
                 self._begin_step(len(self._steps))
+
+    def request_live(self) -> None:
+        """Show the calibrated sensor live; nothing happens without one, as where another person has just started over."""
+        with self._changed:
+            if self._state.result is not None:
+                self.live_requested.set()
+
+    def request_force(self) -> None:
+        """Calibrate the force of the calibrated sensor; nothing happens without one, or where its images determine no force."""
+        with self._changed:
+            if self._state.result is not None and self._state.result.record.twin is not None:
+                self.force_requested.set()
 
     def _agree(self, replace_sensor: bool) -> None:
         """Remember which sensor may be replaced; raises `SensorWouldBeReplaced`, `SensorFolderNotReplaceable`."""
@@ -362,6 +380,7 @@ class CalibrationSession:
         except (NinedtactError, OSError) as refusal:
             self._set(phase=CalibrationPhase.REFUSED, advice=str(refusal))
         else:
+            self.saved = folder
             self._set(phase=CalibrationPhase.RESULT, result=folder, fit_progress=1.0, advice="")
 
 

@@ -172,6 +172,8 @@ class ForceCalibrationSession:
         self._watch: ImageWatcher | None = None
         self._reference: BgrImage | None = None
         self._refusal = ""
+        self.saved: Path | None = None
+        """The file that was written last, also after somebody has started over."""
         self._failure: BaseException | None = None
         self._thread = Thread(target=self._run_until_closed, name="force calibration", daemon=True)
 
@@ -258,6 +260,7 @@ class ForceCalibrationSession:
                 raise ForceScaleImpossible(
                     f"expected to write the force scale into {self.sensor}, got: {trouble}; make room or change its permissions"
                 ) from trouble
+            self.saved = file
             self._enter(ForceCalibrationPhase.SAVED)
             self._set(saved=file)
 
