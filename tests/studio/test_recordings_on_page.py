@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from subprocess import PIPE
@@ -172,6 +173,25 @@ def test_samples_at_the_rate_that_the_page_keeps_are_all_kept(recorded: tuple[Pa
     assert [at for at, _ in history.snapshot(None, stamps_ns[-1]).samples] == stamps_ns
     with RecordedReadings(tmp_path / "60.mcap", bench.folder.shape) as readings:
         assert [at for at, _ in readings.samples(Topic.MEASURED)] == stamps_ns
+
+
+def test_a_moment_has_no_wrench_of_another_time(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
+    _, bench = recorded
+    image, first_ns = bench.kept[0].image, 10**12
+    with RecordingWriter(tmp_path / "ended.mcap", RecordingMetadata("small")) as writer:
+        for second in range(6):
+            writer.write_image(Frame(image, first_ns + second * 10**9, second))
+        force = Wrench(np.array([0.0, 0.0, -5.0]), np.zeros(3), stamp_ns=first_ns + 10**9)
+        writer.write_measured(force)  # the force/torque sensor was lost after this
+        wrench = replace(force, stamp_ns=first_ns + 2 * 10**9)
+        writer.write_estimated(WrenchEstimate(wrench, np.eye(6), True, ()), 2)
+    player = player_of(tmp_path / "ended.mcap", bench)
+    found = []
+    for second in range(6):
+        player.seek(second)
+        found.append(tuple(one.sample is not None for one in player.moment(NEWEST).wrenches))
+    player.close()
+    assert found == [(True, False), (True, False), (True, True), *[(False, False)] * 3]
 
 
 def test_a_program_reads_the_reference_of_the_page_and_not_the_first_images(recorded: tuple[Path, Bench]) -> None:

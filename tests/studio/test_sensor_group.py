@@ -19,7 +19,7 @@ from page_client import page_client
 from playwright.sync_api import Browser, Page
 from reading_clients import open_panel
 from small_sensor import SkinCamera, sensor_folder, sensor_on, skin, wait_until
-from test_recordings_on_page import Journey, ScaledForce
+from test_recordings_on_page import Bench, Journey, ScaledForce
 
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
@@ -40,7 +40,7 @@ from ninedtact.studio.saved_files import SaveLimits
 from ninedtact.studio.scene_3d import FIELD_OF_VIEW_RAD, GelBlock, SideBySideLayout, gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
-from ninedtact.studio.view_panels import ProfilePanel
+from ninedtact.studio.view_panels import ProfilePanel, ScenePanel
 from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 
 PATIENCE_S = 90.0
@@ -202,6 +202,33 @@ def test_a_line_is_picked_on_the_nearest_finger_and_within_its_skin(gripper: Gri
             return "\N{MINUS SIGN}1.00 mm" in panel._text.content
 
         wait_until(plots_the_right, pause_s=0.03)
+
+
+@pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
+def test_no_skin_of_the_sensors_stands_beside_a_recording_of_one_sensor(gripper: Gripper, tmp_path: Path) -> None:
+    bench = Bench(tmp_path / "bench", gripper.out)
+    with bench.sensor:
+        path = bench.recorder.start()
+        bench.press([75, 75])
+        bench.recorder.stop()
+    with page_client(gripper.page, int(gripper.address.rpartition(":")[2])) as client:
+        viewer = client.viewer
+        scene = next(panel for panel in viewer._panels if isinstance(panel, ScenePanel))
+
+        def stand(*visible: bool, status: str) -> bool:
+            gripper.controller.refresh(gripper.page)
+            shown = viewer.moment is not None and viewer.moment.status.sentence.startswith(status)
+            return shown and tuple(frame.visible for frame in scene._frames) == visible
+
+        wait_until(lambda: stand(True, True, status="live") and path.name in client.control("recording").options)
+        client.use("recording", path.name)
+        wait_until(lambda: stand(True, False, status="recorded"))
+        client.use("sensor", "right")  # which the recording has not: what is shown of it is the sensor that it has
+        wait_until(lambda: stand(False, True, status="recorded"))
+        assert viewer.moment is not None and scene._drawn[1][0] == id(viewer.moment.view)
+        client.use("Back to the sensor")
+        client.use("sensor", "all side by side")
+        wait_until(lambda: stand(True, True, status="live"))
 
 
 @pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)

@@ -126,16 +126,17 @@ class ScenePanel:
         shear.on_update(lambda event: viewer.choose(shear_arrows=event.target.value))
 
     def update(self, moment: PageMoment) -> None:
-        """Draw the scene where it differs from what was drawn last."""
+        """Draw the scene where it differs from what was drawn last; a recording may have fewer sensors than the page."""
         sensors, chosen = moment.sensors, self._viewer.options.sensor
         shown = range(len(self._scenes)) if chosen is None else (min(chosen, len(self._scenes) - 1),)
         arrangement = self._viewer.arrangement
+        drawn = dict(zip(shown, self._viewer.choose_shown(sensors), strict=False))
         for number, frame in enumerate(self._frames):
-            frame.visible = number in shown
+            frame.visible = number in drawn
         for number, place in zip(shown, arrangement.places_mm, strict=True):
             self._frames[number].position = place
-            if number < len(sensors):
-                self._draw(number, sensors[number])
+            if number in drawn:
+                self._draw(number, drawn[number])
         if len(shown) != self._stood:
             self._stood = len(shown)
             camera = self._viewer.client.camera
