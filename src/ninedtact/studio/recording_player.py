@@ -226,6 +226,11 @@ class RecordingPlayer:
         return self._is_playing
 
     @property
+    def sensor_id(self) -> str:
+        """The id of the sensor that was recorded."""
+        return self._readings.recording.sensor
+
+    @property
     def hz(self) -> float:
         """The usual rate of the images."""
         return self._readings.hz
