@@ -83,6 +83,18 @@ def test_a_person_is_led_through_both_presses(session: CalibrationSession, camer
     assert session.state.step == 2  # the images of the board stay
 
 
+def test_an_image_that_was_overexposed_does_not_hold_the_step_up(
+    session: CalibrationSession, camera: PluggedCamera
+) -> None:
+    session.start()
+    at_step(session, 1)
+    camera.set_exposure(40.0)
+    camera.hold(camera.good_press("board"))
+    wait_until(lambda: "for the board image, got 1" in session.state.advice, PATIENCE_S)  # 100 % overexposed
+    camera.set_exposure(10.0)
+    at_step(session, 2)
+
+
 def test_a_sensor_is_not_forgotten_when_one_person_starts_over_and_another_opens_it(
     session: CalibrationSession, camera: PluggedCamera
 ) -> None:

@@ -184,10 +184,8 @@ class CalibrationSession:
     def back(self) -> None:
         """Take the latest image again, also after a refusal."""
         with self._changed:
-            if (
-                self._state.phase not in (CalibrationPhase.CAPTURE, CalibrationPhase.REFUSED)
-                or monotonic() - self._last_back_s < ONCE_S
-            ):
+            has_images = self._state.phase in (CalibrationPhase.CAPTURE, CalibrationPhase.REFUSED)
+            if not has_images or monotonic() - self._last_back_s < ONCE_S:
                 return
             self._last_back_s = monotonic()
             # The reference image of a press is taken again with it, since the skin has been touched meanwhile.
@@ -196,9 +194,9 @@ class CalibrationSession:
             self._begin_step(kept)
 
     def start_over(self) -> None:
-        """Give up the images and go back to the choice of the camera; a fit that runs is not interrupted.
+        """Give up the images and go back to the choice of the camera; a sensor that was written stays.
 
-        Nothing happens once somebody wants to see the sensor live, or to calibrate its force. A sensor that was written stays.
+        Nothing happens while a fit runs, and once somebody wants to see the sensor live, or to calibrate its force.
         """
         with self._changed:
             is_left = self.live_requested.is_set() or self.force_requested.is_set()
@@ -347,7 +345,8 @@ class CalibrationSession:
             return None
         if not progress.search.done():
             return None
-        (pins, duration_s), progress.search = progress.search.result(), None
+        search, progress.search = progress.search, None  # also where it was refused: the next image is searched again
+        pins, duration_s = search.result()
         progress.searched_until_s = monotonic() + _PIN_COUNT_PAUSE * duration_s
         return pins
 
