@@ -19,7 +19,7 @@ from urllib.request import urlopen
 import cv2
 import numpy as np
 import pytest
-from page_client import page_client
+from page_client import page_client, page_socket
 from playwright.sync_api import Browser, Locator, Page
 from reading_clients import open_panel, page_errors
 from small_sensor import SkinCamera, sensor_folder, sensor_on, wait_until
@@ -366,6 +366,42 @@ def test_buttons_of_two_viewers_do_what_they_say(recorded: tuple[Path, Bench]) -
             press_both(record, lambda: all(panel._shown_state.label is None for panel in panels))
             assert not bench.recorder.state().is_running and len(list(path.parent.glob("*.mcap"))) == 2
             assert client.notices[:-1] == other.notices[:-1] == []  # the last one says what was recorded
+
+
+class UntilAlone:
+    """A panel that takes as long to build as a browser stays."""
+
+    title, icon, side = "Slow", None, "right"
+
+    def __init__(self, viewer: ViewerPage, server: ViserServer, built: list[ViewerPage]) -> None:
+        self._viewer, self._server, self._built = viewer, server, built
+
+    def build(self, gui: object) -> None:
+        wait_until(lambda: self._viewer.client.client_id not in self._server.get_clients())
+        self._built.append(self._viewer)
+
+    def update(self, moment: PageMoment) -> None: ...
+
+
+def test_a_recording_is_closed_for_a_viewer_who_left_before_it_was_opened(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    built: list[ViewerPage] = []
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        context, block = (
+            RecordingsPanelContext(server, bench.folder, opens=path),
+            gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel),
+        )
+        panels = [partial(RecordingsPanel, context=context), partial(UntilAlone, server=server, built=built)]
+        page = SensorPage(server, PageController(loop, path.parent), block, "small", None, panels)
+        with page_socket(server.get_port()):
+            wait_until(lambda: len(server.get_clients()) == 1)
+        wait_until(lambda: len(built) == 1 and not built[0].plays_recording)
+        (player,) = [recordings_panel(built[0])._player]
+        assert player is not None and not page.viewers
+        wait_until(player._closing.is_set)
+        late = player_of(path, bench)
+        built[0].play(late)  # by a callback that ends after the viewer has left
+        assert late._closing.is_set() and not built[0].plays_recording
 
 
 def test_controls_of_a_recording_show_what_is_open(recorded: tuple[Path, Bench]) -> None:
