@@ -19,6 +19,8 @@ from small_sensor import wait_until
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.frame_source import CameraLost
 from ninedtact.cli import main
+from ninedtact.cli.calibration_page import CalibrationPageOptions, ForceCalibrationPageServer
+from ninedtact.cli.sensor_page import PageSettings
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import NinedtactError
 from ninedtact.force.known_load_scale import ForceScaleImpossible, read_force_scale_tables
@@ -203,6 +205,20 @@ def test_a_press_is_dropped_once_and_a_load_that_still_rests_is_not_taken_for_it
     camera.offer(ball_press_under_load(0.0))
     wait_until(lambda: len(session.state.presses) == 1, PATIENCE_S)
     assert session.state.presses[0].estimated_n == pytest.approx(first.estimated_n, rel=0.05)
+
+
+def test_the_live_page_that_follows_shows_the_estimator_that_was_calibrated(
+    twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ESTIMATOR, lambda force, folder: TractionForce(HeightObservationModel(), Gel()))
+    served: list[PageSettings] = []
+    monkeypatch.setattr(
+        "ninedtact.cli.calibration_page.serve_sensor_page", lambda parts, settings, ends: served.append(settings)
+    )
+    monkeypatch.setattr(ForceCalibrationPage, "refresh", lambda page: page._session.live_requested.set())
+    page = ForceCalibrationPageServer(twin_sensor, CalibrationPageOptions(port=0), "0", force="corrected")
+    assert page.serve() is None  # no scale was saved
+    assert [settings.force for settings in served] == ["corrected"]
 
 
 def _press_of(uuid: str) -> dict[str, object]:

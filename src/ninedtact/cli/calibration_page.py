@@ -169,7 +169,7 @@ class ForceCalibrationPageServer:
                     page.refresh()
                     sleep(1 / REFRESH_HZ)
             if not stop.now:
-                serve_calibrated_sensor(folder, session.state.source, port, guard, self.automatic)
+                serve_calibrated_sensor(folder, session.state.source, port, guard, self.automatic, self.force)
         return session.saved
 
     def _simulated_camera(self) -> "tuple[SimulatedCalibrationCamera, float] | tuple[None, None]":
@@ -186,12 +186,15 @@ def _live_camera(address: str, automatic: bool) -> "FrameSource":
 
 
 def serve_calibrated_sensor(
-    folder: "SensorFolder", source: str, port: int, guard: "SocketGuard", automatic: bool
+    folder: "SensorFolder", source: str, port: int, guard: "SocketGuard", automatic: bool, force: str | None = None
 ) -> None:
-    """Serve the live page of a calibrated sensor at the address of its calibration, until Ctrl-C."""
+    """Serve the live page of a calibrated sensor at the address of its calibration, until Ctrl-C.
+
+    force: estimator that it shows; without it physics, which a sensor needs a twin for.
+    """
     live = Live((source,), (str(folder.path),), automatic=automatic)
     part = PageSensor(folder, *live.sensor_and_wrenches(folder))
-    force = NONE if folder.record.twin is None else PHYSICS
+    force = force or (NONE if folder.record.twin is None else PHYSICS)
     settings = PageSettings(_READINGS, _LIVE_HZ, guard.host, port, force, guard=guard)
     serve_sensor_page([part], settings, ends=False)
 
