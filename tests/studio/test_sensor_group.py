@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from subprocess import PIPE
@@ -183,7 +183,7 @@ def test_a_line_is_picked_on_the_nearest_finger_and_within_its_skin(gripper: Gri
         (left_x, left_y, _), (right_x, right_y, _) = viewer.arrangement.places_mm
         hand.click_on_scene(right_x + 1.0, right_y - 2.0, "shift")
         wait_until(lambda: viewer.options.profile_mm[0] == (1.0, -2.0))
-        assert viewer.options.with_profile and viewer.profiled_sensor == 1
+        assert viewer.options.with_profile and viewer.profiled_sensor == 1 and hand.control("line on the skin").value
         hand.click_on_scene(right_x + 1000.0, right_y - 1000.0, "shift")
         wait_until(lambda: viewer.options.profile_mm[1] == (round(half_x, 1), round(-half_y, 1)))
         hand.click_on_scene(left_x, left_y)  # nothing: Shift is not held
@@ -229,6 +229,25 @@ def test_no_skin_of_the_sensors_stands_beside_a_recording_of_one_sensor(gripper:
         client.use("Back to the sensor")
         client.use("sensor", "all side by side")
         wait_until(lambda: stand(True, True, status="live"))
+
+
+@pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
+def test_what_one_finger_reads_is_saved_before_the_other_has_read(gripper: Gripper) -> None:
+    with page_client(gripper.page, int(gripper.address.rpartition(":")[2])) as client:
+        viewer = client.viewer
+
+        def has_read() -> bool:
+            gripper.controller.refresh(gripper.page)
+            return viewer.moment is not None and all(one.reading is not None for one in viewer.moment.sensors)
+
+        wait_until(has_read)
+        assert viewer.moment is not None
+        left, right = viewer.moment.sensors
+        viewer.moment = replace(viewer.moment, beside=(left, replace(right, view=None)))
+        client.use("Save this reading")
+        wait_until(lambda: bool(client.notices))
+    assert client.notices == [f"Saved: 5 files in {gripper.out}"]
+    assert len(list(gripper.out.glob("reading_*_left_*"))) == len(list(gripper.out.iterdir())) == 5
 
 
 @pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
