@@ -10,7 +10,7 @@ import sys
 import time
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from textwrap import dedent
@@ -288,3 +288,28 @@ def test_the_command_prints_where_it_serves(tmp_path: Path) -> None:
             assert next(message for message in messages if message["type"] == "reading")["wrench"] is None
         running.send_signal(signal.SIGINT)
         assert running.wait(PATIENCE_S) == 0
+
+
+def test_clients_that_have_left_and_idle_connections_keep_nobody_out() -> None:
+    with ReadingServer("small", "127.0.0.1", 0, 0) as server, ExitStack() as opened:
+        most = server.guard.limits.clients
+
+        def wait_for_open(count: int) -> None:
+            wait_until(lambda: sum(not sent.at_eof() for sent in tuple(server._clients.values())) == count)
+
+        for _ in range(most + 8):  # while there are no readings
+            with tcp(server.tcp_port, b"{}\n"):
+                wait_for_open(1)
+            wait_for_open(0)
+        for _ in range(most + 8):
+            opened.enter_context(tcp(server.tcp_port, b""))
+        half_closed = opened.enter_context(tcp(server.tcp_port, b"{}\n"))
+        wait_for_open(1)
+        half_closed.shutdown(socket.SHUT_WR)  # as a pipe into netcat does, which reads on
+        wait_for_open(0)
+        clients = [half_closed, *(opened.enter_context(tcp(server.tcp_port, b"{}\n")) for _ in range(most))]
+        wait_for_open(most)
+        with tcp(server.tcp_port, b"{}\n") as one_more:
+            assert b"expected at most 32 clients, got one more" in one_more.recv(1000)
+        server.publish(camera_reading())
+        assert all(client.recv(10).startswith(b'{"type"') for client in clients)

@@ -13,6 +13,7 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
+from page_client import page_socket
 from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
 from reading_clients import page_errors
@@ -28,6 +29,7 @@ from ninedtact.cli.calibration_page import CalibrationPageOptions, serve_calibra
 from ninedtact.design import SensorDesign
 from ninedtact.studio.calibration_page import CalibrationPage
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession
+from ninedtact.studio.guided_page import GuidedPageImage
 from ninedtact.studio.page_and_server import page_server
 from ninedtact.studio.socket_guard import SocketGuard
 
@@ -42,6 +44,23 @@ def run_callbacks_late(server: ViserServer, monkeypatch: pytest.MonkeyPatch, del
         return submit(lambda: (time.sleep(delay_s), callback(*args)))
 
     monkeypatch.setattr(server.gui._thread_executor, "submit", submit_late)
+
+
+def test_no_image_is_kept_for_a_browser_that_left_while_its_page_was_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    with page_server("127.0.0.1", 0) as server:
+        image = GuidedPageImage(server, "Calibration")
+        run_callbacks_late(server, monkeypatch)
+        image.serve(server)
+        with page_socket(server.get_port()):
+            wait_until(lambda: len(server.get_clients()) == 1)
+            wait_until(lambda: len(image._images) == 1)
+        wait_until(lambda: not image._images)
+        made = []
+        monkeypatch.setattr("ninedtact.studio.guided_page.ThemeChoice", made.append)
+        with page_socket(server.get_port()):
+            wait_until(lambda: len(server.get_clients()) == 1)
+        wait_until(lambda: len(made) == 1)  # after the browser has left
+        wait_until(lambda: not image._images)
 
 
 def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(

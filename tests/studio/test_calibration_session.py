@@ -19,6 +19,7 @@ from ninedtact.simulation.calibration_camera import HeldCalibrationObject
 from ninedtact.studio.calibration_page import draw_found_pins
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession, SensorWouldBeReplaced
 
+PATIENCE_S = 120.0
 SETTINGS = CalibrationSettings(method="ratio")
 
 
@@ -80,6 +81,36 @@ def test_a_person_is_led_through_both_presses(session: CalibrationSession, camer
         session.fit_again()
     session.back()
     assert session.state.step == 2  # the images of the board stay
+
+
+def test_an_image_that_was_overexposed_does_not_hold_the_step_up(
+    session: CalibrationSession, camera: PluggedCamera
+) -> None:
+    session.start()
+    at_step(session, 1)
+    camera.set_exposure(40.0)
+    camera.hold(camera.good_press("board"))
+    wait_until(lambda: "for the board image, got 1" in session.state.advice, PATIENCE_S)  # 100 % overexposed
+    camera.set_exposure(10.0)
+    at_step(session, 2)
+
+
+def test_a_sensor_is_not_forgotten_when_one_person_starts_over_and_another_opens_it(
+    session: CalibrationSession, camera: PluggedCamera
+) -> None:
+    camera.plays_by_itself = True
+    session.start()
+    wait_until(lambda: session.state.phase is CalibrationPhase.RESULT, PATIENCE_S)
+    session.start_over()
+    session.request_live()
+    session.request_force()
+    assert not session.live_requested.is_set() and not session.force_requested.is_set()
+    assert session.saved is not None and session.saved.path == session.out  # what the command returns
+    session.start(replace_sensor=True)
+    wait_until(lambda: session.state.phase is CalibrationPhase.RESULT, PATIENCE_S)
+    session.request_live()
+    session.start_over()
+    assert session.live_requested.is_set() and session.state.result is not None
 
 
 def test_an_existing_sensor_is_replaced_only_by_agreement(session: CalibrationSession) -> None:

@@ -8,7 +8,9 @@ from functools import partial
 from pathlib import Path
 from threading import Event
 
+import msgspec
 import pytest
+from page_client import page_socket
 from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
 from reading_clients import page_errors
@@ -17,6 +19,8 @@ from small_sensor import wait_until
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.frame_source import CameraLost
 from ninedtact.cli import main
+from ninedtact.cli.calibration_page import CalibrationPageOptions, ForceCalibrationPageServer
+from ninedtact.cli.sensor_page import PageSettings
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import NinedtactError
 from ninedtact.force.known_load_scale import ForceScaleImpossible, read_force_scale_tables
@@ -165,6 +169,61 @@ def test_an_unplugged_camera_is_waited_for_and_a_full_disk_leaves_the_old_scale(
     session.save()
     session.save()  # two people press it
     assert session.state.saved is not None and session.state.phase is ForceCalibrationPhase.SAVED
+    session.start_over()
+    assert session.saved is not None and session.saved.is_file() and session.state.saved is None
+
+
+def test_a_press_is_dropped_once_and_a_load_that_still_rests_is_not_taken_for_it(
+    session: ForceCalibrationSession, camera: SimulatedCalibrationCamera
+) -> None:
+    stays = Event()
+
+    def put_on(grams: float) -> None:
+        if not grams and len(session.state.presses) == 2:
+            stays.set()  # nobody takes the load away
+        if not stays.is_set():
+            camera.offer(ball_press_under_load(grams))
+
+    session.on_load = put_on
+    with page_server("127.0.0.1", 0) as server:
+        page = ForceCalibrationPage(server, session, lambda: {"sim": "simulated sensor"}, 4.0)
+        with page_socket(server.get_port()) as one, page_socket(server.get_port()) as other:
+            session.start()
+            wait_until(lambda: session.state.phase is ForceCalibrationPhase.LIFT and stays.is_set(), PATIENCE_S)
+            first, second = session.state.presses
+            page.refresh()
+            for client in (one, other):  # two people press the button that names the second press
+                client.send(msgspec.msgpack.encode(_press_of(page._remove._impl.uuid)))
+            wait_until(lambda: second not in session.state.presses)
+            for client in (one, other):  # whose messages have been handled when the answer to a ping is there
+                client.ping().wait(PATIENCE_S)
+    assert session.state.presses == (first,)
+    session.remove(first)
+    wait_until(lambda: "something still touches the skin" in session.state.advice, PATIENCE_S)
+    assert session.state.phase is ForceCalibrationPhase.REFERENCE and not session.state.presses
+    stays.clear()
+    camera.offer(ball_press_under_load(0.0))
+    wait_until(lambda: len(session.state.presses) == 1, PATIENCE_S)
+    assert session.state.presses[0].estimated_n == pytest.approx(first.estimated_n, rel=0.05)
+
+
+def test_the_live_page_that_follows_shows_the_estimator_that_was_calibrated(
+    twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ESTIMATOR, lambda force, folder: TractionForce(HeightObservationModel(), Gel()))
+    served: list[PageSettings] = []
+    monkeypatch.setattr(
+        "ninedtact.cli.calibration_page.serve_sensor_page", lambda parts, settings, ends: served.append(settings)
+    )
+    monkeypatch.setattr(ForceCalibrationPage, "refresh", lambda page: page._session.live_requested.set())
+    page = ForceCalibrationPageServer(twin_sensor, CalibrationPageOptions(port=0), "0", force="corrected")
+    assert page.serve() is None  # no scale was saved
+    assert [settings.force for settings in served] == ["corrected"]
+
+
+def _press_of(uuid: str) -> dict[str, object]:
+    """Return the message of a browser whose button is pressed."""
+    return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": True}}
 
 
 def test_a_press_that_contradicts_the_others_is_named() -> None:

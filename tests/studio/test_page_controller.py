@@ -13,7 +13,8 @@ from small_sensor import SkinCamera, sensor_on, wait_until
 from ninedtact.capture.frame_source import CameraLost
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.strict_image_reading import read_image
-from ninedtact.quantities import Wrench
+from ninedtact.quantities import Wrench, WrenchEstimate
+from ninedtact.reading import Reading
 from ninedtact.studio.page_controller import (
     MAX_SLOWDOWN,
     NothingToSave,
@@ -105,6 +106,30 @@ def test_one_moment_has_the_reading_and_the_wrench_of_the_same_stamp(stage: Stag
             assert sample.wrench.stamp_ns == moment.reading.stamp_ns
             del stage.loop.snapshot
             time.sleep(0.05)
+
+
+def test_one_moment_has_the_estimate_of_its_own_reading(stage: Stage) -> None:
+    history = WrenchHistory("estimated", "by the bench", states_errors=True)
+    shown: list[Reading] = []
+
+    def estimate_and_show(reading: Reading) -> None:  # readings come faster than the history keeps estimates
+        wrench = Wrench(np.zeros(3), np.zeros(3), stamp_ns=reading.stamp_ns)
+        shown.append(reading.with_force(WrenchEstimate(wrench, np.eye(6), True, ())))
+        history.add_estimate(shown[-1].force)  # type: ignore[arg-type]
+
+    stage.studio.wrenches = (history,)
+    with stage.loop:
+        wait_until(lambda: stage.sees(0.0))
+        read = stage.loop.snapshot(0)
+    assert read.reading is not None
+    for number in range(20):
+        frame = replace(read.reading.frame, stamp_ns=read.reading.stamp_ns + number * 4_000_000)
+        estimate_and_show(replace(read.reading, frame=frame))
+        stage.loop.snapshot = lambda now_ns: replace(read, reading=shown[-1])  # type: ignore[method-assign]
+        stage.studio.refresh(stage.screen)
+        sample = stage.screen.moments[-1].wrenches[0].sample
+        assert sample is not None and sample.wrench.stamp_ns == frame.stamp_ns
+    assert len(history.snapshot(None, 0).samples) < 10
 
 
 def test_what_is_not_the_present_is_faded_until_the_camera_is_back(stage: Stage) -> None:

@@ -293,6 +293,7 @@ def test_a_client_that_floods_and_clients_beyond_the_limit_are_disconnected(capl
             with pytest.raises(ConnectionClosed, match="1011"):
                 two.recv(timeout=30)
         idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(30)]
+        assert request(port, "/", (f"Host: 127.0.0.1:{port}",), upgrade=True)[0] == 101  # they keep nobody out
         still_open = 0
         for client in idle:
             client.settimeout(0.2)

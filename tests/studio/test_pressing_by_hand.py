@@ -25,7 +25,7 @@ from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.mechanics.height_grid_indenter import indenter_from_heights
-from ninedtact.mechanics.pose import Pose
+from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.reading import Reading
 from ninedtact.simulation.ground_truth import true_height_map_like
 from ninedtact.simulation.hand_moved_object import HandTarget, SimulatedHand
@@ -38,6 +38,7 @@ from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
 from ninedtact.studio.press_control import (
     MAX_DEPTH_MM,
     OBJECTS_BY_KIND,
+    HandPressState,
     TwinPressController,
     UploadRefused,
     read_uploaded_mesh,
@@ -48,7 +49,7 @@ from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelCo
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
 from ninedtact.studio.sensor_poller import SensorPoller
-from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM, THUMBNAIL_PX, object_thumbnails
+from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM, THUMBNAIL_PX, TwinPressPanel, object_thumbnails
 from ninedtact.studio.wrench_history import WrenchHistory
 
 PATIENCE_S = 120.0
@@ -466,6 +467,43 @@ def test_the_side_of_a_mesh_that_faces_the_skin_is_chosen_on_the_page(tmp_path: 
     ]
 
 
+def test_viewers_who_come_later_are_shown_the_mesh_that_presses(tmp_path: Path) -> None:
+    control = TwinPressController(PressSequence(TWIN, [PRESSED]))
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        controller = PageController(loop, tmp_path)
+        page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "twin", control)
+        with page_client(page, server.get_port()) as client:
+            client.upload("Upload a mesh", "part.stl", stl(trimesh.creation.box((2, 4, 7))))
+            wait_until(lambda: len(client.notices) == 1, PATIENCE_S)
+            with page_client(page, server.get_port()) as later:
+                assert later.control("kind").value == "own mesh" and later.control("object").value == "part"
+                panel = next(each for each in later.viewer._panels if isinstance(each, TwinPressPanel))
+                before = panel._thumbnails.image
+                assert np.array_equal(before, object_thumbnails("own mesh", control.own_mesh))
+                later.upload("Upload a mesh", "part.stl", stl(trimesh.creation.cylinder(5.0, 7.0)))  # of the same name
+                wait_until(lambda: len(later.notices) == 1, PATIENCE_S)
+                wait_until(lambda: controller.refresh(page) and panel._thumbnails.image is not before)
+                assert np.array_equal(panel._thumbnails.image, object_thumbnails("own mesh", control.own_mesh))
+
+
+def test_a_handle_without_a_direction_moves_nothing(tmp_path: Path) -> None:
+    control = TwinPressController(PressSequence(TWIN, [PRESSED]))
+    with pytest.raises(InvalidPose, match="expected a finite twist_rad, got nan"):
+        control.move(depth_mm=0.5, twist_deg=float("nan"))
+    assert control.state == HandPressState()
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        controller = PageController(loop, tmp_path)
+        page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "twin", control)
+        with page_client(page, server.get_port()) as client:
+            handle = {"type": "TransformControlsUpdateMessage", "name": "/handle"}
+            handle |= {"owner": client.viewer.client.scene._owner_id, "position": (1.0, 0.0, HANDLE_LIFT_MM - 0.5)}
+            panel = next(each for each in client.viewer._panels if isinstance(each, TwinPressPanel))
+            client.send(handle | {"wxyz": (0.0, 0.0, 0.0, 0.0)})
+            wait_until(lambda: not np.any(panel._handle.wxyz))
+            client.send(handle | {"wxyz": (1.0, 0.0, 0.0, 0.0)})
+            wait_until(lambda: controller.refresh(page) and control.state.x_mm == 1.0)
+
+
 def stl(mesh: trimesh.Trimesh) -> bytes:
     return bytes(mesh.export(file_type="stl"))
 
@@ -502,5 +540,6 @@ def test_a_mesh_that_cannot_be_pressed_is_refused_in_one_sentence(name: str, con
 def test_a_mesh_of_ones_own_is_pressed() -> None:
     control = TwinPressController(PressSequence(TWIN, [PRESSED]))
     said = control.upload("../../my part.obj", trimesh.creation.box((6, 4, 3)).export(file_type="obj").encode())
-    assert said == "my_part: 6.0 x 4.0 x 3.0 mm, 12 triangles" and control.own_mesh_name == "my_part"
+    assert said == "my_part: 6.0 x 4.0 x 3.0 mm, 12 triangles" and control.own_mesh is not None
+    assert control.own_mesh.name == "my_part"
     assert control.simulation.hand.held_object is not None

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from subprocess import PIPE
@@ -18,10 +19,11 @@ from urllib.request import urlopen
 import cv2
 import numpy as np
 import pytest
-from page_client import page_client
+from page_client import page_client, page_socket
 from playwright.sync_api import Browser, Locator, Page
 from reading_clients import open_panel, page_errors
 from small_sensor import SkinCamera, sensor_folder, sensor_on, wait_until
+from viser import ViserServer
 
 import ninedtact
 from ninedtact.calibration.sensor_folder import load_sensor
@@ -39,6 +41,7 @@ from ninedtact.recording.reader import Recording, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_cards import time_slider_marks
 from ninedtact.studio.page_controller import PageController, PageMoment, SensorStatusMessage
 from ninedtact.studio.page_recorder import NotRecording, PageRecorder, PageSensorToRecord, RecorderState
 from ninedtact.studio.reading_view import full_range_colour_scale
@@ -48,10 +51,11 @@ from ninedtact.studio.recording_player import (
     RecordingPlayer,
     empty_wrench_histories,
 )
-from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext, _slider_marks
+from ninedtact.studio.recordings_panel import WHOLE, RecordingsPanel, RecordingsPanelContext
 from ninedtact.studio.saved_files import Exporter, SaveLimits, SaveQuota, save_surface_sequence, save_video
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.studio.viewer import ViewerPage
 from ninedtact.studio.wrench_history import MOST_HZ, WrenchHistory, WrenchWithUncertainty
 
 PATIENCE_S = 90.0
@@ -174,6 +178,25 @@ def test_samples_at_the_rate_that_the_page_keeps_are_all_kept(recorded: tuple[Pa
         assert [at for at, _ in readings.samples(Topic.MEASURED)] == stamps_ns
 
 
+def test_a_moment_has_no_wrench_of_another_time(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
+    _, bench = recorded
+    image, first_ns = bench.kept[0].image, 10**12
+    with RecordingWriter(tmp_path / "ended.mcap", RecordingMetadata("small")) as writer:
+        for second in range(6):
+            writer.write_image(Frame(image, first_ns + second * 10**9, second))
+        force = Wrench(np.array([0.0, 0.0, -5.0]), np.zeros(3), stamp_ns=first_ns + 10**9)
+        writer.write_measured(force)  # the force/torque sensor was lost after this
+        wrench = replace(force, stamp_ns=first_ns + 2 * 10**9)
+        writer.write_estimated(WrenchEstimate(wrench, np.eye(6), True, ()), 2)
+    player = player_of(tmp_path / "ended.mcap", bench)
+    found = []
+    for second in range(6):
+        player.seek(second)
+        found.append(tuple(one.sample is not None for one in player.moment(NEWEST).wrenches))
+    player.close()
+    assert found == [(True, False), (True, False), (True, True), *[(False, False)] * 3]
+
+
 def test_a_program_reads_the_reference_of_the_page_and_not_the_first_images(recorded: tuple[Path, Bench]) -> None:
     path, bench = recorded  # which begins in the middle of a press
     deep_mm = [kept.max_indentation_mm for kept in bench.kept]
@@ -214,7 +237,7 @@ def test_labels_are_kept_in_the_file_and_exported_and_the_rest_of_it_stays(
     assert deep.label == "deep" and bench.kept[2].stamp_ns <= deep.begin_ns <= bench.kept[4].stamp_ns <= deep.end_ns
     player = player_of(path, bench)
     player.add_span(0.0, player.duration_s, " whole ")
-    deep_s, (whole, *marks) = player.span_s(deep), _slider_marks(player)
+    deep_s, (whole, *marks) = player.span_s(deep), time_slider_marks(player)
     assert (whole.value, whole.label) == (0.0, "whole") and marks[-1].value == player.duration_s
     assert {round(mark.value, 6) for mark in marks} >= {round(at_s, 6) for at_s in deep_s}
     assert [mark.label for mark in marks if mark.value == deep_s[0]] == [
@@ -301,6 +324,154 @@ def test_a_full_disk_and_a_used_up_quota_end_a_recording_and_say_what_was_kept(t
         assert "of the free disk" in state.trouble and "a recording that goes on" in state.trouble
         with pytest.raises(NotRecording, match="expected a recording and a name for the label"):
             bench.recorder.begin_label("late")
+
+
+def test_a_label_ends_with_a_recording_that_the_quota_ends(tmp_path: Path) -> None:
+    bench = Bench(tmp_path / "small", tmp_path / "out")
+    with bench.sensor:
+        path = bench.recorder.start()
+        bench.press([80])
+        bench.recorder.begin_label("to the end")
+        bench.press([60])
+        bench.recorder._quota = SaveQuota(SaveLimits(disk_share=0.0))
+        wait_until(lambda: not bench.recorder.state().is_running)
+        state = bench.recorder.stop()
+    assert "a recording that goes on" in state.trouble and state.labels == 1 and state.label is None
+    with Recording(path) as recording:
+        (span,) = recording.spans()
+    assert span.label == "to the end" and span.begin_ns <= bench.kept[-1].stamp_ns <= span.end_ns
+
+
+def test_buttons_of_two_viewers_do_what_they_say(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera()), bench.recorder.keep) as loop:
+        page, controller = recordings_page(server, loop, bench, path.parent)
+        with page_client(page, server.get_port()) as client, page_client(page, server.get_port()) as other:
+            panels = [recordings_panel(one.viewer) for one in (client, other)]
+
+            def press_both(
+                button: Callable[[RecordingsPanel, PageRecorder], None], is_shown: Callable[[], bool]
+            ) -> None:
+                wait_until(lambda: controller.refresh(page) and is_shown())
+                for panel in panels:
+                    button(panel, bench.recorder)
+
+            record, label = RecordingsPanel._toggle_record, RecordingsPanel._toggle_label
+            press_both(record, lambda: all(not panel._shown_state.is_running for panel in panels))
+            assert bench.recorder.state().is_running
+            panels[0]._live_label.value = panels[1]._live_label.value = "twice"
+            press_both(label, lambda: all(panel._shown_state.is_running for panel in panels))
+            press_both(label, lambda: all(panel._shown_state.label == "twice" for panel in panels))
+            assert bench.recorder.state().label is None
+            press_both(record, lambda: all(panel._shown_state.label is None for panel in panels))
+            assert not bench.recorder.state().is_running and len(list(path.parent.glob("*.mcap"))) == 2
+            assert client.notices[:-1] == other.notices[:-1] == []  # the last one says what was recorded
+
+
+class UntilAlone:
+    """A panel that takes as long to build as a browser stays."""
+
+    title, icon, side = "Slow", None, "right"
+
+    def __init__(self, viewer: ViewerPage, server: ViserServer, built: list[ViewerPage]) -> None:
+        self._viewer, self._server, self._built = viewer, server, built
+
+    def build(self, gui: object) -> None:
+        wait_until(lambda: self._viewer.client.client_id not in self._server.get_clients())
+        self._built.append(self._viewer)
+
+    def update(self, moment: PageMoment) -> None: ...
+
+
+def test_a_recording_is_closed_for_a_viewer_who_left_before_it_was_opened(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    built: list[ViewerPage] = []
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        context, block = (
+            RecordingsPanelContext(server, bench.folder, opens=path),
+            gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel),
+        )
+        panels = [partial(RecordingsPanel, context=context), partial(UntilAlone, server=server, built=built)]
+        page = SensorPage(server, PageController(loop, path.parent), block, "small", None, panels)
+        with page_socket(server.get_port()):
+            wait_until(lambda: len(server.get_clients()) == 1)
+        wait_until(lambda: len(built) == 1 and not built[0].plays_recording)
+        (player,) = [recordings_panel(built[0])._player]
+        assert player is not None and not page.viewers
+        wait_until(player._closing.is_set)
+        late = player_of(path, bench)
+        built[0].play(late)  # by a callback that ends after the viewer has left
+        assert late._closing.is_set() and not built[0].plays_recording
+
+
+def test_controls_of_a_recording_show_what_is_open(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    player = player_of(path, bench)
+    player.add_span(0.004, 0.006, "between two images")
+    player.close()
+    (path.parent / "bad.mcap").write_bytes(b"")
+    attached = sensor_folder_attachments(bench.folder.path)
+    with RecordingWriter(path.parent / "other.mcap", RecordingMetadata("other"), attachments=attached) as writer:
+        writer.write_image(Frame(bench.kept[0].image, 1, 0))
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        page, controller = recordings_page(server, loop, bench, path.parent)
+        with page_client(page, server.get_port()) as client:
+            panel = recordings_panel(client.viewer)
+
+            def wait_for(is_done: Callable[[], bool]) -> None:
+                wait_until(lambda: controller.refresh(page) and is_done())
+
+            def is_open(name: str) -> bool:
+                return panel._player is not None and panel._player.path.name == name
+
+            wait_for(lambda: len(panel._choice.options) == 4)
+            client.use("recording", path.name)
+            wait_for(lambda: is_open(path.name) and len(panel._label_choice.options) == 3)
+            client.use("Remove label")
+            wait_for(lambda: client.notices == [f"Label not changed: {_NO_LABEL}"])
+            between = next(name for name in panel._label_choice.options if name.startswith("between"))
+            client.send(
+                {"type": "GuiUpdateMessage", "uuid": panel._label_choice._impl.uuid, "updates": {"value": between}}
+            )
+            wait_for(lambda: "marked: 0.00 to 0.01 s" in panel._marked.content)
+            client.use("Surfaces (PLY)")
+            wait_for(
+                lambda: (
+                    client.notices[1:]
+                    == [f"Not exported: expected images in {between}, got none; choose another label"]
+                )
+            )
+            assert not list(path.parent.glob("*_surfaces_*"))
+            client.use("speed", "4 ×")
+            wait_for(lambda: panel._player is not None and panel._player.speed == 4.0)
+            client.use("recording", "bad.mcap")
+            wait_for(lambda: len(client.notices) == 3 and panel._choice.value == path.name)
+            assert "an empty file" in client.notices[2] and is_open(path.name)
+            client.use("recording", "other.mcap")
+            wait_for(lambda: is_open("other.mcap") and panel._choice.value == "other.mcap")
+            assert panel._player is not None and panel._player.speed == 4.0
+            client.use("This moment as a web page")
+            wait_for(lambda: len(client.notices) == 4)
+            (exported,) = path.parent.glob("moment_*.html")
+            assert "<title>other, recorded, 0.00 of" in exported.read_text()
+
+
+_NO_LABEL = f"expected a label to remove, got '{WHOLE}'; choose one first"
+
+
+def recordings_page(
+    server: ViserServer, loop: SensorPoller, bench: Bench, out: Path
+) -> tuple[SensorPage, PageController]:
+    """Return the page of a sensor with the recorder of the bench, and its controller."""
+    controller = PageController(loop, out, save_limits=SaveLimits(per_minute=100))
+    panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, bench.recorder))
+    block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
+    return SensorPage(server, controller, block, "small", None, [panel]), controller
+
+
+def recordings_panel(viewer: ViewerPage) -> RecordingsPanel:
+    """Return the panel of recordings of a viewer."""
+    return next(panel for panel in viewer._panels if isinstance(panel, RecordingsPanel))
 
 
 def unplayable_files(path: Path, folder: Path) -> dict[Path, str]:

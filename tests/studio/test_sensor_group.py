@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from subprocess import PIPE
@@ -19,7 +19,7 @@ from page_client import page_client
 from playwright.sync_api import Browser, Page
 from reading_clients import open_panel
 from small_sensor import SkinCamera, sensor_folder, sensor_on, skin, wait_until
-from test_recordings_on_page import Journey, ScaledForce
+from test_recordings_on_page import Bench, Journey, ScaledForce
 
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
@@ -40,7 +40,7 @@ from ninedtact.studio.saved_files import SaveLimits
 from ninedtact.studio.scene_3d import FIELD_OF_VIEW_RAD, GelBlock, SideBySideLayout, gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
-from ninedtact.studio.view_panels import ProfilePanel
+from ninedtact.studio.view_panels import ProfilePanel, ScenePanel
 from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 
 PATIENCE_S = 90.0
@@ -183,7 +183,7 @@ def test_a_line_is_picked_on_the_nearest_finger_and_within_its_skin(gripper: Gri
         (left_x, left_y, _), (right_x, right_y, _) = viewer.arrangement.places_mm
         hand.click_on_scene(right_x + 1.0, right_y - 2.0, "shift")
         wait_until(lambda: viewer.options.profile_mm[0] == (1.0, -2.0))
-        assert viewer.options.with_profile and viewer.profiled_sensor == 1
+        assert viewer.options.with_profile and viewer.profiled_sensor == 1 and hand.control("line on the skin").value
         hand.click_on_scene(right_x + 1000.0, right_y - 1000.0, "shift")
         wait_until(lambda: viewer.options.profile_mm[1] == (round(half_x, 1), round(-half_y, 1)))
         hand.click_on_scene(left_x, left_y)  # nothing: Shift is not held
@@ -202,6 +202,52 @@ def test_a_line_is_picked_on_the_nearest_finger_and_within_its_skin(gripper: Gri
             return "\N{MINUS SIGN}1.00 mm" in panel._text.content
 
         wait_until(plots_the_right, pause_s=0.03)
+
+
+@pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
+def test_no_skin_of_the_sensors_stands_beside_a_recording_of_one_sensor(gripper: Gripper, tmp_path: Path) -> None:
+    bench = Bench(tmp_path / "bench", gripper.out)
+    with bench.sensor:
+        path = bench.recorder.start()
+        bench.press([75, 75])
+        bench.recorder.stop()
+    with page_client(gripper.page, int(gripper.address.rpartition(":")[2])) as client:
+        viewer = client.viewer
+        scene = next(panel for panel in viewer._panels if isinstance(panel, ScenePanel))
+
+        def stand(*visible: bool, status: str) -> bool:
+            gripper.controller.refresh(gripper.page)
+            shown = viewer.moment is not None and viewer.moment.status.sentence.startswith(status)
+            return shown and tuple(frame.visible for frame in scene._frames) == visible
+
+        wait_until(lambda: stand(True, True, status="live") and path.name in client.control("recording").options)
+        client.use("recording", path.name)
+        wait_until(lambda: stand(True, False, status="recorded"))
+        client.use("sensor", "right")  # which the recording has not: what is shown of it is the sensor that it has
+        wait_until(lambda: stand(False, True, status="recorded"))
+        assert viewer.moment is not None and scene._drawn[1][0] == id(viewer.moment.view)
+        client.use("Back to the sensor")
+        client.use("sensor", "all side by side")
+        wait_until(lambda: stand(True, True, status="live"))
+
+
+@pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
+def test_what_one_finger_reads_is_saved_before_the_other_has_read(gripper: Gripper) -> None:
+    with page_client(gripper.page, int(gripper.address.rpartition(":")[2])) as client:
+        viewer = client.viewer
+
+        def has_read() -> bool:
+            gripper.controller.refresh(gripper.page)
+            return viewer.moment is not None and all(one.reading is not None for one in viewer.moment.sensors)
+
+        wait_until(has_read)
+        assert viewer.moment is not None
+        left, right = viewer.moment.sensors
+        viewer.moment = replace(viewer.moment, beside=(left, replace(right, view=None)))
+        client.use("Save this reading")
+        wait_until(lambda: bool(client.notices))
+    assert client.notices == [f"Saved: 5 files in {gripper.out}"]
+    assert len(list(gripper.out.glob("reading_*_left_*"))) == len(list(gripper.out.iterdir())) == 5
 
 
 @pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)

@@ -96,7 +96,7 @@ class CalibrationPageServer:
                     page.refresh()
                     sleep(1 / REFRESH_HZ)
             if stop.now:
-                return session.state.result
+                return session.saved
             result, source = session.state.result, session.state.source
             assert result is not None
             if session.force_requested.is_set():
@@ -104,7 +104,7 @@ class CalibrationPageServer:
                 ForceCalibrationPageServer(result, options, source, automatic=self.automatic).serve(guard)
             else:
                 serve_calibrated_sensor(result, source, port, guard, self.automatic)
-        return session.state.result
+        return session.saved
 
     def _camera(self, address: str) -> "FrameSource":
         """Return a camera or recording."""
@@ -169,8 +169,8 @@ class ForceCalibrationPageServer:
                     page.refresh()
                     sleep(1 / REFRESH_HZ)
             if not stop.now:
-                serve_calibrated_sensor(folder, session.state.source, port, guard, self.automatic)
-        return session.state.saved
+                serve_calibrated_sensor(folder, session.state.source, port, guard, self.automatic, self.force)
+        return session.saved
 
     def _simulated_camera(self) -> "tuple[SimulatedCalibrationCamera, float] | tuple[None, None]":
         """Return the sensor's twin under loads and its stiffness; nothing for a sensor without a twin, unless it is named."""
@@ -186,12 +186,15 @@ def _live_camera(address: str, automatic: bool) -> "FrameSource":
 
 
 def serve_calibrated_sensor(
-    folder: "SensorFolder", source: str, port: int, guard: "SocketGuard", automatic: bool
+    folder: "SensorFolder", source: str, port: int, guard: "SocketGuard", automatic: bool, force: str | None = None
 ) -> None:
-    """Serve the live page of a calibrated sensor at the address of its calibration, until Ctrl-C."""
+    """Serve the live page of a calibrated sensor at the address of its calibration, until Ctrl-C.
+
+    force: estimator that it shows; without it physics, which a sensor needs a twin for.
+    """
     live = Live((source,), (str(folder.path),), automatic=automatic)
     part = PageSensor(folder, *live.sensor_and_wrenches(folder))
-    force = NONE if folder.record.twin is None else PHYSICS
+    force = force or (NONE if folder.record.twin is None else PHYSICS)
     settings = PageSettings(_READINGS, _LIVE_HZ, guard.host, port, force, guard=guard)
     serve_sensor_page([part], settings, ends=False)
 

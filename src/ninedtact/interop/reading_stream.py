@@ -34,6 +34,8 @@ STREAM_FORMAT = 1
 ImageFormat = Literal["none", "jpeg", "png"]
 _QUEUED_READINGS = 8
 """Readings that wait for one client at most."""
+_CONNECTIONS_PER_CLIENT = 4
+"""Connections without a request yet are counted too; they do not keep clients out that have the token."""
 _REQUEST_BYTES, _REQUEST_S = 4096, 10.0
 """Size of a TCP client's request, and the time in which it must arrive."""
 
@@ -186,6 +188,8 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
         """Ports of WebSocket and TCP; those in use, once the server is open."""
         super().__init__(partial(_share, sensor=sensor), _QUEUED_READINGS)
         self._connections = set[asyncio.Task[None]]()
+        self._clients = dict[asyncio.Task[None], asyncio.StreamReader]()
+        """The TCP connections whose request was accepted, in their order."""
 
     @property
     def websocket_address(self) -> str:
@@ -240,7 +244,7 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
                 await writer.drain()
 
         try:
-            request = await self._tcp_request(reader)
+            request = self._refuse_or_add_client(connection, reader, await self._tcp_request(reader))
             if isinstance(request, StreamedError):
                 await send(msgspec.json.encode(request))
                 writer.close()
@@ -253,13 +257,14 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
                 raise
         finally:
             self._connections.discard(connection)
+            self._clients.pop(connection, None)
             if not writer.is_closing():
                 writer.transport.abort()
 
     async def _tcp_request(self, reader: asyncio.StreamReader) -> StreamRequest | StreamedError:
         """Return the request of a TCP client, or why it is refused."""
-        if len(self._connections) > self.guard.limits.clients:
-            return StreamedError(f"expected at most {self.guard.limits.clients} clients, got one more; close others")
+        if len(self._connections) > _CONNECTIONS_PER_CLIENT * self.guard.limits.clients:
+            return self._one_too_many()
         try:
             async with asyncio.timeout(_REQUEST_S):
                 line = await reader.readline()
@@ -273,6 +278,27 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
         if not hmac.compare_digest(request.token.encode(), self.guard.token.encode()):
             return StreamedError('expected "token" to be the one that the server printed, got another; copy it again')
         return request
+
+    def _refuse_or_add_client(
+        self, connection: "asyncio.Task[None]", reader: asyncio.StreamReader, request: StreamRequest | StreamedError
+    ) -> StreamRequest | StreamedError:
+        """Add a TCP client whose request is accepted, unless there are too many.
+
+        A client that has ended its side may have left, which shows only once it is sent something, or may read on. So as many of
+        these as of others are kept, and the oldest are ended.
+        """
+        if isinstance(request, StreamedError):
+            return request
+        most, ended = self.guard.limits.clients, [each for each, sent in self._clients.items() if sent.at_eof()]
+        if len(self._clients) - len(ended) >= most:
+            return self._one_too_many()
+        for oldest in ended[: max(len(ended) - most + 1, 0)]:
+            oldest.cancel()
+        self._clients[connection] = reader
+        return request
+
+    def _one_too_many(self) -> StreamedError:
+        return StreamedError(f"expected at most {self.guard.limits.clients} clients, got one more; close others")
 
 
 def _answer_request(connection: ServerConnection, request: Request) -> Response | None:

@@ -118,6 +118,8 @@ class CalibrationSession:
         self._progress: _StepProgress | None = None
         self._last_back_s = -np.inf
         self._agreed: bytes | None = None
+        self.saved: SensorFolder | None = None
+        """The sensor that was written last, also after somebody has started over."""
         self._state = CalibrationState(source=self.source)
         self._searches = ThreadPoolExecutor(1, "pins")
         self._failure: BaseException | None = None
@@ -182,10 +184,8 @@ class CalibrationSession:
     def back(self) -> None:
         """Take the latest image again, also after a refusal."""
         with self._changed:
-            if (
-                self._state.phase not in (CalibrationPhase.CAPTURE, CalibrationPhase.REFUSED)
-                or monotonic() - self._last_back_s < ONCE_S
-            ):
+            has_images = self._state.phase in (CalibrationPhase.CAPTURE, CalibrationPhase.REFUSED)
+            if not has_images or monotonic() - self._last_back_s < ONCE_S:
                 return
             self._last_back_s = monotonic()
             # The reference image of a press is taken again with it, since the skin has been touched meanwhile.
@@ -194,9 +194,13 @@ class CalibrationSession:
             self._begin_step(kept)
 
     def start_over(self) -> None:
-        """Give up the images and go back to the choice of the camera; a fit that runs is not interrupted."""
+        """Give up the images and go back to the choice of the camera; a sensor that was written stays.
+
+        Nothing happens while a fit runs, and once somebody wants to see the sensor live, or to calibrate its force.
+        """
         with self._changed:
-            if self._state.phase not in (CalibrationPhase.PREVIEW, CalibrationPhase.FIT):
+            is_left = self.live_requested.is_set() or self.force_requested.is_set()
+            if self._state.phase not in (CalibrationPhase.PREVIEW, CalibrationPhase.FIT) and not is_left:
                 self._taken, self._progress = {}, None
                 self._state = CalibrationState(source=self.source)
                 self.camera.restart_recording()
@@ -209,6 +213,18 @@ class CalibrationSession:
             if self._state.phase is CalibrationPhase.REFUSED and len(self._taken) == len(self._steps):
                 self._agree(replace_sensor)
                 self._begin_step(len(self._steps))
+
+    def request_live(self) -> None:
+        """Show the calibrated sensor live; nothing happens without one, as where another person has just started over."""
+        with self._changed:
+            if self._state.result is not None:
+                self.live_requested.set()
+
+    def request_force(self) -> None:
+        """Calibrate the force of the calibrated sensor; nothing happens without one, or where its images determine no force."""
+        with self._changed:
+            if self._state.result is not None and self._state.result.record.twin is not None:
+                self.force_requested.set()
 
     def _agree(self, replace_sensor: bool) -> None:
         """Remember which sensor may be replaced; raises `SensorWouldBeReplaced`, `SensorFolderNotReplaceable`."""
@@ -329,7 +345,8 @@ class CalibrationSession:
             return None
         if not progress.search.done():
             return None
-        (pins, duration_s), progress.search = progress.search.result(), None
+        search, progress.search = progress.search, None  # also where it was refused: the next image is searched again
+        pins, duration_s = search.result()
         progress.searched_until_s = monotonic() + _PIN_COUNT_PAUSE * duration_s
         return pins
 
@@ -362,6 +379,7 @@ class CalibrationSession:
         except (NinedtactError, OSError) as refusal:
             self._set(phase=CalibrationPhase.REFUSED, advice=str(refusal))
         else:
+            self.saved = folder
             self._set(phase=CalibrationPhase.RESULT, result=folder, fit_progress=1.0, advice="")
 
 

@@ -59,6 +59,8 @@ class ForceCalibrationPage:
         self._server, self._session, self._simulated, self._stiffness = server, session, simulated, stiffness
         self._ball = f"the ball (radius {ball_radius_mm:g} mm)"
         self._drawn: int | None = None
+        self._named_press: TakenPress | None = None
+        """The press that the button to remove one names."""
         self._follower = ControlFollower()
         gui, self._images = server.gui, GuidedPageImage(server, "Force calibration")
         self._steps, self._advice = gui.add_html(""), gui.add_html("")
@@ -156,10 +158,9 @@ class ForceCalibrationPage:
             attempt(event.client, partial(self._session.set_load, float(self._load.value)))
 
     def _remove_doubtful(self, event: GuiEvent[Any]) -> None:
-        """Drop the press that the button names."""
-        number = self._session.state.scale.doubtful
-        if number is not None:
-            self._session.remove(number)
+        """Drop the press that the button names, also where another person has just dropped it and another one is doubtful now."""
+        if self._named_press is not None:
+            self._session.remove(self._named_press)
 
     def _advice_html(self, state: ForceCalibrationState) -> str:
         """Return what to do in one large sentence, and below it what the images say, as HTML."""
@@ -209,6 +210,7 @@ class ForceCalibrationPage:
         self._live.visible = phase is ForceCalibrationPhase.SAVED
         self._another.visible = phase is ForceCalibrationPhase.COMPLETE
         self._remove.visible = doubtful is not None and phase is not ForceCalibrationPhase.SAVED
+        self._named_press = None if doubtful is None else state.presses[doubtful]
         if doubtful is not None:
             self._remove.label = f"Remove press {doubtful + 1} ({state.presses[doubtful].grams:g} g)"
         self._start_over.visible = phase is not ForceCalibrationPhase.PREVIEW

@@ -172,6 +172,8 @@ class ForceCalibrationSession:
         self._watch: ImageWatcher | None = None
         self._reference: BgrImage | None = None
         self._refusal = ""
+        self.saved: Path | None = None
+        """The file that was written last, also after somebody has started over."""
         self._failure: BaseException | None = None
         self._thread = Thread(target=self._run_until_closed, name="force calibration", daemon=True)
 
@@ -225,18 +227,16 @@ class ForceCalibrationSession:
             if phase is ForceCalibrationPhase.PRESS:
                 self.on_load(grams)
 
-    def remove(self, number: int) -> None:
-        """Drop a press, counted from 0; its load is asked for again. A number that is gone already does nothing."""
+    def remove(self, press: TakenPress) -> None:
+        """Drop a press; its load is asked for again. A press that is gone already does nothing, as where two people drop it."""
         with self._lock:
             presses, phase = self._state.presses, self._state.phase
-            if number < len(presses) and phase is not ForceCalibrationPhase.SAVED:
-                self._set_presses(presses[:number] + presses[number + 1 :])
-                self._set(load_g=presses[number].grams)
-                self._enter(
-                    ForceCalibrationPhase.REFERENCE
-                    if phase is ForceCalibrationPhase.LIFT
-                    else ForceCalibrationPhase.PRESS
-                )
+            if any(one is press for one in presses) and phase is not ForceCalibrationPhase.SAVED:
+                self._set_presses(tuple(one for one in presses if one is not press))
+                self._set(load_g=press.grams)
+                # What rests on the skin now is another load, which must not be taken for this one.
+                is_untouched = phase is ForceCalibrationPhase.COMPLETE
+                self._enter(ForceCalibrationPhase.PRESS if is_untouched else ForceCalibrationPhase.REFERENCE)
 
     def take_another(self) -> None:
         """Wait for one more press than was suggested."""
@@ -260,6 +260,7 @@ class ForceCalibrationSession:
                 raise ForceScaleImpossible(
                     f"expected to write the force scale into {self.sensor}, got: {trouble}; make room or change its permissions"
                 ) from trouble
+            self.saved = file
             self._enter(ForceCalibrationPhase.SAVED)
             self._set(saved=file)
 
@@ -360,7 +361,7 @@ class ForceCalibrationSession:
         """Wait for the next load, or for a person once all are taken."""
         was_lift, taken = self._state.phase is ForceCalibrationPhase.LIFT, len(self._state.presses)
         self._reference = reference
-        if taken < len(self.loads_g):
+        if taken < len(self.loads_g) or not was_lift:  # a press that was dropped is asked for again
             if was_lift:
                 self._set(load_g=self._next_load_g())
             self._enter(ForceCalibrationPhase.PRESS)

@@ -44,7 +44,9 @@ class GuidedPageImage:
     """The camera's image in every browser of a guided page, and the look of that page."""
 
     def __init__(self, server: ViserServer, title: str) -> None:
+        self._server = server
         self._images: dict[int, GuiImageHandle] = {}
+        """The image of each browser that is connected."""
         self._canvas = LIGHT
         self.order_on_phone = 0.0
         """Place of the image among the controls on a phone."""
@@ -82,6 +84,8 @@ class GuidedPageImage:
             with panel.add_tab("Camera image", Icon.CAMERA):
                 image = gui.add_image(self._canvas, format="jpeg")
         self._images[client.client_id] = image
+        if client.client_id not in self._server.get_clients():  # it has left meanwhile
+            self._forget(client)
         ThemeChoice(client)
 
 

@@ -156,14 +156,17 @@ class SensorPage:
     def _add_viewer(self, client: ClientHandle) -> None:
         viewer = ViewerPage(client, self._controller, self._block, self._panels)
         with self._lock:
-            if client.client_id in self._server.get_clients():
+            is_there = client.client_id in self._server.get_clients()
+            if is_there:
                 self._viewers[client.client_id] = viewer
+        if not is_there:
+            viewer.leave()
 
     def _remove_viewer(self, client: ClientHandle) -> None:
         with self._lock:
             viewer = self._viewers.pop(client.client_id, None)
         if viewer is not None:
-            viewer.play(None)
+            viewer.leave()
 
 
 def set_title_and_icon(server: ViserServer, title: str) -> None:

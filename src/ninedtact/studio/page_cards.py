@@ -1,13 +1,16 @@
-"""The cards of the live page: measured values, status and wrenches as HTML, which follows the light or dark theme."""
+"""The cards of the live page: measured values, status and wrenches as HTML, which follows the light or dark theme; and the marks
+of labels on the time slider."""
 
 from collections.abc import Iterator, Sequence
 from html import escape
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 from viser import GuiApi, GuiUplotHandle, uplot
+from viser._messages import GuiSliderMark
 
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.measures import ShapeSummary
@@ -18,6 +21,9 @@ from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, format_signed_t
 from ninedtact.studio.sensor_poller import HISTORY_S
 from ninedtact.studio.skin_fields import NO_CONTACT, SLIP, STICK
 from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
+
+if TYPE_CHECKING:  # a page without recordings does not need its libraries
+    from ninedtact.studio.recording_player import RecordingPlayer
 
 TONES = {"live": "#2b8a3e", "busy": "#b7791f", "held": "#1c6fb7", "lost": "#c92a2a", "warned": "#c92a2a"}
 DIM = "color:var(--mantine-color-dimmed)"
@@ -276,3 +282,19 @@ def recorder_html(state: RecorderState) -> str:
     begun = "recording" if state.is_running else "recorded"
     trouble = f'<div style="color:{TONES["lost"]}">{escape(state.trouble)}</div>' if state.trouble else ""
     return f'<div role="log" style="margin:0.2em 0.9em;font-size:0.85em">{begun} {escape(state.path.name)}: {said}{trouble}</div>'
+
+
+_MARK_LETTERS, _MARK_ROOM = 10, 0.2
+"""Number of letters of a label that are drawn on the time slider, and the share of it that they take."""
+
+
+def time_slider_marks(player: "RecordingPlayer") -> Iterator[GuiSliderMark]:
+    """Yield what is drawn on the time slider: its end, and both ends of every label, with its name where there is room for it."""
+    duration_s, free_s = player.duration_s, 0.0
+    room_s = _MARK_ROOM * duration_s
+    ends = [(player.span_s(span)[end], "" if end else span.label) for span in player.spans for end in (0, 1)]
+    for at_s, label in sorted((min(max(at_s, 0.0), duration_s), label) for at_s, label in ends):
+        has_room = bool(label) and free_s <= at_s <= duration_s - room_s
+        free_s = at_s + room_s if has_room else free_s
+        yield GuiSliderMark(at_s, label[:_MARK_LETTERS] if has_room else None)
+    yield GuiSliderMark(duration_s, f"{duration_s:.1f} s")

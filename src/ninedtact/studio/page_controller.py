@@ -22,7 +22,7 @@ from ninedtact.simulation.press_sequence import PressStep
 from ninedtact.studio.reading_view import ReadingView, full_range_colour_scale
 from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_moment_files
 from ninedtact.studio.sensor_poller import RateMeter, SensorPhase, SensorPoller, SensorSnapshot
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot
+from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 
 SILENT_AFTER_MS = 1000.0
 """Time without images after which the page no longer counts as current: ten images of the slowest camera in use."""
@@ -280,9 +280,17 @@ class PageController:
         if self._view is not None and self._view.is_past != status.is_past:
             # A view that is dimmed, or no longer, is another view: nothing of it has been drawn yet.
             self._view = self._view.dimmed_copy() if status.is_past else self._view.bright_copy()
-        now_ns, at_ns = time.monotonic_ns(), None if self.shown_reading is None else self.shown_reading.frame.stamp_ns
-        wrenches = tuple(history.snapshot(at_ns, now_ns) for history in self.wrenches)
+        now_ns = time.monotonic_ns()
+        wrenches = tuple(self._wrench_of_moment(history, now_ns) for history in self.wrenches)
         return PageMoment(status, sensor, self._view, wrenches, self._shown.hz(now_ns), self._page_ms, self.name)
+
+    def _wrench_of_moment(self, history: WrenchHistory, now_ns: int) -> WrenchSourceSnapshot:
+        """Return the wrench at the time of the shown reading: its own estimate, of which the history has not every one."""
+        reading = self.shown_reading
+        snapshot = history.snapshot(None if reading is None else reading.frame.stamp_ns, now_ns)
+        if not history.states_errors or reading is None or reading.force is None:
+            return snapshot
+        return replace(snapshot, sample=WrenchWithUncertainty.of_estimate(reading.force))
 
     def _present(self, display: PageMomentDisplay, moments: Sequence[PageMoment]) -> None:
         """Show the moments of all sensors as one."""

@@ -15,7 +15,7 @@ from threading import Event, RLock, Thread
 from time import monotonic, monotonic_ns
 
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.errors import InputError
+from ninedtact.errors import InputError, NinedtactError
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata
 from ninedtact.recording.recorder import new_reading_writer, notify_partial_recording
@@ -130,9 +130,10 @@ class PageRecorder:
 
     def stop(self) -> RecorderState:
         """End the recording after what has been read is written, and return the last state."""
-        if self._span is not None:
-            self.end_label()
-        self._stopping.set()
+        with self._lock:
+            if self._span is not None:
+                self.end_label()
+            self._stopping.set()
         if self._thread is not None:
             self._thread.join()
         return self.state()
@@ -140,10 +141,11 @@ class PageRecorder:
     def begin_label(self, label: str) -> None:
         """Begin a labelled span now; raises `NotRecording`."""
         with self._lock:
-            if not self._state.is_running or not label.strip():
+            is_running = self._state.is_running and not self._stopping.is_set()
+            if not is_running or not label.strip():
                 raise NotRecording(
                     f"expected a recording and a name for the label, got '{label}' and "
-                    f"{'a recording' if self._state.is_running else 'no recording'}; begin a recording and name the label"
+                    f"{'a recording' if is_running else 'no recording'}; begin a recording and name the label"
                 )
             if self._span is not None:
                 self.end_label()
@@ -182,10 +184,10 @@ class PageRecorder:
         except Exception as error:  # every viewer is told, and the sensor goes on
             trouble = "; ".join([str(error), *kept])
         with self._lock:
-            self._span = None
             self._state = replace(
                 self._state,
                 is_running=False,
+                labels=writer.written[Topic.SPANS],
                 seconds=monotonic() - self._began_at,
                 written_bytes=writer.path.stat().st_size if writer.path.exists() else 0,
                 dropped=sum(one.dropped for one in writers),
@@ -196,18 +198,31 @@ class PageRecorder:
         """Write until the recorder is stopped and nothing waits any longer."""
         streams = [_MeasuredWrenchWriter(part, writer) for part, writer in zip(self.sensors, writers, strict=True)]
         counted_bytes = 0
-        while True:
-            is_last = self._stopping.is_set() and self._queue.empty()
-            with suppress(Empty):
-                number, reading = self._queue.get(timeout=_WAIT_S)
-                writers[number].write_reading(reading)
-            for stream in streams:
-                stream.write_wrenches()
-            while self._spans:
-                writers[0].write_span(self._spans.popleft())
-            counted_bytes = self._count(writers, counted_bytes)
-            if is_last:
-                return
+        try:
+            while True:
+                is_last = self._stopping.is_set() and self._queue.empty()
+                with suppress(Empty):
+                    number, reading = self._queue.get(timeout=_WAIT_S)
+                    writers[number].write_reading(reading)
+                for stream in streams:
+                    stream.write_wrenches()
+                self._write_spans(writers[0])
+                counted_bytes = self._count(writers, counted_bytes)
+                if is_last:
+                    return
+        finally:
+            with self._lock:  # a label that has begun ends with a recording that nobody has stopped
+                if self._span is not None:
+                    self.end_label()
+                self._stopping.set()
+            with suppress(NinedtactError):  # what ended the recording is said in its place
+                self._write_spans(writers[0])
+
+    def _write_spans(self, writer: RecordingWriter) -> None:
+        """Write the labelled spans that have ended."""
+        while self._spans:
+            writer.write_span(self._spans[0])
+            self._spans.popleft()
 
     def _count(self, writers: list[RecordingWriter], counted_bytes: int) -> int:
         """Count the bytes against the quota of the page and return them; raises `SaveRefused` where it is used up."""

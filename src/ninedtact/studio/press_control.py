@@ -107,10 +107,10 @@ class TwinPressController:
             return self._revision
 
     @property
-    def own_mesh_name(self) -> str | None:
-        """Name of the object that a person has brought; None before."""
+    def own_mesh(self) -> Indenter | None:
+        """The object that a person has brought last; None before."""
         with self._lock:
-            return None if self._own_mesh is None else self._own_mesh.relief.name
+            return None if self._own_mesh is None else self._own_mesh.relief
 
     def press_at(self, stamp_ns: int) -> PressStep | None:
         """Return the object and the contact at the stamp of an image."""
@@ -125,11 +125,13 @@ class TwinPressController:
     def move(self, **changes: Any) -> None:
         """Hold the object somewhere else, within the limits; an object is taken into the hand if the sequence plays.
 
-        changes: fields of `HandPressState`, of the pose, the depth or the load.
+        changes: fields of `HandPressState`, of the pose, the depth or the load. Raises `InvalidPose`, and changes nothing, for a
+        value that is not a number.
         """
         with self._lock:
-            self._state = _within_limits(replace(self._state, **changes), self.reach_mm)
-            self.simulation.hand.aim(self._state.target)
+            wanted = _within_limits(replace(self._state, **changes), self.reach_mm)
+            self.simulation.hand.aim(wanted.target)
+            self._state = wanted
             if self._state.is_playing:
                 self._take()
             self._revision += 1

@@ -118,7 +118,7 @@ class RecordedReadings:
             if estimate is None:
                 found.append((stamp_ns, WrenchWithUncertainty(self.recording.wrench(position), _UNKNOWN_STD)))
             else:
-                found.append((stamp_ns, WrenchWithUncertainty(estimate.wrench, estimate.std, tuple(estimate.warnings))))
+                found.append((stamp_ns, WrenchWithUncertainty.of_estimate(estimate)))
         return found
 
     def close(self) -> None:
@@ -224,6 +224,11 @@ class RecordingPlayer:
     def is_playing(self) -> bool:
         """Whether time goes on."""
         return self._is_playing
+
+    @property
+    def sensor_id(self) -> str:
+        """The id of the sensor that was recorded."""
+        return self._readings.recording.sensor
 
     @property
     def hz(self) -> float:
@@ -349,16 +354,21 @@ class RecordingPlayer:
         return SensorStatusMessage("warned" if warnings else "held", "; ".join((place, *warnings)))
 
     def _wrenches_at(self, stamp_ns: int, estimate: WrenchEstimate | None) -> Iterator[WrenchSourceSnapshot]:
-        """Yield the wrenches of the recording in the columns of the page; the estimate is that of the image itself."""
+        """Yield the wrenches of the recording in the columns of the page; the estimate is that of the image itself.
+
+        Another wrench is the nearest one. One that is farther away than `SILENT_AFTER_MS` is not of this moment.
+        """
         forces = self._readings.recording.metadata.force_torque
         for source in self._sources:
             samples = self._samples[Topic.ESTIMATED if source.states_errors else Topic.MEASURED]
             end = bisect_right(samples, stamp_ns, key=lambda sample: sample[0])
             begin = bisect_right(samples, stamp_ns - HISTORY_S * NS_PER_S, key=lambda sample: sample[0])
-            near = samples[max(end - 1, 0) : end + 1]
-            sample = min(near, key=lambda one: abs(one[0] - stamp_ns))[1] if near else None
-            if source.states_errors and estimate is not None:
-                sample = WrenchWithUncertainty(estimate.wrench, estimate.std, tuple(estimate.warnings))
+            if source.states_errors:
+                sample = None if estimate is None else WrenchWithUncertainty.of_estimate(estimate)
+            else:
+                near = min(samples[max(end - 1, 0) : end + 1], key=lambda one: abs(one[0] - stamp_ns), default=None)
+                is_near = near is not None and abs(near[0] - stamp_ns) <= SILENT_AFTER_MS * 1e6
+                sample = near[1] if near is not None and is_near else None
             meaning = "as recorded" if source.states_errors or not forces else f"as recorded: {forces}"
             state = (None, (), source.states_errors)
             yield WrenchSourceSnapshot(source.name, meaning, sample, tuple(samples[begin:end]), stamp_ns, *state)

@@ -14,7 +14,6 @@ from time import monotonic
 from typing import Any
 
 from viser import GuiApi, GuiButtonHandle, GuiEvent, Icon, IconName, ViserServer
-from viser._messages import GuiSliderMark
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
@@ -24,22 +23,27 @@ from ninedtact.recording.export import export_each_sensor
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.studio.page_cards import recorder_html, shape_summary_html, status_html, wrench_table_html
+from ninedtact.studio.page_cards import (
+    recorder_html,
+    shape_summary_html,
+    status_html,
+    time_slider_marks,
+    wrench_table_html,
+)
 from ninedtact.studio.page_controller import WITHOUT_READING, NothingToSave, PageMoment
 from ninedtact.studio.page_recorder import PageRecorder, RecorderState
-from ninedtact.studio.recording_player import SPEEDS, RecordingPlayer
+from ninedtact.studio.recording_player import SPEEDS, LabelledSpanRefused, RecordingPlayer
 from ninedtact.studio.saved_files import Exporter, save_surface_sequence, save_video, standalone_moment_html
 from ninedtact.studio.viewer import Side, ViewerPage, is_user_event, set_gui_control
 
 NOTHING, WHOLE = "none", "the whole recording"
 STEPS = {"back": -1, "play": 0, "next": 1}
+_SPEED_OF_NAME = {f"{each:g} ×": each for each in SPEEDS}
 PLAY_KEYS = "keys: J frame back, K play or pause, L frame forward"
 _LIST_EVERY_S = 1.0
 _HEIGHT_BYTES = 4
 _OF_CHOICE = "of the chosen label or of the whole recording"
 _TABLES = Exporter(export_each_sensor, "export", "PNG, CSV, .npy and the sensor folder", has_all_sensors=True)
-_MARK_LETTERS, _MARK_ROOM = 10, 0.2
-"""Number of letters of a label that are drawn on the time slider, and the share of it that they take."""
 _SMALL = "margin:0.2em 0.9em;font-size:0.85em"
 
 
@@ -83,6 +87,7 @@ class RecordingsPanel:
         self._viewer, self._context = viewer, context
         self._out, self._quota = viewer.controller.out, viewer.controller.quota
         self._player: RecordingPlayer | None = None
+        self._opened_name, self._shown_state = NOTHING, RecorderState()
         self._listed_at, self._was_running = -_LIST_EVERY_S, False
         self._marks_s, self._slid_s = [0.0, 0.0], -1.0
 
@@ -98,9 +103,7 @@ class RecordingsPanel:
                 self._close_button.on_click(lambda event: self._close())
             self._slider = gui.add_slider("time (s)", 0.0, 1.0, 0.001, 0.0, visible=False)
             self._steps = gui.add_button_group("image", tuple(STEPS), visible=False, hint="play: or pause")
-            self._speed = gui.add_dropdown(
-                "speed", [f"{each:g} ×" for each in SPEEDS], initial_value="1 ×", visible=False
-            )
+            self._speed = gui.add_dropdown("speed", tuple(_SPEED_OF_NAME), initial_value="1 ×", visible=False)
             self._slider.on_update(self._seek)
             self._steps.on_click(lambda event: self._step(STEPS[event.target.value]))
             self._speed.on_update(self._set_speed)
@@ -162,8 +165,9 @@ class RecordingsPanel:
             self._live_begin.on_click(lambda event: self._toggle_label(recorder))
 
     def _toggle_record(self, recorder: PageRecorder) -> None:
+        """Do what the button says, also where another person has just done so."""
         with self._viewer.notify_refusal("Not recorded"):
-            if recorder.state().is_running:
+            if self._shown_state.is_running:
                 state = recorder.stop()
                 if not state.trouble and state.path is not None:
                     self._viewer.notify("Recorded", state.path.name, "green")
@@ -172,12 +176,13 @@ class RecordingsPanel:
 
     def _toggle_label(self, recorder: PageRecorder) -> None:
         with self._viewer.notify_refusal("No label"):
-            if recorder.state().label is None:
+            if self._shown_state.label is None:
                 recorder.begin_label(self._live_label.value)
-            else:
+            elif recorder.state().label == self._shown_state.label:
                 recorder.end_label()
 
     def _show_recorder(self, state: RecorderState) -> None:
+        self._shown_state = state
         self._record.label = "Stop recording" if state.is_running else "Record"
         self._record.icon = Icon.PLAYER_STOP if state.is_running else Icon.PLAYER_RECORD
         self._live_begin.label = "Begin label" if state.label is None else f"End label '{state.label}'"
@@ -209,7 +214,8 @@ class RecordingsPanel:
             shape = self._context.shape_of(paths[0])
             player = RecordingPlayer(paths[0], shape, viewer.controller.scale, sensors[0].wrenches, others)
             opened.pop_all()
-            self._player = player
+            player.speed = _SPEED_OF_NAME.get(str(self._speed.value), 1.0)
+            self._player, self._opened_name = player, path.name
             set_gui_control(self._slider, 0.0)
             self._slider.max = max(round(player.duration_s, 3), 0.001)
             self._marks_s = [0.0, player.duration_s]
@@ -219,9 +225,8 @@ class RecordingsPanel:
 
     def _close(self) -> None:
         """Show the sensor again."""
-        self._player = None
+        self._player, self._opened_name = None, NOTHING
         self._viewer.play(None)
-        set_gui_control(self._choice, NOTHING)
         self._show_controls()
 
     def _show_controls(self) -> None:
@@ -232,6 +237,7 @@ class RecordingsPanel:
             button.visible = is_open
         if self._context.opens is None:
             self._close_button.visible = is_open
+            set_gui_control(self._choice, self._opened_name)  # also where another one could not be opened
 
     def _seek(self, event: GuiEvent[Any]) -> None:
         if is_user_event(event) and self._player is not None:
@@ -243,9 +249,8 @@ class RecordingsPanel:
             self._player.step(images) if images else self._player.toggle_play()
 
     def _set_speed(self, event: GuiEvent[Any]) -> None:
-        speeds = {f"{each:g} ×": each for each in SPEEDS}
         if is_user_event(event) and self._player is not None:
-            self._player.speed = speeds.get(str(event.target.value), 1.0)
+            self._player.speed = _SPEED_OF_NAME.get(str(event.target.value), 1.0)
 
     def _chosen_span(self) -> LabelledSpan | None:
         player, chosen = self._player, self._label_choice.value
@@ -257,19 +262,21 @@ class RecordingsPanel:
         if is_user_event(event) and self._player is not None and span is not None:
             self._player.seek(self._player.span_s(span)[0])
             self._marks_s = list(self._player.span_s(span))
+            self._show_marks()
 
     def _mark(self, event: GuiEvent[Any]) -> None:
         if self._player is not None:
             self._marks_s[0 if event.target.value == "begins" else 1] = self._player.at_s
-            self._show_labels()
+            self._show_marks()
 
     def _add_label(self, player: RecordingPlayer) -> None:
         player.add_span(self._marks_s[0], self._marks_s[1], self._label_name.value)
 
     def _remove_label(self, player: RecordingPlayer) -> None:
         span = self._chosen_span()
-        if span is not None:
-            player.remove_span(span)
+        if span is None:
+            raise LabelledSpanRefused(f"expected a label to remove, got '{self._label_choice.value}'; choose one first")
+        player.remove_span(span)
 
     def _edit(self, change: Callable[[RecordingPlayer], None]) -> None:
         if self._player is not None:
@@ -282,10 +289,13 @@ class RecordingsPanel:
         if player is not None:
             names = [_span_name(player, span) for span in player.spans]
             self._label_choice.options = (WHOLE, *dict.fromkeys(names))
-            self._slider._marks = tuple(_slider_marks(player))  # viser 1.1 takes marks only when a slider is made
+            self._slider._marks = tuple(time_slider_marks(player))  # viser 1.1 takes marks only when a slider is made
             self._list.content = f'<div style="{_SMALL}">' + "<br>".join(map(escape, names)) + "</div>"
-            begin_s, end_s = self._marks_s
-            self._marked.content = f'<div style="{_SMALL}">marked: {begin_s:.2f} to {end_s:.2f} s</div>'
+            self._show_marks()
+
+    def _show_marks(self) -> None:
+        begin_s, end_s = self._marks_s
+        self._marked.content = f'<div style="{_SMALL}">marked: {begin_s:.2f} to {end_s:.2f} s</div>'
 
     def _export(self, export: "Export", event: GuiEvent[Any]) -> None:
         """Write into a new file or folder, one export at a time, and offer a file to the browser too."""
@@ -310,7 +320,8 @@ class RecordingsPanel:
         )
         sample = moment.wrenches[0].sample if moment.wrenches else None
         wrench = None if sample is None else sample.wrench
-        title = f"{self._context.sensor.id}, {moment.status.sentence}"
+        sensor = moment.name or (self._context.sensor.id if self._player is None else self._player.sensor_id)
+        title = f"{sensor}, {moment.status.sentence}"
         content = standalone_moment_html(view, cards, self._context.server, self._viewer.block, title, wrench).encode()
         self._quota.require_space(len(content), self._out, "a web page")
         write_file_atomically(path, content)
@@ -349,6 +360,8 @@ class RecordingsPanel:
         """Give the readings of the chosen label, or all, and say how many have been asked for."""
         readings, numbers = self._chosen_player().readings_within(self._chosen_span())
         with readings:
+            if not numbers:
+                raise NothingToSave(f"expected images in {self._label_choice.value}, got none; choose another label")
             yield (self._say_and_read(readings.reading, number, numbers) for number in numbers)
 
     def _say_and_read(self, read: Callable[[int], Reading], number: int, numbers: range) -> Reading:
@@ -373,18 +386,6 @@ class RecordingsPanel:
 
 Export = Callable[[str], Path]
 """Writes something under a name that contains this time, and returns its path."""
-
-
-def _slider_marks(player: RecordingPlayer) -> Iterator[GuiSliderMark]:
-    """Yield what is drawn on the time slider: its end, and both ends of every label, with its name where there is room for it."""
-    duration_s, free_s = player.duration_s, 0.0
-    room_s = _MARK_ROOM * duration_s
-    ends = [(player.span_s(span)[end], "" if end else span.label) for span in player.spans for end in (0, 1)]
-    for at_s, label in sorted((min(max(at_s, 0.0), duration_s), label) for at_s, label in ends):
-        has_room = bool(label) and free_s <= at_s <= duration_s - room_s
-        free_s = at_s + room_s if has_room else free_s
-        yield GuiSliderMark(at_s, label[:_MARK_LETTERS] if has_room else None)
-    yield GuiSliderMark(duration_s, f"{duration_s:.1f} s")
 
 
 def _file_name(path: Path) -> str:

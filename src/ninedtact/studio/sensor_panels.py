@@ -82,11 +82,12 @@ class StatusPanel:
         self._freeze.icon = Icon.PLAYER_PLAY if frozen else Icon.PLAYER_PAUSE
 
     def _save(self) -> None:
-        """Save in a thread of viser, so that a slow disk delays neither the sensor nor the page."""
+        """Save the sensors that have been read, in a thread of viser, so that a slow disk delays neither sensor nor page."""
         try:
             moment, save = self._viewer.moment, self._viewer.controller.save
-            shown = (None,) if moment is None else self._viewer.choose_shown(moment.sensors)
-            paths = [path for one in shown for path in save(one)]
+            shown = () if moment is None else self._viewer.choose_shown(moment.sensors)
+            reading = [one for one in shown if one.reading is not None]
+            paths = [path for one in reading or (None,) for path in save(one)]
         except (NinedtactError, OSError) as trouble:
             self._viewer.notify("Not saved", str(trouble), "red")
         else:

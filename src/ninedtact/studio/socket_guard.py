@@ -27,6 +27,7 @@ from urllib.parse import urlsplit
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 
 from ninedtact.errors import InputError
 
@@ -187,10 +188,11 @@ class _GuardedConnection(ServerConnection):
         self._unanswered: deque[Awaitable[float]] = deque()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin, unless too many connections are open already."""
+        """Begin; beyond the limit the oldest connection without a finished handshake ends, so that idle ones keep nobody out."""
         super().connection_made(transport)
-        if len(self.server.handlers) > _CONNECTIONS_PER_CLIENT * self._limits.clients:
-            self.transport.abort()
+        begun = [one for one in self.server.handlers if not one.transport.is_closing()]
+        if len(begun) > _CONNECTIONS_PER_CLIENT * self._limits.clients:
+            next(one for one in begun if one.state is State.CONNECTING).transport.abort()
 
     def process_event(self, event: Any) -> None:
         """Handle one frame of the client, unless it sends too many."""

@@ -41,6 +41,8 @@ from ninedtact.studio.viewer import ControlFollower, Side, ViewerPage, is_user_e
 HANDLE_LIFT_MM = 7.0
 """Height of the 3D handle over the lowest point of the object, so that both can be seen."""
 _HANDLE_SCALE = 4.0
+_LEAST_QUATERNION = 1e-3
+"""Length of a quaternion, of which browsers send 1, below which its direction is not meaningful."""
 _SIDES = {
     "bottom (−z)": "-z",
     "top (+z)": "+z",
@@ -87,9 +89,10 @@ class TwinPressPanel:
         state, reach = self._control.state, self._control.reach_mm
         self._mode = gui.add_dropdown("press", (_SEQUENCE, _BY_DEPTH, _BY_LOAD), initial_value=_mode_of(state))
         self._kind = gui.add_dropdown("kind", (*OBJECTS_BY_KIND, OWN_KIND), initial_value=state.kind)
-        self._family = gui.add_dropdown("object", OBJECTS_BY_KIND[state.kind], initial_value=state.family)
+        self._family = gui.add_dropdown("object", self._names_of_kind(state.kind), initial_value=state.family)
         self._number = gui.add_slider("number", 1, MAX_NUMBER, 1, state.number, hint="which one of its family")
-        self._thumbnails = gui.add_image(object_thumbnails(state.kind), format="png")
+        self._pictured = self._objects_of_kind(state.kind)
+        self._thumbnails = gui.add_image(object_thumbnails(*self._pictured), format="png")
         self._depth = gui.add_slider("depth (mm)", -HOVER_MM, MAX_DEPTH_MM, 0.05, state.depth_mm)
         self._load = gui.add_slider("load (N)", 0.0, MAX_LOAD_N, 0.1, state.load_n)
         self._x = gui.add_slider("drag x (mm)", -reach[0], reach[0], 0.1, state.x_mm)
@@ -147,8 +150,8 @@ class TwinPressPanel:
         self._handle.wxyz = SO3.from_matrix(np.asarray(pose.rotation)).wxyz
 
     def _drag(self, event: TransformControlsEvent) -> None:
-        """Move the object with the handle."""
-        if event.client is None:
+        """Move the object with the handle; a quaternion of length zero, which is no rotation, moves nothing."""
+        if event.client is None or not np.linalg.norm(event.target.wxyz) > _LEAST_QUATERNION:
             return
         self._dragging = event.phase != "end"
         x, y, z = np.array(event.target.position) - self._place_mm
@@ -178,7 +181,7 @@ class TwinPressPanel:
             return
         kind, family = str(self._kind.value), str(self._family.value)
         if kind == OWN_KIND:
-            family = self._control.own_mesh_name or ""
+            (family,) = self._names_of_kind(kind)
         elif family not in OBJECTS_BY_KIND.get(kind, ()):
             family = OBJECTS_BY_KIND[kind][0] if kind in OBJECTS_BY_KIND else ""
         try:
@@ -210,12 +213,23 @@ class TwinPressPanel:
         else:
             self._viewer.notify("Mesh taken", " ".join(said), "green")
 
+    def _names_of_kind(self, kind: str) -> tuple[str, ...]:
+        """Return the objects of a kind; of one's own mesh, the one that was brought."""
+        mesh = self._control.own_mesh
+        return OBJECTS_BY_KIND.get(kind, ("" if mesh is None else mesh.name,))
+
+    def _objects_of_kind(self, kind: str) -> tuple[str, Indenter | None]:
+        """Return what the image of a kind shows: the kind, and one's own mesh where that is the kind."""
+        return kind, self._control.own_mesh if kind == OWN_KIND else None
+
     def _follow(self, state: HandPressState) -> bool:
         """Set all controls to the present state; return whether all show it, which one that is being changed does not yet."""
-        names = OBJECTS_BY_KIND.get(state.kind, (self._control.own_mesh_name or "",))
+        names, pictured = self._names_of_kind(state.kind), self._objects_of_kind(state.kind)
         if tuple(self._family.options) != names:
             self._family.options = names
-            self._thumbnails.image = object_thumbnails(state.kind, self._control.simulation.hand.held_object)
+        if pictured != self._pictured:  # also where another mesh of the same name was brought
+            self._pictured = pictured
+            self._thumbnails.image = object_thumbnails(*pictured)
         self._number.visible = state.kind not in ("primitives", OWN_KIND)
         self._depth.visible, self._load.visible = not state.by_load, state.by_load
         chosen = (self._mode, _mode_of(state)), (self._kind, state.kind), (self._family, state.family)

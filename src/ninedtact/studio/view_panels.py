@@ -126,16 +126,17 @@ class ScenePanel:
         shear.on_update(lambda event: viewer.choose(shear_arrows=event.target.value))
 
     def update(self, moment: PageMoment) -> None:
-        """Draw the scene where it differs from what was drawn last."""
+        """Draw the scene where it differs from what was drawn last; a recording may have fewer sensors than the page."""
         sensors, chosen = moment.sensors, self._viewer.options.sensor
         shown = range(len(self._scenes)) if chosen is None else (min(chosen, len(self._scenes) - 1),)
         arrangement = self._viewer.arrangement
+        drawn = dict(zip(shown, self._viewer.choose_shown(sensors), strict=False))
         for number, frame in enumerate(self._frames):
-            frame.visible = number in shown
+            frame.visible = number in drawn
         for number, place in zip(shown, arrangement.places_mm, strict=True):
             self._frames[number].position = place
-            if number < len(sensors):
-                self._draw(number, sensors[number])
+            if number in drawn:
+                self._draw(number, drawn[number])
         if len(shown) != self._stood:
             self._stood = len(shown)
             camera = self._viewer.client.camera
@@ -183,7 +184,7 @@ class ProfilePanel:
         """Add the ends of the line and the plot."""
         (start, end), block = self._viewer.options.profile_mm, self._viewer.block
         least, most = (-block.width_mm / 2, -block.length_mm / 2), (block.width_mm / 2, block.length_mm / 2)
-        shown = gui.add_checkbox("line on the skin", self._viewer.options.with_profile)
+        self._shown = gui.add_checkbox("line on the skin", self._viewer.options.with_profile)
         self._start = gui.add_vector2("A: x, y (mm)", start, min=least, max=most, step=0.1)
         self._end = gui.add_vector2("B: x, y (mm)", end, min=least, max=most, step=0.1)
         picks = gui.add_checkbox("pick on the skin", False, hint="a click or tap on the skin sets A, then B")
@@ -200,7 +201,7 @@ class ProfilePanel:
             title="height (mm) from A to B; true is dashed",
             height=190,
         )
-        shown.on_update(lambda event: self._viewer.choose(with_profile=event.target.value))
+        self._shown.on_update(lambda event: self._viewer.choose(with_profile=event.target.value))
         for point in (self._start, self._end):
             point.on_update(self._choose_line)
         picks.on_update(lambda event: self._listen(is_picking=bool(event.target.value)))
@@ -219,7 +220,12 @@ class ProfilePanel:
     def _choose_line(self, event: GuiEvent[Any]) -> None:
         """Move one end of the line."""
         if is_user_event(event) and all(map(isfinite, (*self._start.value, *self._end.value))):
-            self._viewer.choose(profile_mm=(self._start.value, self._end.value), with_profile=True)
+            self._show_line()
+
+    def _show_line(self) -> None:
+        """Show the chosen line in 3D too, as the control then says."""
+        set_gui_control(self._shown, True)
+        self._viewer.choose(profile_mm=(self._start.value, self._end.value), with_profile=True)
 
     def _listen(self, is_picking: bool) -> None:
         """Pick with every click on the scene, or only with those while Shift is held, which a phone has not."""
@@ -246,7 +252,7 @@ class ProfilePanel:
         set_gui_control(point, (round(x, 1), round(y, 1)))
         if self._viewer.options.sensor is None:
             self._viewer.choose(profile_sensor=nearest)
-        self._viewer.choose(profile_mm=(self._start.value, self._end.value), with_profile=True)
+        self._show_line()
 
 
 def _legend_html(view: ReadingView, kind: ImageKind, scale: ColourScale, source: ShownTraction) -> str:

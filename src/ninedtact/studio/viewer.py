@@ -196,6 +196,7 @@ class ViewerPage:
         """The moment that this viewer is shown, of the sensor that the views show; None before the first."""
         self.pace = ClientSurfaceDensity()
         self._played: MomentSource | None = None
+        self._has_left = False
         self._frozen = False
         self._lock = RLock()
         self._panels = [make(self) for make in panels]
@@ -243,11 +244,20 @@ class ViewerPage:
             self._frozen = not self._frozen and self.moment is not None
 
     def play(self, source: MomentSource | None) -> None:
-        """Show a recording in place of the sensor, or the sensor again; what was shown before is closed."""
+        """Show a recording in place of the sensor, or the sensor again; what is not shown any more is closed."""
         with self._lock:
-            before, self._played, self._frozen = self._played, source, False
-        if before is not None:
-            before.close()
+            before, self._frozen = [self._played], False
+            self._played = None if self._has_left else source
+            before += [source] if self._has_left else []
+        for one in before:
+            if one is not None:
+                one.close()
+
+    def leave(self) -> None:
+        """Close what is shown in place of the sensor, and what a callback that still runs will open: the browser has gone."""
+        with self._lock:
+            self._has_left = True
+        self.play(None)
 
     def choose(self, **changes: Any) -> None:
         """Change options of this viewer; the next refresh draws them, also in a frozen moment."""

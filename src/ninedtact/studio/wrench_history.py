@@ -37,6 +37,11 @@ class WrenchWithUncertainty:
     """One standard deviation of F_x, F_y, F_z in N and T_x, T_y, T_z in N·m; NaN where none is stated."""
     warnings: tuple[str, ...] = ()
 
+    @classmethod
+    def of_estimate(cls, estimate: WrenchEstimate) -> "WrenchWithUncertainty":
+        """Return the wrench of an estimate with its standard deviations and warnings."""
+        return cls(estimate.wrench, estimate.std, tuple(estimate.warnings))
+
     @cached_property
     def values_and_stds(self) -> Float64[Array, "12"]:
         """The six components in N and N·m, then their standard deviations."""
@@ -96,7 +101,7 @@ class WrenchHistory:
 
     def add_estimate(self, estimate: WrenchEstimate) -> None:
         """Keep an estimate with its standard deviations and warnings."""
-        self.add(WrenchWithUncertainty(estimate.wrench, estimate.std, tuple(estimate.warnings)))
+        self.add(WrenchWithUncertainty.of_estimate(estimate))
 
     def snapshot(self, at_ns: int | None, now_ns: int) -> WrenchSourceSnapshot:
         """Return the sample nearest to a time (None: the newest) and the last seconds."""
