@@ -13,7 +13,14 @@ from scipy import ndimage
 from ninedtact.calibration.ball.ball_fit import BallFit, fit_ball
 from ninedtact.calibration.ball.ball_press import fit_monotone_depth_curve
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
-from ninedtact.calibration.procedure import Calibration, CalibrationImages, calibrate, calibrated_area_mm
+from ninedtact.calibration.guidance import guided_capture_steps
+from ninedtact.calibration.procedure import (
+    Calibration,
+    CalibrationImages,
+    CalibrationSettings,
+    calibrate,
+    calibrated_area_mm,
+)
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.depth import DepthReader
@@ -164,3 +171,18 @@ def test_lines_of_sight_matter_on_a_real_ball(calibrated_a: Calibration) -> None
         for design in (DESIGN, far)
     )
     assert ignored > 1.5 * seen
+
+
+@pytest.mark.parametrize(("edge_mm", "darkness", "advice"), [(1.2, 1.0, "press deeper"), (3.2, 5.0, "give more light")])
+def test_a_press_that_cannot_calibrate_is_never_taken_by_the_guided_calibration(
+    edge_mm: float, darkness: float, advice: str
+) -> None:
+    sensor, images = KnownSensor(), KnownSensor().images()
+    *_, step = guided_capture_steps(DESIGN, CalibrationSettings())
+    taken = {name: image for name, image in vars(images).items() if name != "ball"}
+    watch, change = step.watch(taken), sensor.ball_factor(edge_mm=edge_mm) - 1
+    factor = np.maximum(1 + np.where(change < 0, darkness * change, change), 0)
+    pressed = [sensor.image(factor, seed) for seed in range(8)]
+    said = [watch(pressed[number % 8]) for number in range(48)]
+    assert all(one.image is None and advice in one.sentence for one in said)
+    assert [watch(images.ball) for _ in range(8)][-1].image is not None

@@ -26,6 +26,7 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
 from ninedtact.capture.strict_image_reading import ImageSizeWrong, read_image
 from ninedtact.cli.check import CheckCommand, NoImageToCheck
+from ninedtact.design import RectifiedImageSize
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import rectification_of_projection
 
@@ -209,6 +210,14 @@ def test_height_figures_follow_the_curve(drawn: tuple[KnownSensor, CalibratedRef
     assert found.height_mm == pytest.approx(0.05 * 6, rel=0.1)
     (finding,) = diagnose_drift(found)
     assert finding.height_mm == pytest.approx(0.05 * 6, rel=0.1)
+
+
+def test_the_scale_of_the_raw_image_is_that_of_any_grid(drawn: tuple[KnownSensor, CalibratedReference]) -> None:
+    sensor, known = drawn
+    for rows, cols in ((35, 46), (40, 40), (41, 300)):
+        view = RectifiedImageSize(rows, cols, 64)
+        coarse = rectification_of_projection(sensor.lens, view, 0.2, (480, 640), known.rectify.calibrated_area_mm)
+        assert replace(known, rectify=coarse).mm_per_raw_px == pytest.approx(known.mm_per_raw_px, rel=0.1)
 
 
 def test_a_image_that_cannot_be_compared_is_refused(drawn: tuple[KnownSensor, CalibratedReference]) -> None:

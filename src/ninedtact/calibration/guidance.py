@@ -14,13 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.ball.ball_fit import rectified_flat_fielded_change
-from ninedtact.calibration.ball.contact_circle import (
-    MAX_ASYMMETRY,
-    BallPressUnusable,
-    find_contact_circle,
-    spherical_cap_height_mm,
-)
+from ninedtact.calibration.ball.ball_fit import find_usable_contact_circle
+from ninedtact.calibration.ball.contact_circle import MAX_ASYMMETRY, BallPressUnusable, spherical_cap_height_mm
 from ninedtact.calibration.board.board_fit import fit_board
 from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.press_brightness import (
@@ -164,7 +159,7 @@ def guided_capture_steps(design: SensorDesign, settings: CalibrationSettings) ->
         "ball",
         f"Press the ball (radius {design.ball.radius_mm:g} mm) straight down near the middle, 1 to 2 mm deep, and hold it.",
         lambda taken: _BallPressWatcher(
-            taken["ball_reference"], _rectification_from_board(taken, design, settings), design
+            taken["ball_reference"], _rectification_from_board(taken, design, settings), design, settings
         ),
     )
 
@@ -267,20 +262,20 @@ class _BoardPressWatcher:
 
 @dataclass
 class _BallPressWatcher:
-    """Measures the disc; accepts a still, even press of useful depth, or after several still presses any."""
+    """Measures the disc; accepts a still, even press of useful depth, or after several still presses any that can be calibrated."""
 
     reference: BgrImage
     rectify: Rectification
     design: SensorDesign
+    settings: CalibrationSettings
     still: _StillFrameAverager = field(default_factory=_StillFrameAverager)
     patience: int = PATIENCE
 
     def __call__(self, image: BgrImage) -> CalibrationStepAdvice:
         """Evaluate one image."""
         try:
-            circle = find_contact_circle(
-                rectified_flat_fielded_change(*(self.rectify(Frame(one)) for one in (self.reference, image)))
-            )
+            before, after = self.rectify(Frame(self.reference)), self.rectify(Frame(image))
+            circle = find_usable_contact_circle(before, after, self.design.ball, self.settings.method)
         except BallPressUnusable as refusal:
             self.still.images.clear()
             return CalibrationStepAdvice(str(refusal).partition(", got ")[2])

@@ -27,6 +27,7 @@ from scipy.ndimage import gaussian_filter1d
 from ninedtact.calibration.ball.ball_press import BallPressImages, refine_ball_centre
 from ninedtact.calibration.ball.contact_circle import (
     WIDEST_BY_PHYSICS,
+    ContactCircle,
     asymmetry_warnings,
     find_contact_circle,
     require_disc_above_black,
@@ -44,7 +45,7 @@ from ninedtact.calibration.press_brightness import (
 )
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin_to_ball_press
 from ninedtact.calibration.twin.ball_press_model import PATCH, ParameterVector
-from ninedtact.design import SensorDesign
+from ninedtact.design import BallGauge, SensorDesign
 from ninedtact.quantities import Frame, HeightSource, Rectified
 from ninedtact.shape.depth import (
     FINE_SMOOTHING,
@@ -287,9 +288,7 @@ def fit_ball(
     require_usable_exposure("ball reference", reference)
     require_usable_exposure("ball image", press)
     before, after = rectify(Frame(reference)), rectify(Frame(press))
-    circle = find_contact_circle(rectified_flat_fielded_change(before, after))
-    require_disc_above_black(after.grey, circle)
-    require_usable_depth(design.ball, circle, rectify.mm_per_px, WIDEST_BY_PHYSICS if method == "physics" else 1.0)
+    circle = find_usable_contact_circle(before, after, design.ball, method)
     seen = BallPressImages(before, after, circle, design.ball, design.camera, smoothing)
     fit = (
         _fit_by_physics(seen, design, beliefs, near)
@@ -300,6 +299,16 @@ def fit_ball(
     noise = estimate_pixel_noise(flat_fielded_brightness_change(reference, press)) / np.sqrt(2)
     reader = partial(fit.reader, source=rectify.height_source)
     return replace(fit, noise_mm=simulate_height_noise_mm(reader, rectify, reference, noise))
+
+
+def find_usable_contact_circle(
+    before: Rectified, after: Rectified, ball: BallGauge, method: DepthMethod
+) -> ContactCircle:
+    """Return the contact circle of a ball that can calibrate depth by this method; raises `BallPressUnusable`."""
+    circle = find_contact_circle(rectified_flat_fielded_change(before, after))
+    require_usable_depth(ball, circle, before.mm_per_px, WIDEST_BY_PHYSICS if method == "physics" else 1.0)
+    require_disc_above_black(after.grey, circle)
+    return circle
 
 
 def _fit_by_physics(

@@ -224,8 +224,9 @@ class CalibratedReference:
     @property
     def mm_per_raw_px(self) -> float:
         """Scale of the raw image in the middle of the skin, the mean of all directions."""
-        source, reach = self.rectify.source_px, _NEIGHBOURHOOD_PX
+        source = self.rectify.source_px
         row, col = source.shape[0] // 2, source.shape[1] // 2
+        reach = min(_NEIGHBOURHOOD_PX, source.shape[0] - 1 - row, source.shape[1] - 1 - col)
         across = source[row, col + reach] - source[row, col - reach]
         down = source[row + reach, col] - source[row - reach, col]
         raw_px = np.sqrt(np.abs(np.linalg.det(np.stack([across, down]))))
