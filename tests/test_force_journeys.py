@@ -83,6 +83,23 @@ def test_presses_are_read_in_newtons_and_weighing_them_makes_them_better(
     (desk / "sensor" / "force.toml").unlink()
 
 
+def test_a_doubtful_press_is_named_as_one_by_the_calibration_with_known_loads(
+    desk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The last one is deeper than half the gel."""
+    sensor = shutil.copytree(desk / "sensor", tmp_path / "sensor")
+    grams = -np.load(desk / "wrenches.npy")[:, 2] / STANDARD_GRAVITY * 1e3
+    weighed = [
+        word for path, each in zip(presses(desk), grams, strict=True) for word in ("--press", path, f"{each:.1f}")
+    ]
+    words = ["adapt", "--sensor", sensor, "--reference", desk / "reference.png", *weighed, "--dry-run"]
+    told = asked(capsys, *words)
+    assert [press["warnings"] for press in told["presses"]] == [[], [], [], ["out of range"]]
+    assert main([*map(str, words)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.endswith("N calibrated  (out of range)") for line in lines[:4]] == [False, False, False, True]
+
+
 def test_known_loads_on_the_twin_find_how_stiff_its_gel_is(desk: Path, tmp_path: Path) -> None:
     folder = load_sensor(shutil.copytree(desk / "sensor", tmp_path / "s"))
     camera, stiffness = simulated_loaded_camera(folder)

@@ -100,7 +100,8 @@ def _format_force_calibration(found: "ForceCalibration") -> Iterator[str]:
     fit, scale = found.fit, found.fit.adaptation
     for press in found.presses:
         corrected = press.estimated_n * scale.at(press.estimated_n)
-        yield f"{press.weighed_n:6.2f} N load, {press.estimated_n:6.2f} N estimated, {corrected:6.2f} N calibrated"
+        warned = f"  ({', '.join(press.warnings)})" if press.warnings else ""
+        yield f"{press.weighed_n:6.2f} N load, {press.estimated_n:6.2f} N estimated, {corrected:6.2f} N calibrated{warned}"
     curve = f", times (load / {scale.about_n:.1f} N)^{scale.curve:+.2f}" if scale.curve else ""
     yield f"forces times {scale.factor:.3f}{curve}"
     yield (

@@ -26,7 +26,7 @@ from ninedtact.atomic_write import open_atomic_file
 from ninedtact.checked_reading import CHECKSUM_KEY, convert_tables_to_class, mapping_checksum, read_text_file
 from ninedtact.errors import FileFormatError, ForceEstimationError
 from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate
-from ninedtact.quantities import Traction, Wrench, WrenchEstimate
+from ninedtact.quantities import EstimateWarning, Traction, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 
 FEWEST = 2
@@ -53,6 +53,8 @@ class KnownLoadPress:
     estimated_n: float
     """−F_z of the estimator without a force scale."""
     weighed_n: float
+    warnings: tuple[EstimateWarning, ...] = ()
+    """Reasons to distrust the estimate."""
 
     def __post_init__(self) -> None:
         if not (0 < self.weighed_n < np.inf):

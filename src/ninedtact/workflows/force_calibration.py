@@ -121,7 +121,7 @@ def _estimate_presses(reader: UnscaledForceReader, presses: Sequence[tuple[Path,
         for (path, grams), frame in zip(presses, images, strict=True):
             reading = reader.read(str(path), frame)
             try:
-                yield KnownLoadPress(estimated_load_n(reading), weight_of_grams_n(grams))
+                yield KnownLoadPress(estimated_load_n(reading), weight_of_grams_n(grams), reading.warnings)
             except ForceScaleImpossible as refusal:
                 raise ForceScaleImpossible(f"{path}: {refusal}") from refusal
 
