@@ -9,7 +9,12 @@ from shapely import LineString
 
 from ninedtact.design import DesignImpossible
 from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, LedBoardImpossible
-from ninedtact.hardware.led_board.board_parameters import BoardDesignRules, LedBoardDesign, TrackAndViaDimensions
+from ninedtact.hardware.led_board.board_parameters import (
+    BoardDesignRules,
+    LedBoardDesign,
+    LedPositions,
+    TrackAndViaDimensions,
+)
 from ninedtact.hardware.led_board.complete_layout import BoardLayout, lay_out_board
 from ninedtact.hardware.led_board.design_rule_check import (
     find_open_nets,
@@ -82,6 +87,18 @@ def test_an_open_pin_is_a_net_of_its_own(improved: BoardLayout) -> None:
 def test_copper_over_the_edge_is_found(improved: BoardLayout) -> None:
     stray = Track("GND", "top", 0.3, ((9.8, 9.9), (9.8, 10.4)))
     assert "copper to edge" in rules_broken(replace(improved, routes=improved.routes + Routes((stray,))))
+
+
+def test_components_in_the_way_of_one_another_are_found() -> None:
+    """Bodies of 2.80 on rows 2.60 apart, though their pads of 2.10 are clear; and a body of 3.50 over a pin's hole of 1.50."""
+    close = LedBoardDesign(leds=LedPositions(rows_mm=(7.5, 1.3, -1.3, -7.5)))
+    (left, right) = find_violations(lay_out_board(close))
+    assert (left.rule, left.where, left.found_mm) == ("overlap of", "LED4 and LED6", pytest.approx(-0.2))
+    assert right.where == "LED5 and LED7"
+    under = replace(
+        LedBoardDesign(), outline=BoardOutline(locating_inset_mm=(1.5, 3.0)), leds=LedPositions((-11.0, 0.0, 11.0))
+    )
+    assert "LED3 and a locating hole" in {each.where for each in find_violations(lay_out_board(under))}
 
 
 def test_a_part_over_a_boss_is_found() -> None:

@@ -90,6 +90,7 @@ def find_violations(layout: BoardLayout) -> tuple[RuleViolation, ...]:
         ),
         *_find_cut_pads(layout),
         *_find_components_over_bosses(layout),
+        *_find_components_in_the_way(layout),
     )
 
 
@@ -179,6 +180,26 @@ def _find_components_over_bosses(layout: BoardLayout) -> list[RuleViolation]:
         if height_mm > outline.boss_gap_mm and component_outline(part).intersects(bosses):
             found.append(RuleViolation("height over a boss", part.reference, outline.boss_gap_mm, height_mm))
     return found
+
+
+def _find_components_in_the_way(layout: BoardLayout) -> list[RuleViolation]:
+    """Return components that overlap another one of their side, or a locating hole, through which a pin of the base stands."""
+    outlines = [(part.reference, part.side, component_outline(part)) for part in layout.parts]
+    bore = layout.board.outline.locating_hole_mm / 2
+    pins = [Point(at).buffer(bore) for at in layout.board.outline.locating_holes]
+    found = [(f"{a} and {b}", one, other) for (a, side, one), (b, at, other) in combinations(outlines, 2) if side == at]
+    found += [(f"{a} and a locating hole", one, pin) for a, _, one in outlines for pin in pins]
+    return [
+        RuleViolation("overlap of", where, 0.0, -_overlap_depth_mm(one, other))
+        for where, one, other in found
+        if one.intersection(other).area > 1e-6
+    ]
+
+
+def _overlap_depth_mm(one: BaseGeometry, other: BaseGeometry) -> float:
+    """Return the smaller side of the box in which two shapes overlap."""
+    low_x, low_y, high_x, high_y = one.intersection(other).bounds
+    return float(min(high_x - low_x, high_y - low_y))
 
 
 def _format_point(at: PointMm) -> str:
