@@ -21,7 +21,7 @@ LIMITS = {
     "CONTACT_RADIUS": (1.2, 1.21, 1.35, 1.36),
     "CROSS_VALIDATION_MAE_MM": (0.03, 0.031, 0.15, 0.151),
     "NOISE_MM": (0.01, 0.0101, 0.03, 0.031),
-    "CONTRAST_TO_NOISE": (10.0, 9.9, 0.0, -0.1),
+    "CONTRAST_TO_NOISE": (14.0, 13.9, 0.0, -0.1),
     "RANGE_MM": (1.0, 0.99, 0.5, 0.49),
 }
 
@@ -49,7 +49,7 @@ def test_the_shares_of_the_board_are_checked() -> None:
         assert levels(**changed)[0] == level and set(levels(**changed)[1:]) == {"pass"}
     for scale, level in ((0.0003, "warn"), (0.0006, "fail")):
         assert sorted(set(levels(mm_per_px_std=scale))) == sorted({"pass", level})
-    assert "warn" in levels(noise_grey_levels=2.1) and "fail" not in levels(noise_grey_levels=2.1)
+    assert "warn" in levels(noise_grey_levels=1.5) and "fail" not in levels(noise_grey_levels=1.5)
 
 
 @pytest.mark.parametrize(

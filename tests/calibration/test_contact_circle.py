@@ -17,6 +17,7 @@ from ninedtact.calibration.ball.contact_circle import (
     spherical_cap_height_mm,
 )
 from ninedtact.calibration.press_brightness import (
+    estimate_camera_noise,
     estimate_pixel_noise,
     find_exposure_fault,
     flat_fielded_brightness_change,
@@ -204,6 +205,8 @@ def test_the_noise_of_a_pixel_is_told_from_smooth_content(std: float) -> None:
     field = spot(100, 80, 50, 30) + 0.3 * COL + np.random.default_rng(1).normal(0, std, SHAPE)
     assert estimate_pixel_noise(field.astype(np.float32)) == pytest.approx(std, rel=0.03)
     assert estimate_pixel_noise((0.3 * COL).astype(np.float32)) == pytest.approx(0.1)
+    first, second = np.random.default_rng(2).normal(100, std, (2, *SHAPE)).astype(np.float32)
+    assert estimate_camera_noise(second - first) == pytest.approx(std, rel=0.03)
 
 
 def test_a_fifth_of_an_image_may_be_overexposed() -> None:

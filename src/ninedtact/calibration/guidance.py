@@ -18,9 +18,11 @@ from ninedtact.calibration.ball.ball_fit import find_usable_contact_circle
 from ninedtact.calibration.ball.contact_circle import MAX_ASYMMETRY, BallPressUnusable, spherical_cap_height_mm
 from ninedtact.calibration.board.board_fit import fit_board
 from ninedtact.calibration.board.detection import BoardNotFound
+from ninedtact.calibration.certificate.checks import CONTRAST_TO_NOISE
 from ninedtact.calibration.press_brightness import (
     OVEREXPOSED,
     BgrImage,
+    estimate_camera_noise,
     flat_fielded_brightness_change,
     smooth_gaussian,
     to_grey_float,
@@ -86,9 +88,8 @@ def search_board_pins(
         return PinSearchResult(expected, found_px, missing_px, has_lens=False, side=side)
     missing_px = fit.points_px[~fit.found]
     side = _side_in_words(missing_px.mean(axis=0) / half - 1) if len(missing_px) else ""
-    return PinSearchResult(
-        expected, fit.points_px[fit.found], missing_px, True, side, float(np.median(fit.contrast)), fit.noise
-    )
+    contrast, noise = float(np.median(fit.contrast)), estimate_camera_noise(fit.change)
+    return PinSearchResult(expected, fit.points_px[fit.found], missing_px, True, side, contrast, noise)
 
 
 def _side_in_words(towards: Float[Array, " 2"]) -> str:
@@ -251,7 +252,7 @@ class _BoardPressWatcher:
             flat = "" if pins.has_lens else " and hold the board flat"
             self.count = f"pins {pins.found} of {pins.expected}: {where}{flat}; "
             return CalibrationStepAdvice(self.count, pins=pins)
-        faint = pins.contrast_grey_levels <= 10 * pins.noise_grey_levels
+        faint = pins.contrast_grey_levels <= CONTRAST_TO_NOISE.good * pins.noise_grey_levels
         focus = "; faint: press harder next time, check the focus" if faint else ""
         return CalibrationStepAdvice(
             f"board taken: {pins.found} of {pins.expected} pins, {pins.contrast_grey_levels:.0f} grey levels deep{focus}",

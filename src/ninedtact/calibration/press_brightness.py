@@ -48,6 +48,11 @@ def estimate_pixel_noise(change: Float32[Array, "rows cols"]) -> float:
     return float(max(np.median(second) / 0.6745 / np.sqrt(6), 0.1))
 
 
+def estimate_camera_noise(change: Float32[Array, "rows cols"]) -> float:
+    """Return the standard deviation of one pixel of one image, from the difference of two, which contains the noise of both."""
+    return estimate_pixel_noise(change) / 2**0.5
+
+
 @dataclass(frozen=True)
 class ExposureFault:
     """Why the exposure of an image makes it unusable."""

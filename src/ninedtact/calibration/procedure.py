@@ -27,7 +27,7 @@ from ninedtact.calibration.certificate.checks import unusual_fit_warnings
 from ninedtact.calibration.press_brightness import (
     OVEREXPOSED,
     BgrImage,
-    estimate_pixel_noise,
+    estimate_camera_noise,
     flat_fielded_brightness_change,
     to_grey_float,
 )
@@ -157,7 +157,7 @@ def _calibrate(
         rectify = imported.rectification
         ball = fit_ball(rectify, *images.ball_pair, design, settings.method, settings.smoothing)
         grid, lens = imported.record.grid, imported.record.lens
-        noise = estimate_pixel_noise(flat_fielded_brightness_change(*images.ball_pair))
+        noise = estimate_camera_noise(flat_fielded_brightness_change(*images.ball_pair))
     elif imported is None and images.board_pair is not None:
         on_step("finding the pins of the board and fitting the lens to them")
         board = fit_board(*images.board_pair, design.pin_board, settings.camera_rotation_deg)
@@ -166,7 +166,7 @@ def _calibrate(
             found = _fit_board_and_ball(images.board_pair, images.ball_pair, board, rectify, design, settings, on_step)
             board, rectify, ball, told = found.board, found.rectify, found.ball, found.told
         grid = GridTable(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting)
-        lens, noise = _lens_table(board, settings.lens), board.noise
+        lens, noise = _lens_table(board, settings.lens), estimate_camera_noise(board.change)
     else:
         raise CalibrationImagesMissing(
             "expected images of the board, or an imported rectification and images of the ball, got neither; give the images of one"
@@ -307,7 +307,7 @@ def _board_quality(board: BoardFit, rectify: Rectification, lens: LensKind) -> B
         mm_per_px=rectify.mm_per_px,
         mm_per_px_std=_relative_scale_std(board, lens) * rectify.mm_per_px,
         contrast_grey_levels=float(np.median(board.contrast)),
-        noise_grey_levels=board.noise,
+        noise_grey_levels=estimate_camera_noise(board.change),
         lens=lens,
         camera_rotation_deg=board.mounting,
         uncorrected_rms_mm=board.lens_fit.leave_one_out_rms_mm if is_corrected else None,

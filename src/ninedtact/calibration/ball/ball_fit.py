@@ -37,7 +37,7 @@ from ninedtact.calibration.ball.contact_circle import (
 )
 from ninedtact.calibration.press_brightness import (
     BgrImage,
-    estimate_pixel_noise,
+    estimate_camera_noise,
     flat_fielded_brightness_change,
     require_same_image_size,
     require_usable_exposure,
@@ -295,8 +295,8 @@ def fit_ball(
         if method == "physics"
         else _fit_by_contact_disc(refine_ball_centre(seen), method)
     )
-    # The difference contains the noise of two images; a height against an averaged reference contains that of one.
-    noise = estimate_pixel_noise(flat_fielded_brightness_change(reference, press)) / np.sqrt(2)
+    # A height against an averaged reference contains the noise of one image.
+    noise = estimate_camera_noise(flat_fielded_brightness_change(reference, press))
     reader = partial(fit.reader, source=rectify.height_source)
     return replace(fit, noise_mm=simulate_height_noise_mm(reader, rectify, reference, noise))
 

@@ -76,6 +76,7 @@ class BoardFit:
     contrast: Float[Array, " n"]
     """Depth of each imprint in grey levels."""
     noise: float
+    """Standard deviation of one pixel of `change`, the difference of two images, in grey levels."""
     change: Float32[Array, "rows cols"]
     refined: LensModel | None = None
     """A lens that was fitted to the whole image, not to the imprints' centres alone (`calibration.lens_refinement`)."""

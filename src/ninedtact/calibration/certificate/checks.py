@@ -66,9 +66,9 @@ wrong pin.
 """
 SCALE_ERROR = CheckLimit(0.005, 0.01)
 """Relative error of the scale: 0.05 mm, then 0.1 mm on an object of 10 mm, the size of a typical object at a fingertip."""
-CONTRAST_TO_NOISE = CheckLimit(10.0, 0.0)
-"""Below the limit, noise moves the centre of a pin by more than a tenth of its width. That raises the leave-one-out error, which
-fails; this check names the cause.
+CONTRAST_TO_NOISE = CheckLimit(14.0, 0.0)
+"""Ten times the noise of the difference of two images. Below the limit, noise moves the centre of a pin by more than a tenth of its
+width. That raises the leave-one-out error, which fails; this check names the cause.
 """
 OVEREXPOSED = CheckLimit(0.01, 0.05)
 """Fraction of the image. Overexposed skin cannot brighten and darkens late, so heights there are wrong without any sign of it."""
