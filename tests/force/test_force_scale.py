@@ -92,6 +92,21 @@ def test_all_six_axes_their_errors_and_the_tractions_are_scaled_together() -> No
     assert found.traction is not None and found.traction.pressure_mpa == pytest.approx(0.15)
 
 
+@pytest.mark.parametrize("load_n", [1.2, 4.0, 40.0])
+def test_the_errors_of_a_power_law_are_those_of_its_derivative(load_n: float) -> None:
+    scale = ForceScale(1.2, curve=0.3, about_n=3.0)
+    six = np.array([0.5, -0.3, -load_n, 0.01, 0.02, -0.003])
+
+    def scaled(at: np.ndarray) -> WrenchEstimate:
+        return scale(WrenchEstimate(Wrench(at[:3], at[3:]), covariance, touching=True))
+
+    root = np.random.default_rng(3).normal(size=(6, 6)) * np.array([0.1, 0.1, 0.2, 1e-3, 1e-3, 1e-3])
+    covariance = root.T @ root
+    steps = 1e-5 * np.eye(6)
+    jacobian = np.array([scaled(six + step).wrench.six - scaled(six - step).wrench.six for step in steps]).T / 2e-5
+    assert scaled(six).covariance == pytest.approx(jacobian @ covariance @ jacobian.T, rel=1e-5, abs=1e-12)
+
+
 def test_zero_stays_zero() -> None:
     found = ScaledForceEstimator(Constant(np.zeros(6)), ForceScale(1.5, curve=0.2, about_n=3)).estimate(reading())
     assert not found.wrench.six.any() and not found.touching

@@ -102,14 +102,12 @@ class _Objects:
         return print_result(self.json, found, _format_object_list(solids, generated, MESH_FILE_SUFFIXES))
 
 
-def _format_object_list(
-    solids: dict[str, str], generated: dict[str, list[str]], endings: tuple[str, ...]
-) -> Iterator[str]:
+def _format_object_list(solids: dict[str, str], made: dict[str, list[str]], endings: tuple[str, ...]) -> Iterator[str]:
     """Yield the lines of the list."""
     yield "primitives, with dimensions in mm and degrees; dimensions that are left out have defaults:"
     yield from (f"  {kind}:{dimensions}" for kind, dimensions in solids.items())
     yield "generated objects, any number of each family (gear_07; --seed for others):"
-    yield from (f"  {kind:18}{', '.join(families)}" for kind, families in generated.items())
+    yield from (f"  {kind:18}{', '.join(families)}" for kind, families in made.items())
     yield f"mesh files ({', '.join(endings)}), with unit, side and size if need be: part.stl, part.stl@in@+x, part.stl@fit:16"
     yield "models of Thingi10K by number: thingi10k:32770"
 

@@ -93,6 +93,10 @@ class ForceScale:
         nearby = np.clip(load_n / self.about_n, 1 / WIDEST_FACTOR, WIDEST_FACTOR)
         return float(self.factor * nearby**self.curve)
 
+    def _has_slope_at(self, load_n: float) -> bool:
+        """Return whether the factor changes with the load there; it is constant far from `about_n`."""
+        return bool(1 / WIDEST_FACTOR < load_n / self.about_n < WIDEST_FACTOR)
+
     def __call__(self, estimate: WrenchEstimate) -> WrenchEstimate:
         """Return the estimate with wrench, covariance and tractions scaled; the error of the scale, common to all axes, is
         included.
@@ -104,12 +108,21 @@ class ForceScale:
         factors = np.array([light, light, under_load, under_load, under_load, light])
         six = wrench.six * factors
         scaled = Wrench(six[:3], six[3:], wrench.about_mm, wrench.stamp_ns)
-        with np.errstate(
-            invalid="ignore"
-        ):  # estimates without a stated error have infinite variances, which stay infinite
-            covariance = estimate.covariance * np.outer(factors, factors) + self.error**2 * np.outer(six, six)
+        covariance = self._scale_covariance(estimate, factors) + self.error**2 * np.outer(six, six)
         traction = None if estimate.traction is None else _scale_traction(estimate.traction, under_load, light)
         return replace(estimate, wrench=scaled, covariance=covariance, traction=traction)
+
+    def _scale_covariance(self, estimate: WrenchEstimate, factors: Float[Array, "6"]) -> Float[Array, "6 6"]:
+        """Return the covariance of the scaled wrench: an error of the load also changes the factor, by the power law's slope."""
+        covariance, six = estimate.covariance, estimate.wrench.six
+        load_n = -six[2]
+        if not self.curve or not self._has_slope_at(load_n) or not np.isfinite(covariance).all():
+            # Estimates without a stated error have infinite variances, which stay infinite.
+            with np.errstate(invalid="ignore"):
+                return covariance * np.outer(factors, factors)
+        jacobian = np.diag(factors)
+        jacobian[2:5, 2] += self.curve * factors[2:5] * six[2:5] / six[2]
+        return jacobian @ covariance @ jacobian.T
 
 
 UNCALIBRATED = ForceScale(error=0.25)
