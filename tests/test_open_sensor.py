@@ -25,6 +25,7 @@ from ninedtact.calibration.drift.diagnosis_and_reference_check import (
     load_reference_image_checker,
 )
 from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.cli import main
 from ninedtact.force.contact_detection import detect_contact
 from ninedtact.force.traction.estimator import _on_one_blas_thread
@@ -360,3 +361,14 @@ def test_estimates_that_overlap_leave_the_number_of_blas_threads_as_it_was() -> 
         assert blas_threads() == {1}
         second.__exit__(None, None, None)
         assert blas_threads() == {2}
+
+
+def test_a_source_that_ends_within_the_reference_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / "images" / f"{number}.png"), skin(UNTOUCHED))
+    expected = (
+        r"expected 10 images without contact for the reference, got the end of .* after 3; give a reference image"
+    )
+    with pytest.raises(SourceEnded, match=expected):
+        ninedtact.open(sensor_folder(tmp_path / "small"), tmp_path / "images", force="none").__enter__()

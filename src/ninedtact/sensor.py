@@ -121,7 +121,16 @@ class Sensor:
 
         Raises `ReferenceUnusable` when the images are too dark, and whatever the source raises.
         """
-        self.use_reference([self._next_frame() for _ in range(self.reference_frames)])
+        frames = list[Frame]()
+        try:
+            while len(frames) < self.reference_frames:
+                frames.append(self._next_frame())
+        except SourceEnded as ended:
+            raise SourceEnded(
+                f"expected {self.reference_frames} images without contact for the reference, got the end of {self.source.name} "
+                f"after {len(frames)}; give a reference image"
+            ) from ended
+        self.use_reference(frames)
 
     def use_reference(self, frames: Sequence[Frame]) -> None:
         """Make the mean of frames without contact the reference image from now on; raises `ReferenceUnusable`."""
