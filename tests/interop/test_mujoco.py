@@ -200,6 +200,33 @@ def test_only_what_touches_the_geom_of_the_gel_presses() -> None:
         assert reading.wrench.force_n[2] == pytest.approx(-load_n["gel"], rel=0.02)
 
 
+OUT_OF_THE_WAY = {
+    "by its masks": '<geom type="box" size="0.002 0.002 0.002" pos="0.006 0 -0.003" contype="2" conaffinity="2"/>',
+    "under the sensor": '<geom type="box" size="0.002 0.002 0.002" pos="0.006 0 -0.02"/>',
+    "a plane": '<geom type="plane" size="1 1 0.1" pos="0 0 -0.05"/>',
+}
+
+
+@pytest.mark.parametrize("place", OUT_OF_THE_WAY)
+def test_geoms_of_a_touching_body_that_do_not_touch_the_gel_do_not_press(place: str) -> None:
+    lowest_mm = []
+    for more in ("", OUT_OF_THE_WAY[place]):
+        ball = '<geom type="sphere" size="0.004" pos="0 0 0.0038"/>'
+        model = mujoco.MjModel.from_xml_string(
+            f"""<mujoco><option gravity="0 0 0"/><worldbody>{ball}{more}
+            <body name="sensor"><joint type="slide" axis="0 0 1" damping="5"/>{GEL}</body></worldbody></mujoco>"""
+        )
+        data = mujoco.MjData(model)
+        sensor = TactileSensor(model, data, "sensor", TWIN)
+        for _ in range(20):
+            data.qfrc_applied[:] = 1.0
+            mujoco.mj_step(model, data, 8)
+            reading = sensor.step()
+        assert reading.wrench.force_n[2] == pytest.approx(reading.scene_wrench.force_n[2], rel=0.02)
+        lowest_mm.append(reading.heights.z_mm.min())
+    assert lowest_mm[1] == pytest.approx(lowest_mm[0], abs=1e-6)
+
+
 def test_the_geom_of_the_gel_must_be_given_where_several_collide() -> None:
     model, data = rod_on_gel_and_housing()
     several = (
