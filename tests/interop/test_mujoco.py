@@ -425,6 +425,16 @@ def test_gymnasium_accepts_an_environment_and_a_simple_controller_does_the_task(
         assert total > 5
 
 
+@pytest.mark.parametrize("action", [[np.nan, 0, 0], [0, 0, np.inf], [0.5], 0.5])
+def test_an_environment_refuses_an_action_that_is_no_number_and_leaves_its_scene(action: Any, make_env: Any) -> None:
+    env = make_env("ninedtact/BallRolling-v0", sensor_folder=TWIN).unwrapped
+    env.reset(seed=1)
+    at_s = env.data.time
+    with pytest.raises(InputError, match=r"expected an action of 3 finite numbers, got .*; correct it"):
+        env.step(np.array(action, np.float32))
+    assert env.data.time == at_s
+
+
 @pytest.mark.interop
 def test_the_peg_is_inserted_by_the_wrench_that_is_estimated_from_the_image(tmp_path: Path, make_env: Any) -> None:
     images = CalibrationImages(**vars(simulate_calibration_images(TWIN, frames=4)))
