@@ -131,6 +131,16 @@ def test_the_gel_resists_with_the_load_and_the_friction_of_the_scene(kind: str, 
     assert reading.frame.stamp_ns == round(data.time * 1e9)
 
 
+def test_heights_of_untouched_skin_have_the_stamp_of_the_image_too() -> None:
+    model, data = scene(GEOMS["sphere"])
+    sensor = TactileSensor(model, data, "sensor", TWIN)
+    data.qpos[1] = 0.01
+    mujoco.mj_step(model, data, 3)
+    reading = sensor.step()
+    assert reading.contact is None
+    assert reading.heights.stamp_ns == reading.frame.stamp_ns == 6_000_000
+
+
 def test_a_rolling_ball_moves_over_the_skin_and_keeps_its_load() -> None:
     slides = '<joint type="slide" axis="1 0 0" damping="5"/><joint type="slide" axis="0 0 1" damping="1"/>'
     joints = slides + '<joint type="hinge" axis="0 1 0"/>'

@@ -89,7 +89,8 @@ class TactileReading:
         """The true heights of the skin in mm over the sensing area, on a grid of 0.2 mm."""
         shape = round(self.area_mm[1] / HEIGHT_PITCH_MM), round(self.area_mm[0] / HEIGHT_PITCH_MM)
         if self.contact is None:
-            return HeightMap(np.zeros(shape, np.float32), np.full(shape, 2, np.uint8), HEIGHT_PITCH_MM)
+            flat = np.zeros(shape, np.float32), np.full(shape, 2, np.uint8)
+            return HeightMap(*flat, HEIGHT_PITCH_MM, stamp_ns=self.frame.stamp_ns)
         return replace(true_height_map(self.contact, shape, HEIGHT_PITCH_MM), stamp_ns=self.frame.stamp_ns)
 
 
