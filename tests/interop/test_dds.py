@@ -28,7 +28,13 @@ from ninedtact.force.estimator_interface import ForceEstimator, NoForceEstimator
 pytestmark = pytest.mark.interop
 pytest.importorskip("cyclonedds", reason="expected cyclonedds, got none; pip install 'ninedtact[ros2]'")
 
-from ninedtact.interop.dds import DdsParticipant, DdsReader, cyclonedds_configuration, parse_qos  # noqa: E402
+from ninedtact.interop.dds import (  # noqa: E402
+    DdsParticipant,
+    DdsReader,
+    cyclonedds_configuration,
+    parse_qos,
+    resolve_domain,
+)
 from ninedtact.interop.ros2_messages import (  # noqa: E402
     LIVE_TOPICS,
     POINTS,
@@ -158,6 +164,12 @@ def sensor_on_ros2(
         finally:
             over.set()
             thread.join()
+
+
+def test_an_empty_variable_is_domain_0_as_in_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+    for value, domain in (("", 0), ("7", 7)):
+        monkeypatch.setenv("ROS_DOMAIN_ID", value)
+        assert resolve_domain(None) == domain
 
 
 def test_a_program_with_cyclones_own_types_and_decoder_gets_the_bytes_of_rosbags() -> None:

@@ -227,6 +227,8 @@ def test_a_client_stops_getting_what_it_ends_and_is_warned_of_what_does_not_exis
     with client(served.port, subprotocols=["foxglove.websocket.v1"]) as connection:
         numbers = {one["topic"]: one["id"] for one in announced(connection)[1]}
         connection.send(json.dumps({"op": "getParameters", "parameterNames": []}))  # not served, not answered
+        for impossible in (-1, 2**32):  # a message has four bytes for it
+            subscribe(connection, {impossible: numbers["/tf"]})
         subscribe(connection, {1: 99})
         status = json.loads(connection.recv(PATIENCE_S))
         assert status["op"] == "status" and "expected channels 0 to 7, got [99]" in status["message"]

@@ -131,6 +131,16 @@ def test_the_gel_resists_with_the_load_and_the_friction_of_the_scene(kind: str, 
     assert reading.frame.stamp_ns == round(data.time * 1e9)
 
 
+def test_heights_of_untouched_skin_have_the_stamp_of_the_image_too() -> None:
+    model, data = scene(GEOMS["sphere"])
+    sensor = TactileSensor(model, data, "sensor", TWIN)
+    data.qpos[1] = 0.01
+    mujoco.mj_step(model, data, 3)
+    reading = sensor.step()
+    assert reading.contact is None
+    assert reading.heights.stamp_ns == reading.frame.stamp_ns == 6_000_000
+
+
 def test_a_rolling_ball_moves_over_the_skin_and_keeps_its_load() -> None:
     slides = '<joint type="slide" axis="1 0 0" damping="5"/><joint type="slide" axis="0 0 1" damping="1"/>'
     joints = slides + '<joint type="hinge" axis="0 1 0"/>'
@@ -198,6 +208,33 @@ def test_only_what_touches_the_geom_of_the_gel_presses() -> None:
         reading = sensor.step()
         assert reading.scene_wrench.force_n[2] == pytest.approx(-load_n["gel"], abs=0.01)
         assert reading.wrench.force_n[2] == pytest.approx(-load_n["gel"], rel=0.02)
+
+
+OUT_OF_THE_WAY = {
+    "by its masks": '<geom type="box" size="0.002 0.002 0.002" pos="0.006 0 -0.003" contype="2" conaffinity="2"/>',
+    "under the sensor": '<geom type="box" size="0.002 0.002 0.002" pos="0.006 0 -0.02"/>',
+    "a plane": '<geom type="plane" size="1 1 0.1" pos="0 0 -0.05"/>',
+}
+
+
+@pytest.mark.parametrize("place", OUT_OF_THE_WAY)
+def test_geoms_of_a_touching_body_that_do_not_touch_the_gel_do_not_press(place: str) -> None:
+    lowest_mm = []
+    for more in ("", OUT_OF_THE_WAY[place]):
+        ball = '<geom type="sphere" size="0.004" pos="0 0 0.0038"/>'
+        model = mujoco.MjModel.from_xml_string(
+            f"""<mujoco><option gravity="0 0 0"/><worldbody>{ball}{more}
+            <body name="sensor"><joint type="slide" axis="0 0 1" damping="5"/>{GEL}</body></worldbody></mujoco>"""
+        )
+        data = mujoco.MjData(model)
+        sensor = TactileSensor(model, data, "sensor", TWIN)
+        for _ in range(20):
+            data.qfrc_applied[:] = 1.0
+            mujoco.mj_step(model, data, 8)
+            reading = sensor.step()
+        assert reading.wrench.force_n[2] == pytest.approx(reading.scene_wrench.force_n[2], rel=0.02)
+        lowest_mm.append(reading.heights.z_mm.min())
+    assert lowest_mm[1] == pytest.approx(lowest_mm[0], abs=1e-6)
 
 
 def test_the_geom_of_the_gel_must_be_given_where_several_collide() -> None:
@@ -396,6 +433,16 @@ def test_gymnasium_accepts_an_environment_and_a_simple_controller_does_the_task(
     else:
         assert abs(state["offset_mm"]) < 1.0
         assert total > 5
+
+
+@pytest.mark.parametrize("action", [[np.nan, 0, 0], [0, 0, np.inf], [0.5], 0.5])
+def test_an_environment_refuses_an_action_that_is_no_number_and_leaves_its_scene(action: Any, make_env: Any) -> None:
+    env = make_env("ninedtact/BallRolling-v0", sensor_folder=TWIN).unwrapped
+    env.reset(seed=1)
+    at_s = env.data.time
+    with pytest.raises(InputError, match=r"expected an action of 3 finite numbers, got .*; correct it"):
+        env.step(np.array(action, np.float32))
+    assert env.data.time == at_s
 
 
 @pytest.mark.interop

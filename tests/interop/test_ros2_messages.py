@@ -68,6 +68,16 @@ def test_all_messages_of_a_reading_carry_its_stamp_and_the_frames_of_its_sensor(
     ]
 
 
+def test_wrench_and_covariance_are_about_the_skin_centre_wherever_the_estimate_is(reading: Reading) -> None:
+    errors = np.diag([0.1, 0.2, 0.3, 1e-3, 2e-3, 3e-3])
+    elsewhere = replace(WRENCH, covariance=errors).about(np.array([2.0, 3.0, -5.0]))
+    encoded = MESSAGES.encode(reading.with_force(elsewhere), WALL_NS, {Topic.ESTIMATED, Topic.COVARIANCE})
+    torque = decode(Topic.ESTIMATED, encoded[Topic.ESTIMATED]).wrench.torque
+    assert [torque.x, torque.y, torque.z] == pytest.approx([1e-3, 2e-3, 3e-3])
+    found = decode(Topic.COVARIANCE, encoded[Topic.COVARIANCE]).data.reshape(6, 6)
+    np.testing.assert_allclose(found, errors, atol=1e-12)
+
+
 def test_lengths_are_metres_and_forces_newtons(reading: Reading) -> None:
     encoded = MESSAGES.encode(reading, WALL_NS, LIVE_TOPICS)
     cloud = decode(POINTS, encoded[POINTS])

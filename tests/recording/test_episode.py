@@ -483,3 +483,15 @@ def test_a_reference_begins_at_its_moment_and_has_ten_images() -> None:
     for images, at_s in ((25, 1.51), (25, -0.1), (9, 0.0), (25, float("nan"))):
         with pytest.raises(ReferenceMomentRefused, match="a reference of 10 images"):
             first(images, at_s)
+
+
+def test_wrench_and_errors_of_an_estimate_are_recorded_about_the_skin_centre(tmp_path: Path) -> None:
+    errors = np.diag([0.1, 0.2, 0.3, 1e-3, 2e-3, 3e-3])
+    centred = WrenchEstimate(Wrench(np.array([0.1, 0.2, -2.0]), np.full(3, 1e-3), stamp_ns=7), errors, True)
+    path = tmp_path / "one.mcap"
+    with RecordingWriter(path, RecordingMetadata("small"), {Topic.ESTIMATED, Topic.COVARIANCE}) as episode:
+        episode.write_estimated(centred.about(np.array([2.0, 3.0, -5.0])))
+    with Recording(path) as recording:
+        [found] = recording.estimates()
+    np.testing.assert_allclose(found.wrench.six, centred.wrench.six, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, errors, atol=1e-12)

@@ -170,7 +170,7 @@ def cyclonedds_configuration(interface: str) -> str:
 
 def resolve_domain(domain: int | None) -> int:
     """Return the number of the domain, by ROS_DOMAIN_ID where none is given; raises `InvalidRos2Option`."""
-    text = os.environ.get(_DOMAIN_VARIABLE, "0") if domain is None else str(domain)
+    text = (os.environ.get(_DOMAIN_VARIABLE) or "0") if domain is None else str(domain)
     if not text.isdecimal() or int(text) > _LAST_DOMAIN:
         raise InvalidRos2Option(
             f"expected a DDS domain from 0 to {_LAST_DOMAIN}, got {text}; correct --domain or {_DOMAIN_VARIABLE}"

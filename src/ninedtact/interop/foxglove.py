@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from time import monotonic_ns
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import cv2
 import foxglove
@@ -50,7 +50,7 @@ _M_PER_MM = 1e-3
 
 
 class _Subscription(msgspec.Struct):
-    id: int
+    id: Annotated[int, msgspec.Meta(ge=0, lt=2**32)]  # four bytes of a message
     channel: int = msgspec.field(name="channelId")
 
 

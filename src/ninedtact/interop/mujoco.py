@@ -22,7 +22,7 @@ from numpy import ndarray as Array
 from ninedtact._version import find_incompatible_library
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
 from ninedtact.errors import MissingLibraryError, SimulationError
-from ninedtact.interop.geom_undersides import CompoundIndenter, Vector
+from ninedtact.interop.geom_undersides import CompoundIndenter, Solid, Vector
 from ninedtact.interop.mujoco_contacts import BodyContact, MujocoScene
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.pose import Pose
@@ -89,7 +89,8 @@ class TactileReading:
         """The true heights of the skin in mm over the sensing area, on a grid of 0.2 mm."""
         shape = round(self.area_mm[1] / HEIGHT_PITCH_MM), round(self.area_mm[0] / HEIGHT_PITCH_MM)
         if self.contact is None:
-            return HeightMap(np.zeros(shape, np.float32), np.full(shape, 2, np.uint8), HEIGHT_PITCH_MM)
+            flat = np.zeros(shape, np.float32), np.full(shape, 2, np.uint8)
+            return HeightMap(*flat, HEIGHT_PITCH_MM, stamp_ns=self.frame.stamp_ns)
         return replace(true_height_map(self.contact, shape, HEIGHT_PITCH_MM), stamp_ns=self.frame.stamp_ns)
 
 
@@ -239,7 +240,7 @@ class TactileSensor(FrameSource):
         tried: list[tuple[Vector, Vector]] = []
         for _ in range(_SOLVES_PER_STEP):
             about = (float(pose.x_mm + lag[0]), float(pose.y_mm + lag[1]))
-            solids = self._solids([one.body for one in touching], lag, about)
+            solids = self._solids(touching, lag, about)
             at = replace(pose, x_mm=about[0], y_mm=about[1])
             solved = yield ContactSolveRequest(contact, solids, at, float(-wanted[2]), round(leader.friction, 3))
             tried.append((lag, self._gel_force_n(solved)))
@@ -275,16 +276,29 @@ class TactileSensor(FrameSource):
                     "skin, move it slower, or take smaller time steps"
                 )
 
-    def _solids(self, bodies: list[int], lag_mm: Vector, about_mm: tuple[float, float]) -> CompoundIndenter:
-        """Return the bodies as one indenter about a point, moved on by the lag of the gel."""
-        solids = tuple(self._scene.solid(geom, lag_mm) for body in bodies for geom in self._scene.geoms_of(body))
-        names = "+".join(self.model.body(body).name or f"body {body}" for body in bodies)
-        grid = self.twin.model.skin.grid
+    def _solids(self, touching: list[BodyContact], lag_mm: Vector, about_mm: tuple[float, float]) -> CompoundIndenter:
+        """Return the bodies as one indenter about a point, moved on by the lag of the gel.
+
+        A geom that does not touch in the scene counts only over the skin, where it may come to touch as the object sinks in; lower
+        ones are beside the gel or under it.
+        """
+        grid, (x, y) = self.twin.model.skin.grid, self.twin.model.skin.coordinates_mm
         sides = zip(self.twin.gel_mm, (grid.width_mm, grid.height_mm), about_mm, strict=True)
         reach = [(max(-gel / 2, at - side / 2), min(gel / 2, at + side / 2)) for gel, side, at in sides]
-        whole = CompoundIndenter(names, solids, about_mm, [(low + _RIM_MM, high - _RIM_MM) for low, high in reach])
-        lowest = float(whole.underside_mm(*self.twin.model.skin.coordinates_mm).min())
-        return replace(whole, base_mm=lowest)
+        within = [(low + _RIM_MM, high - _RIM_MM) for low, high in reach]
+
+        def is_over_skin(solid: Solid) -> bool:
+            return float(CompoundIndenter("", (solid,), about_mm, within).underside_mm(x, y).min()) >= 0
+
+        solids = []
+        for one in touching:
+            for geom in self._scene.geoms_facing_gel(one):
+                solid = self._scene.solid(geom, lag_mm)
+                if geom in one.geoms or is_over_skin(solid):
+                    solids.append(solid)
+        names = "+".join(self.model.body(one.body).name or f"body {one.body}" for one in touching)
+        whole = CompoundIndenter(names, tuple(solids), about_mm, within)
+        return replace(whole, base_mm=float(whole.underside_mm(x, y).min()))
 
 
 def _move_origin(last: _Press, centre_mm: Float64[Array, "2"]) -> Contact:

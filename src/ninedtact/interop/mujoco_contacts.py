@@ -40,6 +40,8 @@ class BodyContact:
     friction: float
     deepest_mm: float
     """How far MuJoCo lets the body overlap the gel."""
+    geoms: frozenset[int]
+    """The geoms of the body that touch."""
 
     @property
     def load_n(self) -> float:
@@ -100,7 +102,7 @@ class MujocoScene:
         import mujoco
 
         frame, origin = self.rotation_of(self.body), MM_PER_M * self.data.xpos[self.body]
-        six, found = np.zeros(6), dict[int, list[tuple[Array, Array, float, float]]]()
+        six, found = np.zeros(6), dict[int, list[tuple[Array, Array, float, float, int]]]()
         for number in range(self.data.ncon):
             contact = self.data.contact[number]
             if self.geom not in contact.geom or contact.efc_address < 0:
@@ -121,15 +123,15 @@ class MujocoScene:
             place = frame.T @ (MM_PER_M * contact.pos - origin)
             parts = np.concatenate([force, twist + np.cross(place, force) / MM_PER_M]), place
             found.setdefault(int(self.model.geom_bodyid[contact.geom[other]]), []).append(
-                (*parts, float(contact.friction[0]), -MM_PER_M * float(contact.dist))
+                (*parts, float(contact.friction[0]), -MM_PER_M * float(contact.dist), int(contact.geom[other]))
             )
         return [self._contact_of(body, parts, frame, origin) for body, parts in found.items()]
 
     def _contact_of(
-        self, body: int, parts: list[tuple[Array, Array, float, float]], frame: Any, origin: Any
+        self, body: int, parts: list[tuple[Array, Array, float, float, int]], frame: Any, origin: Any
     ) -> BodyContact:
         """Return the sum of one body's contacts."""
-        sixes, places, frictions, overlaps = (np.array(column) for column in zip(*parts, strict=True))
+        sixes, places, frictions, overlaps, geoms = (np.array(column) for column in zip(*parts, strict=True))
         six, loads = sixes.sum(axis=0), np.maximum(-sixes[:, 2], 0.0) + 1e-9
         return BodyContact(
             body,
@@ -139,6 +141,7 @@ class MujocoScene:
             Wrench(six[:3], six[3:]),
             float(frictions.max()),
             float(overlaps.max()),
+            frozenset(geoms.tolist()),
         )
 
     def rotation_of(self, body: int) -> Float64[Array, "3 3"]:
@@ -151,6 +154,25 @@ class MujocoScene:
         collides = self.model.geom_contype | self.model.geom_conaffinity
         paired = {*self.model.pair_geom1.tolist(), *self.model.pair_geom2.tolist()}
         return [geom for geom in range(first, first + many) if collides[geom] or geom in paired]
+
+    def geoms_facing_gel(self, touching: BodyContact) -> list[int]:
+        """Return the geoms of a touching body that touch the gel, or that would if they came near.
+
+        Planes and height fields that do not touch are left out, because a body such as the world has them elsewhere.
+        """
+        import mujoco
+
+        kinds, model, gel = mujoco.mjtGeom, self.model, self.geom
+        shapeless = [int(kind) for kind in (kinds.mjGEOM_PLANE, kinds.mjGEOM_HFIELD, kinds.mjGEOM_SDF)]
+        ends = zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)
+        paired = {other for pair in ends if gel in pair for other in pair}
+
+        def faces(geom: int) -> bool:
+            masks = model.geom_contype[geom] & model.geom_conaffinity[gel]
+            masks |= model.geom_contype[gel] & model.geom_conaffinity[geom]
+            return bool(masks or geom in paired) and int(model.geom_type[geom]) not in shapeless
+
+        return [geom for geom in self.geoms_of(touching.body) if geom in touching.geoms or faces(geom)]
 
     def solid(self, geom: int, lag_mm: Vector) -> Solid:
         """Return one geom in the sensor frame; raises `MujocoBodyUnusable`."""

@@ -183,7 +183,7 @@ class SensorMessages:
             POINTS: self._points,
             Topic.ESTIMATED: self._wrench,
             Topic.COVARIANCE: lambda reading, at: (
-                encode_covariance(reading.force.covariance) if reading.force else None
+                encode_covariance(reading.force.about(np.zeros(3)).covariance) if reading.force else None
             ),
             Topic.WARNINGS: self._warnings,
         }

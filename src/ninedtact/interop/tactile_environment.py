@@ -103,7 +103,10 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         return self._observation(reading), self.state(reading)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Act for 20 ms."""
+        """Act for 20 ms; raises `InputError` for an action that is not as many finite numbers as the task has."""
+        action = np.asarray(action, float)
+        if action.shape != (self.actions,) or not np.isfinite(action).all():  # MuJoCo would reset the scene in silence
+            raise InputError(f"expected an action of {self.actions} finite numbers, got {action.tolist()}; correct it")
         self._steps += 1
         try:
             reading = self._advance(np.clip(action, -1.0, 1.0))

@@ -151,7 +151,8 @@ class RecordingWriter:
         wall_ns = self.metadata.wall_ns(stamp_ns)
         frame_id = self._frame_id(SKIN_FRAME)
         self._add(Topic.ESTIMATED, stamp_ns, encode_wrench(estimate.wrench, wall_ns, frame_id), index)
-        self._add(Topic.COVARIANCE, stamp_ns, encode_covariance(estimate.covariance), index)
+        covariance = estimate.about(np.zeros(3)).covariance  # as `encode_wrench`
+        self._add(Topic.COVARIANCE, stamp_ns, encode_covariance(covariance), index)
         if estimate.warnings:
             texts = [warning.value for warning in estimate.warnings]
             self._add(
