@@ -10,6 +10,7 @@ from ninedtact.design import Gel
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.finite_strain import (
     MAX_FITTED_DEPTH_OVER_THICKNESS,
+    correct_for_finite_strain,
     finite_strain_ball_change_mm,
     finite_strain_height_mm,
     finite_strain_load_factor,
@@ -103,6 +104,12 @@ def test_the_table_goes_on_beyond_its_depths_and_radii():
     assert (np.diff(most) > 0).all()
     for radius_mm in (1.0, 20.0):
         assert np.isfinite(finite_strain_ball_change_mm(BESIDE_MM, radius_mm, 1.0, THICKNESS_MM)).all()
+
+
+def test_a_ball_above_the_skin_leaves_it_flat():
+    flat = ContactModel(gel_skin(PeriodicGrid(64, 64, 0.4), Gel(THICKNESS_MM))).follow(Ball(4.0), [Pose(depth_mm=-3.0)])
+    corrected = correct_for_finite_strain(next(flat), THICKNESS_MM, Ball(4.0))
+    assert not corrected.height_mm.any()
 
 
 def test_deeper_is_stiffer():

@@ -19,11 +19,11 @@ from ninedtact.mechanics.closed_forms import (
 )
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.contact_result import Contact, ContactNotConverged
-from ninedtact.mechanics.indenter import Indenter
+from ninedtact.mechanics.indenter import FlatPunch, Indenter
 from ninedtact.mechanics.layer_compliance import half_space_compliance
 from ninedtact.mechanics.normal_contact import ContactConstraint, PressureSolution, solve_pressure
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
-from ninedtact.mechanics.pose import Pose
+from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.mechanics.surface_displacement import Skin
 
 UNIT = Gel(2.5, 1.0, 0.5)
@@ -175,6 +175,15 @@ def test_a_load_can_be_dragged_and_lifted_like_a_depth():
     lifted = pressing.step(dragged, BALL, Pose(depth_mm=-0.1))
     assert not lifted.touches
     assert not lifted.height_mm.any()
+
+
+def test_a_load_that_would_tilt_the_object_through_the_base_is_refused_though_its_middle_is_above():
+    pressing, punch = model(settings=SolverSettings(tolerance=1e-2)), FlatPunch(5.0)
+    tilted = Pose(depth_mm=1.0, tilt_y_rad=0.25)
+    held = pressing.step_to_load(pressing.initial_contact(), punch, tilted, 20.0)
+    assert held.pose.depth_mm < 1 and held.height_mm.min() < -1.4, "the edge is far deeper than the middle"
+    with pytest.raises(InvalidPose, match=r"expected the object less deep .* base, 2\.5 mm, got 2\.[5-9]\d* mm"):
+        pressing.step_to_load(held, punch, tilted, 70.0)
 
 
 def test_what_has_not_converged_is_refused_unless_asked_for():

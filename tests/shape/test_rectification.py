@@ -1,5 +1,8 @@
 """The rectified image is the raw one sampled where the lens says, and it says what it cannot see."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -58,6 +61,30 @@ def test_what_lies_outside_the_image_is_said() -> None:
 def test_another_size_is_refused() -> None:
     with pytest.raises(WrongImageSize, match="640x480"):
         made()(Frame(RAW[:400]))
+
+
+# Another process, because in this one the annotations of every call are checked.
+OTHER_IMAGES = """
+import numpy as np
+from ninedtact.quantities import Frame
+from ninedtact.shape.rectification import Rectification, WrongImageSize
+rectify = Rectification(np.zeros((4, 4, 2), np.float32), 0.1, (6, 8), (-1.0, 1.0, -1.0, 1.0))
+rectify(Frame(np.zeros((6, 8, 3), np.uint8)))
+for image in (np.zeros((6, 8), np.uint8), np.zeros((6, 8, 3), np.uint16), np.zeros((6, 8, 3), np.float32)):
+    try:
+        rectify(Frame(image))
+    except WrongImageSize as refusal:
+        print(refusal)
+"""
+
+
+def test_an_image_that_is_not_one_of_8_bits_in_colour_is_refused() -> None:
+    said = subprocess.run([sys.executable, "-c", OTHER_IMAGES], capture_output=True, text=True, check=True).stdout
+    expected = "expected BGR images of 8 bits (uint8, rows x cols x 3), got"
+    assert [line.partition(";")[0] for line in said.splitlines()] == [
+        f"{expected} {what}"
+        for what in ("uint8 of shape (6, 8)", "uint16 of shape (6, 8, 3)", "float32 of shape (6, 8, 3)")
+    ]
 
 
 def test_results_share_no_memory() -> None:

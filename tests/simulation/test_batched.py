@@ -194,6 +194,7 @@ def test_one_of_a_batch_is_refused_as_it_would_be_alone(room: BatchExecutor) -> 
         StepRequest(bench, None, Ball(), Pose(depth_mm=50.0), on_whole_grid=True),
         StepRequest(bench, None, FlatPunch(13.0), Pose(depth_mm=0.2), on_whole_grid=True),
         StepRequest(bench, None, Ball(), Pose(depth_mm=-0.5)),
+        StepRequest(bench, None, FlatPunch(5.0), Pose(tilt_y_rad=0.25), 90.0, on_whole_grid=True),
     ]
     told = room.execute(steps)
     for step, answer in zip(steps, told, strict=True):
@@ -211,6 +212,7 @@ def test_one_of_a_batch_is_refused_as_it_would_be_alone(room: BatchExecutor) -> 
     assert isinstance(told[1], PoseOutOfView)
     assert isinstance(told[2], InvalidPose)
     assert isinstance(told[3], InvalidPose)
+    assert isinstance(told[6], InvalidPose), "its edge is below the base, its middle is not"
 
 
 def test_untouched_skin_is_shown_as_it_is(room: BatchExecutor) -> None:

@@ -33,6 +33,7 @@ from ninedtact.mechanics.shrinking_batch import (
     drop_grid_axes,
     drop_grid_axes_of_counts,
     expand_over_grid,
+    max_over_grid,
 )
 from ninedtact.mechanics.surface_displacement import PointMask, ScalarField, Skin, VectorField
 
@@ -59,6 +60,12 @@ class ContactProblem:
     def max_overlap_mm(self) -> float:
         """The largest overlap; for a batch, the largest of all objects."""
         return float(array_namespace_of(self.overlap_mm).max(self.overlap_mm))
+
+    def deepest_mm(self, solved: Contact) -> ScalarPerContact:
+        """Return how far each object reaches into the skin at the depth that was found: its origin, or under a tilt its lowest
+        point."""
+        lowest = drop_grid_axes(max_over_grid(self.overlap_mm)) + (solved.pose.depth_mm - self.pose.depth_mm)
+        return np.maximum(solved.pose.depth_mm, lowest)
 
     def solve(self, region: ActiveRegion, settings: SolverSettings) -> tuple[Contact, PointMask]:
         """Return the contact solved in a region, and where on the grid its skin is inside the object beyond the tolerance.
@@ -150,10 +157,13 @@ class ContactModel:
         each = replace(pose, depth_mm=pose.depth_mm + 0 * np.asarray(load_n))
         return self._solve(pose_contact_problem(last, indenter, each, ContactConstraint(pressure_sum), self.friction))
 
-    def require_valid(self, contact: Contact) -> None:
-        """Refuse a contact at the grid's border, through the base or not converged; raises what `step` raises."""
+    def require_valid(self, contact: Contact, deepest_mm: float) -> None:
+        """Refuse a contact at the grid's border, through the base or not converged; raises what `step` raises.
+
+        deepest_mm: how far the object reaches into the skin; under a tilt that is farther than its origin does.
+        """
         require_inside_grid(self.skin.grid, contact.pressure_mpa)
-        require_depth_within_gel(float(np.max(contact.pose.depth_mm)), self.skin.thickness_mm)
+        require_depth_within_gel(deepest_mm, self.skin.thickness_mm)
         if self.settings.must_converge:
             tolerance = self.settings.tolerance_mm(contact.pose.depth_mm)
             require_converged(contact.residual_mm, tolerance, contact.iterations)
@@ -164,7 +174,7 @@ class ContactModel:
         contact, inside_object = problem.solve(region, self.settings)
         if region.any_outside(inside_object):
             contact, _ = problem.solve(whole_grid_region(self.skin), self.settings)
-        self.require_valid(contact)
+        self.require_valid(contact, float(np.max(problem.deepest_mm(contact))))
         return contact
 
     def _no_contact(self, pose: Pose, like: ScalarField) -> Contact:

@@ -140,10 +140,10 @@ def finite_strain_ball_change_mm(
     """Return what is added to the linear height of the skin at these distances from the axis of a ball pressed straight in.
 
     The table reaches from 1.2 to 3.2 thicknesses of ball radius, beyond which the nearest is taken, and to a depth of 0.85
-    thicknesses, beyond which the difference grows on as it grew last.
+    thicknesses, beyond which the difference grows on as it grew last. It is zero for a ball above the skin.
     """
     table = _ball_table()
-    profile = table.profile(ball_radius_mm / thickness_mm, depth_mm / thickness_mm)
+    profile = table.profile(ball_radius_mm / thickness_mm, max(depth_mm, 0.0) / thickness_mm)
     return np.asarray(thickness_mm * np.interp(distance_mm / thickness_mm, table.distance, profile, right=0.0))
 
 

@@ -24,7 +24,7 @@ Area = tuple[float, float, float, float]
 
 
 class WrongImageSize(FileFormatError):
-    """The image has another size than the calibrated one."""
+    """The image has another size than the calibrated one, or is not a colour image of 8 bits."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,7 @@ class Rectification:
 
     def __call__(self, frame: Frame) -> Rectified:
         """Rectify one frame; raises `WrongImageSize`."""
+        _require_bgr(frame.image)
         self.require_size(frame.image)
         grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY).astype(np.float32)
         return Rectified(self.resample(grey), self.mm_per_px, frame.stamp_ns)
@@ -78,6 +79,15 @@ class Rectification:
         left, right, top, bottom = self.calibrated_area_mm
         inside = (x >= left) & (x <= right) & (y >= top) & (y <= bottom)
         return np.where(inside, HeightSource.MEASURED, HeightSource.EXTRAPOLATED).astype(np.uint8)
+
+
+def _require_bgr(image: Array) -> None:
+    """Refuse an image that is not a BGR image of 8 bits: heights of other grey levels would be wrong."""
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise WrongImageSize(
+            f"expected BGR images of 8 bits (uint8, rows x cols x 3), got {image.dtype} of shape {image.shape}; convert them, a "
+            "grey one with cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)"
+        )
 
 
 def rectification_of_projection(

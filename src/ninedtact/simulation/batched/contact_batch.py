@@ -222,7 +222,7 @@ class ContactBatch:
                 return replace(request, on_whole_grid=True)
             if self._may_be_refused[index]:
                 contact = self.contacts_of_sensor([index]).unstack()[0]
-                twin.model.require_valid(contact)
+                twin.model.require_valid(contact, float(self._deepest_mm[index]))
                 twin.require_on_gel(request.indenter, contact)
         except ContactLeavesGrid:
             return twin.contact_leaves_gel(request.indenter, "more than that")
@@ -234,6 +234,11 @@ class ContactBatch:
     def _max_overlap_mm(self) -> Float64[Array, " batch"]:
         """The largest overlap of each object."""
         return np.asarray(drop_grid_axes(max_over_grid(self.problem.overlap_mm)))
+
+    @cached_property
+    def _deepest_mm(self) -> Float64[Array, " batch"]:
+        """How far each object reaches into the skin, at the depth that was found."""
+        return np.asarray(self.problem.deepest_mm(self.contacts))
 
     @cached_property
     def _overlap_at_border(self) -> _Flags:
@@ -249,7 +254,7 @@ class ContactBatch:
     def _may_be_refused(self) -> _Flags:
         """Whether each contact is at the border, through the base, over the gel's rim, or perhaps not converged."""
         contacts, twins = self.contacts, [request.setup.twin for request in self.requests]
-        through_base = ~(np.asarray(contacts.pose.depth_mm) < np.array([twin.thickness_mm for twin in twins]))
+        through_base = ~(self._deepest_mm < np.array([twin.thickness_mm for twin in twins]))
         beyond_gel = (self._reach_mm > np.array([twin.gel_mm for twin in twins]) / 2).any(axis=1)
         at_border = _positive_at_border(contacts.pressure_mpa)
         return np.asarray(at_border | through_base | beyond_gel | self.settings.must_converge)
