@@ -14,11 +14,18 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from jaxtyping import config
 
 from ninedtact.calibration.drift.diagnosis_and_reference_check import diagnose_drift
 from ninedtact.calibration.drift.drift_measurement import load_calibrated_reference, measure_drift
 from ninedtact.calibration.original_9dtact.import_export import export_original_calibration
-from ninedtact.calibration.procedure import Calibration, CalibrationSettings, calibrate, repeat_calibration
+from ninedtact.calibration.procedure import (
+    Calibration,
+    CalibrationSettings,
+    CalibrationSettingUnknown,
+    calibrate,
+    repeat_calibration,
+)
 from ninedtact.calibration.save import (
     SensorFolderNotReplaceable,
     create_sensor_folder,
@@ -59,6 +66,17 @@ def test_the_papers_lens_is_read_back_too(calibrated_a: Calibration, tmp_path: P
     sensor = load_sensor(save_sensor(tmp_path / "paper", made).path)
     assert np.array_equal(sensor.rectification.source_px, made.rectify.source_px)
     assert made.record.grid.mm_per_px == pytest.approx(0.0510150969, rel=2e-3)
+
+
+@pytest.mark.parametrize("choice", [{"lens": "Paper"}, {"method": "phisics"}, {"camera_rotation_deg": 45}])
+def test_a_choice_of_a_calibration_that_does_not_exist_is_refused(choice: dict[str, Any]) -> None:
+    (name, value), *_ = choice.items()
+    config.update("jaxtyping_disable", True)  # the type checker of the tests would refuse the value first
+    try:
+        with pytest.raises(CalibrationSettingUnknown, match=f"^expected {name} to be one of .*, got {value!r}"):
+            CalibrationSettings(**choice)
+    finally:
+        config.update("jaxtyping_disable", False)
 
 
 def test_the_read_sensor_measures_as_the_calibrated_one(folder: Path, calibrated_a: Calibration) -> None:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, grid, plane, with_hole
 
-from ninedtact.shape.surface import point_cloud
+from ninedtact.shape.export import export_shape
+from ninedtact.shape.surface import SpacingUnusable, point_cloud, surface_mesh
 
 
 @pytest.mark.parametrize("shape", [(30, 41), (31, 40), (2, 2), (1, 5), (5, 1)])
@@ -77,3 +78,15 @@ def test_a_cloud_shares_no_memory_with_the_next_nor_with_its_height_map(make):
     np.testing.assert_array_equal(height.z_mm, z_mm)
     assert not np.shares_memory(first.points_mm, first.normals)
     np.testing.assert_array_equal(point_cloud(height).points_mm, kept)
+
+
+@pytest.mark.parametrize("every", [0, -1])
+def test_a_spacing_below_one_is_refused_and_nothing_is_written(every, tmp_path):
+    height = plane(30, 41, 0.3, -0.2)
+    for make in (point_cloud, surface_mesh):
+        with pytest.raises(SpacingUnusable, match="at least 1"):
+            make(height, every)
+    for name in ("skin.ply", "skin.stl", "skin.obj"):
+        with pytest.raises(SpacingUnusable, match="at least 1"):
+            export_shape(height, tmp_path / name, every)
+    assert list(tmp_path.iterdir()) == []

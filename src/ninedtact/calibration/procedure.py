@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -82,9 +82,16 @@ class CalibrationImagesMissing(InputError):
     """Too few images: those of the board are needed, or an imported rectification and those of the ball."""
 
 
+class CalibrationSettingUnknown(InputError):
+    """A choice of a calibration is none of those that exist."""
+
+
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """Choices of a calibration: lens, camera rotation, depth method and smoothing; the defaults suit every sensor seen so far."""
+    """Choices of a calibration: lens, camera rotation, depth method and smoothing; the defaults suit every sensor seen so far.
+
+    Raises `CalibrationSettingUnknown` for a choice that does not exist.
+    """
 
     lens: LensKind = "model"
     """`paper` reproduces the paper's map (central anchors, equidistant grid, cubic radial basis)."""
@@ -94,6 +101,14 @@ class CalibrationSettings:
     """`physics` fits contact mechanics and light; `ratio` pairs the ball's cap with the brightness factor, `table` with grey
     differences (the paper's)."""
     smoothing: Smoothing = Smoothing()
+
+    def __post_init__(self) -> None:
+        rotations = (*get_args(CameraRotation), "auto")
+        choices = {"lens": get_args(LensKind), "camera_rotation_deg": rotations, "method": get_args(DepthMethod)}
+        for name, known in choices.items():
+            if (value := getattr(self, name)) not in known:
+                expected = ", ".join(map(repr, known))
+                raise CalibrationSettingUnknown(f"expected {name} to be one of {expected}, got {value!r}; correct it")
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,8 @@ def load_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator
     Where the folder has none, the spread of the gel's modulus is part of the stated errors.
 
     spec: `physics`, `corrected` (physics, corrected by the shipped model), `none`, or the path of a force model (.onnx) or of the
-    original project's weights (.pt). Raises `EstimatorUnknown`, `ForceModelUnusable`, `OriginalWeightsUnusable`.
+    original project's weights (.pt). Raises `EstimatorUnknown`, `ForceModelUnusable`, `OriginalWeightsUnusable`, and
+    `TractionImpossible` for a sensor that was imported or calibrated without scattering of light.
 
     >>> estimator = ninedtact.load_estimator("physics", ninedtact.load_sensor("my_sensor"))
     >>> estimator.name

@@ -121,7 +121,8 @@ class FormatUnknown(InputError):
 def export_shape(height: HeightMap, path: Path | str, every: int = 1) -> None:
     """Write `height` in the format given by the extension of `path`: .npy, .png (16 bit), .ply, .stl or .obj.
 
-    `every` = 3 keeps each third row and column of a mesh. Raises `FormatUnknown`, `FileNotWritten`.
+    `every` = 3 keeps each third row and column of a mesh. Raises `FormatUnknown`, `FileNotWritten`,
+    `SpacingUnusable`.
     """
     match Path(path).suffix.lower():
         case ".npy":

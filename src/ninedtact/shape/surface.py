@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float32, Int, Int32
 from numpy import ndarray as Array
 from numpy.lib.stride_tricks import sliding_window_view
 
+from ninedtact.errors import InputError
 from ninedtact.quantities import HeightMap, HeightSource, Mesh, PointCloud
 from ninedtact.shape.rectification import skin_grid_mm
 
@@ -25,11 +26,18 @@ _ROW_WEIGHTS = np.array([[1], [2], [1]], np.float32)
 _NEIGHBOURHOOD = np.ones((3, 3), np.uint8)
 
 
+class SpacingUnusable(InputError):
+    """The number of rows and columns from one point of a surface to the next is not above zero."""
+
+
 def point_cloud(height: HeightMap, every: int = 1) -> PointCloud:
     """Return all points in view, row by row, in the sensor frame (mm), with outward unit normals.
 
     `every` = 3 keeps each third row and column, for display; the normals are still those of the full grid.
+    Raises `SpacingUnusable` where it is below 1.
     """
+    if every < 1:
+        raise SpacingUnusable(f"expected every={every} to be at least 1, which keeps all rows and columns; correct it")
     u, v = _plane_coordinates_mm(height.z_mm.shape, height.mm_per_px, every)
     slope_x, slope_y = (_thin(slope, every) for slope in surface_slope(height))
     z_mm = _thin(height.z_mm, every)
@@ -43,7 +51,7 @@ def point_cloud(height: HeightMap, every: int = 1) -> PointCloud:
 
 def surface_mesh(height: HeightMap, every: int = 1) -> Mesh:
     """Return the open surface: two triangles per square of pixels wholly in view; vertex k is point k of `point_cloud(height,
-    every)`."""
+    every)`. Raises `SpacingUnusable`."""
     return Mesh(point_cloud(height, every).points_mm.copy(), triangulate_view(height.in_view[::every, ::every]))
 
 
