@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -258,6 +259,23 @@ def test_damage_is_told_and_never_passes_for_a_image(tmp_path: Path) -> None:
             told += 1
             assert "expected" in str(refusal) and "got" in str(refusal)
     assert told > 10
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"images": "jpg"}, "images stored as 'jpg'"),
+        ({"height_step_mm": -1.0}, "steps of -1 mm"),
+        ({"name": "a/b"}, "a/b"),
+    ],
+)
+def test_what_could_not_be_read_again_is_not_recorded(tmp_path: Path, changed: dict[str, Any], told: str) -> None:
+    path, metadata = tmp_path / "never.mcap", RecordingMetadata("small")
+    for field, value in changed.items():
+        object.__setattr__(metadata, field, value)  # as a program without a type checker would give it
+    with pytest.raises(RecordingRefused, match=told), RecordingWriter(path, metadata):
+        pass
+    assert not path.exists()
 
 
 RECORDING = """

@@ -14,7 +14,7 @@ from secrets import token_hex
 from typing import Any, Literal, get_args
 
 from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
-from ninedtact.recording.errors import RecordingUnreadable
+from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
 
 METADATA_RECORD = "ninedtact"
 """Name of the metadata record."""
@@ -105,6 +105,8 @@ def parse_recording_metadata(metadata: Mapping[str, str], name: str) -> Recordin
         values["wall_minus_monotonic_ns"] = int(values["wall_minus_monotonic_ns"])
         if values["images"] not in get_args(ImageStorage):
             raise ValueError(f"images stored as {values['images']!r}")
+        if values["height_step_mm"] < 0:
+            raise ValueError(f"heights in steps of {values['height_step_mm']:g} mm")
         if re.fullmatch(r"\w*", values["name"]) is None:
             raise ValueError(f"a sensor of the name {values['name']!r}")
     except (KeyError, ValueError) as error:
@@ -112,6 +114,16 @@ def parse_recording_metadata(metadata: Mapping[str, str], name: str) -> Recordin
             f"expected {name} to state what was recorded, got {error}; record it again"
         ) from error
     return RecordingMetadata(**values)
+
+
+def require_recordable_metadata(metadata: RecordingMetadata) -> None:
+    """Raise `RecordingRefused` for metadata with which a recording could not be read again."""
+    try:
+        parse_recording_metadata(metadata.to_mcap_metadata(), "the recording")
+    except RecordingUnreadable as unreadable:
+        raise RecordingRefused(
+            f"expected options with which a recording can be read, got {unreadable.__cause__}; correct them"
+        ) from unreadable
 
 
 def _finite_float(text: str) -> float:

@@ -18,7 +18,12 @@ from ninedtact.quantities import Frame, HeightMap, Rectified, Wrench, WrenchEsti
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingRefused, RecordingStopped
 from ninedtact.recording.mcap_repair import repair_recording
-from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, wall_minus_monotonic_ns
+from ninedtact.recording.metadata import (
+    METADATA_RECORD,
+    RecordingMetadata,
+    require_recordable_metadata,
+    wall_minus_monotonic_ns,
+)
 from ninedtact.recording.topics_and_messages import (
     CAMERA_FRAME,
     SKIN_FRAME,
@@ -88,6 +93,8 @@ class RecordingWriter:
     def __enter__(self) -> "RecordingWriter":
         """Create the file; raises `RecordingRefused` or `RecordingStopped`."""
         opened = self._open_file
+        for writer in opened.writers:
+            require_recordable_metadata(writer.metadata)
         opened.records = _RecordFile(self.path)
         opened.mcap = Writer(opened.records, CHUNK_BYTES, CompressionType.ZSTD)  # type: ignore[arg-type]
         try:
