@@ -191,3 +191,18 @@ def test_whoever_knows_better_about_units_may_go_on(tmp_path: Path, capsys) -> N
     write_predictions(tmp_path / "strong.csv", WrenchPredictions(1000 * found.truth, 1000 * found.predicted))
     assert "--trust-units" in refusal(tmp_path / "strong.csv", capsys)
     assert told(capsys, "--predictions", str(tmp_path / "strong.csv"), "--trust-units")["pairs"] == 60
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (
+            ["--predictions", "some.csv", "--force", "corrected", "--every", "3"],
+            "--predictions, got --force and --every",
+        ),
+        (["--data", "pairs", "--distribution", "laplace"], "--data, got --distribution"),
+    ],
+)
+def test_options_without_effect_are_refused(options: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", *options]) == 1
+    assert f"expected options that have an effect with {named}; drop" in capsys.readouterr().err

@@ -1,6 +1,6 @@
 """ninedtact evaluate: scores of predicted wrenches, from a file or of an estimator on a data set."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -11,10 +11,14 @@ if TYPE_CHECKING:
     from ninedtact.force.evaluation import WrenchPredictions
 
 _Point = tuple[float, float, float]
+_DATA_OPTIONS = ("force", "sensors", "modulus", "without_contact_detection", "every", "workers", "cluster")
+"""Options of the evaluation of an estimator on a data set."""
+_PREDICTIONS_OPTIONS = ("predictions_about_mm", "distribution", "trust_units")
+"""Options of the evaluation of a file with predictions."""
 
 
 class InvalidEvaluateOption(InputError):
-    """The options name neither predictions nor a data set, or both, or a step below one."""
+    """The options name neither predictions nor a data set, or both, a step below one, or what has no effect."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,7 @@ class Evaluate:
             return self._predict(self.data)
         if self.predictions is None:
             raise InvalidEvaluateOption("expected --predictions or --data, got neither; name a CSV file or a data set")
+        self._refuse_given(_DATA_OPTIONS, "--predictions")
         from ninedtact.force.evaluation import ErrorDistribution
         from ninedtact.force.evaluation.predictions import read_predictions, require_si_units
 
@@ -89,6 +94,7 @@ class Evaluate:
 
         if self.predictions is not None:
             raise InvalidEvaluateOption("expected --predictions or --data, got both; name one of them")
+        self._refuse_given(_PREDICTIONS_OPTIONS, "--data")
         if self.every < 1:
             raise InvalidEvaluateOption(f"expected --every of at least 1, got {self.every}; drop it")
         from ninedtact.parallel_jobs import connect_workers
@@ -106,3 +112,12 @@ class Evaluate:
             self.out.mkdir(parents=True, exist_ok=True)
             write_predictions(self.out / "predictions.csv", predictions)
         return predictions
+
+    def _refuse_given(self, options: tuple[str, ...], beside: str) -> None:
+        """Raise `InvalidEvaluateOption` where one of the options that have no effect beside another has been given."""
+        defaults = {field.name: field.default for field in fields(self)}
+        given = [f"--{name.replace('_', '-')}" for name in options if getattr(self, name) != defaults[name]]
+        if given:
+            raise InvalidEvaluateOption(
+                f"expected options that have an effect with {beside}, got {' and '.join(given)}; drop what does not apply"
+            )
