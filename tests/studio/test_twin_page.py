@@ -111,6 +111,14 @@ def test_an_unknown_wrench_is_no_number() -> None:
     assert said.count("unknown") == 6 and "0.00" not in said and "image dark" in said
 
 
+def test_a_wrench_without_a_stated_error_is_a_number() -> None:
+    estimated, six = WrenchHistory("estimated", "by a network", states_errors=True), np.array([0.5, 0, -2, 0, 0, 0])
+    std = np.array([np.inf, 0.1, np.inf, np.inf, np.inf, np.inf])
+    estimated.add_estimate(WrenchEstimate(Wrench(six[:3], six[3:]), np.diag(std**2), True))
+    said = wrench_table_html([estimated.snapshot(None, 0)], is_past=False)
+    assert "unknown" not in said and said.count("±") == 1 and "+0.50<" in said and "\N{MINUS SIGN}2.00<" in said
+
+
 def test_curves_have_the_band_of_their_error_where_samples_are() -> None:
     history, now_ns = WrenchHistory("estimated", "by physics", states_errors=True), 10**10
     for second in range(1, 10):

@@ -34,13 +34,20 @@ class WrenchWithUncertainty:
 
     wrench: Wrench
     std: Float64[Array, "6"]
-    """One standard deviation of F_x, F_y, F_z in N and T_x, T_y, T_z in N·m; NaN where none is stated."""
+    """One standard deviation of F_x, F_y, F_z in N and T_x, T_y, T_z in N·m; NaN where none is stated, infinite where the wrench is
+    unknown."""
     warnings: tuple[str, ...] = ()
 
     @classmethod
     def of_estimate(cls, estimate: WrenchEstimate) -> "WrenchWithUncertainty":
-        """Return the wrench of an estimate with its standard deviations and warnings."""
-        return cls(estimate.wrench, estimate.std, tuple(estimate.warnings))
+        """Return the wrench of an estimate with its standard deviations and warnings.
+
+        An infinite standard deviation beside a wrench of zero says that the wrench is unknown, as of an image that is none of the
+        sensor; beside another wrench it says that the estimator states no error.
+        """
+        is_unknown = not estimate.wrench.six.any()
+        std = estimate.std if is_unknown else np.where(np.isinf(estimate.std), np.nan, estimate.std)
+        return cls(estimate.wrench, std, tuple(estimate.warnings))
 
     @cached_property
     def values_and_stds(self) -> Float64[Array, "12"]:
