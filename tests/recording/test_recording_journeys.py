@@ -823,8 +823,14 @@ def sleepers(tmp_path: Path) -> Iterator[list[Path]]:
         os.kill(number, signal.SIGKILL)
 
 
+def heed_hangup() -> None:
+    """Undo that what runs under nohup ignores the end of its terminal."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 def test_no_process_of_several_runs_on_when_the_terminal_closes(sleepers: list[Path]) -> None:
-    with subprocess.Popen([sys.executable, "-c", TOGETHER, SLEEPER, *map(str, sleepers)]) as parent:
+    command = [sys.executable, "-c", TOGETHER, SLEEPER, *map(str, sleepers)]
+    with subprocess.Popen(command, preexec_fn=heed_hangup) as parent:
         wait_for_sleepers(sleepers)
         parent.send_signal(signal.SIGHUP)
         assert parent.wait(60) == 0

@@ -226,13 +226,14 @@ def test_a_model_of_a_real_sensor_returns_the_forces_that_were_measured(
     channels: InputChannels, folder: Path, sensors: Path, tmp_path: Path
 ) -> None:
     """A model multiplies by the modulus of the sensor's folder, whatever it is."""
-    stiff = tmp_path / "sensors"
+    stiff, pairs = tmp_path / "sensors", tmp_path / "pairs"
     shutil.copytree(sensors, stiff)
+    shutil.copytree(folder, pairs)  # which gets a cache of other calibrations
     settings = stiff / "b" / "sensor.toml"
     settings.write_text(settings.read_text().replace("shear_modulus_mpa = 0.093", "shear_modulus_mpa = 0.186"))
     moduli = {name: load_sensor(stiff / name).gel.shear_modulus_mpa for name in "ab"}
     assert moduli == {"a": 0.093, "b": 0.186}
-    examples, ids = read_training_examples(folder, replace(GRID, channels=channels), stiff)
+    examples, ids = read_training_examples(pairs, replace(GRID, channels=channels), stiff)
     for wrench, name, of in zip(examples.wrench, ids, examples.sensors, strict=True):
         measured = row_of(int(name), 3, (8, 8)).wrench
         np.testing.assert_allclose(wrench * moduli[of] / Gel().shear_modulus_mpa, measured, rtol=1e-6)
