@@ -62,8 +62,8 @@ def _write_failure_message(path: Path, trouble: OSError) -> str:
     return f"expected to write {path}, got: {trouble.strerror or trouble}; {remedy}"
 
 
-def require_folder_elsewhere(final: Path) -> None:
-    """Refuse a folder that holds the current one: replacing it would move the current folder away; raises `FileNotWritten`."""
+def refuse_working_directory(final: Path) -> None:
+    """Refuse to replace the working directory, or a folder above it, which would move it away; raises `FileNotWritten`."""
     if Path.cwd().is_relative_to(final.resolve()):
         raise FileNotWritten(
             f"expected a folder that can be replaced as a whole, got {final}, in which this program runs; run it from another "
@@ -75,9 +75,9 @@ def require_folder_elsewhere(final: Path) -> None:
 def create_folder_atomically(final: Path) -> Iterator[Path]:
     """A folder to fill, which takes the place of `final` when the block ends well; whoever asks has made sure that it may.
 
-    Raises `FileNotWritten` where `final` holds the current folder.
+    Raises `FileNotWritten` for the working directory and the folders above it.
     """
-    require_folder_elsewhere(final)
+    refuse_working_directory(final)
     final.parent.mkdir(parents=True, exist_ok=True)
     partial = final.with_name(f".{final.name}.{token_hex(4)}.partial")
     partial.mkdir()

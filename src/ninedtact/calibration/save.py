@@ -14,7 +14,7 @@ import tomli_w
 from ninedtact.atomic_write import (
     create_folder_atomically,
     list_foreign_files,
-    require_folder_elsewhere,
+    refuse_working_directory,
     write_file_atomically,
 )
 from ninedtact.calibration.certificate.html_page import render_certificate_html
@@ -112,8 +112,8 @@ def create_sensor_folder(out: Path | str) -> Iterator[Path]:
 
 def require_replaceable_sensor_folder(final: Path) -> None:
     """Raise `SensorFolderNotReplaceable` unless the folder is new, empty, or a sensor folder with nothing else in it, and
-    `FileNotWritten` where it holds the current folder."""
-    require_folder_elsewhere(final)
+    `FileNotWritten` for the working directory and the folders above it."""
+    refuse_working_directory(final)
     is_sensor = (final / SENSOR_FILE).is_file()
     if foreign := list_foreign_files(final, lambda file: is_sensor and _is_sensor_file(file)):
         raise SensorFolderNotReplaceable(

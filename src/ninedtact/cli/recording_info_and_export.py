@@ -105,12 +105,12 @@ def _ending_lines(recordings: "list[Recording]", seconds: float) -> Iterator[str
 
     if not recordings[0].is_finished:
         yield f"  {_unfinished_sentence(recordings[0], seconds)}"
-    if not (recordings[0].is_finished or is_being_written(recordings[0])):
-        try:
-            require_exportable(recordings)
-            yield "  It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
-        except RecordingUnreadable as refusal:
-            yield f"  It cannot be exported: {refusal}."
+        if not is_being_written(recordings[0]):
+            try:
+                require_exportable(recordings)
+                yield "  It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
+            except RecordingUnreadable as refusal:
+                yield f"  It cannot be exported: {refusal}."
     yield "  Images and other messages are not checked for damage here; 'ninedtact export' checks them."
 
 

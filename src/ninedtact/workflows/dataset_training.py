@@ -10,8 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
-from ninedtact.dataset.folder import DatasetFolder
+from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.dataset.folder import DatasetFolder, find_sensor_folders
 from ninedtact.dataset.height_cache import load_height_pairs
 from ninedtact.dataset.reader import load_dataset, read_pair_columns
 from ninedtact.design import Gel
@@ -164,9 +164,9 @@ def _gel_moduli_mpa(data: Path, sensors: Path | None) -> dict[str, float]:
 
     A force model multiplies by the modulus of the sensor folder, so that a real sensor's wrenches are divided by it first.
     """
-    folders = (DatasetFolder(data).sensor_folders if sensors is None else sensors).glob(f"*/{SENSOR_FILE}")
+    folders = find_sensor_folders(DatasetFolder(data).sensor_folders if sensors is None else sensors)
     simulated = {name: member.gel.shear_modulus_mpa for name, member in load_simulated_sensors(data).items()}
-    real = [file.parent for file in folders if file.parent.name not in simulated]
+    real = [folder for folder in folders if folder.name not in simulated]
     return {**simulated, **{folder.name: load_sensor(folder).gel.shear_modulus_mpa for folder in real}}
 
 

@@ -76,7 +76,8 @@ class BoardFit:
     contrast: Float[Array, " n"]
     """Depth of each imprint in grey levels."""
     noise: float
-    """Standard deviation of one pixel of `change`, the difference of two images, in grey levels."""
+    """Standard deviation of one pixel of `change`, the difference of two images, in grey levels; `estimate_camera_noise` gives that
+    of one image."""
     change: Float32[Array, "rows cols"]
     refined: LensModel | None = None
     """A lens that was fitted to the whole image, not to the imprints' centres alone (`calibration.lens_refinement`)."""

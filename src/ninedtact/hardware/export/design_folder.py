@@ -14,7 +14,7 @@ import cv2
 from ninedtact.atomic_write import (
     create_folder_atomically,
     list_foreign_files,
-    require_folder_elsewhere,
+    refuse_working_directory,
     write_file_atomically,
 )
 from ninedtact.checked_reading import read_json_object
@@ -104,8 +104,8 @@ class ExportFolderRefused(OutputError):
 
 def require_replaceable_parts_folder(out: Path) -> None:
     """Refuse a folder unless it is missing, empty, or an earlier export and nothing else; raises `ExportFolderRefused`, and
-    `FileNotWritten` where it holds the current folder."""
-    require_folder_elsewhere(out)
+    `FileNotWritten` for the working directory and the folders above it."""
+    refuse_working_directory(out)
     ours = _list_exported_files(out / MANIFEST)
     if strange := list_foreign_files(out, ours.__contains__):
         raise ExportFolderRefused(
