@@ -23,7 +23,8 @@ from memory import CameraInMemory, require_linux, resident_now_mb
 from mutated_kinds import calibration_images
 from page_clients import crowd
 
-from ninedtact import Sensor, SensorFolder, calibrate, load_estimator
+from ninedtact import Frame, Sensor, SensorFolder, calibrate, load_estimator
+from ninedtact.__main__ import limit_memory_arenas
 from ninedtact.calibration.save import save_sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.recording.reader import Recording
@@ -38,6 +39,15 @@ from ninedtact.studio.wrench_history import WrenchHistory
 SETTLED = 8
 """Number of the round from which growth counts: until then, the allocator's arenas of the threads fill."""
 MAX_GROWTH_MB = 5.0
+
+
+class FastCamera(CameraInMemory):
+    """A camera of at most 200 Hz. A source without any pause would keep the other threads from running."""
+
+    def read(self) -> Frame:
+        """Wait for the next image, and return it."""
+        time.sleep(0.005)
+        return super().read()
 
 
 @dataclass(frozen=True)
@@ -57,13 +67,14 @@ def soak(minutes: float = 30.0, images: int = 1000, recorded: int = 100, json: b
     """
     cv2.setNumThreads(1)
     require_linux()
+    limit_memory_arenas()  # as every command does
     until_s = time.monotonic() + 60 * minutes
     found: list[Census] = []
     with TemporaryDirectory(prefix="soak_") as name:
         folder = Path(name)
         pictures = calibration_images()
         sensor = save_sensor(folder / "sensor", calibrate(pictures))
-        camera = CameraInMemory(pictures.ball_reference, pictures.ball)
+        camera = FastCamera(pictures.ball_reference, pictures.ball)
         while time.monotonic() < until_s or len(found) < SETTLED + 1:
             watch_page(sensor, camera, folder, images)
             make_recording(sensor, camera, folder / "press.mcap", recorded)
@@ -77,7 +88,7 @@ def soak(minutes: float = 30.0, images: int = 1000, recorded: int = 100, json: b
     )
 
 
-def watch_page(sensor: SensorFolder, camera: CameraInMemory, folder: Path, images: int) -> None:
+def watch_page(sensor: SensorFolder, camera: FastCamera, folder: Path, images: int) -> None:
     """Read as fast as possible while three browsers watch."""
     read = Sensor(LatestFrameSource(camera), sensor.shape, estimator=load_estimator("physics", sensor))
     read.following = FollowingSettings()
@@ -98,10 +109,10 @@ def watch_page(sensor: SensorFolder, camera: CameraInMemory, folder: Path, image
         showing.join()
 
 
-def make_recording(sensor: SensorFolder, camera: CameraInMemory, path: Path, images: int) -> None:
+def make_recording(sensor: SensorFolder, camera: FastCamera, path: Path, images: int) -> None:
     """Record, read back and delete."""
 
-    class Few(CameraInMemory):
+    class Few(FastCamera):
         images = camera.images
 
         def __init__(self) -> None:

@@ -3,10 +3,15 @@
 A termination (SIGTERM, as `kill` and service managers send it) ends it as Ctrl-C does: nothing is left half-written.
 """
 
+import ctypes
 import os
 import signal
 import sys
+from contextlib import suppress
 from types import FrameType
+
+_M_ARENA_MAX = -8
+"""The parameter of glibc's `mallopt` that limits the number of arenas (malloc.h)."""
 
 
 def main() -> int:
@@ -16,6 +21,8 @@ def main() -> int:
     that several threads mostly wait for each other, which takes three times the processor time.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if "MALLOC_ARENA_MAX" not in os.environ:
+        limit_memory_arenas()
     interruption = _InterruptHandler()
     try:
         signal.signal(signal.SIGINT, interruption)
@@ -30,6 +37,16 @@ def main() -> int:
         print("ninedtact: stopped by Ctrl-C before it began; run the command again", file=sys.stderr)  # noqa: T201
         code = 1
     return interruption.left_with(code)
+
+
+def limit_memory_arenas() -> None:
+    """Let all threads allocate from two arenas of memory; does nothing where the C library is not glibc.
+
+    By default, glibc gives each of the first sixteen threads of two processor cores an arena, and every arena keeps what images
+    have freed in it. A command that opens sensors and pages for hours then holds twice the memory that it uses.
+    """
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 2)
 
 
 class _InterruptHandler:
