@@ -307,9 +307,9 @@ def test_a_reference_that_a_program_takes_stays_in_spite_of_those_of_the_recordi
         sensor.use_reference([sensor.read().frame])
         found = [reading.max_indentation_mm for _, reading in zip(range(2), sensor, strict=False)]
         assert found == pytest.approx([0.0, 0.0], abs=0.03)
-        chosen = sensor.depth_reader
+        chosen = sensor.current_depth_reader
         for _ in sensor:  # the second reference of the recording comes with its fourth image
-            assert sensor.depth_reader is chosen
+            assert sensor.current_depth_reader is chosen
 
 
 def test_a_rectified_reference_of_another_calibration_is_a_warning_on_every_reading(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ source ──▶ Frame ──rectify──▶ Rectified ──depth──▶ Hei
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import monotonic_ns, perf_counter
 from types import TracebackType
 
@@ -25,6 +25,24 @@ class ReferenceMissing(CalibrationError):
     """A reading was asked for before the sensor had a reference image."""
 
 
+@dataclass
+class _SessionReference:
+    """The reference image that an opened sensor uses now, and where it comes from."""
+
+    reader: DepthReader | None
+    """Computes heights against this image; None until one was taken."""
+    faults: tuple[str, ...] = ()
+    """Why it cannot be that of the calibrated sensor."""
+    follower: ReferenceFollower | None = None
+    """Moves it while nothing touches; None before the first reading that may move it."""
+    last_recorded: DepthReader | None = None
+    """The reader that a recording gave last."""
+    is_chosen: bool = False
+    """Whether it was taken or given since the opening, which ends the use of recorded ones."""
+    later_used: int = 0
+    """Number of later references that have come into use."""
+
+
 def _assume_faultless(_: Sequence[Frame]) -> Sequence[str]:
     """Return no fault."""
     return ()
@@ -41,7 +59,7 @@ class Sensor:
     shape: CalibratedShape
     reference_frames: int = REFERENCE_FRAMES
     depth_reader: DepthReader | None = None
-    """Computes heights against the present reference image. Every opening begins with the one that is given, or takes a new one."""
+    """Computes heights against the reference image with which every opening begins; None takes a new one at every opening."""
     later_references: Sequence[Sequence[Frame]] = ()
     """Reference images of a recording that replace the present ones from the stamp of their first on, in order of time."""
     recorded_reference: Callable[[int], DepthReader | None] | None = None
@@ -52,25 +70,16 @@ class Sensor:
     """Returns why frames cannot be reference images of the calibrated sensor; called once for every reference that is taken."""
     given_reference_faults: tuple[str, ...] = ()
     """Why the reference image that is given with a depth reader cannot be that of the calibrated sensor."""
-    reference_faults: tuple[str, ...] = field(default=(), init=False)
-    """What `find_reference_faults` returned for the present reference."""
     following: FollowingSettings | None = None
     """How the reference image follows slow changes while nothing touches; None keeps it as it was taken."""
     frames_read: int = field(default=0, init=False)
     """Number of frames read since the sensor was opened, reference frames included."""
     last_frame_ns: int = field(default=0, init=False)
     """Stamp of the newest frame, or the time of opening when none has arrived yet."""
-    _follower: ReferenceFollower | None = field(default=None, init=False)
-    _given_reader: DepthReader | None = field(default=None, init=False)
-    """The depth reader that was given and that the sensor has replaced; the next opening begins with it."""
-    _has_own_reference: bool = field(default=False, init=False)
-    """Whether the sensor itself took the present reference or moved it."""
-    _recorded_reader: DepthReader | None = field(default=None, init=False)
-    """The reader that `recorded_reference` returned last."""
-    _follows_recorded_references: bool = field(default=False, init=False)
-    """Whether the references of the recording are used; any other that is taken or given ends it."""
-    _later_used: int = field(default=0, init=False)
-    """Number of later references that have come into use since the sensor was opened."""
+    _session: _SessionReference = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self._begin_session()
 
     def read(self) -> Reading:
         """Wait for the next frame and return its reading.
@@ -89,7 +98,7 @@ class Sensor:
         height = depth(rectified)
         watch.mark("depth")
         dropped = frame.index + 1 - self.frames_read
-        doubts = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if self.reference_faults else ()
+        doubts = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if self._session.faults else ()
         doubts = (*self.shape.warnings, *doubts)
         reading = Reading(frame, rectified, height, watch.stage_ms, dropped, depth.reference, None, doubts)
         estimate = None
@@ -104,17 +113,28 @@ class Sensor:
         self, reading: Reading, estimate: WrenchEstimate | None, reference: Rectified, settings: FollowingSettings
     ) -> WrenchEstimate | None:
         """Let the reference follow for the next reading; return the estimate with the error of gel that is still settling."""
-        if self._follower is None:
-            self._follower = ReferenceFollower(reference, settings)
-        moved = self._follower.follow(reading, estimate)
+        if self._session.follower is None:
+            self._session.follower = ReferenceFollower(reference, settings)
+        follower = self._session.follower
+        moved = follower.follow(reading, estimate)
         if moved is not None:
-            self._replace_reader(self.shape.reader_against(moved))
-        return None if estimate is None else self._follower.with_settling_error(estimate)
+            self._session.reader = self.shape.reader_against(moved)
+        return None if estimate is None else follower.with_settling_error(estimate)
+
+    @property
+    def current_depth_reader(self) -> DepthReader | None:
+        """Computes heights against the reference image in use; None before one was taken."""
+        return self._session.reader
+
+    @property
+    def reference_faults(self) -> tuple[str, ...]:
+        """Why the reference image in use cannot be that of the calibrated sensor; empty where it can."""
+        return self._session.faults
 
     @property
     def reference_drift(self) -> float:
         """Relative change of the reference image's mean brightness since it was taken; zero where it does not follow."""
-        return 0.0 if self._follower is None else self._follower.drift
+        return 0.0 if self._session.follower is None else self._session.follower.drift
 
     def take_reference(self) -> None:
         """Average the next frames into a new reference image. Nothing may touch the gel meanwhile.
@@ -134,10 +154,13 @@ class Sensor:
 
     def use_reference(self, frames: Sequence[Frame]) -> None:
         """Make the mean of frames without contact the reference image from now on; raises `ReferenceUnusable`."""
-        self._replace_reader(self.shape.depth_reader(*frames))
-        self._follows_recorded_references = False
-        self.reference_faults = tuple(self.find_reference_faults(frames))
-        self._follower = None
+        self._session = replace(
+            self._session,
+            reader=self.shape.depth_reader(*frames),
+            faults=tuple(self.find_reference_faults(frames)),
+            follower=None,
+            is_chosen=True,
+        )
         if self.estimator is not None:
             self.estimator.forget()
 
@@ -148,11 +171,7 @@ class Sensor:
         """
         self.source.open()
         self.frames_read, self.last_frame_ns = 0, monotonic_ns()
-        self._follower, self._later_used, self._recorded_reader = None, 0, None
-        self._follows_recorded_references = self.recorded_reference is not None
-        if self._has_own_reference:
-            self.depth_reader, self._given_reader, self._has_own_reference = self._given_reader, None, False
-        self.reference_faults = () if self.depth_reader is None else self.given_reference_faults
+        self._begin_session()
         if self.estimator is not None:
             self.estimator.forget()
         if take_reference and self.depth_reader is None:
@@ -166,27 +185,26 @@ class Sensor:
         """Close the source."""
         self.source.close()
 
-    def _replace_reader(self, reader: DepthReader) -> None:
-        """Use another reference until the sensor is closed."""
-        if not self._has_own_reference:
-            self._given_reader, self._has_own_reference = self.depth_reader, True
-        self.depth_reader = reader
+    def _begin_session(self) -> None:
+        """Use the given reference, if there is one, and nothing of an earlier session."""
+        faults = () if self.depth_reader is None else self.given_reference_faults
+        self._session = _SessionReference(self.depth_reader, faults)
 
     def _use_recorded_reference(self, now_ns: int) -> None:
-        """Make the reference that a recording has for this moment the present one, unless another was chosen since the opening."""
-        if self.recorded_reference is None or not self._follows_recorded_references:
+        """Use the reference that a recording has for this moment, unless another was chosen since the opening."""
+        if self.recorded_reference is None or self._session.is_chosen:
             return
         reader = self.recorded_reference(now_ns)
-        if reader is not None and reader is not self._recorded_reader:
-            self._recorded_reader, self._follower = reader, None
-            self._replace_reader(reader)
+        if reader is not None and reader is not self._session.last_recorded:
+            self._session = replace(self._session, reader=reader, last_recorded=reader, follower=None)
 
     def _use_later_reference(self, now_ns: int) -> None:
-        """Make a later reference the present one where its moment has come."""
-        due = [frames for frames in self.later_references[self._later_used :] if frames[0].stamp_ns <= now_ns]
+        """Use a later reference where its moment has come."""
+        later = self.later_references[self._session.later_used :]
+        due = [frames for frames in later if frames[0].stamp_ns <= now_ns]
         if due:
             self.use_reference(due[-1])
-            self._later_used += len(due)
+            self._session.later_used += len(due)
 
     def _next_frame(self) -> Frame:
         frame = self.source.read()
@@ -194,12 +212,12 @@ class Sensor:
         return frame
 
     def _require_reference(self) -> DepthReader:
-        if self.depth_reader is None:
+        if self._session.reader is None:
             raise ReferenceMissing(
                 "expected a reference image (no contact) before the first reading, got none; open the sensor in a with "
                 "statement, or call take_reference()"
             )
-        return self.depth_reader
+        return self._session.reader
 
     def __iter__(self) -> Iterator[Reading]:
         """Yield readings until the source ends; a camera never does."""

@@ -81,7 +81,7 @@ def served_camera(level: int) -> Iterator[Served]:
 @pytest.fixture
 def served() -> Iterator[Served]:
     with served_camera(UNTOUCHED) as served:
-        wait_until(lambda: served.sensor.depth_reader is not None and served.server._broadcast._status is None)
+        wait_until(lambda: served.sensor.current_depth_reader is not None and served.server._broadcast._status is None)
         yield served
 
 

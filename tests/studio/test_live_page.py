@@ -56,11 +56,11 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
         camera.level = 75
         until_shown("live, ", "1.00 mm", "centre at x 0, y 0 mm")
         assert not set(untouched) & set(images())
-        first_reference = sensor.depth_reader
+        first_reference = sensor.current_depth_reader
         open_panel(tab, "Sensor")
         tab.get_by_role("button", name="Take reference").dispatch_event("click")
         until_shown("live, ", "0.00 mm")
-        assert sensor.depth_reader is not first_reference
+        assert sensor.current_depth_reader is not first_reference
         tab.get_by_role("button", name="Save this reading").dispatch_event("click")
         until_shown("Saved", "5 files in")
         tab.get_by_role("button", name="Save this reading").dispatch_event("click")

@@ -205,7 +205,7 @@ def test_a_program_reads_the_reference_of_the_page_and_not_the_first_images(reco
     with ninedtact.open(source=str(path), force="none") as sensor:
         np.testing.assert_allclose([one.max_indentation_mm for one in sensor], deep_mm, atol=1e-5)
     live = Live((str(path),)).sensor_and_wrenches(bench.folder)[0]
-    assert live.depth_reader is not None and deep_mm[0] > 0.5
+    assert live.current_depth_reader is not None and deep_mm[0] > 0.5
 
 
 def test_a_player_steps_and_plays_at_its_speed_and_stops_at_the_end(recorded: tuple[Path, Bench]) -> None:
@@ -723,9 +723,9 @@ def test_a_viewer_of_a_recording_is_not_frozen_and_takes_no_reference_of_the_sen
             assert not loop._reference_wanted.is_set() and loop.snapshot(0).phase is SensorPhase.READING
             client.use("Back to the sensor")
             wait_until(lambda: shows("live", "Freeze"))
-            before = loop.sensor.depth_reader
+            before = loop.sensor.current_depth_reader
             client.give_command("Take reference")
-            wait_until(lambda: loop.sensor.depth_reader is not before)
+            wait_until(lambda: loop.sensor.current_depth_reader is not before)
             assert len(client.notices) == 1
 
 

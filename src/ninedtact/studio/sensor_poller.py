@@ -199,7 +199,7 @@ class SensorPoller:
     def __enter__(self) -> "SensorPoller":
         """Open the sensor, raising what its source raises, and start reading."""
         self.sensor.open(take_reference=False)
-        if self.sensor.depth_reader is None:
+        if self.sensor.current_depth_reader is None:
             self.take_reference()
         self._thread.start()
         return self
