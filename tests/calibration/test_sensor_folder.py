@@ -42,6 +42,7 @@ from ninedtact.cli.demo import Demo
 from ninedtact.cli.option_parser import CalibrationOptions, DesignGivenTwice
 from ninedtact.cli.original_calibration import ImportCalibrationCommand
 from ninedtact.design import BallGauge, Gel, SensorDesign
+from ninedtact.force.estimator_interface import NoForceEstimator
 from ninedtact.force.known_load_scale import ForceScale, write_force_scale
 from ninedtact.quantities import Frame
 
@@ -368,7 +369,7 @@ def test_a_calibration_says_which_later_measurements_it_removes(
     shutil.copytree(twin_sensor.path, out)
     calibrate_command(out, images, ball)
     assert "removed" not in capsys.readouterr().err
-    write_force_scale(out, "force by physics", ForceScale(1.2))
+    write_force_scale(out, NoForceEstimator(), ForceScale(1.2))
     write_camera_delay(out, CameraDelay(30.0, 1.0))
     with pytest.raises(InvalidCalibrateOption):
         calibrate_command(out, images, ball, options=CalibrationOptions(lens="paper"))

@@ -23,6 +23,7 @@ from ninedtact.force.known_load_scale import (
 from ninedtact.quantities import Frame, HeightMap, Rectified, Traction, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 
+NOTHING = np.zeros(6)
 ESTIMATED_N = np.array([0.8, 1.5, 3.0, 5.0, 8.0])
 
 
@@ -59,10 +60,8 @@ def test_loads_alike_tell_no_curve() -> None:
 
 
 class Constant(ForceEstimator):
-    name = "constant"
-
-    def __init__(self, six: np.ndarray) -> None:
-        self.six = six
+    def __init__(self, six: np.ndarray = NOTHING, name: str = "constant", model_sha256: str = "") -> None:
+        self.six, self.name, self.model_sha256 = six, name, model_sha256
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         pressed = np.full((4, 6), 0.1, np.float32)
@@ -108,26 +107,38 @@ def test_the_errors_of_a_power_law_are_those_of_its_derivative(load_n: float) ->
 
 
 def test_zero_stays_zero() -> None:
-    found = ScaledForceEstimator(Constant(np.zeros(6)), ForceScale(1.5, curve=0.2, about_n=3)).estimate(reading())
+    found = ScaledForceEstimator(Constant(), ForceScale(1.5, curve=0.2, about_n=3)).estimate(reading())
     assert not found.wrench.six.any() and not found.touching
 
 
 def test_the_file_keeps_one_table_for_each_estimator(tmp_path: Path) -> None:
     one, other = fit_force_scale(presses(1.2)).adaptation, ForceScale(0.9, presses=2)
-    write_force_scale(tmp_path, "physics", one)
-    write_force_scale(tmp_path, "network", other)
+    write_force_scale(tmp_path, Constant(name="physics"), one)
+    write_force_scale(tmp_path, Constant(name="network"), other)
     assert read_force_scale_tables(tmp_path).scales == {"physics": one, "network": other}
-    assert apply_sensor_force_scale(Constant(np.zeros(6)), tmp_path).adaptation == UNCALIBRATED
+    assert apply_sensor_force_scale(Constant(), tmp_path).adaptation == UNCALIBRATED
 
 
 def test_an_edited_file_is_used_with_a_notice(tmp_path: Path) -> None:
-    path = write_force_scale(tmp_path, Constant.name, ForceScale(1.25, presses=5))
-    assert apply_sensor_force_scale(Constant(np.zeros(6)), tmp_path).notices == ()
+    path = write_force_scale(tmp_path, Constant(), ForceScale(1.25, presses=5))
+    assert apply_sensor_force_scale(Constant(), tmp_path).notices == ()
     path.write_text(path.read_text().replace("1.25", "1.35"))
-    edited = apply_sensor_force_scale(Constant(np.zeros(6)), tmp_path)
+    edited = apply_sensor_force_scale(Constant(), tmp_path)
     assert edited.adaptation.factor == 1.35 and "force.toml was edited" in " ".join(edited.notices)
     path.write_text("\n".join(line for line in path.read_text().splitlines() if not line.startswith("checksum")))
-    assert apply_sensor_force_scale(Constant(np.zeros(6)), tmp_path).notices == edited.notices
+    assert apply_sensor_force_scale(Constant(), tmp_path).notices == edited.notices
+    write_force_scale(tmp_path, Constant(name="another"), ForceScale(1.1, presses=5))
+    assert apply_sensor_force_scale(Constant(), tmp_path).notices == edited.notices, "adapt does not vouch for an edit"
+
+
+def test_a_scale_is_not_used_for_another_model_of_the_same_name(tmp_path: Path) -> None:
+    trained, trained_again = Constant(model_sha256="a" * 64), Constant(model_sha256="b" * 64)
+    write_force_scale(tmp_path, trained, ForceScale(1.25, presses=5))
+    assert apply_sensor_force_scale(trained, tmp_path).adaptation.factor == 1.25
+    other = apply_sensor_force_scale(trained_again, tmp_path)
+    assert other.adaptation == UNCALIBRATED and "belongs to another model named 'constant'" in " ".join(other.notices)
+    write_force_scale(tmp_path, trained_again, ForceScale(1.5, presses=5))
+    assert apply_sensor_force_scale(trained_again, tmp_path).adaptation.factor == 1.5
 
 
 @pytest.mark.parametrize(

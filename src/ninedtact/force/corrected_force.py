@@ -44,7 +44,7 @@ class NetworkCorrectedForce(ForceEstimator):
     features: SensorFeatures
 
     def __post_init__(self) -> None:
-        self.name = f"physics corrected by {self.model.card.name}"
+        self.name, self.model_sha256 = f"physics corrected by {self.model.card.name}", self.model.sha256
         self.input = NetworkInputBuilder(self.model.card.input, self.features)
 
     @property

@@ -13,6 +13,8 @@ class ForceEstimator(ABC):
 
     name: str
     """The name that is displayed, and the key of the force scale in a sensor folder."""
+    model_sha256: str = ""
+    """SHA-256 of the file of its network, which tells two models of one name apart; empty for estimators without a network."""
 
     @property
     def notices(self) -> tuple[str, ...]:

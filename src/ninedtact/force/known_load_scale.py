@@ -85,6 +85,8 @@ class ForceScale:
     """Relative error of a scaled force: root mean square over presses that are left out of the fit one at a time."""
     presses: Annotated[int, Meta(ge=0, le=10_000)] = 0
     """Number of presses of known load that the scale was fitted to."""
+    model_sha256: Annotated[str, Meta(max_length=64)] = ""
+    """`ForceEstimator.model_sha256` of the estimator; assigned when the scale is written."""
 
     def at(self, load_n: float) -> float:
         """Return the factor for a wrench with this estimated load."""
@@ -151,16 +153,16 @@ def _scale_traction(traction: Traction, pressure_factor: float, shear_factor: fl
 class ScaledForceEstimator(ForceEstimator):
     """An estimator whose estimates are multiplied by the force scale of one sensor."""
 
-    def __init__(self, estimator: ForceEstimator, adaptation: ForceScale, is_edited: bool = False) -> None:
-        self.name, self.estimator, self.adaptation = estimator.name, estimator, adaptation
-        self.is_edited = is_edited
+    def __init__(self, estimator: ForceEstimator, adaptation: ForceScale, file_notices: tuple[str, ...] = ()) -> None:
+        self.name, self.model_sha256 = estimator.name, estimator.model_sha256
+        self.estimator, self.adaptation, self._file_notices = estimator, adaptation, file_notices
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """A sentence on the unknown modulus of a sensor without a force calibration, one on a file of force scales that was edited,
-        and those of the estimator."""
+        """A sentence on the unknown modulus of a sensor without a force calibration, those on its file of force scales, and those
+        of the estimator."""
         own = () if self.adaptation.presses else (_UNCALIBRATED_NOTICE,)
-        return (*own, *((_EDITED_NOTICE,) if self.is_edited else ()), *self.estimator.notices)
+        return (*own, *self._file_notices, *self.estimator.notices)
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the scaled estimate; a wrench of zero stays exactly zero.
@@ -273,18 +275,32 @@ class ForceScaleTables:
 def apply_sensor_force_scale(estimator: ForceEstimator, sensor: Path) -> ScaledForceEstimator:
     """Return an estimator with the force scale of a sensor folder, `UNCALIBRATED` where there is none.
 
-    Raises `ForceScaleFileDamaged`.
+    A scale that was fitted to another model of the same name is not used, and a notice says so. Raises `ForceScaleFileDamaged`.
     """
     found = read_force_scale_tables(sensor)
-    return ScaledForceEstimator(estimator, found.scales.get(estimator.name, UNCALIBRATED), found.is_edited)
+    notices = [_EDITED_NOTICE] if found.is_edited else []
+    scale = found.scales.get(estimator.name, UNCALIBRATED)
+    if scale is not UNCALIBRATED and scale.model_sha256 != estimator.model_sha256:
+        scale = UNCALIBRATED
+        notices.append(
+            f"the force scale in {sensor / FORCE_SCALE_FILE} belongs to another model named {estimator.name!r} and is not used; "
+            "run 'ninedtact adapt' with this model"
+        )
+    return ScaledForceEstimator(estimator, scale, tuple(notices))
 
 
-def write_force_scale(sensor: Path, estimator: str, adaptation: ForceScale) -> Path:
-    """Add or replace the table of one estimator and return the file; raises `ForceScaleFileDamaged`, `FileNotWritten`."""
-    found = {**read_force_scale_tables(sensor).scales, estimator: adaptation}
-    plain: dict[str, Any] = {name: msgspec.to_builtins(one) for name, one in found.items()}
+def write_force_scale(sensor: Path, estimator: ForceEstimator, adaptation: ForceScale) -> Path:
+    """Add or replace the table of one estimator and return the file; raises `ForceScaleFileDamaged`, `FileNotWritten`.
+
+    A file in which the tables of other estimators were edited gets no checksum, so that it still counts as edited.
+    """
+    found = read_force_scale_tables(sensor)
+    others = {name: scale for name, scale in found.scales.items() if name != estimator.name}
+    scales = {**others, estimator.name: replace(adaptation, model_sha256=estimator.model_sha256)}
+    plain: dict[str, Any] = {name: msgspec.to_builtins(scale) for name, scale in scales.items()}
+    checksum = {} if found.is_edited and others else {CHECKSUM_KEY: mapping_checksum(plain)}
     with open_atomic_file(sensor / FORCE_SCALE_FILE) as file:
-        tomli_w.dump({CHECKSUM_KEY: mapping_checksum(plain), **plain}, file)
+        tomli_w.dump({**checksum, **plain}, file)
     return sensor / FORCE_SCALE_FILE
 
 

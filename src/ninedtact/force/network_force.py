@@ -48,7 +48,7 @@ class NetworkForce(ForceEstimator):
     """Features of the sensor; models that need only the gel's thickness run without them."""
 
     def __post_init__(self) -> None:
-        self.name = self.model.card.name
+        self.name, self.model_sha256 = self.model.card.name, self.model.sha256
         if self.features is None and self.model.card.input.channels.needs_sensor_features:
             raise ModelNeedsSensorFeatures(
                 f"expected the features of the sensor for the force model {self.name!r}, which was trained with them, got none; "

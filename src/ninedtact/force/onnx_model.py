@@ -116,6 +116,8 @@ class ForceModel:
     """Name of the file, for messages."""
     is_edited: bool = False
     """Whether the content of the file differs from what was written."""
+    sha256: str = ""
+    """SHA-256 of the file."""
 
     @property
     def notices(self) -> tuple[str, ...]:
@@ -169,7 +171,7 @@ def parse_force_model(content: bytes, name: str) -> ForceModel:
         raise ForceModelUnusable(
             f"expected readable text in {name}, got: {trouble}; copy or train it again"
         ) from trouble
-    model = ForceModel(card, session, name, is_edited)
+    model = ForceModel(card, session, name, is_edited, sha256(content).hexdigest())
     model(np.zeros((1, *card.input.shape), np.float32))
     return model
 

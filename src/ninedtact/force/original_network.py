@@ -6,6 +6,7 @@ nothing touches unless contact detection precedes it.
 """
 
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
@@ -83,7 +84,9 @@ def read_original_network(path: Path | str, contact_test: ContactTest = detect_c
         raise OriginalWeightsUnusable(
             f"expected weights of {NETWORK} in {path}, got some of other shapes; give the original project's .pt file"
         ) from trouble
-    return OriginalNetworkForce(network.eval(), contact_test)
+    estimator = OriginalNetworkForce(network.eval(), contact_test)
+    estimator.model_sha256 = sha256(Path(path).read_bytes()).hexdigest()
+    return estimator
 
 
 def read_pt_weights(path: Path) -> dict[str, Tensor]:

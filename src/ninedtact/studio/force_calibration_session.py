@@ -255,7 +255,7 @@ class ForceCalibrationSession:
                     scale.refusal or f"expected at least {FEWEST} presses of known weight, got fewer; press with more"
                 )
             try:
-                file = write_force_scale(self.sensor, self.reader.estimator.name, scale.fit.adaptation)
+                file = write_force_scale(self.sensor, self.reader.estimator, scale.fit.adaptation)
             except OSError as trouble:
                 raise ForceScaleImpossible(
                     f"expected to write the force scale into {self.sensor}, got: {trouble}; make room or change its permissions"

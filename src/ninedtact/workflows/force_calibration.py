@@ -71,7 +71,7 @@ def calibrate_force(
     reader.use_reference([Frame(read_image(path)) for path in reference])
     estimated = list(_estimate_presses(reader, presses))
     fit = fit_force_scale(estimated)
-    file = write_force_scale(folder.path, reader.estimator.name, fit.adaptation) if save else None
+    file = write_force_scale(folder.path, reader.estimator, fit.adaptation) if save else None
     return ForceCalibration(reader.estimator.name, fit, estimated, file)
 
 
