@@ -16,6 +16,7 @@ from small_sensor import SkinCamera, sensor_folder, skin, wait_until
 sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
 from episodes import sample
 
+from ninedtact._version import installation_command
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
@@ -128,7 +129,7 @@ def test_an_export_that_is_refused_or_fails_leaves_no_file(
     assert sorted(tmp_path.iterdir()) == before
     monkeypatch.setattr("ninedtact.cli.sensor_page.find_spec", lambda name: None if name == "rerun" else True)
     assert main([*words, str(tmp_path / "x.rrd")]) == 1
-    assert "pip install 'ninedtact[rerun]'" in capsys.readouterr().err
+    assert installation_command("rerun") in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("limit_bytes", [0, 30_000, 150_000])

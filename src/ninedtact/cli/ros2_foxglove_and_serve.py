@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact._version import find_incompatible_library
+from ninedtact._version import find_incompatible_library, installation_command
 from ninedtact.cli.live import Live
 from ninedtact.cli.record import (
     is_named,
@@ -298,10 +298,10 @@ def _require_libraries(extra: str, *names: str) -> None:
     if absent:
         raise InteropLibrariesMissing(
             f"expected {' and '.join(names)}, which this command needs, got no {' and no '.join(absent)}; run "
-            f"pip install 'ninedtact[{extra}]'"
+            f"{installation_command(extra)}"
         )
     if other := find_incompatible_library(extra):
-        raise InteropLibrariesMissing(f"{other}; run pip install 'ninedtact[{extra}]'")
+        raise InteropLibrariesMissing(f"{other}; run {installation_command(extra)}")
 
 
 @contextmanager
