@@ -154,8 +154,8 @@ def test_the_rerun_program_gets_readings_and_a_missing_one_is_refused(
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     monkeypatch.setattr("ninedtact.interop.rerun._VIEWER_ADDRESS", ("127.0.0.1", port))
-    with pytest.raises(RerunUnreachable, match=f"expected the Rerun viewer on port {port}"), RerunViewer("small"):
-        pass
+    with pytest.raises(RerunUnreachable, match=f"expected the Rerun viewer on port {port}.* --bind 127"):
+        RerunViewer("small").__enter__()
     folder, images, out = sensor_folder(tmp_path / "small"), tmp_path / "images", tmp_path / "live.rrd"
     images.mkdir()
     for number in range(12):

@@ -68,7 +68,7 @@ class Ros2:
     """Force/torque sensor beside (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT), published without a tare as wrench_measured;
     or sim with --source sim, the true wrench of the twin."""
     qos: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="TOPIC=PROFILE")] = ()
-    """Quality of service of a topic: sensor_data, reliable (the default of all but status), or latched; such as
+    """Quality of service of a topic: sensor_data, reliable (the default of all but status and reference_grey), or latched; such as
     points=sensor_data."""
     points_every: int = 3
     """Publish the points of every so many rows and columns of the height map."""
