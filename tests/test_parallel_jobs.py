@@ -1,5 +1,6 @@
 """Jobs in processes of this machine: they end with the parent. Clusters that cannot be used are refused in one sentence."""
 
+import re
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from ninedtact import parallel_jobs
+from ninedtact._version import installation_command
 from ninedtact.cli import main
 from ninedtact.errors import NinedtactError
 from ninedtact.parallel_jobs import (
@@ -136,7 +138,7 @@ def test_an_address_that_is_none_is_refused(address: str, monkeypatch: pytest.Mo
 def test_a_missing_extra_is_named(kind: str, package: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parallel_jobs, "find_spec", lambda name: None if name == package else True)
     with (
-        pytest.raises(ClusterLibraryMissing, match=rf"no {package}; run pip install 'ninedtact\[cluster\]'"),
+        pytest.raises(ClusterLibraryMissing, match=re.escape(f"no {package}; run {installation_command('cluster')}")),
         connect_workers(1, f"{kind}:127.0.0.1:9"),
     ):
         pass

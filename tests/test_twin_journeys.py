@@ -167,6 +167,7 @@ def test_the_demo_ends_by_itself_without_a_terminal_and_leaves_what_it_showed(
     assert main(["demo", "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert opened and f"open {opened[0]} in a browser" in said and "stopped after" in said
+    assert "without a terminal the demo ends after one round" in said
     assert {path.name for path in tmp_path.iterdir()} == {"sensor", "presses.png", "summary.json"}
     (press,) = json.loads((tmp_path / "summary.json").read_text())["presses"]
     assert press["object"] == "ball_8mm" and press["true_mm"] == pytest.approx(1.2, abs=0.05)

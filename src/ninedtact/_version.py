@@ -1,6 +1,7 @@
 """Version of the installed distribution, and of the libraries that its extras bring."""
 
 from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
 
 __version__ = version("ninedtact")
 
@@ -22,3 +23,14 @@ def find_incompatible_library(extra: str) -> str:
         if not requirement.specifier.contains(installed, prereleases=True):
             return f"expected {requirement.name}{requirement.specifier}, got {installed}"
     return ""
+
+
+def installation_command(extras: str) -> str:
+    """Return the command that installs extras, such as "train,datasets": from the folder of a checkout, or by the name on PyPI."""
+    checkout = Path(__file__).parents[2]
+    return f"pip install -e '{checkout}[{extras}]'" if _is_checkout(checkout) else f"pip install 'ninedtact[{extras}]'"
+
+
+def _is_checkout(folder: Path) -> bool:
+    """Return whether the package lies in a checkout of its repository, and not in the environment that runs it."""
+    return (folder / "pyproject.toml").is_file()

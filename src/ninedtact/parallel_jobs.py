@@ -30,7 +30,7 @@ from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from ninedtact._version import __version__
+from ninedtact._version import __version__, installation_command
 from ninedtact.atomic_write import write_files_atomically
 from ninedtact.errors import DeviceError, InputError, MissingLibraryError
 
@@ -101,7 +101,7 @@ def connect_workers(workers: int, cluster: str | None) -> Iterator[Workers]:
     for package in _PACKAGES[kind]:
         if find_spec(package) is None:
             raise ClusterLibraryMissing(
-                f"expected the libraries of clusters, got no {package}; run pip install 'ninedtact[cluster]'"
+                f"expected the libraries of clusters, got no {package}; run {installation_command('cluster')}"
             )
     with (_connect_dask if kind == "dask" else _connect_ray)(cluster, address) as connected:
         list(run_jobs(int, [(0,)], connected))  # refuses workers of another version before work begins

@@ -13,6 +13,7 @@ from hand_fed import HandFed
 from mjpeg_camera import MjpegCamera
 from packaging.requirements import Requirement
 
+from ninedtact._version import installation_command
 from ninedtact.capture.camera_check import (
     CameraCheck,
     FrameRateUnmeasurable,
@@ -123,6 +124,7 @@ def test_no_camera_is_an_answer(capsys: pytest.CaptureFixture[str]) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert {extra["name"] for extra in report["extras"]} == set(project["optional-dependencies"]) - {"dev", "docs"}
     for extra in report["extras"]:
+        assert extra["get_it"] == installation_command(extra["name"])
         assert extra["get_it"] == f"pip install -e '{ROOT}[{extra['name']}]'" and extra["what_for"]
         packages = {Requirement(text).name for text in project["optional-dependencies"][extra["name"]]}
         assert len(EXTRAS[extra["name"]][0]) == len(packages)
@@ -164,3 +166,9 @@ def test_uneven_times_between_images_are_jitter() -> None:
     rate = measure_frame_rate(source, frames=35)
     assert rate.jitter_ms == pytest.approx(2.0, rel=0.01)  # 12 and 8 ms in turn
     assert rate.true_hz == pytest.approx(100, rel=0.01) and rate.duplicates == 0
+
+
+def test_an_extra_is_installed_from_a_checkout_and_by_name_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert installation_command("train,datasets") == f"pip install -e '{ROOT}[train,datasets]'"
+    monkeypatch.setattr("ninedtact._version._is_checkout", lambda folder: False)
+    assert installation_command("train,datasets") == "pip install 'ninedtact[train,datasets]'"

@@ -212,6 +212,17 @@ def test_cyclones_tools_list_the_topics_with_their_types_and_print_messages(tmp_
             printing.kill()
 
 
+def test_the_program_of_the_page_reads_heights_and_is_answered(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "ros2.md").read_text(encoding="utf-8")
+    (program,) = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    program = program.replace("/twin/", "/small/").replace("DomainParticipant(0)", f"DomainParticipant({DOMAIN})")
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path):
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=ENVIRONMENT)
+    assert done.returncode == 0, done.stderr
+    heights, answer = done.stdout.splitlines()
+    assert heights.startswith("small_skin (") and '"command": "take_reference", "ok": true' in answer
+
+
 def test_images_points_and_transforms_arrive_whole(tmp_path: Path) -> None:
     with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
         make = running.participant.reader

@@ -212,7 +212,7 @@ def test_a_client_that_does_not_read_delays_nobody_and_is_told_what_it_missed() 
     ("request_line", "sentence"),
     [
         (b"GET / HTTP/1.1\r\n", "one line of JSON"),
-        (b'{"images": "gif"}\n', "one line of JSON"),
+        (b'{"images": "gif"}\n', "got a fault in it: Invalid enum value 'gif' - at `$.images`"),
         (b"x" * 10_000 + b"\n", "one line of JSON"),
         (b'{"token": "guess"}\n', '"token" to be the one'),
     ],

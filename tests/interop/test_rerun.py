@@ -16,6 +16,7 @@ from small_sensor import SkinCamera, sensor_folder, skin, wait_until
 sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
 from episodes import sample
 
+from ninedtact._version import installation_command
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
@@ -128,7 +129,7 @@ def test_an_export_that_is_refused_or_fails_leaves_no_file(
     assert sorted(tmp_path.iterdir()) == before
     monkeypatch.setattr("ninedtact.cli.sensor_page.find_spec", lambda name: None if name == "rerun" else True)
     assert main([*words, str(tmp_path / "x.rrd")]) == 1
-    assert "pip install 'ninedtact[rerun]'" in capsys.readouterr().err
+    assert installation_command("rerun") in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("limit_bytes", [0, 30_000, 150_000])
@@ -153,8 +154,8 @@ def test_the_rerun_program_gets_readings_and_a_missing_one_is_refused(
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     monkeypatch.setattr("ninedtact.interop.rerun._VIEWER_ADDRESS", ("127.0.0.1", port))
-    with pytest.raises(RerunUnreachable, match=f"expected the Rerun viewer on port {port}"), RerunViewer("small"):
-        pass
+    with pytest.raises(RerunUnreachable, match=f"expected the Rerun viewer on port {port}.* --bind 127"):
+        RerunViewer("small").__enter__()
     folder, images, out = sensor_folder(tmp_path / "small"), tmp_path / "images", tmp_path / "live.rrd"
     images.mkdir()
     for number in range(12):

@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
+from ninedtact._version import installation_command
 from ninedtact.cli import main
 from ninedtact.dataset.folder import DatasetFolderTaken
 from ninedtact.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
@@ -289,7 +290,7 @@ def test_without_torch_the_extra_is_named(
     monkeypatch.setattr(executor, "_gpu_driver_exists", lambda: True)
     assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), "--device", name]) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "got no such package; run pip install 'ninedtact[train]'" in line
+    assert f"got no such package; run {installation_command('train')}" in line
     assert choose_compute_device("auto") == Device("cpu")
 
 

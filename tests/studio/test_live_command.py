@@ -14,6 +14,7 @@ import cv2
 import pytest
 from small_sensor import sensor_folder, skin
 
+from ninedtact._version import installation_command
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
 from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.cli import main
@@ -125,8 +126,10 @@ def test_bad_options_are_refused_before_any_camera_is_touched(
     with pytest.raises(InvalidAllowedOrigin, match="got 'robot';"):
         Live((str(images),), (str(folder),), allow_origin=("robot",)).run()
     monkeypatch.setattr("ninedtact.cli.sensor_page.find_spec", lambda name: None if name == "rerun" else True)
-    with pytest.raises(RerunMissing, match=r"run pip install 'ninedtact\[rerun\]'"):
+    with pytest.raises(RerunMissing, match=re.escape(f"run {installation_command('rerun')}")):
         Live((str(images),), (str(folder),), rerun=True).run()
     monkeypatch.setattr("ninedtact.cli.sensor_page.find_spec", lambda name: None)
-    with pytest.raises(PageLibraryMissing, match=r"got no such package; run pip install 'ninedtact\[studio\]'"):
+    with pytest.raises(
+        PageLibraryMissing, match=re.escape(f"got no such package; run {installation_command('studio')}")
+    ):
         Live((str(images),), (str(folder),)).run()

@@ -113,6 +113,8 @@ def test_files_of_this_computer_connect_only_where_they_are_allowed() -> None:
     own = "127.0.0.1:8080"
     assert is_refused(closed, Host=own, Origin="file://") and not is_refused(opened, Host=own, Origin="file://")
     assert is_refused(opened, Host=own, Origin="null") and is_refused(opened, Host="", Origin="file://")
+    nameless = opened.find_refusal(Request("/", Headers(Host=own, Origin="null")), "127.0.0.1", 8080)
+    assert nameless is not None and "python -m http.server" in nameless[1]  # --allow-origin null does not exist
 
 
 def test_on_a_network_the_address_has_a_secret() -> None:

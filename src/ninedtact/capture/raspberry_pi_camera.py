@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ninedtact._version import installation_command
 from ninedtact.capture.frame_source import (
     DEFAULT_CAMERA,
     AddressedFrameSource,
@@ -26,7 +27,7 @@ _RELATIVE_TOLERANCE = 0.05
 _Control = float | int | bool
 _INSTALL_HINT = (
     "on Raspberry Pi OS run `sudo apt install python3-picamera2` and make the environment with "
-    "`python3 -m venv --system-site-packages`; elsewhere `pip install 'ninedtact[raspberry-pi]'`"
+    f"`python3 -m venv --system-site-packages`; elsewhere `{installation_command('raspberry-pi')}`"
 )
 
 

@@ -7,6 +7,7 @@ in the sensor frame; the wrappers of `force_torque.mounted_wrench_source` conver
 from abc import abstractmethod
 from collections.abc import Iterator
 
+from ninedtact._version import installation_command
 from ninedtact.capture.frame_source import Openable
 from ninedtact.errors import DeviceError, InputError, MissingLibraryError
 from ninedtact.quantities import Wrench
@@ -29,7 +30,7 @@ class ForceTorqueLibraryMissing(MissingLibraryError):
 
     def __init__(self, name: str, package: str) -> None:
         super().__init__(
-            f"expected {package} for {name}, got no such package; run pip install 'ninedtact[force-torque]'"
+            f"expected {package} for {name}, got no such package; run {installation_command('force-torque')}"
         )
 
 

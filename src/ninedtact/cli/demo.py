@@ -88,6 +88,8 @@ class Demo:
             self.allow_origin,
             opens_browser=self.browser,
         )
+        if self.rounds is None and self.resolved_rounds is not None:
+            print("without a terminal the demo ends after one round; --rounds gives more", flush=True)
         with suppress(KeyboardInterrupt):
             serve_sensor_page([PageSensor(folder, sensor, wrenches, sources.simulation)], settings)
         print(f"stopped after {sensor.frames_read} images; results are in {self.out}")

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ninedtact._version import installation_command
+
 if TYPE_CHECKING:
     from ninedtact.capture.camera_check import CameraCheck
 
@@ -105,19 +107,10 @@ def _optional_parts() -> list[_OptionalPart]:
     from importlib.util import find_spec
 
     found = []
-    package = _installed_from()
     for name, (modules, what_for) in EXTRAS.items():
         lacking = [module for module in modules if find_spec(module) is None]
-        found.append(_OptionalPart(name, what_for, not lacking, lacking, f"pip install {package}[{name}]'"))
+        found.append(_OptionalPart(name, what_for, not lacking, lacking, installation_command(name)))
     return found
-
-
-def _installed_from() -> str:
-    """Return what pip installs the package from, with an opening quote: the folder of a checkout, or its name."""
-    from pathlib import Path
-
-    checkout = Path(__file__).parents[3]
-    return f"-e '{checkout}" if (checkout / "pyproject.toml").is_file() else "'ninedtact"
 
 
 def _to_json(report: _DoctorReport) -> str:

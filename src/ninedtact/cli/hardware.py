@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from ninedtact._version import installation_command
 from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.errors import InputError, MissingLibraryError
 
@@ -53,7 +54,7 @@ def _require_build123d() -> None:
     """Refuse where build123d is missing; raises `Build123dMissing`."""
     if find_spec("build123d") is None:
         raise Build123dMissing(
-            "expected build123d, which models the parts, got none; run pip install 'ninedtact[hardware]'"
+            f"expected build123d, which models the parts, got none; run {installation_command('hardware')}"
         )
 
 

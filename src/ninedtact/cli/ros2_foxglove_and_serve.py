@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact._version import find_incompatible_library
+from ninedtact._version import find_incompatible_library, installation_command
 from ninedtact.cli.live import Live
 from ninedtact.cli.record import (
     is_named,
@@ -68,7 +68,7 @@ class Ros2:
     """Force/torque sensor beside (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT), published without a tare as wrench_measured;
     or sim with --source sim, the true wrench of the twin."""
     qos: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="TOPIC=PROFILE")] = ()
-    """Quality of service of a topic: sensor_data, reliable (the default of all but status), or latched; such as
+    """Quality of service of a topic: sensor_data, reliable (the default of all but status and reference_grey), or latched; such as
     points=sensor_data."""
     points_every: int = 3
     """Publish the points of every so many rows and columns of the height map."""
@@ -298,10 +298,10 @@ def _require_libraries(extra: str, *names: str) -> None:
     if absent:
         raise InteropLibrariesMissing(
             f"expected {' and '.join(names)}, which this command needs, got no {' and no '.join(absent)}; run "
-            f"pip install 'ninedtact[{extra}]'"
+            f"{installation_command(extra)}"
         )
     if other := find_incompatible_library(extra):
-        raise InteropLibrariesMissing(f"{other}; run pip install 'ninedtact[{extra}]'")
+        raise InteropLibrariesMissing(f"{other}; run {installation_command(extra)}")
 
 
 @contextmanager

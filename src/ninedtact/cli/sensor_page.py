@@ -13,7 +13,7 @@ from threading import Event
 from time import monotonic_ns
 from typing import TYPE_CHECKING, Any
 
-from ninedtact._version import find_incompatible_library
+from ninedtact._version import find_incompatible_library, installation_command
 from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
@@ -259,14 +259,14 @@ def require_display_rate(display_hz: float) -> None:
 def require_rerun() -> None:
     """Refuse what needs Rerun without it, or with another version; raises `RerunMissing`."""
     if find_spec("rerun") is None:
-        raise RerunMissing("expected rerun-sdk, got no such package; run pip install 'ninedtact[rerun]' (740 MB)")
+        raise RerunMissing(f"expected rerun-sdk, got no such package; run {installation_command('rerun')} (740 MB)")
     if other := find_incompatible_library("rerun"):
-        raise RerunMissing(f"{other}; run pip install 'ninedtact[rerun]'")
+        raise RerunMissing(f"{other}; run {installation_command('rerun')}")
 
 
 def require_page_library() -> None:
     """Refuse to start without viser; raises `PageLibraryMissing`."""
     if find_spec("viser") is None:
         raise PageLibraryMissing(
-            "expected viser, which serves the live page, got no such package; run pip install 'ninedtact[studio]'"
+            f"expected viser, which serves the live page, got no such package; run {installation_command('studio')}"
         )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from ninedtact._version import installation_command
 from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default
 from ninedtact.cli.result_and_interrupt import print_notice, print_result
 from ninedtact.errors import ForceEstimationError, MissingLibraryError
@@ -163,7 +164,7 @@ def _require_training_packages() -> None:
     if missing:
         raise TrainingPackagesMissing(
             f"expected the packages {', '.join(_REQUIRED_PACKAGES)}, got none of {', '.join(missing)}; run "
-            "pip install 'ninedtact[train,datasets]'"
+            f"{installation_command('train,datasets')}"
         )
 
 

@@ -18,6 +18,7 @@ from jaxtyping import Float32, Float64
 from msgspec import Meta, Struct
 from numpy import ndarray as Array
 
+from ninedtact._version import installation_command
 from ninedtact.checked_reading import convert_tables_to_class, read_regular_file
 from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact.force.network_input import NetworkInputSettings
@@ -203,7 +204,7 @@ def build_onnx_session(content: bytes, name: str) -> "InferenceSession":
         from onnxruntime import InferenceSession, SessionOptions
     except ImportError as trouble:
         raise ForceModelUnusable(
-            f"expected ONNX Runtime to run the network in {name}, got: {trouble}; pip install 'ninedtact[force]', or estimate "
+            f"expected ONNX Runtime to run the network in {name}, got: {trouble}; {installation_command('force')}, or estimate "
             "without a network: --force physics"
         ) from trouble
 

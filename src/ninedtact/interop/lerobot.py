@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
+from ninedtact._version import installation_command
 from ninedtact.atomic_write import create_folder_atomically
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.recording.errors import ExportTargetTaken
@@ -68,7 +69,7 @@ def export_lerobot(
     """
     if find_spec("pyarrow") is None:
         raise PyArrowMissing(
-            "expected pyarrow, which writes LeRobot's files, got none; run pip install 'ninedtact[datasets]'"
+            f"expected pyarrow, which writes LeRobot's files, got none; run {installation_command('datasets')}"
         )
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ExportTargetTaken(f"expected --out to be a new or empty folder, got {out}; choose another name")

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact._version import find_incompatible_library
+from ninedtact._version import find_incompatible_library, installation_command
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
 from ninedtact.errors import MissingLibraryError, SimulationError
 from ninedtact.interop.geom_undersides import CompoundIndenter, Solid, Vector
@@ -64,10 +64,10 @@ def require_mujoco(*packages: str) -> None:
     absent = [name for name in ("mujoco", *packages) if find_spec(name) is None]
     if absent:
         raise MujocoMissing(
-            f"expected {' and '.join(absent)}, got no such package; run pip install 'ninedtact[mujoco]'"
+            f"expected {' and '.join(absent)}, got no such package; run {installation_command('mujoco')}"
         )
     if other := find_incompatible_library("mujoco"):
-        raise MujocoMissing(f"{other}; run pip install 'ninedtact[mujoco]'")
+        raise MujocoMissing(f"{other}; run {installation_command('mujoco')}")
 
 
 @dataclass(frozen=True)

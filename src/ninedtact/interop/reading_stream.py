@@ -271,6 +271,10 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
             request = msgspec.json.decode(line, type=StreamRequest)
         except TimeoutError:
             return StreamedError(f"expected a request within {_REQUEST_S:g} s, got none; send {{}} and a line break")
+        except msgspec.ValidationError as fault:
+            return StreamedError(
+                f'expected a request such as {{"images": "jpeg"}} or {{}}, got a fault in it: {fault}; correct it'
+            )
         except (ValueError, msgspec.DecodeError):
             return StreamedError(
                 'expected one line of JSON such as {"images": "jpeg"}, got something else; send {} for no images'

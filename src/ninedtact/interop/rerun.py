@@ -268,7 +268,7 @@ class RerunViewer:
             socket.create_connection(_VIEWER_ADDRESS, timeout=2).close()
         except OSError as refused:
             raise RerunUnreachable(
-                f"expected the Rerun viewer on port {port} of this computer, got '{refused}'; start it with: rerun"
+                f"expected the Rerun viewer on port {port} of this computer, got '{refused}'; start it with: rerun --bind 127.0.0.1"
             ) from refused
         self._stream = rr.RecordingStream("ninedtact")
         self._stream.connect_grpc(f"rerun+http://{host}:{port}/proxy")

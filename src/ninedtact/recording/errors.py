@@ -2,6 +2,7 @@
 
 from importlib.util import find_spec
 
+from ninedtact._version import installation_command
 from ninedtact.errors import DatasetError, FileFormatError, InputError, MissingLibraryError, OutputError
 
 
@@ -43,5 +44,5 @@ def require_recording_libraries() -> None:
     if absent:
         raise RecordingLibrariesMissing(
             f"expected rosbags and mcap, which read and write recordings, got no {' and no '.join(absent)}; run "
-            "pip install 'ninedtact[recording]'"
+            f"{installation_command('recording')}"
         )

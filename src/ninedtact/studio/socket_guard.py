@@ -35,7 +35,11 @@ _LOG = logging.getLogger(__name__)
 _LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
 _TOKEN_BYTES = 16
 _FILES_ORIGIN = "file://"
-"""What pages in files of this computer state as their website; desktop programs that are made of pages do too."""
+"""What desktop programs that are made of pages state as their website. Browsers state null for pages in files."""
+_NO_ORIGIN = (
+    "expected Origin to name the page, got null, which browsers state for a page in a file; serve the page from its folder, "
+    "python -m http.server 5500, open http://localhost:5500, and start this program with --allow-origin http://localhost:5500"
+)
 _RELEASE_AFTER_S = 1.0
 """Time from the departure of a client to the release of its memory, so that a crowd that leaves is one release."""
 _CLOSE_S = 1.0
@@ -111,6 +115,8 @@ class SocketGuard:
         if len(hosts) != 1 or hosts[0].lower() not in own | proxies:
             return 403, _host_or_origin_refusal("Host", hosts, "http://NAME:PORT")
         allowed = {f"http://{host}" for host in own} | set(self.allowed_origins)
+        if origins == ["null"]:
+            return 403, _NO_ORIGIN
         if len(origins) > 1 or (origins and origins[0].lower() not in allowed):
             return 403, _host_or_origin_refusal("Origin", origins, "ORIGIN")
         if self.token and not hmac.compare_digest(_first_segment(request.path).encode(), self.token.encode()):

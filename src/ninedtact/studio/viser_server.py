@@ -25,6 +25,7 @@ import viser
 from viser._messages import RunJavascriptMessage
 from websockets.asyncio.server import serve
 
+from ninedtact._version import installation_command
 from ninedtact.errors import MissingLibraryError
 from ninedtact.studio.socket_guard import SocketGuard
 
@@ -291,7 +292,7 @@ def require_known_viser() -> None:
 
 def _unknown_viser_message(got: str) -> str:
     """Return the sentence about a version of viser that cannot be guarded."""
-    return f"expected viser {GUARDED_VISER}x, whose web server can be guarded, got {got}; run pip install 'ninedtact[studio]'"
+    return f"expected viser {GUARDED_VISER}x, whose web server can be guarded, got {got}; run {installation_command('studio')}"
 
 
 def _log_in_one_line(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:

@@ -18,6 +18,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from array_api_compat import to_device
 
+from ninedtact._version import installation_command
 from ninedtact.errors import DeviceError
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
@@ -94,7 +95,7 @@ def choose_compute_device(name: str) -> Device:
         raise DeviceMissing(f"expected a device named {_DEVICE_NAMES}, got {name!r}; correct it")
     if find_spec("torch") is None:
         raise DeviceMissing(
-            f"expected torch, which computes on {name}, got no such package; run pip install 'ninedtact[train]', or give "
+            f"expected torch, which computes on {name}, got no such package; run {installation_command('train')}, or give "
             f"--device cpu"
         )
     if kind == "cuda":

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from ninedtact._version import installation_command
 from ninedtact.errors import FileFormatError, MissingLibraryError
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.simulation.objects.height_fields import Heightfield
@@ -220,7 +221,7 @@ def _import_trimesh() -> Any:
         import trimesh
     except ImportError as absence:
         raise MeshLibraryMissing(
-            "expected the library trimesh, got an environment without it; run: pip install 'ninedtact[objects]'"
+            f"expected the library trimesh, got an environment without it; run: {installation_command('objects')}"
         ) from absence
     return trimesh
 
@@ -269,6 +270,6 @@ def _import_thingi10k() -> Any:
         import thingi10k
     except ImportError as absence:
         raise MeshLibraryMissing(
-            "expected the library thingi10k, got an environment without it; run: pip install 'ninedtact[objects]'"
+            f"expected the library thingi10k, got an environment without it; run: {installation_command('objects')}"
         ) from absence
     return thingi10k
