@@ -146,6 +146,14 @@ FAULTS = {
         between(SECOND_S + 1.0, 99, lambda now_s, six: six + np.array([0, 12.0, 0, 0, 0, 0])),
         SampleFault.SHIFTED,
     ),
+    "shifts while nothing touches": (
+        between(SECOND_S + 0.2, 99, lambda now_s, six: six + np.array([0, 12.0, 0, 0, 0, 0])),
+        SampleFault.SHIFTED,
+    ),
+    "is away and comes back with another zero": (
+        between(SECOND_S - 0.5, 99, lambda now_s, six: None if now_s < SECOND_S + 0.7 else six + WARMED),
+        SampleFault.SHIFTED,
+    ),
     "drifts": (
         between(REST_S, 99, lambda now_s, six: six + 0.05 * (now_s > REST_S) * np.eye(6)[4]),
         SampleFault.NOT_AT_REST,
@@ -170,7 +178,7 @@ def test_a_sensor_that_errs_is_told_and_nothing_untrue_is_saved(what: str, tmp_p
     with Recording(tmp_path / "e.mcap") as episode:
         told = [event for event in episode.events() if event.kind is RecordingEventKind.REMARK]
     stamps_ns = [event.stamp_ns for event in told if event.subject == fault.name.lower() and event.text]
-    if what in ("shifts", "drifts"):
+    if what in ("shifts", "shifts while nothing touches", "is away and comes back with another zero", "drifts"):
         assert not [pair for pair in pairs if pair.time_ns > stamps_ns[0]]
     elif what not in ("is slow", "saturates"):
         assert [pair for pair in pairs if pair.time_ns > stamps_ns[0] + 1e9]

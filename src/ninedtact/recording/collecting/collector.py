@@ -216,7 +216,7 @@ class Collector:
             self.notify(f"the reference image is doubtful; {fault}")
         zero = " ".join(f"{number:.6g}" for number in reference.zero)
         self.writer.write_event(RecordingEvent(self._newest_ns, RecordingEventKind.TARED, str(reference.number), zero))
-        self.sample_faults.confirm_zero()
+        self.sample_faults.confirm_zero(self._history.newest_ns)
         self.zero_drift.reset()
         if not self.object:
             self.begin_object()
@@ -257,7 +257,7 @@ class Collector:
 
     def _fault_of_zero(self, candidate: ImageWrenchCandidate, fault: SampleFault | None) -> SampleFault | None:
         if self.zero_drift.check(candidate):
-            self.sample_faults.confirm_zero()
+            self.sample_faults.confirm_zero(self._exposed_ns(candidate.frame))
             return None
         return SampleFault.NOT_AT_REST if self.zero_drift.has_drifted else fault
 
