@@ -18,11 +18,13 @@ from ninedtact.capture.force_torque.sample_checks import (
     SampleFault,
 )
 from ninedtact.capture.training_pair_rule import SamplingRuleSettings
+from ninedtact.capture.wrench_source import WrenchSaturated
 from ninedtact.cli.collect import CollectTerminalDisplay, collect_progress_line, handle_collect_keys, histogram_lines
 from ninedtact.cli.option_parser import CollectOptions
+from ninedtact.design import ForceTorqueMount
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.collected_pairs import NO_OBJECT, RecordedPair, read_recorded_pairs
-from ninedtact.recording.collecting.collection_sources import setup_with_twin
+from ninedtact.recording.collecting.collection_sources import collection_setup_from_recordings, setup_with_twin
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings, CollectSettingsInvalid
 from ninedtact.recording.merge_streams import Arrival, MergedArrival, merge_recorded_streams
@@ -103,6 +105,20 @@ def test_images_are_merged_up_to_the_last_sample_of_a_recording(tmp_path: Path) 
             writer.write_measured(Wrench(np.ones(3), np.ones(3), stamp_ns=stamp_ns))
     items = [one.item for one in merge_recorded_streams(RecordedFrameSource(path), RecordedWrenchSource(path)) if one]
     assert [item.stamp_ns for item in items if isinstance(item, Frame)] == stamps_ns[:88]
+
+
+def test_recorded_samples_are_checked_in_the_frame_of_the_device(tmp_path: Path) -> None:
+    path, mount = tmp_path / "both.mcap", ForceTorqueMount(origin_mm=(1, -2, -35), rotation_deg=(180, 0, 90), sign=-1)
+    with RecordingWriter(path, RecordingMetadata("hand")) as writer:
+        writer.write_image(Frame(np.zeros((48, 64, 3), np.uint8), 10**12, 0))
+        for number, pushed_n in enumerate((8.0, 9.0)):  # by the lever of 35 mm, the device feels 0.28 and 0.315 N·m
+            wrench = Wrench(np.array([pushed_n, 0, -1.0]), np.array([0.01, 0.0, 0.0]), stamp_ns=10**12 + number * 10**6)
+            writer.write_measured(wrench)
+    checks = SampleCheckSettings(range_nm=(0.3, 0.3, 0.3))
+    with collection_setup_from_recordings(path, path, checks, mount).force_torque as samples:
+        assert samples.read().about(np.zeros(3)).six == pytest.approx([8, 0, -1, 0.01, 0, 0], abs=1e-12)
+        with pytest.raises(WrenchSaturated, match=r"T_x of .* within ± 0\.294 N·m, got -?0\.31"):
+            samples.read()
 
 
 def test_every_pair_is_on_disk_when_it_is_counted(tmp_path: Path) -> None:

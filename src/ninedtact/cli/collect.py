@@ -220,7 +220,7 @@ class Collect:
             return setup_with_twin(folder, self.objects, self.touches, self.seed or 0, checks)
         if is_recording_address(self.source):
             images, wrenches = Path(self.source).expanduser(), Path(self.force_torque).expanduser()
-            return collection_setup_from_recordings(images, wrenches, checks)
+            return collection_setup_from_recordings(images, wrenches, checks, folder.record.design.force_torque)
         camera = source_in_real_time(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         device = force_torque_sensor_for(self.force_torque)
         return collection_setup_from_devices(camera, device, folder, checks, screen.show_message)

@@ -14,11 +14,12 @@ import numpy as np
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
-from ninedtact.capture.force_torque.mounted_wrench_source import MountedWrenchSource
+from ninedtact.capture.force_torque.mounted_wrench_source import DeviceFrameWrenchSource, MountedWrenchSource
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.frame_source import FrameSource
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
 from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.design import ForceTorqueMount
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
@@ -101,13 +102,19 @@ def collection_setup_from_devices(
     return CollectSetup(camera, mounted, was_away=was_away, on_message=on_message)
 
 
-def collection_setup_from_recordings(images: Path, wrenches: Path, checks: SampleCheckSettings) -> CollectSetup:
-    """Return the setup of the images and the wrenches of recordings, with their own stamps."""
+def collection_setup_from_recordings(
+    images: Path, wrenches: Path, checks: SampleCheckSettings, mount: ForceTorqueMount = ForceTorqueMount()
+) -> CollectSetup:
+    """Return the setup of the images and the wrenches of recordings, with their own stamps.
+
+    Recorded wrenches are in the sensor frame, about the centre of the skin; they are checked in the frame of the device.
+    """
+    device = CheckedWrenchSource(DeviceFrameWrenchSource(RecordedWrenchSource(wrenches), mount), checks)
     with Recording(images) as recording:
         metadata = recording.metadata
     return CollectSetup(
         RecordedFrameSource(images),
-        CheckedWrenchSource(RecordedWrenchSource(wrenches), checks),
+        MountedWrenchSource(device, mount),
         is_live=False,
         wall_minus_monotonic_ns=metadata.wall_minus_monotonic_ns,
         recorded_camera=metadata.source,
