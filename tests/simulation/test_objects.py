@@ -166,6 +166,8 @@ def test_an_object_is_its_seed_family_and_number_alone() -> None:
         assert (generate_object(name).heights_mm == again.heights_mm).all()
         other = generate_object(name, seed=1).heights_mm
         assert other.shape != again.heights_mm.shape or abs(other - again.heights_mm).max() > 0.1
+    with pytest.raises(NinedtactError, match="expected a seed of generated objects of zero or more, got -1"):
+        indenter_from_name("gear_07", seed=-1)
     assert generate_object("gear_7").name == indenter_from_name("gear_07").name == "gear_07"
 
 
@@ -267,7 +269,19 @@ def test_bad_meshes_are_refused_in_one_sentence(folder: Path, name: str, said: s
 def test_solids_by_name_and_a_list_of_what_is_accepted() -> None:
     assert indenter_from_name("ball:4") == Ball(4.0) and indenter_from_name("cylinder:3,12") == LyingCylinder(3.0, 12.0)
     assert indenter_from_name("cone:30") == Cone(np.radians(30))
-    for text in ("gaer_07", "", "gear", "gear_00", "ball:-1", "ball:1,2", "ball:x", "part.step", "thingi10k:many"):
+    for text in (
+        "gaer_07",
+        "",
+        "gear",
+        "gear_00",
+        "ball:-1",
+        "ball:1,2",
+        "ball:x",
+        "ball:1e300",
+        "gear_" + 5000 * "9",
+        "part.step",
+        "thingi10k:many",
+    ):
         with pytest.raises(NinedtactError, match=r"expected .*gear_07|expected ball:RADIUS"):
             indenter_from_name(text)
 
