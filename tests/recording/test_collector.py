@@ -15,6 +15,7 @@ from ninedtact.capture.force_torque.sample_checks import (
     CheckedWrenchSource,
     ClockDriftMonitor,
     SampleCheckSettings,
+    SampleChecksInvalid,
     SampleFault,
 )
 from ninedtact.capture.training_pair_rule import SamplingRuleSettings
@@ -258,9 +259,18 @@ def test_clocks_that_drift_apart_are_noticed_within_their_jitter() -> None:
 
 def test_options_and_settings_have_the_same_defaults_and_refuse_nonsense() -> None:
     assert CollectOptions().settings() == CollectSettings()
-    for wrong in ({"tolerance_ms": 0.0}, {"no_contact": 0.6, "light_touch": 0.5}, {"reference_images": 0}):
+    assert CollectOptions(camera_delay_ms=-4.0).settings().camera_delay_ms == -4  # stamped as a long exposure begins
+    for wrong in (
+        {"tolerance_ms": 0.0},
+        {"tolerance_ms": np.inf},
+        {"no_contact": 0.6, "light_touch": 0.5},
+        {"reference_images": 0},
+    ):
         with pytest.raises(CollectSettingsInvalid, match=r"expected .* got .*; correct"):
             replace(CollectOptions(), **wrong).settings()
+    for limits in ((0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, np.nan)):
+        with pytest.raises(SampleChecksInvalid, match=r"expected three ranges .* got .*; take them"):
+            CollectOptions(range_n=limits).settings()
 
 
 def test_a_simulated_collection_names_the_object_that_presses(tmp_path: Path) -> None:

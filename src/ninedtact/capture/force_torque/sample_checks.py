@@ -22,11 +22,16 @@ from ninedtact.capture.wrench_source import (
     WrenchSaturated,
     WrenchSource,
 )
+from ninedtact.errors import InputError
 from ninedtact.quantities import Wrench
 
 _NS_PER_MS = 1_000_000
 _AXES = ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
 _UNITS = ("N", "N", "N", "N·m", "N·m", "N·m")
+
+
+class SampleChecksInvalid(InputError):
+    """Raised for a range of a force/torque sensor that none has."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,13 @@ class SampleCheckSettings:
     jump_within_ms: float = 20.0
     jump_settles_ms: float = 50.0
     """After this long at the new level it counts as the load. What moved the reading may also have moved its zero."""
+
+    def __post_init__(self) -> None:
+        for limits, unit in ((self.range_n, "N"), (self.range_nm, "N·m")):
+            if limits is not None and not all(limit > 0 for limit in limits):
+                raise SampleChecksInvalid(
+                    f"expected three ranges of a force/torque sensor above zero, got {limits} {unit}; take them from its data sheet"
+                )
 
 
 class CheckedWrenchSource(WrenchSource):
