@@ -225,6 +225,21 @@ def test_contacts_are_undone_one_by_one_and_objects_follow_each_other(tmp_path: 
         assert len(list(episode.labels())) > len(pairs) + 10
 
 
+def test_an_undone_contact_does_not_return_with_the_images_that_wait(tmp_path: Path) -> None:
+    path, undone_at = tmp_path / "e.mcap", round(30 * (SECOND_S + 1.5))
+    with Camera(5.0) as camera, ForceTorque() as force_torque:  # in the order in which devices deliver
+        items = [*camera, *(force_torque.read() for _ in range(round(5.0 * force_torque.hz)))]
+    with RecordingWriter(path, RecordingMetadata("hand"), COLLECTED_TOPICS) as episode:
+        collector = Collector(episode, SETTINGS, iter(["cup"]), np.random.default_rng(0))
+        for item in sorted(items, key=lambda item: item.stamp_ns):
+            collector.add(Arrival(item, item.stamp_ns))
+            if isinstance(item, Frame) and item.index == undone_at:
+                assert collector.undo_last_contact().startswith("undone: the last contact")
+        collector.finish()
+    times_s = np.array([at_s(pair.time_ns) for pair in read_recorded_pairs(path)])
+    assert not ((times_s > SECOND_S + 0.3) & (times_s < undone_at / 30)).any() and (times_s < SECOND_S).sum() > 3
+
+
 def test_a_tare_waits_for_untouched_skin_and_begins_a_new_reference(tmp_path: Path) -> None:
     advice: list[str] = []
 

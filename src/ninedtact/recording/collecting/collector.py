@@ -179,7 +179,8 @@ class Collector:
             self.writer.write_event(RecordingEvent(stamp_ns, RecordingEventKind.OBJECT, self.object))
 
     def undo_last_contact(self) -> str:
-        """Remove the newest contact that has pairs; return what was done as text."""
+        """Remove the newest contact that has pairs, and the images that still wait; return what was done as text."""
+        self._pending.clear()
         contact = self.counts.last_contact
         if contact is None:
             return "nothing to undo"
