@@ -35,7 +35,7 @@ from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSource, SourceNotOpen
-from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.capture.wrench_source import WrenchSaturated, WrenchSource
 from ninedtact.cli import main
 from ninedtact.cli.collect import CollectTerminalDisplay, collect_progress_line, open_key_reader
 from ninedtact.cli.record import run_commands_together
@@ -436,7 +436,13 @@ def test_a_tare_without_samples_says_so_and_hoards_no_images(tmp_path: Path) -> 
         collector = Collector(episode)
         for frame in camera:
             collector.add(Arrival(frame, frame.stamp_ns))
-    assert "no samples from the force/torque sensor yet" in collect_progress_line(collector)
+        assert "no samples from the force/torque sensor yet" in collect_progress_line(collector)
+        collector.add(
+            Arrival(WrenchSaturated("expected F_z of netft:x within ± 9.8 N, got 11; press less"), frame.stamp_ns)
+        )
+    assert collect_progress_line(collector).endswith(
+        "taring: expected F_z of netft:x within ± 9.8 N, got 11; press less"
+    )
     assert collector.tare_in_progress is not None and len(collector.tare_in_progress.frames) == 10
 
 

@@ -120,7 +120,7 @@ def collect_progress_line(collector: "Collector") -> str:
     numbers = f"{kinds['rule']} by rule, {kinds['light_touch']} light, {kinds['no_contact']} without contact"
     line = f"{collector.object or '-'}: {len(collector.counts.pairs)} pairs ({numbers})"
     if collector.tare_in_progress is not None:
-        return f"{line}; taring: {collector.tare_in_progress.advice}"
+        return f"{line}; taring: {collector.tare_advice}"
     if collector.fault is not None:
         return f"{line}; NOT SAVING: {collector.fault_text(collector.fault)}"
     return f"{line}; refused {collector.rejected.total()}"

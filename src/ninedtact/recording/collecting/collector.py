@@ -194,6 +194,13 @@ class Collector:
         while self._pending:
             self._decide(*self._pending.popleft())
 
+    @property
+    def tare_advice(self) -> str:
+        """What a person should do during a tare, or why no samples come; empty where none is taken."""
+        if self.tare_in_progress is None:
+            return ""
+        return self.tare_in_progress.advice if self.sample_faults.rejection is None else self._rejection_text
+
     def fault_text(self, fault: SampleFault) -> str:
         """Return a fault as a sentence for a person."""
         if fault in REJECTION_FAULTS.values():
