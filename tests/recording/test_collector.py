@@ -28,6 +28,7 @@ from ninedtact.recording.collected_pairs import NO_OBJECT, RecordedPair, read_re
 from ninedtact.recording.collecting.collection_sources import collection_setup_from_recordings, setup_with_twin
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings, CollectSettingsInvalid
+from ninedtact.recording.errors import WrenchSourceMismatched
 from ninedtact.recording.merge_streams import Arrival, MergedArrival, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
@@ -120,6 +121,20 @@ def test_recorded_samples_are_checked_in_the_frame_of_the_device(tmp_path: Path)
         assert samples.read().about(np.zeros(3)).six == pytest.approx([8, 0, -1, 0.01, 0, 0], abs=1e-12)
         with pytest.raises(WrenchSaturated, match=r"T_x of .* within ± 0\.294 N·m, got -?0\.31"):
             samples.read()
+
+
+def test_images_and_wrenches_of_two_runs_of_a_computer_are_no_pairs(tmp_path: Path) -> None:
+    for name, ahead_s in (("images", 0), ("together", 30), ("yesterday", -86_400)):
+        metadata = RecordingMetadata("hand", wall_minus_monotonic_ns=10**18 + ahead_s * 10**9)
+        with RecordingWriter(tmp_path / f"{name}.mcap", metadata) as writer:
+            writer.write_image(Frame(np.zeros((48, 64, 3), np.uint8), 10**12, 0))
+            writer.write_measured(Wrench(np.ones(3), np.ones(3), stamp_ns=10**12))
+    images, together, yesterday = (tmp_path / f"{name}.mcap" for name in ("images", "together", "yesterday"))
+    assert collection_setup_from_recordings(images, together, SampleCheckSettings()).wall_minus_monotonic_ns == 10**18
+    with pytest.raises(
+        WrenchSourceMismatched, match=r"expected recordings .* got .* whose clocks are 86400 s apart; name two"
+    ):
+        collection_setup_from_recordings(images, yesterday, SampleCheckSettings())
 
 
 def test_every_pair_is_on_disk_when_it_is_counted(tmp_path: Path) -> None:

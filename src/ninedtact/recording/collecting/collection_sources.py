@@ -23,6 +23,7 @@ from ninedtact.design import ForceTorqueMount
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
+from ninedtact.recording.errors import WrenchSourceMismatched
 from ninedtact.recording.merge_streams import MergedArrival, merge_live_streams, merge_recorded_streams
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedFrameSource, RecordedWrenchSource
@@ -43,6 +44,8 @@ _DEFAULT_OBJECTS = ("ball:4", "cylinder:3,11", "ring_02", "letter_03", "key_01")
 _UNTOUCHED_S = 1.5
 """Time before the first touch: longer than a tare."""
 _PAUSE_S = 0.3
+_SAME_CLOCK_NS = 60_000_000_000
+"""Difference of the wall clocks of two recordings of one run of a computer; it is corrected by less meanwhile."""
 _LOADS_N = (3.5, 10.0)
 _IMAGE_HZ, _SAMPLE_HZ = 20.0, 200.0
 _SPEED = 1.5
@@ -107,11 +110,17 @@ def collection_setup_from_recordings(
 ) -> CollectSetup:
     """Return the setup of the images and the wrenches of recordings, with their own stamps.
 
-    Recorded wrenches are in the sensor frame, about the centre of the skin; they are checked in the frame of the device.
+    Recorded wrenches are in the sensor frame, about the centre of the skin; they are checked in the frame of the device. Raises
+    `WrenchSourceMismatched` for recordings that do not share a clock.
     """
     device = CheckedWrenchSource(DeviceFrameWrenchSource(RecordedWrenchSource(wrenches), mount), checks)
-    with Recording(images) as recording:
-        metadata = recording.metadata
+    with Recording(images) as recording, Recording(wrenches) as measured:
+        metadata, apart_ns = recording.metadata, _wall_clock_difference_ns(recording, measured)
+    if abs(apart_ns) > _SAME_CLOCK_NS:
+        raise WrenchSourceMismatched(
+            f"expected recordings of images and wrenches that were made together on one computer, got {images} and {wrenches}, "
+            f"whose clocks are {abs(apart_ns) / 1e9:.0f} s apart; name two that belong together"
+        )
     return CollectSetup(
         RecordedFrameSource(images),
         MountedWrenchSource(device, mount),
@@ -120,6 +129,11 @@ def collection_setup_from_recordings(
         recorded_camera=metadata.source,
         camera_delay_ms=metadata.camera_delay_ms,
     )
+
+
+def _wall_clock_difference_ns(one: Recording, other: Recording) -> int:
+    """Return by how much wall minus monotonic clock differs; the monotonic clock begins anew with each start of a computer."""
+    return one.metadata.wall_minus_monotonic_ns - other.metadata.wall_minus_monotonic_ns
 
 
 def setup_with_twin(
