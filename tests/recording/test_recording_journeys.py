@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import math
 import os
 import pty
 import resource
@@ -763,8 +764,28 @@ def test_the_screen_is_rewritten_in_place(tmp_path: Path, monkeypatch: pytest.Mo
         screen.show_message("next object: cup")
         screen.show(collector, at_once=True)
     shown = terminal.getvalue()
-    assert shown.count("n next object") == 2 and shown.count("\x1b[10A") == 1 and "Fz -12.00 ············" in shown
+    assert shown.count("n next object") == 2 and shown.count("\x1b[J") == 1 and "Fz -12.00 ············" in shown
     assert "do not touch the gel" in shown and "missing: Fx" in shown and "next object: cup" in shown
+
+
+def test_the_screen_is_rewritten_in_place_where_its_lines_are_wider_than_the_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outer, inner = pty.openpty()
+    termios.tcsetwinsize(inner, (50, 30))
+    with (
+        os.fdopen(inner, "w") as terminal,
+        RecordingWriter(tmp_path / "e.mcap", RecordingMetadata("x"), COLLECTED_TOPICS) as episode,
+    ):
+        monkeypatch.setattr("sys.stderr", terminal)
+        collector, screen = Collector(episode), CollectTerminalDisplay()
+        screen.show(collector)
+        first = os.read(outer, 10_000).decode()
+        screen.show(collector, at_once=True)
+        again = os.read(outer, 10_000).decode()
+    os.close(outer)
+    rows = sum(max(math.ceil(len(line) / 30), 1) for line in first.split("\r\n")[:-1])
+    assert rows > 15 and again == f"\x1b[{rows}A\x1b[J{first}"
 
 
 def test_ctrl_c_asks_once_and_insists_twice() -> None:

@@ -43,6 +43,7 @@ _KEY_HELP = "n next object   u undo last contact   t tare   q end"
 _TERMINAL_PERIOD_S, _LOG_PERIOD_S = 0.2, 5.0
 """Between two updates of a terminal, and between two lines without one."""
 _MISSING_SHOWN = 4
+_USUAL_COLUMNS = 80
 _READ_BYTES = 64
 
 
@@ -109,9 +110,18 @@ class CollectTerminalDisplay:
             return
         missing = _missing_line(collector.counts)
         lines = [collect_progress_line(collector), *histogram_lines(collector), missing, self._message, _KEY_HELP]
-        up = f"\x1b[{self._height}A" if self._height else ""
-        print(up + "\n".join(f"\x1b[2K{line}" for line in lines), file=sys.stderr, flush=True)
-        self._height = len(lines)
+        up = f"\x1b[{self._height}A\x1b[J" if self._height else ""
+        print(up + "\n".join(lines), file=sys.stderr, flush=True)
+        columns = _terminal_columns()
+        self._height = sum(max(-(-len(line) // columns), 1) for line in lines)  # a terminal wraps long lines
+
+
+def _terminal_columns() -> int:
+    """Return the width of the terminal that shows standard error."""
+    try:
+        return os.get_terminal_size(sys.stderr.fileno()).columns or _USUAL_COLUMNS
+    except (OSError, ValueError):
+        return _USUAL_COLUMNS
 
 
 def collect_progress_line(collector: "Collector") -> str:
