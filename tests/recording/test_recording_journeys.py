@@ -425,6 +425,7 @@ def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
         ),
         ("collect", "--source sim --force-torque sim --out x.mcap --sensor SENSOR --objects bal", "got 'bal'"),
         ("collect", "--source sim --force-torque sim --out x.mcap --sensor SENSOR --pairs 0", "--pairs of at least 1"),
+        ("collect", "--source sim --force-torque sim --out x.mcap --sensor SENSOR --seed -1", "--seed of zero or more"),
     ],
 )
 def test_wrong_use_is_one_sentence_and_leaves_nothing(

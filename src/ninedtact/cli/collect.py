@@ -206,7 +206,7 @@ class Collect:
         require_new_recording_path(self.out)
         require_duration(self.seconds)
         require_matching_force_source(self.source, self.force_torque, is_twin_address, is_recording_address)
-        self._require_pairs()
+        self._require_possible_counts()
         screen = CollectTerminalDisplay()
         with given_or_recorded_sensor(self.sensor, self.source) as folder:
             setup = self._setup(folder, self.options.checks(), screen)
@@ -315,11 +315,13 @@ class Collect:
             wall_minus_monotonic_ns=wall_minus_monotonic_ns() if ahead_ns is None else ahead_ns,
         )
 
-    def _require_pairs(self) -> None:
+    def _require_possible_counts(self) -> None:
         if self.pairs is not None and self.pairs < 1:
             raise RecordingRefused(f"expected --pairs of at least 1, got {self.pairs}; drop it to collect until q")
         if self.touches < 1:
             raise RecordingRefused(f"expected --touches of at least 1, got {self.touches}; drop it")
+        if self.seed is not None and self.seed < 0:
+            raise RecordingRefused(f"expected --seed of zero or more, got {self.seed}; drop it for a random one")
 
 
 def handle_collect_keys(typed: str, collector: "Collector", screen: CollectTerminalDisplay) -> bool:
