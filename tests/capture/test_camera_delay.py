@@ -16,11 +16,13 @@ from ninedtact.capture.camera_delay import (
     SimulatedDelayedCamera,
     SimulatedLight,
     estimate_delay,
+    measure_camera_delay,
     read_camera_delay,
     write_camera_delay,
 )
-from ninedtact.capture.frame_source import CameraSettings
+from ninedtact.capture.frame_source import CameraLost, CameraSettings
 from ninedtact.cli import main
+from ninedtact.quantities import Frame
 
 WRITTEN = CameraDelay(delay_ms=42.0, error_ms=0.5, camera="camera 0", rate_hz=30.0, correlation=0.99)
 
@@ -88,7 +90,30 @@ def test_a_light_that_cannot_be_switched_is_one_sentence(tmp_path: Path, capsys:
         FileLight(tmp_path / "missing").switch(True)
     (tmp_path / "brightness").write_text("0")
     FileLight(tmp_path / "brightness").switch(True)
-    assert (tmp_path / "brightness").read_text() == "1"
+    assert (tmp_path / "brightness").read_text() == "1" and not (tmp_path / "missing").exists()
+
+
+def test_an_led_is_switched_to_its_largest_brightness(tmp_path: Path) -> None:
+    (tmp_path / "max_brightness").write_text("255\n")
+    (tmp_path / "brightness").write_text("7")
+    light = FileLight(tmp_path / "brightness")
+    for is_on, written in ((True, "255"), (False, "0")):
+        light.switch(is_on)
+        assert (tmp_path / "brightness").read_text() == written
+
+
+class UnpluggedCamera(SimulatedDelayedCamera):
+    def read(self) -> Frame:
+        if (frame := super().read()).index < 5:
+            return frame
+        raise CameraLost("expected an image, got none; check the cable")
+
+
+def test_a_camera_that_is_lost_ends_the_measurement_with_the_light_off(tmp_path: Path) -> None:
+    light = SimulatedLight()
+    with UnpluggedCamera(light) as camera, pytest.raises(CameraLost, match="check the cable"):
+        measure_camera_delay(camera, light, seconds=1e6)
+    assert len(light.switched_ns) % 2 == 1
 
 
 def test_settings_are_printed_as_the_camera_reports_them() -> None:

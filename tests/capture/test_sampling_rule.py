@@ -76,6 +76,10 @@ def test_lifting_ends_a_contact_that_no_wrench_saw_end() -> None:
         {"first_below_n": (-0.3, -3.3)},
         {"min_difference": 0.0},
         {"ranges": (6, 6, 12, 0, 1, 1)},
+        {"ranges": (6, np.nan, 12, 1, 1, 1)},
+        {"weights": (1, 1, np.nan, 0, 0, 1)},
+        {"first_below_n": (-np.inf, -0.3)},
+        {"min_difference": np.inf},
     ],
     ids=str,
 )

@@ -403,7 +403,16 @@ def test_text_names_a_source(bench: Bench) -> None:
         str(folder.folder): ImageFolder,
     }
     assert {text: type(camera_or_file_source(text)) for text in named} == named
-    for text in ("sim", "", "no/such/file", "gopher://x", "-1", str(bench.folder / "press_0.png")):
+    for text in (
+        "sim",
+        "",
+        "no/such/file",
+        "gopher://x",
+        "http://[x",
+        "99999999999",
+        "-1",
+        str(bench.folder / "press_0.png"),
+    ):
         with pytest.raises(SourceUnknown, match=r"expected .* got .*;"):
             camera_or_file_source(text)
 
@@ -414,3 +423,7 @@ def test_a_password_is_never_shown() -> None:
         source.open()
     assert source.name == "rtsp://127.0.0.1:9/live?x=1"
     assert "secret" not in str(refusal.value)
+    for wrong in ("rtps://me:secret@[x/live", "http://me:secret@[x/live"):
+        with pytest.raises(SourceUnknown) as unknown:
+            camera_or_file_source(wrong)
+        assert "secret" not in str(unknown.value)

@@ -15,16 +15,20 @@ from ninedtact.capture.force_torque.sample_checks import (
     CheckedWrenchSource,
     ClockDriftMonitor,
     SampleCheckSettings,
+    SampleChecksInvalid,
     SampleFault,
 )
 from ninedtact.capture.training_pair_rule import SamplingRuleSettings
+from ninedtact.capture.wrench_source import WrenchSaturated
 from ninedtact.cli.collect import CollectTerminalDisplay, collect_progress_line, handle_collect_keys, histogram_lines
 from ninedtact.cli.option_parser import CollectOptions
+from ninedtact.design import ForceTorqueMount
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.collected_pairs import NO_OBJECT, RecordedPair, read_recorded_pairs
-from ninedtact.recording.collecting.collection_sources import setup_with_twin
+from ninedtact.recording.collecting.collection_sources import collection_setup_from_recordings, setup_with_twin
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings, CollectSettingsInvalid
+from ninedtact.recording.errors import WrenchSourceMismatched
 from ninedtact.recording.merge_streams import Arrival, MergedArrival, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
@@ -105,6 +109,34 @@ def test_images_are_merged_up_to_the_last_sample_of_a_recording(tmp_path: Path) 
     assert [item.stamp_ns for item in items if isinstance(item, Frame)] == stamps_ns[:88]
 
 
+def test_recorded_samples_are_checked_in_the_frame_of_the_device(tmp_path: Path) -> None:
+    path, mount = tmp_path / "both.mcap", ForceTorqueMount(origin_mm=(1, -2, -35), rotation_deg=(180, 0, 90), sign=-1)
+    with RecordingWriter(path, RecordingMetadata("hand")) as writer:
+        writer.write_image(Frame(np.zeros((48, 64, 3), np.uint8), 10**12, 0))
+        for number, pushed_n in enumerate((8.0, 9.0)):  # by the lever of 35 mm, the device feels 0.28 and 0.315 N·m
+            wrench = Wrench(np.array([pushed_n, 0, -1.0]), np.array([0.01, 0.0, 0.0]), stamp_ns=10**12 + number * 10**6)
+            writer.write_measured(wrench)
+    checks = SampleCheckSettings(range_nm=(0.3, 0.3, 0.3))
+    with collection_setup_from_recordings(path, path, checks, mount).force_torque as samples:
+        assert samples.read().about(np.zeros(3)).six == pytest.approx([8, 0, -1, 0.01, 0, 0], abs=1e-12)
+        with pytest.raises(WrenchSaturated, match=r"T_x of .* within ± 0\.294 N·m, got -?0\.31"):
+            samples.read()
+
+
+def test_images_and_wrenches_of_two_runs_of_a_computer_are_no_pairs(tmp_path: Path) -> None:
+    for name, ahead_s in (("images", 0), ("together", 30), ("yesterday", -86_400)):
+        metadata = RecordingMetadata("hand", wall_minus_monotonic_ns=10**18 + ahead_s * 10**9)
+        with RecordingWriter(tmp_path / f"{name}.mcap", metadata) as writer:
+            writer.write_image(Frame(np.zeros((48, 64, 3), np.uint8), 10**12, 0))
+            writer.write_measured(Wrench(np.ones(3), np.ones(3), stamp_ns=10**12))
+    images, together, yesterday = (tmp_path / f"{name}.mcap" for name in ("images", "together", "yesterday"))
+    assert collection_setup_from_recordings(images, together, SampleCheckSettings()).wall_minus_monotonic_ns == 10**18
+    with pytest.raises(
+        WrenchSourceMismatched, match=r"expected recordings .* got .* whose clocks are 86400 s apart; name two"
+    ):
+        collection_setup_from_recordings(images, yesterday, SampleCheckSettings())
+
+
 def test_every_pair_is_on_disk_when_it_is_counted(tmp_path: Path) -> None:
     on_disk: list[tuple[int, int]] = []
 
@@ -146,6 +178,14 @@ FAULTS = {
         between(SECOND_S + 1.0, 99, lambda now_s, six: six + np.array([0, 12.0, 0, 0, 0, 0])),
         SampleFault.SHIFTED,
     ),
+    "shifts while nothing touches": (
+        between(SECOND_S + 0.2, 99, lambda now_s, six: six + np.array([0, 12.0, 0, 0, 0, 0])),
+        SampleFault.SHIFTED,
+    ),
+    "is away and comes back with another zero": (
+        between(SECOND_S - 0.5, 99, lambda now_s, six: None if now_s < SECOND_S + 0.7 else six + WARMED),
+        SampleFault.SHIFTED,
+    ),
     "drifts": (
         between(REST_S, 99, lambda now_s, six: six + 0.05 * (now_s > REST_S) * np.eye(6)[4]),
         SampleFault.NOT_AT_REST,
@@ -170,7 +210,7 @@ def test_a_sensor_that_errs_is_told_and_nothing_untrue_is_saved(what: str, tmp_p
     with Recording(tmp_path / "e.mcap") as episode:
         told = [event for event in episode.events() if event.kind is RecordingEventKind.REMARK]
     stamps_ns = [event.stamp_ns for event in told if event.subject == fault.name.lower() and event.text]
-    if what in ("shifts", "drifts"):
+    if what in ("shifts", "shifts while nothing touches", "is away and comes back with another zero", "drifts"):
         assert not [pair for pair in pairs if pair.time_ns > stamps_ns[0]]
     elif what not in ("is slow", "saturates"):
         assert [pair for pair in pairs if pair.time_ns > stamps_ns[0] + 1e9]
@@ -198,6 +238,21 @@ def test_contacts_are_undone_one_by_one_and_objects_follow_each_other(tmp_path: 
     assert collector.counts.counts.sum() == 6 * len(pairs) and collector.counts.counts.min() == 0
     with Recording(tmp_path / "e.mcap") as episode:
         assert len(list(episode.labels())) > len(pairs) + 10
+
+
+def test_an_undone_contact_does_not_return_with_the_images_that_wait(tmp_path: Path) -> None:
+    path, undone_at = tmp_path / "e.mcap", round(30 * (SECOND_S + 1.5))
+    with Camera(5.0) as camera, ForceTorque() as force_torque:  # in the order in which devices deliver
+        items = [*camera, *(force_torque.read() for _ in range(round(5.0 * force_torque.hz)))]
+    with RecordingWriter(path, RecordingMetadata("hand"), COLLECTED_TOPICS) as episode:
+        collector = Collector(episode, SETTINGS, iter(["cup"]), np.random.default_rng(0))
+        for item in sorted(items, key=lambda item: item.stamp_ns):
+            collector.add(Arrival(item, item.stamp_ns))
+            if isinstance(item, Frame) and item.index == undone_at:
+                assert collector.undo_last_contact().startswith("undone: the last contact")
+        collector.finish()
+    times_s = np.array([at_s(pair.time_ns) for pair in read_recorded_pairs(path)])
+    assert not ((times_s > SECOND_S + 0.3) & (times_s < undone_at / 30)).any() and (times_s < SECOND_S).sum() > 3
 
 
 def test_a_tare_waits_for_untouched_skin_and_begins_a_new_reference(tmp_path: Path) -> None:
@@ -234,9 +289,18 @@ def test_clocks_that_drift_apart_are_noticed_within_their_jitter() -> None:
 
 def test_options_and_settings_have_the_same_defaults_and_refuse_nonsense() -> None:
     assert CollectOptions().settings() == CollectSettings()
-    for wrong in ({"tolerance_ms": 0.0}, {"no_contact": 0.6, "light_touch": 0.5}, {"reference_images": 0}):
+    assert CollectOptions(camera_delay_ms=-4.0).settings().camera_delay_ms == -4  # stamped as a long exposure begins
+    for wrong in (
+        {"tolerance_ms": 0.0},
+        {"tolerance_ms": np.inf},
+        {"no_contact": 0.6, "light_touch": 0.5},
+        {"reference_images": 0},
+    ):
         with pytest.raises(CollectSettingsInvalid, match=r"expected .* got .*; correct"):
             replace(CollectOptions(), **wrong).settings()
+    for limits in ((0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, np.nan)):
+        with pytest.raises(SampleChecksInvalid, match=r"expected three ranges .* got .*; take them"):
+            CollectOptions(range_n=limits).settings()
 
 
 def test_a_simulated_collection_names_the_object_that_presses(tmp_path: Path) -> None:

@@ -194,7 +194,12 @@ def test_after_a_jump_the_zero_is_doubtful_until_the_sensor_is_at_rest() -> None
     assert tracker.fault_between(1500 * MS, 1600 * MS) is SampleFault.JUMPED
     assert tracker.fault_between(3 * S, 3 * S + MS) is SampleFault.SHIFTED
     assert tracker.fault_between(800 * MS, 900 * MS) is None
-    tracker.confirm_zero()
+    tracker.confirm_zero(900 * MS)  # an image before the jump, which is decided after it
+    assert tracker.fault_between(3 * S, 3 * S + MS) is SampleFault.SHIFTED
+    tracker.accept(wrench(at_ns=4 * S))  # and after a silence
+    tracker.confirm_zero(2 * S)
+    assert tracker.fault_between(3 * S, 3 * S + MS) is SampleFault.SHIFTED
+    tracker.confirm_zero(4 * S + MS)
     assert tracker.fault_between(3 * S, 3 * S + MS) is None
 
 

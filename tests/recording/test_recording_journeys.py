@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import math
 import os
 import pty
 import resource
@@ -35,10 +36,11 @@ from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSource, SourceNotOpen
-from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.capture.wrench_source import WrenchSaturated, WrenchSource
 from ninedtact.cli import main
 from ninedtact.cli.collect import CollectTerminalDisplay, collect_progress_line, open_key_reader
-from ninedtact.cli.record import run_commands_together
+from ninedtact.cli.live import Live
+from ninedtact.cli.record import _twin_sources, run_commands_together
 from ninedtact.cli.result_and_interrupt import stop_on_signal
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.open_sensor import load_given_or_recorded_sensor, source_in_real_time
@@ -341,6 +343,19 @@ def recorded_hand(path: Path, sensor: Path, seconds: float, delay_ms: float = 0.
             (episode.write_image if isinstance(heard.item, Frame) else episode.write_measured)(heard.item)
 
 
+def test_simulated_sensors_side_by_side_have_noise_of_their_own(sensor: Path) -> None:
+    folder, names = load_sensor(sensor), ("", "left", "right")
+    shown = [Live(("sim",)).sensor_and_wrenches(folder)[2]]
+    shown += [Live(("left=sim", "right=sim")).sensor_and_wrenches(folder, name)[2] for name in names[1:]]
+    recorded = [_twin_sources(folder, False, name)[0].simulation for name in names]
+    for simulations in (shown, recorded):
+        alone, left, right = (simulation.twin.renderer(None, 1).astype(int) for simulation in simulations)
+        assert (alone == folder.twin().renderer(None, 1)).all()
+        assert (
+            abs(np.corrcoef((left - right).ravel(), (alone - right).ravel())[0, 1] - 0.5) < 0.02
+        )  # as of three samples
+
+
 def test_pairs_are_collected_from_a_recording_with_its_stamps_and_its_sensor(
     sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -410,6 +425,7 @@ def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
         ),
         ("collect", "--source sim --force-torque sim --out x.mcap --sensor SENSOR --objects bal", "got 'bal'"),
         ("collect", "--source sim --force-torque sim --out x.mcap --sensor SENSOR --pairs 0", "--pairs of at least 1"),
+        ("collect", "--source sim --force-torque sim --out x.mcap --sensor SENSOR --seed -1", "--seed of zero or more"),
     ],
 )
 def test_wrong_use_is_one_sentence_and_leaves_nothing(
@@ -436,7 +452,13 @@ def test_a_tare_without_samples_says_so_and_hoards_no_images(tmp_path: Path) -> 
         collector = Collector(episode)
         for frame in camera:
             collector.add(Arrival(frame, frame.stamp_ns))
-    assert "no samples from the force/torque sensor yet" in collect_progress_line(collector)
+        assert "no samples from the force/torque sensor yet" in collect_progress_line(collector)
+        collector.add(
+            Arrival(WrenchSaturated("expected F_z of netft:x within ± 9.8 N, got 11; press less"), frame.stamp_ns)
+        )
+    assert collect_progress_line(collector).endswith(
+        "taring: expected F_z of netft:x within ± 9.8 N, got 11; press less"
+    )
     assert collector.tare_in_progress is not None and len(collector.tare_in_progress.frames) == 10
 
 
@@ -757,8 +779,28 @@ def test_the_screen_is_rewritten_in_place(tmp_path: Path, monkeypatch: pytest.Mo
         screen.show_message("next object: cup")
         screen.show(collector, at_once=True)
     shown = terminal.getvalue()
-    assert shown.count("n next object") == 2 and shown.count("\x1b[10A") == 1 and "Fz -12.00 ············" in shown
+    assert shown.count("n next object") == 2 and shown.count("\x1b[J") == 1 and "Fz -12.00 ············" in shown
     assert "do not touch the gel" in shown and "missing: Fx" in shown and "next object: cup" in shown
+
+
+def test_the_screen_is_rewritten_in_place_where_its_lines_are_wider_than_the_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outer, inner = pty.openpty()
+    termios.tcsetwinsize(inner, (50, 30))
+    with (
+        os.fdopen(inner, "w") as terminal,
+        RecordingWriter(tmp_path / "e.mcap", RecordingMetadata("x"), COLLECTED_TOPICS) as episode,
+    ):
+        monkeypatch.setattr("sys.stderr", terminal)
+        collector, screen = Collector(episode), CollectTerminalDisplay()
+        screen.show(collector)
+        first = os.read(outer, 10_000).decode()
+        screen.show(collector, at_once=True)
+        again = os.read(outer, 10_000).decode()
+    os.close(outer)
+    rows = sum(max(math.ceil(len(line) / 30), 1) for line in first.split("\r\n")[:-1])
+    assert rows > 15 and again == f"\x1b[{rows}A\x1b[J{first}"
 
 
 def test_ctrl_c_asks_once_and_insists_twice() -> None:

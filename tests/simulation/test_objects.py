@@ -1,8 +1,10 @@
 """What presses the skin: one contract for all, generated shapes that differ, meshes of every quality."""
 
+import importlib.util
 import os
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -35,7 +37,13 @@ from ninedtact.simulation.objects.catalogue import (
     indenter_from_name,
 )
 from ninedtact.simulation.objects.height_fields import DimensionSampler
-from ninedtact.simulation.objects.mesh_objects import KEPT_MM, MeshPlacement, MeshUnusable, load_mesh_object
+from ninedtact.simulation.objects.mesh_objects import (
+    KEPT_MM,
+    MeshLibraryMissing,
+    MeshPlacement,
+    MeshUnusable,
+    load_mesh_object,
+)
 
 CLOSED_FORMS = [Ball(3.0), Ellipsoid(), LyingCylinder(), Cone(), FlatPunch()]
 MEMBERS: dict[str, Indenter] = {
@@ -158,6 +166,8 @@ def test_an_object_is_its_seed_family_and_number_alone() -> None:
         assert (generate_object(name).heights_mm == again.heights_mm).all()
         other = generate_object(name, seed=1).heights_mm
         assert other.shape != again.heights_mm.shape or abs(other - again.heights_mm).max() > 0.1
+    with pytest.raises(NinedtactError, match="expected a seed of generated objects of zero or more, got -1"):
+        indenter_from_name("gear_07", seed=-1)
     assert generate_object("gear_7").name == indenter_from_name("gear_07").name == "gear_07"
 
 
@@ -247,6 +257,7 @@ def test_a_mesh_is_closed_where_no_edge_belongs_to_one_triangle_alone(tmp_path: 
         ("sheets.ply", "upon each other about 2\\d{3} times"),
         ("astray.obj", "astray"),
         ("missing.stl", "which is not there"),
+        ("ball.stl@fit:0", "a size to fit above zero, got 1.0 and 0.0"),
     ],
 )
 def test_bad_meshes_are_refused_in_one_sentence(folder: Path, name: str, said: str) -> None:
@@ -258,7 +269,19 @@ def test_bad_meshes_are_refused_in_one_sentence(folder: Path, name: str, said: s
 def test_solids_by_name_and_a_list_of_what_is_accepted() -> None:
     assert indenter_from_name("ball:4") == Ball(4.0) and indenter_from_name("cylinder:3,12") == LyingCylinder(3.0, 12.0)
     assert indenter_from_name("cone:30") == Cone(np.radians(30))
-    for text in ("gaer_07", "", "gear", "gear_00", "ball:-1", "ball:1,2", "ball:x", "part.step", "thingi10k:many"):
+    for text in (
+        "gaer_07",
+        "",
+        "gear",
+        "gear_00",
+        "ball:-1",
+        "ball:1,2",
+        "ball:x",
+        "ball:1e300",
+        "gear_" + 5000 * "9",
+        "part.step",
+        "thingi10k:many",
+    ):
         with pytest.raises(NinedtactError, match=r"expected .*gear_07|expected ball:RADIUS"):
             indenter_from_name(text)
 
@@ -271,3 +294,42 @@ def test_thingi10k_offline_is_one_sentence(tmp_path: Path) -> None:
         "Thingi10kModelNotFound: expected Thingi10K on this machine" in ran.stderr
         or "MeshLibraryMissing: expected" in ran.stderr
     )
+
+
+def test_what_the_reader_of_meshes_logs_stays_off_the_terminal(tmp_path: Path) -> None:
+    corners = "vertex 0 0 0\nvertex 10 0 0\nvertex 0 10 0"
+    lines = f"solid x\nfacet normal a b c\nouter loop\n{corners}\nendloop\nendfacet\nendsolid x\n"
+    (tmp_path / "normals.stl").write_text(lines)
+    ask = "import sys; from ninedtact.simulation.objects.catalogue import *; indenter_from_name(sys.argv[1])"
+    command = [sys.executable, "-W", "ignore", "-c", ask, str(tmp_path / "normals.stl")]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert (ran.returncode, ran.stderr) == (0, "")
+
+
+def test_a_3mf_file_is_read_in_the_unit_that_it_states(tmp_path: Path) -> None:
+    name, box = str(tmp_path / "box.3mf"), trimesh.creation.box((0.4, 0.3, 0.2))
+    places = "".join("<vertex x='{}' y='{}' z='{}'/>".format(*place) for place in (10 * box.vertices).tolist())
+    faces = "".join("<triangle v1='{}' v2='{}' v3='{}'/>".format(*face) for face in box.faces.tolist())
+    mesh = f"<mesh><vertices>{places}</vertices><triangles>{faces}</triangles></mesh>"
+    space = "xmlns='http://schemas.microsoft.com/3dmanufacturing/core/2015/02'"
+    parts = f"<resources><object id='1' type='model'>{mesh}</object></resources><build><item objectid='1'/></build>"
+
+    def write(unit: str) -> None:
+        with zipfile.ZipFile(name, "w") as file:
+            file.writestr("3D/3dmodel.model", f"<model {unit} {space}>{parts}</model>")
+
+    write("unit='inch'")
+    if importlib.util.find_spec("lxml") is None:
+        with pytest.raises(MeshLibraryMissing, match=r"expected .*3mf files, got.*; run: pip install lxml networkx"):
+            indenter_from_name(name)
+        return
+    with pytest.raises(MeshUnusable, match=r"expected box in mm, got a file that states the unit in; give unit in"):
+        indenter_from_name(name)
+    assert load_mesh_object(Path(name), MeshPlacement("in", scale=0.1)).size_mm == pytest.approx((10.16, 7.62, 5.08))
+    assert load_mesh_object(Path(name), MeshPlacement(fit_mm=16)).size_mm == pytest.approx((16, 12, 8))
+    for unit in ("", "unit='millimeter'"):
+        write(unit)
+        assert load_mesh_object(Path(name)).size_mm == pytest.approx((4, 3, 2))
+    write("unit='micron'")
+    with pytest.raises(MeshUnusable, match="states the unit micron; export it in millimetres"):
+        indenter_from_name(name)

@@ -1,8 +1,10 @@
 """One motion for everybody who watches: solved once, in order, the same every time, and never late."""
 
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
+from functools import partial
 
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ from ninedtact.simulation.press_sequence import (
     PressSequenceTimingInvalid,
     SimulationStepNoLongerStored,
 )
+from ninedtact.simulation.simulated_sources import SimulatedForceTorque
 from ninedtact.simulation.trajectory import (
     InvalidTrajectory,
     Trajectory,
@@ -117,6 +120,11 @@ def test_rounds_end() -> None:
     for acts in ([], [ObjectTrajectory(Ball(4.0), Trajectory(Pose(), ()))]):
         with pytest.raises(PressSequenceTimingInvalid, match="add a trajectory"):
             PressSequence(TWIN, acts)
+    for hz in IMPOSSIBLE:
+        with pytest.raises(PressSequenceTimingInvalid, match=r"expected .*a rate above zero, got .*correct the rate"):
+            PressSequence(TWIN, [PRESSED], hz)
+        with pytest.raises(PressSequenceTimingInvalid, match="expected a rate above zero, got"):
+            SimulatedForceTorque(stage, hz)
 
 
 def test_a_touch_comes_down_drags_twists_and_lifts() -> None:
@@ -130,6 +138,9 @@ def test_a_touch_comes_down_drags_twists_and_lifts() -> None:
     assert Trajectory(Pose(), ()).lift_start_s == 0 and Trajectory(Pose(), ()).pose_at(1) == Pose()
 
 
+IMPOSSIBLE = (0.0, -1.0, math.nan, math.inf)
+
+
 def test_motions_in_turn_go_from_one_to_the_next() -> None:
     there, back = press_trajectory(Pose(2.0, 0.0, 0.5)), press_trajectory(Pose(-2.0, 0.0, 0.5))
     both = concatenate_trajectories([there, back], between_s=0.5)
@@ -139,7 +150,9 @@ def test_motions_in_turn_go_from_one_to_the_next() -> None:
     for bad in (
         lambda: concatenate_trajectories([]),
         lambda: TrajectorySegment(Pose(), 0.0),
-        lambda: press_trajectory(Pose(), speed=-1.0),
+        lambda: TrajectorySegment(Pose(), math.inf),
+        *(partial(press_trajectory, Pose(), speed=speed) for speed in IMPOSSIBLE),
+        *(partial(list, press_trajectory(Pose()).sample_poses(hz)) for hz in IMPOSSIBLE),
     ):
         with pytest.raises(InvalidTrajectory, match="expected"):
             bad()

@@ -6,6 +6,7 @@ positive where an image is stamped after the light fell on it, and contains the 
 ms) for a screen, and nothing for an LED.
 """
 
+import os
 import tomllib
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -106,16 +107,24 @@ class TerminalLight(LightSwitch):
 
 
 class FileLight(LightSwitch):
-    """A light that follows a file into which 1 or 0 is written, such as `/sys/class/leds/NAME/brightness` or a GPIO's `value`."""
+    """A light that follows a file into which 1 or 0 is written, such as `/sys/class/leds/NAME/brightness` or a GPIO's `value`.
+
+    Where a file `max_brightness` stands beside it, as beside that of an LED, its number is written in place of 1.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
 
     def switch(self, is_on: bool) -> None:
-        """Write 1 or 0; raises `LightSwitchFailed`."""
+        """Write 0, or 1 or the largest brightness; raises `LightSwitchFailed`."""
+        largest = self._path.with_name("max_brightness")
         try:
-            with self._path.open("r+") as file:
-                file.write("1" if is_on else "0")
+            lit = largest.read_text().strip() if is_on and largest.is_file() else "1"
+            file = os.open(self._path, os.O_WRONLY | os.O_TRUNC)  # a missing file is not created
+            try:
+                os.write(file, (lit if is_on else "0").encode())
+            finally:
+                os.close(file)
         except OSError as error:
             raise LightSwitchFailed(
                 f"expected to switch the light by writing to {self._path}, got: {error.strerror}; correct the path and its "
@@ -181,7 +190,7 @@ def measure_camera_delay(
     seed: int = 0,
     on_progress: Callable[[float], None] = lambda elapsed_s: None,
 ) -> CameraDelay:
-    """Switch the light for some seconds and return the delay of the open camera; the light is off afterwards.
+    """Switch the light for some seconds and return the delay of the open camera; the light is off before and afterwards.
 
     Raises `CameraDelayUnmeasurable`, `LightSwitchFailed`, and what reading the camera raises.
     """
@@ -189,7 +198,8 @@ def measure_camera_delay(
     began_at, is_on = monotonic(), False
     with _BrightnessReader(camera) as reader:
         try:
-            while (elapsed_s := monotonic() - began_at) < seconds:
+            light.switch(False)
+            while reader.is_reading and (elapsed_s := monotonic() - began_at) < seconds:
                 sleep(rng.uniform(_SHORTEST_S, _LONGEST_S))
                 before_ns, is_on = monotonic_ns(), not is_on
                 light.switch(is_on)
@@ -231,6 +241,11 @@ class _BrightnessReader:
     def __exit__(self, *_: object) -> None:
         self._stop.set()
         self._thread.join()
+
+    @property
+    def is_reading(self) -> bool:
+        """Whether the camera still delivers images."""
+        return self._error is None
 
     def images(self) -> tuple[Array, Float64[Array, " n"]]:
         """Return stamps in ns and brightness in grey levels; raises what the camera raised."""

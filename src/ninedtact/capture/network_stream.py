@@ -37,10 +37,15 @@ class NetworkStream(AddressedFrameSource):
         """Return the stream of a URL, to which camera settings do not apply; raises `SourceUnknown` for another scheme."""
         if "://" not in address:
             return None
-        if address.partition("://")[0].lower() not in _SCHEMES:
+        scheme = address.partition("://")[0]
+        if scheme.lower() not in _SCHEMES:
+            raise SourceUnknown(f"expected one of {', '.join(_SCHEMES)} before ://, got {scheme}; correct it")
+        try:
+            urlsplit(address)
+        except ValueError as fault:
             raise SourceUnknown(
-                f"expected one of {', '.join(_SCHEMES)} before ://, got {_url_without_password(address)}; correct it"
-            )
+                f"expected an address of a stream, got one that cannot be read ({fault}); write it as in a browser"
+            ) from fault
         return cls(address)
 
     def open(self) -> None:

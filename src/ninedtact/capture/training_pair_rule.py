@@ -7,6 +7,7 @@ writes Σ s|Δ| > 12 with s = 12/(range/4)).
 """
 
 from dataclasses import dataclass, field
+from math import isfinite
 
 import numpy as np
 from jaxtyping import Float64
@@ -37,12 +38,17 @@ class SamplingRuleSettings:
     """Smallest difference between kept wrenches: the weighted sum of the differences as fractions of the ranges."""
 
     def __post_init__(self) -> None:
-        if not (self.contact_below_n < 0 < self.min_difference and self.first_below_n[0] <= self.first_below_n[1] < 0):
+        limits = self.contact_below_n, *self.first_below_n, self.min_difference
+        are_in_order = (
+            self.contact_below_n < 0 < self.min_difference and self.first_below_n[0] <= self.first_below_n[1] < 0
+        )
+        if not (are_in_order and all(map(isfinite, limits))):
             raise SamplingRuleInvalid(
                 f"expected a contact below zero newtons, first pairs between two such forces in rising order, and a "
                 f"difference above zero, got {self.contact_below_n}, {self.first_below_n} and {self.min_difference}; correct them"
             )
-        if not (min(self.ranges) > 0 and min(self.weights) >= 0 < max(self.weights)):
+        are_finite = all(map(isfinite, (*self.ranges, *self.weights)))
+        if not (are_finite and min(self.ranges) > 0 and min(self.weights) >= 0 < max(self.weights)):
             raise SamplingRuleInvalid(
                 f"expected six ranges above zero and six weights of zero or more, not all zero, got {self.ranges} and "
                 f"{self.weights}; correct them"

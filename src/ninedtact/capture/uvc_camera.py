@@ -34,6 +34,8 @@ _DAMAGED_IN_A_ROW = 3
 _OLDEST_DRIVER_STAMP_NS = 10_000_000_000
 _EXPOSURE_STEPS_PER_MS = 10
 _MANUAL, _AUTOMATIC = (1.0, 2.0), (3.0, 0.0)
+_MOST_DIGITS = 9
+"""Digits of the largest number that OpenCV takes as a camera."""
 _USB = "usb:"
 _KERNEL_DEVICE_LIST = Path("/sys/class/video4linux")
 _QUERY_CAPABILITIES = 0x80685600
@@ -86,7 +88,7 @@ class UvcCamera(AddressedFrameSource):
     @classmethod
     def from_address(cls, address: str, settings: CameraSettings) -> "UvcCamera | None":
         """Return the camera of a number, of a path in /dev, or of a USB port or serial number."""
-        if address.isdecimal():
+        if address.isdecimal() and len(address) <= _MOST_DIGITS:
             return cls(int(address), settings)
         return cls(address, settings) if address.startswith(("/dev/", _USB)) else None
 

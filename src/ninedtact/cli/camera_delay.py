@@ -29,8 +29,8 @@ class CameraDelayCommand:
     source: str
     """Camera (0, /dev/video0, usb:1-2, csi:0) or stream (http://…, rtsp://…); or sim, a simulated camera with a delay of 42 ms."""
     light: str = SCREEN
-    """screen: this terminal, whose colours are inverted. Otherwise a file into which 1 (on) and 0 (off) are written, such as
-    /sys/class/leds/NAME/brightness."""
+    """screen: this terminal, whose colours are inverted. Otherwise a file into which 1 (on; the number in max_brightness beside it,
+    if there is one) and 0 (off) are written, such as /sys/class/leds/NAME/brightness."""
     sensor: Path | None = None
     """Sensor folder in which the delay is kept, in camera.toml; `record` and `collect` use it with --camera-delay-ms saved, for the
     same source. A new calibration removes it. The delay of sim is printed only."""

@@ -43,6 +43,7 @@ _KEY_HELP = "n next object   u undo last contact   t tare   q end"
 _TERMINAL_PERIOD_S, _LOG_PERIOD_S = 0.2, 5.0
 """Between two updates of a terminal, and between two lines without one."""
 _MISSING_SHOWN = 4
+_USUAL_COLUMNS = 80
 _READ_BYTES = 64
 
 
@@ -109,9 +110,18 @@ class CollectTerminalDisplay:
             return
         missing = _missing_line(collector.counts)
         lines = [collect_progress_line(collector), *histogram_lines(collector), missing, self._message, _KEY_HELP]
-        up = f"\x1b[{self._height}A" if self._height else ""
-        print(up + "\n".join(f"\x1b[2K{line}" for line in lines), file=sys.stderr, flush=True)
-        self._height = len(lines)
+        up = f"\x1b[{self._height}A\x1b[J" if self._height else ""
+        print(up + "\n".join(lines), file=sys.stderr, flush=True)
+        columns = _terminal_columns()
+        self._height = sum(max(-(-len(line) // columns), 1) for line in lines)  # a terminal wraps long lines
+
+
+def _terminal_columns() -> int:
+    """Return the width of the terminal that shows standard error."""
+    try:
+        return os.get_terminal_size(sys.stderr.fileno()).columns or _USUAL_COLUMNS
+    except (OSError, ValueError):
+        return _USUAL_COLUMNS
 
 
 def collect_progress_line(collector: "Collector") -> str:
@@ -120,7 +130,7 @@ def collect_progress_line(collector: "Collector") -> str:
     numbers = f"{kinds['rule']} by rule, {kinds['light_touch']} light, {kinds['no_contact']} without contact"
     line = f"{collector.object or '-'}: {len(collector.counts.pairs)} pairs ({numbers})"
     if collector.tare_in_progress is not None:
-        return f"{line}; taring: {collector.tare_in_progress.advice}"
+        return f"{line}; taring: {collector.tare_advice}"
     if collector.fault is not None:
         return f"{line}; NOT SAVING: {collector.fault_text(collector.fault)}"
     return f"{line}; refused {collector.rejected.total()}"
@@ -196,7 +206,7 @@ class Collect:
         require_new_recording_path(self.out)
         require_duration(self.seconds)
         require_matching_force_source(self.source, self.force_torque, is_twin_address, is_recording_address)
-        self._require_pairs()
+        self._require_possible_counts()
         screen = CollectTerminalDisplay()
         with given_or_recorded_sensor(self.sensor, self.source) as folder:
             setup = self._setup(folder, self.options.checks(), screen)
@@ -220,7 +230,7 @@ class Collect:
             return setup_with_twin(folder, self.objects, self.touches, self.seed or 0, checks)
         if is_recording_address(self.source):
             images, wrenches = Path(self.source).expanduser(), Path(self.force_torque).expanduser()
-            return collection_setup_from_recordings(images, wrenches, checks)
+            return collection_setup_from_recordings(images, wrenches, checks, folder.record.design.force_torque)
         camera = source_in_real_time(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         device = force_torque_sensor_for(self.force_torque)
         return collection_setup_from_devices(camera, device, folder, checks, screen.show_message)
@@ -305,11 +315,13 @@ class Collect:
             wall_minus_monotonic_ns=wall_minus_monotonic_ns() if ahead_ns is None else ahead_ns,
         )
 
-    def _require_pairs(self) -> None:
+    def _require_possible_counts(self) -> None:
         if self.pairs is not None and self.pairs < 1:
             raise RecordingRefused(f"expected --pairs of at least 1, got {self.pairs}; drop it to collect until q")
         if self.touches < 1:
             raise RecordingRefused(f"expected --touches of at least 1, got {self.touches}; drop it")
+        if self.seed is not None and self.seed < 0:
+            raise RecordingRefused(f"expected --seed of zero or more, got {self.seed}; drop it for a random one")
 
 
 def handle_collect_keys(typed: str, collector: "Collector", screen: CollectTerminalDisplay) -> bool:

@@ -139,7 +139,8 @@ class Live:
             from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
             from ninedtact.simulation.simulated_sources import demo_sources
 
-            shown, references = demo_sources(build_twin_from_folder(folder)), check.read_images(self.reference)
+            twin = build_twin_from_folder(folder).with_noise_of(name)
+            shown, references = demo_sources(twin), check.read_images(self.reference)
             (sensor, wrenches), pressed = twin_sensor_and_true_wrench(folder.shape, shown, references), shown.simulation
         else:
             sensor, wrenches = self.sensor_at_source(source, folder.shape, check.read_images(self.reference), name), []

@@ -148,7 +148,7 @@ class Record:
     ) -> "tuple[dict[str, RecordingWriter], dict[str, NinedtactError]]":
         from ninedtact.recording.recorder import record_several
 
-        parts = {name: self._part(folder, addresses[name]) for name, folder in folders.items()}
+        parts = {name: self._part(folder, addresses[name], name) for name, folder in folders.items()}
         with self._stored_and_progress() as (options, show):
             return record_several(parts, self.out, on_progress=show, **options)
 
@@ -170,12 +170,12 @@ class Record:
             }
             yield options, lambda writers: show(until.elapsed_s, writers)
 
-    def _part(self, folder: "SensorFolder", address: str) -> "SensorToRecord":
-        """Return what is recorded of one sensor, not yet opened."""
+    def _part(self, folder: "SensorFolder", address: str, name: str = "") -> "SensorToRecord":
+        """Return what is recorded of one sensor, not yet opened; name: of the sensor among several."""
         from ninedtact.capture.camera_delay import resolve_camera_delay_ms
         from ninedtact.recording.recorder import SensorToRecord
 
-        camera, force_torque = self._sources(folder, address)
+        camera, force_torque = self._sources(folder, address, name)
         camera_delay_ms = resolve_camera_delay_ms(self.camera_delay_ms, folder.path, camera.name)
         estimator = self._estimator(folder)
         for notice in estimator.notices if estimator is not None else ():
@@ -187,12 +187,12 @@ class Record:
 
         return None if self.force == NONE else load_estimator(self.force, folder)
 
-    def _sources(self, folder: "SensorFolder", address: str) -> "tuple[FrameSource, WrenchSource | None]":
+    def _sources(self, folder: "SensorFolder", address: str, name: str) -> "tuple[FrameSource, WrenchSource | None]":
         """Return camera and force/torque sensor, not yet opened."""
         from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
 
         if is_twin_address(address):
-            return _twin_sources(folder, self.force_torque is not None)
+            return _twin_sources(folder, self.force_torque is not None, name)
         camera = source_in_real_time(address, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
         return camera, None if self.force_torque is None else untared_wrench_source(self.force_torque, folder)
 
@@ -266,13 +266,18 @@ def _end_processes(processes: "Collection[Popen[str]]") -> None:
             sleep(_POLL_S)
 
 
-def _twin_sources(folder: "SensorFolder", force_torque: bool) -> "tuple[FrameSource, WrenchSource | None]":
-    """Return camera and force/torque sensor of the twin of a sensor, pressed by several objects in turn."""
+def _twin_sources(
+    folder: "SensorFolder", force_torque: bool, name: str = ""
+) -> "tuple[FrameSource, WrenchSource | None]":
+    """Return camera and force/torque sensor of the twin of a sensor, pressed by several objects in turn.
+
+    name: of the sensor among several, each of which has noise of its own.
+    """
     from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
     from ninedtact.simulation.press_sequence import PressSequence
     from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque, demo_press_sequence
 
-    simulation = PressSequence(build_twin_from_folder(folder), demo_press_sequence())
+    simulation = PressSequence(build_twin_from_folder(folder).with_noise_of(name), demo_press_sequence())
     return SimulatedCamera(simulation), SimulatedForceTorque(simulation) if force_torque else None
 
 
@@ -302,7 +307,7 @@ def require_new_recording_path(out: Path) -> None:
 def require_duration(seconds: float | None) -> None:
     """Raise `RecordingRefused` for a duration that is not above zero."""
     if seconds is not None and not 0 < seconds < float("inf"):
-        raise RecordingRefused(f"expected --seconds above zero, got {seconds}; drop it to record until Ctrl-C")
+        raise RecordingRefused(f"expected --seconds above zero, got {seconds}; correct it, or drop it")
 
 
 @contextmanager

@@ -59,6 +59,12 @@ class SampleTimer:
     hz: float
     number: int = field(default=-1, init=False)
 
+    def __post_init__(self) -> None:
+        if not 0 < self.hz < np.inf:
+            raise PressSequenceTimingInvalid(
+                f"expected a rate above zero, got {self.hz:g} samples per second; give another"
+            )
+
     def restart(self) -> None:
         """Continue with the first sample that is not past."""
         self.number = -1
@@ -147,10 +153,10 @@ class PressSequence:
     """The object in the hand that was pressed at the newest step, by its number; zero for one of the trajectories."""
 
     def __post_init__(self) -> None:
-        if not self.trajectories or not self.round_s > 0 or not self.hz > 0:
+        if not self.trajectories or not self.round_s > 0 or not 0 < self.hz < np.inf:
             raise PressSequenceTimingInvalid(
                 f"expected trajectories that take time and a rate above zero, got {len(self.trajectories)} at {self.hz} Hz; "
-                "add a trajectory"
+                "add a trajectory, or correct the rate"
             )
         self.clock = SimulationClock(self.real_time)
 

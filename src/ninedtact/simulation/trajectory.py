@@ -19,7 +19,7 @@ from ninedtact.simulation.twin import Twin
 
 
 class InvalidTrajectory(InputError):
-    """Raised for a trajectory without segments, or a segment that takes no time."""
+    """Raised for a trajectory without segments, a segment that takes no time or never ends, or an impossible speed or rate."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class TrajectorySegment:
     seconds: float
 
     def __post_init__(self) -> None:
-        if not self.seconds > 0:
+        if not 0 < self.seconds < np.inf:
             raise InvalidTrajectory(
-                f"expected a segment that takes time, got {self.seconds} s; give it a duration above zero"
+                f"expected a segment that takes time and ends, got {self.seconds} s; give it a duration above zero"
             )
 
 
@@ -71,7 +71,9 @@ class Trajectory:
         return before.interpolate(segment.to, _smoothstep(part))
 
     def sample_poses(self, hz: float) -> Iterator[Pose]:
-        """Yield all poses at this rate, the last one included."""
+        """Yield all poses at this rate, the last one included; raises `InvalidTrajectory` for a rate that is not above zero."""
+        if not 0 < hz < np.inf:
+            raise InvalidTrajectory(f"expected a rate of poses above zero, got {hz:g} Hz; give another")
         for number in range(int(np.ceil(self.duration_s * hz)) + 1):
             yield self.pose_at(number / hz)
 
@@ -96,7 +98,10 @@ def press_trajectory(
     """Return a trajectory that comes down, presses to the depth of a pose, drags, twists, tilts and lifts.
 
     at: pose of the press. drag_mm: (x, y). tilt_rad: about x and y. speed: 1 is about 1.5 mm/s, as a calm hand presses.
+    Raises `InvalidTrajectory` for a speed or a pause that is not above zero.
     """
+    if not 0 < speed < np.inf:
+        raise InvalidTrajectory(f"expected a speed of the hand above zero, got {speed:g}; 1 is that of a calm hand")
     above = replace(at, depth_mm=-HOVER_MM)
     dragged = replace(at, x_mm=at.x_mm + drag_mm[0], y_mm=at.y_mm + drag_mm[1])
     twisted = replace(dragged, twist_rad=at.twist_rad + twist_rad)

@@ -12,6 +12,7 @@ image. The exposure is assumed to be set so that the reference image keeps its b
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Protocol, runtime_checkable
+from zlib import crc32
 
 import numpy as np
 
@@ -89,6 +90,14 @@ class Twin:
         patch = padded_grid(*self.area_mm, self.pitch_mm, MARGIN_MM)
         skin = Skin(patch, self.compliance_of, np.zeros((), np.float32), self.thickness_mm)
         return ContactModel(skin, self.friction, self.solver_settings)
+
+    def with_noise_of(self, name: str) -> "Twin":
+        """Return the twin with the camera noise that belongs to a name, so that sensors seen together have noise of their own.
+
+        The noise of the empty name is that of a sensor by itself (seed 0).
+        """
+        noise = replace(self.renderer.noise, seed=crc32(name.encode()))
+        return replace(self, renderer=replace(self.renderer, noise=noise))
 
     def step(self, last: Contact, indenter: Indenter, pose: Pose, load_n: float | None = None) -> Contact:
         """Return the contact after the object has moved to a pose, or to a load near that pose, before `correct_contact`.

@@ -250,6 +250,7 @@ def test_text_names_a_sensor() -> None:
         "serial:",
         "serial:@9",
         "serial:x@fast",
+        "serial:x@9999999999",
     )
     for text in wrong:
         with pytest.raises(ForceTorqueAddressUnknown, match=r"expected .* got .*; correct it"):

@@ -58,7 +58,11 @@ class MountedWrenchSource(WrenchSource):
     def __init__(self, source: WrenchSource, mount: ForceTorqueMount = ForceTorqueMount()) -> None:
         self.name = source.name
         self._source = source
-        self._rotation, self._origin_mm, self._sign = _mount_rotation(mount), np.array(mount.origin_mm), mount.sign
+        self._rotation, self._origin_mm, self._sign = (
+            _mount_rotation(mount),
+            np.array(mount.origin_mm, float),
+            mount.sign,
+        )
 
     def open(self) -> None:
         """Open the source; raises what it raises."""
@@ -72,6 +76,40 @@ class MountedWrenchSource(WrenchSource):
             force_n=self._sign * self._rotation @ wrench.force_n,
             torque_nm=self._sign * self._rotation @ wrench.torque_nm,
             about_mm=self._origin_mm + self._rotation @ wrench.about_mm,
+        )
+
+    def close(self) -> None:
+        """Close the source that this one wraps."""
+        self._source.close()
+
+
+class DeviceFrameWrenchSource(WrenchSource):
+    """Converts a source in the sensor frame back to the frame of the device, as recordings need for checks against its range.
+
+    It is the inverse of `MountedWrenchSource`: the load that the device reported, torque about its origin.
+    """
+
+    def __init__(self, source: WrenchSource, mount: ForceTorqueMount = ForceTorqueMount()) -> None:
+        self.name = source.name
+        self._source = source
+        self._rotation, self._origin_mm, self._sign = (
+            _mount_rotation(mount),
+            np.array(mount.origin_mm, float),
+            mount.sign,
+        )
+
+    def open(self) -> None:
+        """Open the source; raises what it raises."""
+        self._source.open()
+
+    def read(self) -> Wrench:
+        """Return the next sample in the frame of the device; raises what the source raises."""
+        wrench = self._source.read().about(self._origin_mm)
+        return replace(
+            wrench,
+            force_n=self._sign * self._rotation.T @ wrench.force_n,
+            torque_nm=self._sign * self._rotation.T @ wrench.torque_nm,
+            about_mm=np.zeros(3),
         )
 
     def close(self) -> None:

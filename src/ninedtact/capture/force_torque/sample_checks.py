@@ -22,11 +22,16 @@ from ninedtact.capture.wrench_source import (
     WrenchSaturated,
     WrenchSource,
 )
+from ninedtact.errors import InputError
 from ninedtact.quantities import Wrench
 
 _NS_PER_MS = 1_000_000
 _AXES = ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
 _UNITS = ("N", "N", "N", "N·m", "N·m", "N·m")
+
+
+class SampleChecksInvalid(InputError):
+    """Raised for a range of a force/torque sensor that none has."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,13 @@ class SampleCheckSettings:
     jump_within_ms: float = 20.0
     jump_settles_ms: float = 50.0
     """After this long at the new level it counts as the load. What moved the reading may also have moved its zero."""
+
+    def __post_init__(self) -> None:
+        for limits, unit in ((self.range_n, "N"), (self.range_nm, "N·m")):
+            if limits is not None and not all(limit > 0 for limit in limits):
+                raise SampleChecksInvalid(
+                    f"expected three ranges of a force/torque sensor above zero, got {limits} {unit}; take them from its data sheet"
+                )
 
 
 class CheckedWrenchSource(WrenchSource):
@@ -185,6 +197,8 @@ class SkippingWrenchSource(WrenchSource):
 
 
 _REMEMBERED_INTERVALS = 64
+_LOST_NS = 1_000_000_000
+"""Silence after which a device counts as lost (`WrenchSensorLost`); its zero may have changed when it is back."""
 _DELAY_WINDOW_NS = 1_000_000_000
 """Time over which the smallest delay of a source is taken: delays vary, but their minimum does not."""
 
@@ -224,7 +238,8 @@ class SampleFaultHistory:
     """Begin, end and fault of each interval."""
     rejection: tuple[int, SampleFault] | None = field(default=None, init=False)
     """Start and reason of the current rejection, until a sample is accepted."""
-    zero_uncertain_since_ns: int | None = field(default=None, init=False)
+    zero_changes_ns: list[int] = field(default_factory=list, init=False)
+    """Times after which the reading without contact may have changed and has not been confirmed, ascending."""
     last_ns: int = field(default=0, init=False)
 
     def accept(self, wrench: Wrench) -> bool:
@@ -235,6 +250,8 @@ class SampleFaultHistory:
         if self.rejection is not None:
             since_ns, fault = self.rejection
             self.intervals.append((since_ns, wrench.stamp_ns, fault))
+        elif 0 < self.last_ns < wrench.stamp_ns - _LOST_NS:
+            self.mark_zero_uncertain()
         self.last_ns, self.rejection = wrench.stamp_ns, None
         return True
 
@@ -248,11 +265,15 @@ class SampleFaultHistory:
 
     def mark_zero_uncertain(self) -> None:
         """Record that the reading without contact may have changed."""
-        self.zero_uncertain_since_ns = self.zero_uncertain_since_ns or self.last_ns
+        if self.last_ns not in self.zero_changes_ns:
+            self.zero_changes_ns.append(self.last_ns)
 
-    def confirm_zero(self) -> None:
-        """Record that the sensor reads no load without contact, so that its zero is correct whatever happened before."""
-        self.zero_uncertain_since_ns = None
+    def confirm_zero(self, at_ns: int) -> None:
+        """Record that the sensor read no load without contact at this time, so that its zero is correct whatever happened before.
+
+        An image is decided later than it was taken: what happened between, it cannot confirm.
+        """
+        self.zero_changes_ns = [changed_ns for changed_ns in self.zero_changes_ns if changed_ns >= at_ns]
 
     def fault_between(self, from_ns: int, to_ns: int) -> SampleFault | None:
         """Return a fault in this interval, or None."""
@@ -262,8 +283,7 @@ class SampleFaultHistory:
         for begin_ns, end_ns, fault in intervals:
             if begin_ns <= to_ns and end_ns >= from_ns:
                 return fault
-        is_shifted = self.zero_uncertain_since_ns is not None and to_ns > self.zero_uncertain_since_ns
-        return SampleFault.SHIFTED if is_shifted else None
+        return SampleFault.SHIFTED if any(to_ns > changed_ns for changed_ns in self.zero_changes_ns) else None
 
 
 @dataclass

@@ -48,6 +48,7 @@ _SATURATED, _DO_NOT_USE = 1, 2
 _SixFloats = tuple[float, float, float, float, float, float]
 _DEFAULT_BAUD = 460_800
 """Baud rate for 1,280 frames per second."""
+_MOST_BAUD_DIGITS = 9
 _MOST_GARBAGE_BYTES = 4096
 
 
@@ -133,7 +134,7 @@ class SerialPortDriver(ForceTorqueDriver):
         """Return the driver of serial:PORT or serial:PORT@BAUD; raises `ForceTorqueAddressUnknown`."""
         rest = address.partition(":")[2]
         port, _, baud = rest.rpartition("@") if "@" in rest else (rest, "", str(_DEFAULT_BAUD))
-        if not port or not baud.isdecimal() or int(baud) == 0:
+        if not port or not baud.isdecimal() or len(baud) > _MOST_BAUD_DIGITS or int(baud) == 0:
             raise ForceTorqueAddressUnknown(f"expected serial:PORT or serial:PORT@BAUD, got '{address}'; correct it")
         return cls(port, int(baud))
 

@@ -14,14 +14,16 @@ import numpy as np
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
-from ninedtact.capture.force_torque.mounted_wrench_source import MountedWrenchSource
+from ninedtact.capture.force_torque.mounted_wrench_source import DeviceFrameWrenchSource, MountedWrenchSource
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.frame_source import FrameSource
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
 from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.design import ForceTorqueMount
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
+from ninedtact.recording.errors import WrenchSourceMismatched
 from ninedtact.recording.merge_streams import MergedArrival, merge_live_streams, merge_recorded_streams
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedFrameSource, RecordedWrenchSource
@@ -42,6 +44,8 @@ _DEFAULT_OBJECTS = ("ball:4", "cylinder:3,11", "ring_02", "letter_03", "key_01")
 _UNTOUCHED_S = 1.5
 """Time before the first touch: longer than a tare."""
 _PAUSE_S = 0.3
+_SAME_CLOCK_NS = 60_000_000_000
+"""Difference of the wall clocks of two recordings of one run of a computer; it is corrected by less meanwhile."""
 _LOADS_N = (3.5, 10.0)
 _IMAGE_HZ, _SAMPLE_HZ = 20.0, 200.0
 _SPEED = 1.5
@@ -101,18 +105,35 @@ def collection_setup_from_devices(
     return CollectSetup(camera, mounted, was_away=was_away, on_message=on_message)
 
 
-def collection_setup_from_recordings(images: Path, wrenches: Path, checks: SampleCheckSettings) -> CollectSetup:
-    """Return the setup of the images and the wrenches of recordings, with their own stamps."""
-    with Recording(images) as recording:
-        metadata = recording.metadata
+def collection_setup_from_recordings(
+    images: Path, wrenches: Path, checks: SampleCheckSettings, mount: ForceTorqueMount = ForceTorqueMount()
+) -> CollectSetup:
+    """Return the setup of the images and the wrenches of recordings, with their own stamps.
+
+    Recorded wrenches are in the sensor frame, about the centre of the skin; they are checked in the frame of the device. Raises
+    `WrenchSourceMismatched` for recordings that do not share a clock.
+    """
+    device = CheckedWrenchSource(DeviceFrameWrenchSource(RecordedWrenchSource(wrenches), mount), checks)
+    with Recording(images) as recording, Recording(wrenches) as measured:
+        metadata, apart_ns = recording.metadata, _wall_clock_difference_ns(recording, measured)
+    if abs(apart_ns) > _SAME_CLOCK_NS:
+        raise WrenchSourceMismatched(
+            f"expected recordings of images and wrenches that were made together on one computer, got {images} and {wrenches}, "
+            f"whose clocks are {abs(apart_ns) / 1e9:.0f} s apart; name two that belong together"
+        )
     return CollectSetup(
         RecordedFrameSource(images),
-        CheckedWrenchSource(RecordedWrenchSource(wrenches), checks),
+        MountedWrenchSource(device, mount),
         is_live=False,
         wall_minus_monotonic_ns=metadata.wall_minus_monotonic_ns,
         recorded_camera=metadata.source,
         camera_delay_ms=metadata.camera_delay_ms,
     )
+
+
+def _wall_clock_difference_ns(one: Recording, other: Recording) -> int:
+    """Return by how much wall minus monotonic clock differs; the monotonic clock begins anew with each start of a computer."""
+    return one.metadata.wall_minus_monotonic_ns - other.metadata.wall_minus_monotonic_ns
 
 
 def setup_with_twin(

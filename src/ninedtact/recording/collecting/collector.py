@@ -179,7 +179,8 @@ class Collector:
             self.writer.write_event(RecordingEvent(stamp_ns, RecordingEventKind.OBJECT, self.object))
 
     def undo_last_contact(self) -> str:
-        """Remove the newest contact that has pairs; return what was done as text."""
+        """Remove the newest contact that has pairs, and the images that still wait; return what was done as text."""
+        self._pending.clear()
         contact = self.counts.last_contact
         if contact is None:
             return "nothing to undo"
@@ -192,6 +193,13 @@ class Collector:
         """Decide on the images that still wait, because no more samples will arrive."""
         while self._pending:
             self._decide(*self._pending.popleft())
+
+    @property
+    def tare_advice(self) -> str:
+        """What a person should do during a tare, or why no samples come; empty where none is taken."""
+        if self.tare_in_progress is None:
+            return ""
+        return self.tare_in_progress.advice if self.sample_faults.rejection is None else self._rejection_text
 
     def fault_text(self, fault: SampleFault) -> str:
         """Return a fault as a sentence for a person."""
@@ -216,7 +224,7 @@ class Collector:
             self.notify(f"the reference image is doubtful; {fault}")
         zero = " ".join(f"{number:.6g}" for number in reference.zero)
         self.writer.write_event(RecordingEvent(self._newest_ns, RecordingEventKind.TARED, str(reference.number), zero))
-        self.sample_faults.confirm_zero()
+        self.sample_faults.confirm_zero(self._history.newest_ns)
         self.zero_drift.reset()
         if not self.object:
             self.begin_object()
@@ -257,7 +265,7 @@ class Collector:
 
     def _fault_of_zero(self, candidate: ImageWrenchCandidate, fault: SampleFault | None) -> SampleFault | None:
         if self.zero_drift.check(candidate):
-            self.sample_faults.confirm_zero()
+            self.sample_faults.confirm_zero(self._exposed_ns(candidate.frame))
             return None
         return SampleFault.NOT_AT_REST if self.zero_drift.has_drifted else fault
 

@@ -102,7 +102,8 @@ class CollectSettings:
     tolerance_ms: float = 10.0
     """Largest distance of the samples before and after an image; the wrench is interpolated between them."""
     camera_delay_ms: float = 0.0
-    """How long before its stamp an image shows the skin: half the exposure, and the transfer to the computer."""
+    """How long before its stamp an image shows the skin: half the exposure, and the transfer to the computer. It is negative for a
+    camera that stamps the beginning of a long exposure."""
     no_contact: float = 0.03
     """Fraction of pairs without contact."""
     light_touch: float = 0.05
@@ -115,9 +116,9 @@ class CollectSettings:
     """Grey levels by which a block of pixels must differ from the reference to show contact; below half of it nothing touches."""
 
     def __post_init__(self) -> None:
-        if not (self.tolerance_ms > 0 and self.camera_delay_ms >= 0):
+        if not (0 < self.tolerance_ms < np.inf and abs(self.camera_delay_ms) < np.inf):
             raise CollectSettingsInvalid(
-                f"expected a tolerance above zero and a camera delay of zero or more, got {self.tolerance_ms} and "
+                f"expected a tolerance above zero and a camera delay, both finite, got {self.tolerance_ms} and "
                 f"{self.camera_delay_ms} ms; correct them"
             )
         if not (min(self.no_contact, self.light_touch) >= 0 and self.no_contact + self.light_touch < 1):
@@ -125,7 +126,7 @@ class CollectSettings:
                 f"expected fractions of zero or more, together below 1, got {self.no_contact} without contact and "
                 f"{self.light_touch} with a light touch; correct them"
             )
-        if not (self.reference_images >= 1 and self.contact_levels > 0 and min(self.rest) > 0):
+        if not (self.reference_images >= 1 and self.contact_levels > 0 and all(limit > 0 for limit in self.rest)):
             raise CollectSettingsInvalid(
                 f"expected at least one reference image, and levels and rest above zero, got "
                 f"{self.reference_images}, {self.contact_levels} and {self.rest}; correct them"

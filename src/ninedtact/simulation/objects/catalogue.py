@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from math import isfinite, radians
+from math import radians
 from pathlib import Path
 
 from ninedtact.errors import InputError
@@ -76,7 +76,9 @@ def generate_object(name: str, seed: int = 0) -> HeightGridIndenter:
 
     An object does not depend on which other objects are generated.
     """
-    found = re.fullmatch(r"([a-z_]+?)_?(\d+)", name)
+    if seed < 0:
+        raise UnknownObject(f"expected a seed of generated objects of zero or more, got {seed}; give another")
+    found = re.fullmatch(r"([a-z_]+?)_?(\d{1,9})", name)
     if found is None or found[1] not in FAMILIES or int(found[2]) < 1:
         raise UnknownObject(
             f"expected a family and a number from 1, as gear_07, got {name!r}; the families are {', '.join(FAMILIES)}"
@@ -92,6 +94,10 @@ PRIMITIVES: dict[str, tuple[str, Callable[..., Indenter]]] = {
     "punch": ("RADIUS,EDGE", FlatPunch),
     "ellipsoid": ("HALF_LENGTH,HALF_WIDTH,HALF_HEIGHT", Ellipsoid),
 }
+
+
+_LARGEST_MM = 1000.0
+"""Largest dimension of a primitive."""
 
 
 class MeshNotClosedWarning(UserWarning):
@@ -144,8 +150,10 @@ def _primitive_from_name(kind: str, dimensions: str) -> Indenter:
         numbers = [float(number) for number in dimensions.split(",")] if dimensions else []
     except ValueError:
         numbers = [float("nan")]
-    if len(numbers) > names.count(",") + 1 or not all(isfinite(number) and number > 0 for number in numbers):
-        raise UnknownObject(f"expected {kind}:{names} with numbers above zero, got {kind}:{dimensions}; correct it")
+    if len(numbers) > names.count(",") + 1 or not all(0 < number <= _LARGEST_MM for number in numbers):
+        raise UnknownObject(
+            f"expected {kind}:{names} with numbers above zero and at most {_LARGEST_MM:g}, got {kind}:{dimensions}; correct it"
+        )
     return make(*numbers)
 
 

@@ -7,6 +7,7 @@ The first model of Thingi10K downloads the whole set into the cache of Hugging F
 are of all sizes, so each is scaled to fit unless options say otherwise. Each model has its own licence, which its entry states.
 """
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,7 +74,7 @@ class MeshPlacement:
                 f"expected a unit of {', '.join(MM_PER_UNIT)} and a side of {', '.join(SIDES)}, got {self.unit} and "
                 f"{self.side}; correct them"
             )
-        if not all(0 < size < np.inf for size in (self.scale, self.fit_mm or 1.0)):
+        if not all(0 < size < np.inf for size in (self.scale, 1.0 if self.fit_mm is None else self.fit_mm)):
             raise MeshUnusable(
                 f"expected a scale and a size to fit above zero, got {self.scale} and {self.fit_mm}; correct it"
             )
@@ -191,12 +192,21 @@ class MeshLibraryMissing(MissingLibraryError):
 
 def load_mesh_object(path: Path, placing: MeshPlacement = MeshPlacement()) -> MeshObject:
     """Return the object in a mesh file; raises `MeshUnusable` and `MeshLibraryMissing`."""
-    vertices, faces = _read_mesh(path)
+    vertices, faces, stated_unit = _read_mesh(path)
+    if placing.fit_mm is None and stated_unit not in (None, placing.unit):
+        remedy = f"give unit {stated_unit}" if stated_unit in MM_PER_UNIT else "export it in millimetres"
+        raise MeshMisplaced(
+            f"expected {path.stem} in {placing.unit}, got a file that states the unit {stated_unit}", remedy
+        )
     return _object_from_triangles(path.stem, vertices, faces, placing)
 
 
-def _read_mesh(path: Path) -> tuple[Vertices, Faces]:
-    """Return vertices and triangles as the file has them, several bodies as one."""
+_UNIT_OF_3MF = {"millimeter": "mm", "millimeters": "mm", "centimeter": "cm", "meter": "m", "inch": "in"}
+"""Units that a 3MF file may state, by the names of its specification; trimesh calls the default one millimeters."""
+
+
+def _read_mesh(path: Path) -> tuple[Vertices, Faces, str | None]:
+    """Return vertices and triangles as the file has them, several bodies as one, and the unit that the file states, if any."""
     if not path.is_file() or path.suffix.lower() not in MESH_FILE_SUFFIXES or path.stat().st_size > MOST_MB * 1e6:
         raise MeshUnusable(
             f"expected a file of at most {MOST_MB} MB ending in {', '.join(MESH_FILE_SUFFIXES)}, got {path}"
@@ -206,13 +216,19 @@ def _read_mesh(path: Path) -> tuple[Vertices, Faces]:
     try:
         # Processing is off, so that broken vertices reach the checks and are refused.
         mesh = trimesh.load_mesh(path, process=False)
+    except ImportError as absence:
+        raise MeshLibraryMissing(
+            f"expected the libraries with which trimesh reads {path.suffix} files, got: {absence}; run: pip install lxml networkx"
+        ) from absence
     except Exception as failure:
         raise MeshUnusable(
             f"expected a mesh in {path}, got a file that cannot be read ({failure}); export it again"
         ) from failure
     if not hasattr(mesh, "faces"):
         raise MeshUnusable(f"expected triangles in {path}, got only points or lines; export a surface mesh")
-    return np.asarray(mesh.vertices, float).reshape(-1, 3), np.asarray(mesh.faces, np.int64).reshape(-1, 3)
+    stated = mesh.units if path.suffix.lower() == ".3mf" else None
+    vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+    return vertices.reshape(-1, 3), faces.reshape(-1, 3), None if stated is None else _UNIT_OF_3MF.get(stated, stated)
 
 
 def _import_trimesh() -> Any:
@@ -223,6 +239,9 @@ def _import_trimesh() -> Any:
         raise MeshLibraryMissing(
             f"expected the library trimesh, got an environment without it; run: {installation_command('objects')}"
         ) from absence
+    # Without any handler, Python prints the library's warnings, tracebacks included, beside the sentence of this package.
+    if not (log := logging.getLogger("trimesh")).handlers:
+        log.addHandler(logging.NullHandler())
     return trimesh
 
 
