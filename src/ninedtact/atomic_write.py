@@ -3,6 +3,7 @@
 A folder that appears whole or not at all: filled under a temporary name beside it, then moved into place.
 """
 
+import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -30,9 +31,12 @@ def open_atomic_file(path: Path | str) -> Iterator[BinaryIO]:
     """Open a file that appears at `path` when the block ends well; if the block raises, nothing is left of it.
 
     Not synced to the disk: this guards against a full disk and a stopped program, not against a power cut.
-    An `OSError` in the block becomes `FileNotWritten`; everything else passes through.
+    Where `path` is a link, the file takes the place of the one that the link names. An `OSError` in the block becomes
+    `FileNotWritten`, which is also raised for a device or a pipe; everything else passes through.
     """
-    final = Path(path)
+    final = _follow_link(Path(path))
+    if final.exists() and not (final.is_file() or final.is_dir()):
+        raise FileNotWritten(f"expected to write a file, got {path}, which is a device or a pipe; name a file")
     # A name of our own instead of tempfile's, whose files nobody else may read, also after the rename.
     partial = final.with_name(f".{token_hex(6)}.partial")
     try:
@@ -45,6 +49,13 @@ def open_atomic_file(path: Path | str) -> Iterator[BinaryIO]:
     except BaseException:
         partial.unlink(missing_ok=True)
         raise
+
+
+def _follow_link(path: Path) -> Path:
+    """Return what a link names, also where that is not there yet; any other path as it is."""
+    return (
+        Path(os.path.realpath(path)) if path.is_symlink() else path
+    )  # unlike `Path.resolve` also for a link to itself
 
 
 def is_partial_file(path: Path) -> bool:
@@ -75,9 +86,11 @@ def refuse_working_directory(final: Path) -> None:
 def create_folder_atomically(final: Path) -> Iterator[Path]:
     """A folder to fill, which takes the place of `final` when the block ends well; whoever asks has made sure that it may.
 
-    Raises `FileNotWritten` for the working directory and the folders above it.
+    Where `final` is a link, the folder takes the place of the one that the link names. Raises `FileNotWritten` for the working
+    directory and the folders above it.
     """
     refuse_working_directory(final)
+    final = _follow_link(final)
     final.parent.mkdir(parents=True, exist_ok=True)
     partial = final.with_name(f".{final.name}.{token_hex(4)}.partial")
     partial.mkdir()
