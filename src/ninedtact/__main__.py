@@ -6,6 +6,7 @@ A termination (SIGTERM, as `kill` and service managers send it) ends it as Ctrl-
 import os
 import signal
 import sys
+from pathlib import Path
 from types import FrameType
 
 
@@ -16,6 +17,7 @@ def main() -> int:
     that several threads mostly wait for each other, which takes three times the processor time.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _replace_closed_outputs()
     interruption = _InterruptHandler()
     try:
         signal.signal(signal.SIGINT, interruption)
@@ -30,6 +32,14 @@ def main() -> int:
         print("ninedtact: stopped by Ctrl-C before it began; run the command again", file=sys.stderr)  # noqa: T201
         code = 1
     return interruption.left_with(code)
+
+
+def _replace_closed_outputs() -> None:
+    """Throw away what is printed where standard output or standard error was closed (`2>&-`); Python has none then."""
+    if sys.stdout is None:
+        sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - open until the end
+    if sys.stderr is None:
+        sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115
 
 
 class _InterruptHandler:
