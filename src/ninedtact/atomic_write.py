@@ -51,6 +51,16 @@ def open_atomic_file(path: Path | str) -> Iterator[BinaryIO]:
         raise
 
 
+def require_place_for_file(path: Path | str | None) -> None:
+    """Refuse a file that could not be written in the end, before long work for it begins; raises `FileNotWritten`.
+
+    None is a file that nobody asked for.
+    """
+    if path is not None and (Path(path).is_dir() or not Path(path).parent.is_dir()):
+        with open_atomic_file(path):  # refuses it in its own words
+            pass
+
+
 def _follow_link(path: Path) -> Path:
     """Return what a link names, also where that is not there yet; any other path as it is."""
     return (
@@ -74,8 +84,19 @@ def _write_failure_message(path: Path, trouble: OSError) -> str:
 
 
 def refuse_working_directory(final: Path) -> None:
-    """Refuse to replace the working directory, or a folder above it, which would move it away; raises `FileNotWritten`."""
-    if Path.cwd().is_relative_to(final.resolve()):
+    """Refuse to replace the working directory, or a folder above it, which would move it away; raises `FileNotWritten`.
+
+    A working directory that has been deleted is none, and nothing can be written into it.
+    """
+    try:
+        here = Path.cwd()
+    except FileNotFoundError as gone:
+        if final.is_absolute():
+            return
+        raise FileNotWritten(
+            f"expected to write {final} into the working directory, got one that has been deleted; change to another folder"
+        ) from gone
+    if here.is_relative_to(final.resolve()):
         raise FileNotWritten(
             f"expected a folder that can be replaced as a whole, got {final}, in which this program runs; run it from another "
             "folder, or give another name"

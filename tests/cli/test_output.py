@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from ninedtact.cli import main
+
 COMMANDS = (["--version"], ["check", "--help"], ["simulate", "objects", "--json"])
 
 
@@ -42,3 +44,38 @@ def test_a_command_works_with_its_outputs_closed(real_data: Path, tmp_path: Path
     command = f"{sys.executable} -m ninedtact calibrate --method ratio --images {real_data / 'sensor_a'}"
     ended = subprocess.run(f"{command} --out {tmp_path / 's'} >&- 2>&-", shell=True, check=False)
     assert ended.returncode == 0 and (tmp_path / "s" / "sensor.toml").is_file()
+
+
+@pytest.mark.parametrize(
+    ("command", "refused"),
+    [
+        ("estimate no.mcap --out missing/wrenches.csv", "make the folder missing"),
+        ("estimate no.mcap --out folder", "expected to write folder, got: Is a directory"),
+        ("dataset check no_data --report missing/report.json", "make the folder missing"),
+        ("evaluate --data no_data --out file", "File exists: 'file'"),
+    ],
+)
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    refused: str,
+) -> None:
+    """Not after hours of it. The inputs do not exist either, which would be said next."""
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    Path("folder").mkdir()
+    assert main(command.split()) == 1
+    assert refused in capsys.readouterr().err
+    assert sorted(path.name for path in Path().iterdir()) == ["file", "folder"]
+
+
+def test_a_working_directory_that_is_gone_is_said_where_it_matters(real_data: Path, tmp_path: Path) -> None:
+    """As after another terminal has removed it; a whole path does not need it."""
+    program = f"{sys.executable} -m ninedtact calibrate --method ratio --images {real_data / 'sensor_a'} --json"
+    script = f"mkdir {tmp_path}/gone && cd {tmp_path}/gone && rmdir {tmp_path}/gone && {program} --out"
+    ended = subprocess.run(f"{script} s", shell=True, check=False, capture_output=True, text=True)
+    assert ended.returncode == 1 and "got one that has been deleted; change to another folder" in ended.stderr
+    ended = subprocess.run(f"{script} {tmp_path}/s", shell=True, check=False, capture_output=True, text=True)
+    assert ended.returncode == 0 and (tmp_path / "s" / "sensor.toml").is_file(), ended.stderr

@@ -135,9 +135,11 @@ class CheckDatasetCommand:
 
     def run(self) -> int:
         """Check the pairs, write the list and print the counts; raises `NoUsablePairs`, and `FaultsFound` with `--strict`."""
+        from ninedtact.atomic_write import require_place_for_file
         from ninedtact.dataset.checks import check_dataset
         from ninedtact.dataset.fault_report import require_any_usable_pair, require_no_faults, write_quality_report
 
+        require_place_for_file(self.report)
         report = check_dataset(self.folder, self.limits.to_check_settings(), self.workers, progress=not self.json)
         path = self.report or self.folder / "check.json"
         write_quality_report(path, report)
