@@ -310,6 +310,8 @@ class Collect:
             raise RecordingRefused(f"expected --pairs of at least 1, got {self.pairs}; drop it to collect until q")
         if self.touches < 1:
             raise RecordingRefused(f"expected --touches of at least 1, got {self.touches}; drop it")
+        if self.seed is not None and self.seed < 0:
+            raise RecordingRefused(f"expected --seed of zero or more, got {self.seed}; drop it for a random one")
 
 
 def handle_collect_keys(typed: str, collector: "Collector", screen: CollectTerminalDisplay) -> bool:
