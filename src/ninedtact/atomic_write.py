@@ -56,7 +56,7 @@ def require_place_for_file(path: Path | str | None) -> None:
 
     None is a file that nobody asked for.
     """
-    if path is not None and (Path(path).is_dir() or not Path(path).parent.is_dir()):
+    if path is not None and (Path(path).is_dir() or not os.access(Path(path).parent, os.W_OK)):
         with open_atomic_file(path):  # refuses it in its own words
             pass
 
@@ -75,11 +75,11 @@ def is_partial_file(path: Path) -> bool:
 
 def _write_failure_message(path: Path, trouble: OSError) -> str:
     """Say what stood in the way of writing `path`."""
-    remedy = (
-        "free the disk or correct the folder's permissions"
-        if path.parent.is_dir()
-        else f"make the folder {path.parent}"
-    )
+    remedy = f"make the folder {path.parent}"
+    if path.parent.is_dir():
+        remedy = "free the disk or correct the folder's permissions"
+    elif path.parent.exists():
+        remedy = f"{path.parent} is no folder, so choose another name"
     return f"expected to write {path}, got: {trouble.strerror or trouble}; {remedy}"
 
 
@@ -112,9 +112,12 @@ def create_folder_atomically(final: Path) -> Iterator[Path]:
     """
     refuse_working_directory(final)
     final = _follow_link(final)
-    final.parent.mkdir(parents=True, exist_ok=True)
     partial = final.with_name(f".{final.name}.{token_hex(4)}.partial")
-    partial.mkdir()
+    try:
+        final.parent.mkdir(parents=True, exist_ok=True)
+        partial.mkdir()
+    except OSError as trouble:
+        raise FileNotWritten(_write_failure_message(final, trouble)) from trouble
     try:
         yield partial
         _replace_folder(partial, final)

@@ -88,6 +88,13 @@ def test_a_device_or_a_pipe_is_not_replaced(tmp_path):
     assert (tmp_path / "pipe").is_fifo()
 
 
+def test_a_folder_that_cannot_be_made_is_named_as_it_was_given(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(FileNotWritten, match=r"expected to write .*file/folder, got: .*file is no folder"):  # noqa: SIM117
+        with create_folder_atomically(tmp_path / "file" / "folder"):
+            pytest.fail("nothing is worked for in vain")
+
+
 def test_a_missing_folder_is_named(tmp_path):
     with pytest.raises(FileNotWritten, match=f"make the folder {tmp_path / 'missing'}"):
         write_file_atomically(tmp_path / "missing" / "file", b"content")

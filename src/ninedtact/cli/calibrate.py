@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, gettempdir
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
@@ -290,7 +290,8 @@ def _capture_guided_images(
 
 @contextmanager
 def _keep_images_of_failure(out: Path, taken: "dict[str, BgrImage]") -> Iterator[None]:
-    """Where the block fails, keep the images of complete presses that a camera has taken, in a folder beside the sensor folder."""
+    """Where the block fails, keep the images of complete presses that a camera has taken, in a folder beside the sensor folder, or
+    in the folder for temporary files where nothing can be written there."""
     from ninedtact.calibration.save import save_images_beside
 
     try:
@@ -299,12 +300,13 @@ def _keep_images_of_failure(out: Path, taken: "dict[str, BgrImage]") -> Iterator
         complete = {
             name: taken[name] for pair in (_BOARD_NAMES, _BALL_NAMES) for name in pair if taken.keys() >= {*pair}
         }
-        with suppress(OutputError, OSError):  # the first failure is the one to report
-            if complete:
-                kept = save_images_beside(out, complete)
+        for place in (out, Path(gettempdir(), out.name)) if complete else ():
+            with suppress(OutputError, OSError):  # the first failure is the one to report
+                kept = save_images_beside(place, complete)
                 print_notice(
                     f"the images are kept in {kept}; run the command with --images {kept} in place of --source"
                 )
+                break
         raise
 
 
