@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from shlex import quote
 from tempfile import TemporaryDirectory, gettempdir
 from typing import TYPE_CHECKING, Annotated
 
@@ -193,16 +194,20 @@ class CalibrateCommand:
             return design
         return replace(design, ball=replace(design.ball, radius_mm=self.ball_radius_mm))
 
-    def obtain_images(self, taken: "dict[str, BgrImage]") -> "CalibrationImages":
+    def obtain_images(self, taken: "dict[str, BgrImage] | None" = None) -> "CalibrationImages":
         """Read the images of both presses, or of one, from files or from a folder, or take all with a camera.
 
-        taken: receives each image that a camera takes, by its name. Raises `InvalidCalibrateOption`.
+        taken: receives each image that a camera takes, by its name, if it is given. Raises `InvalidCalibrateOption`.
         """
         given = [name for name in _IMAGE_NAMES if getattr(self, name)]
         ways = [bool(given), self.images is not None, self.source is not None]
         if sum(ways) == 1 and self.source is not None and self.from_import is None:
             return _capture_guided_images(
-                self.source, self.resolved_design, self.options.settings(), self.automatic, taken
+                self.source,
+                self.resolved_design,
+                self.options.settings(),
+                self.automatic,
+                {} if taken is None else taken,
             )
         if sum(ways) == 1 and self.images is not None:
             return _read_images({name: (self.images / f"{name}.png",) for name in self._names_in(self.images)})
@@ -303,9 +308,8 @@ def _keep_images_of_failure(out: Path, taken: "dict[str, BgrImage]") -> Iterator
         for place in (out, Path(gettempdir(), out.name)) if complete else ():
             with suppress(OutputError, OSError):  # the first failure is the one to report
                 kept = save_images_beside(place, complete)
-                print_notice(
-                    f"the images are kept in {kept}; run the command with --images {kept} in place of --source"
-                )
+                again = f"--images {quote(str(kept))} in place of --source"
+                print_notice(f"the images are kept in {kept}; run the command with {again}")
                 break
         raise
 
