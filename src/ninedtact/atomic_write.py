@@ -56,7 +56,10 @@ def require_place_for_file(path: Path | str | None) -> None:
 
     None is a file that nobody asked for.
     """
-    if path is not None and (Path(path).is_dir() or not os.access(Path(path).parent, os.W_OK)):
+    if path is None:
+        return
+    is_taken = Path(path).exists() and not Path(path).is_file()
+    if is_taken or not os.access(Path(path).parent, os.W_OK):
         with open_atomic_file(path):  # refuses it in its own words
             pass
 

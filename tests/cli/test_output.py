@@ -51,6 +51,7 @@ def test_a_command_works_with_its_outputs_closed(real_data: Path, tmp_path: Path
     [
         ("estimate no.mcap --out missing/wrenches.csv", "make the folder missing"),
         ("estimate no.mcap --out folder", "expected to write folder, got: Is a directory"),
+        ("estimate no.mcap --out pipe", "got pipe, which is a device or a pipe; name a file"),
         ("dataset check no_data --report missing/report.json", "make the folder missing"),
         ("evaluate --data no_data --out file", "File exists: 'file'"),
     ],
@@ -66,9 +67,10 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
     monkeypatch.chdir(tmp_path)
     Path("file").touch()
     Path("folder").mkdir()
+    os.mkfifo("pipe")
     assert main(command.split()) == 1
     assert refused in capsys.readouterr().err
-    assert sorted(path.name for path in Path().iterdir()) == ["file", "folder"]
+    assert sorted(path.name for path in Path().iterdir()) == ["file", "folder", "pipe"]
 
 
 def test_a_working_directory_that_is_gone_is_said_where_it_matters(real_data: Path, tmp_path: Path) -> None:
