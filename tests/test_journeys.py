@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -109,22 +110,67 @@ def sphere_radius(points: np.ndarray) -> float:
     return float(np.sqrt(offset + np.dot(centre, centre)))
 
 
+def guided_recording(real_data: Path, folder: Path, names: tuple[str, ...] = PRESSES) -> Path:
+    """A folder with nine noisy frames of each step of a guided calibration."""
+    folder.mkdir()
+    for number in range(9 * len(names)):
+        image = cv2.imread(str(real_data / "sensor_a" / f"{names[number // 9]}.png"))
+        noise = np.random.default_rng(number).normal(0, 0.4, image.shape)
+        cv2.imwrite(str(folder / f"{number:03}.png"), np.clip(image + noise, 0, 255).round().astype(np.uint8))
+    return folder
+
+
 def test_guided_calibration_from_a_recording(
     real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    frames = tmp_path / "frames"
-    frames.mkdir()
-    number = 0
-    for name in PRESSES:
-        image = cv2.imread(str(real_data / "sensor_a" / f"{name}.png"))
-        for _ in range(9):
-            noise = np.random.default_rng(number).normal(0, 0.4, image.shape)
-            cv2.imwrite(str(frames / f"{number:03}.png"), np.clip(image + noise, 0, 255).round().astype(np.uint8))
-            number += 1
+    frames = guided_recording(real_data, tmp_path / "frames")
     assert main(["calibrate", "--out", str(tmp_path / "s"), "--source", str(frames), "--json"]) == 0
     told = capsys.readouterr()
     assert json.loads(told.out)["board"]["pins_found"] == 63
     assert "Press the pin board" in told.err and "63 of 63 pins" in told.err
+    assert not (tmp_path / "s_images").exists()
+
+
+def test_images_of_a_guided_calibration_that_fails_are_kept(
+    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The presses were work: what fails after them is repeated from their images."""
+    out, frames = tmp_path / "s", guided_recording(real_data, tmp_path / "frames")
+    guided = ["calibrate", "--out", str(out), "--method", "ratio", "--source", str(frames)]
+    (tmp_path / "s_images").mkdir()  # somebody else's
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (800_000, before[1]))  # room for an image, but not for the certificate
+    try:
+        assert main(guided) == 1
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    kept = tmp_path / "s_images_2"
+    said = capsys.readouterr().err.strip().splitlines()
+    assert f"the images are kept in {kept}; run the command with --images {kept}" in said[-2]
+    assert "expected to write" in said[-1] and not out.exists()
+    assert main([*guided[:-2], "--images", str(kept), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["ball"] is not None
+
+
+def test_images_are_kept_among_temporary_files_where_nothing_can_be_written_beside_the_sensor(
+    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    frames = guided_recording(real_data, tmp_path / "frames", PRESSES[:3])
+    assert main(["calibrate", "--out", str(tmp_path / "file" / "s"), "--source", str(frames)]) == 1
+    assert f"the images are kept in {tmp_path / 's_images'};" in capsys.readouterr().err
+    assert len(list((tmp_path / "s_images").iterdir())) == 2
+
+
+def test_the_board_of_a_guided_calibration_that_ends_too_soon_is_kept(
+    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = guided_recording(real_data, tmp_path / "frames", PRESSES[:3])
+    assert main(["calibrate", "--out", str(tmp_path / "s"), "--source", str(frames)]) == 1
+    assert "end of the recording" in refusal(capsys)
+    assert {path.name for path in (tmp_path / "s_images").iterdir()} == {"board_reference.png", "board.png"}
+    assert main(["calibrate", "--out", str(tmp_path / "s"), "--images", str(tmp_path / "s_images")]) == 0
 
 
 def test_a_recording_that_ends_too_soon_is_said(

@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 from contextlib import suppress
+from pathlib import Path
 from types import FrameType
 
 _M_ARENA_MAX = -8
@@ -23,6 +24,7 @@ def main() -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if "MALLOC_ARENA_MAX" not in os.environ:
         limit_memory_arenas()
+    _replace_closed_outputs()
     interruption = _InterruptHandler()
     try:
         signal.signal(signal.SIGINT, interruption)
@@ -47,6 +49,14 @@ def limit_memory_arenas() -> None:
     """
     with suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 2)
+
+
+def _replace_closed_outputs() -> None:
+    """Throw away what is printed where standard output or standard error was closed (`2>&-`); Python has none then."""
+    if sys.stdout is None:
+        sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - open until the end
+    if sys.stderr is None:
+        sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115
 
 
 class _InterruptHandler:

@@ -3,6 +3,7 @@
 A folder that appears whole or not at all: filled under a temporary name beside it, then moved into place.
 """
 
+import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -30,9 +31,12 @@ def open_atomic_file(path: Path | str) -> Iterator[BinaryIO]:
     """Open a file that appears at `path` when the block ends well; if the block raises, nothing is left of it.
 
     Not synced to the disk: this guards against a full disk and a stopped program, not against a power cut.
-    An `OSError` in the block becomes `FileNotWritten`; everything else passes through.
+    Where `path` is a link, the file takes the place of the one that the link names. An `OSError` in the block becomes
+    `FileNotWritten`, which is also raised for a device or a pipe; everything else passes through.
     """
-    final = Path(path)
+    final = _follow_link(Path(path))
+    if final.exists() and not (final.is_file() or final.is_dir()):
+        raise FileNotWritten(f"expected to write a file, got {path}, which is a device or a pipe; name a file")
     # A name of our own instead of tempfile's, whose files nobody else may read, also after the rename.
     partial = final.with_name(f".{token_hex(6)}.partial")
     try:
@@ -47,6 +51,26 @@ def open_atomic_file(path: Path | str) -> Iterator[BinaryIO]:
         raise
 
 
+def require_place_for_file(path: Path | str | None) -> None:
+    """Refuse a file that could not be written in the end, before long work for it begins; raises `FileNotWritten`.
+
+    None is a file that nobody asked for.
+    """
+    if path is None:
+        return
+    is_taken = Path(path).exists() and not Path(path).is_file()
+    if is_taken or not os.access(Path(path).parent, os.W_OK):
+        with open_atomic_file(path):  # refuses it in its own words
+            pass
+
+
+def _follow_link(path: Path) -> Path:
+    """Return what a link names, also where that is not there yet; any other path as it is."""
+    return (
+        Path(os.path.realpath(path)) if path.is_symlink() else path
+    )  # unlike `Path.resolve` also for a link to itself
+
+
 def is_partial_file(path: Path) -> bool:
     """Return whether a file is one that `open_atomic_file` has begun and not finished."""
     return path.name.startswith(".") and path.name.endswith(".partial")
@@ -54,17 +78,28 @@ def is_partial_file(path: Path) -> bool:
 
 def _write_failure_message(path: Path, trouble: OSError) -> str:
     """Say what stood in the way of writing `path`."""
-    remedy = (
-        "free the disk or correct the folder's permissions"
-        if path.parent.is_dir()
-        else f"make the folder {path.parent}"
-    )
+    remedy = f"make the folder {path.parent}"
+    if path.parent.is_dir():
+        remedy = "free the disk or correct the folder's permissions"
+    elif path.parent.exists():
+        remedy = f"{path.parent} is no folder, so choose another name"
     return f"expected to write {path}, got: {trouble.strerror or trouble}; {remedy}"
 
 
 def refuse_working_directory(final: Path) -> None:
-    """Refuse to replace the working directory, or a folder above it, which would move it away; raises `FileNotWritten`."""
-    if Path.cwd().is_relative_to(final.resolve()):
+    """Refuse to replace the working directory, or a folder above it, which would move it away; raises `FileNotWritten`.
+
+    A working directory that has been deleted is none, and nothing can be written into it.
+    """
+    try:
+        here = Path.cwd()
+    except FileNotFoundError as gone:
+        if final.is_absolute():
+            return
+        raise FileNotWritten(
+            f"expected to write {final} into the working directory, got one that has been deleted; change to another folder"
+        ) from gone
+    if here.is_relative_to(final.resolve()):
         raise FileNotWritten(
             f"expected a folder that can be replaced as a whole, got {final}, in which this program runs; run it from another "
             "folder, or give another name"
@@ -75,12 +110,17 @@ def refuse_working_directory(final: Path) -> None:
 def create_folder_atomically(final: Path) -> Iterator[Path]:
     """A folder to fill, which takes the place of `final` when the block ends well; whoever asks has made sure that it may.
 
-    Raises `FileNotWritten` for the working directory and the folders above it.
+    Where `final` is a link, the folder takes the place of the one that the link names. Raises `FileNotWritten` for the working
+    directory and the folders above it.
     """
     refuse_working_directory(final)
-    final.parent.mkdir(parents=True, exist_ok=True)
+    final = _follow_link(final)
     partial = final.with_name(f".{final.name}.{token_hex(4)}.partial")
-    partial.mkdir()
+    try:
+        final.parent.mkdir(parents=True, exist_ok=True)
+        partial.mkdir()
+    except OSError as trouble:
+        raise FileNotWritten(_write_failure_message(final, trouble)) from trouble
     try:
         yield partial
         _replace_folder(partial, final)

@@ -1,5 +1,6 @@
 """The limits of the checks of a certificate, from both sides, and what many small faults add up to."""
 
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -24,6 +25,24 @@ LIMITS = {
     "CONTRAST_TO_NOISE": (14.0, 13.9, 0.0, -0.1),
     "RANGE_MM": (1.0, 0.99, 0.5, 0.49),
 }
+
+
+WRITTEN_LIMITS = {
+    "LEAVE_ONE_OUT_RMS_MM": "| Lens | ≤ {} mm | ≤ {} mm |",
+    "LEAVE_ONE_OUT_MAX_MM": "| Worst pin | ≤ {} mm | ≤ {} mm |",
+    "CONTRAST_TO_NOISE": "| Imprints | ≥ {} × noise | below |",
+    "CONTACT_RADIUS": "| Contact | ≤ {} × | ≤ {} × |",
+    "RANGE_MM": "| Range | ≥ {} mm | ≥ {} mm |",
+    "CROSS_VALIDATION_MAE_MM": "| Depth | ≤ {} mm | ≤ {} mm |",
+    "NOISE_MM": "| Noise | ≤ {} mm | ≤ {} mm |",
+}
+"""Limits in the units in which the documentation states them."""
+
+
+@pytest.mark.parametrize("name", WRITTEN_LIMITS)
+def test_the_documentation_states_the_limits(name: str) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "calibrating.md").read_text(encoding="utf-8")
+    assert WRITTEN_LIMITS[name].format(*(f"{LIMITS[name][end]:g}" for end in (0, 2))) in page
 
 
 def bare(kind: type[Any], **values: object) -> Any:

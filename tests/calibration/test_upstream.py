@@ -249,3 +249,6 @@ def test_the_commands_say_in_json_what_they_did(tmp_path: Path, capsys: pytest.C
     assert (found["id"], found["mm_per_px"], found["crop_size"]) == ("sensor_2", 0.0511, [345, 460])
     assert ExportCalibrationCommand(tmp_path / "ours", tmp_path / "sensor_7", json=True).run() == 0
     assert all(Path(file).is_file() for file in json.loads(capsys.readouterr().out)["files"])
+    (tmp_path / "ours" / "camera.toml").write_text("delay_ms = 20.0\nerror_ms = 1.0\n")
+    assert ImportCalibrationCommand(tmp_path / "sensor_2", tmp_path / "ours", json=True).run() == 0
+    assert "the delay of the camera" in (said := capsys.readouterr().err) and "was removed with the older" in said

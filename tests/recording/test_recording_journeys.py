@@ -95,6 +95,7 @@ def test_a_twin_is_recorded_shown_again_and_written_out(
     )  # a busy computer begins late
     topics = {topic["topic"]: topic for topic in found["topics"]}
     assert {name: topic["messages"] for name, topic in topics.items() if name in written} == written
+    assert told(capsys, "doctor", "--source", path)["cameras"][0]["size_px"] == [640, 480]
     assert topics["/twin/image_raw"]["rate_hz"] > 1 and topics["/twin/wrench_measured"]["gaps"] is not None
     exported = told(capsys, "export", path, "--out", out)["written"]
     assert exported["images"] == exported["heights"] == written["/twin/image_raw"] and exported["pairs"] == 0

@@ -90,3 +90,14 @@ def test_a_spacing_below_one_is_refused_and_nothing_is_written(every, tmp_path):
         with pytest.raises(SpacingUnusable, match="at least 1"):
             export_shape(height, tmp_path / name, every)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_spacing_that_leaves_no_mesh_is_refused_and_nothing_is_written(tmp_path):
+    height = plane(30, 41, 0.3, -0.2)
+    assert len(surface_mesh(height, 29).faces) == 2 * 1 * 1 and len(point_cloud(height, 1000).points_mm) == 1
+    with pytest.raises(SpacingUnusable, match=r"every=30 to keep at least two of 30 rows .*; give at most 29"):
+        surface_mesh(height, 30)
+    for name in ("skin.ply", "skin.stl", "skin.obj"):
+        with pytest.raises(SpacingUnusable, match="at most 29"):
+            export_shape(height, tmp_path / name, 1000)
+    assert list(tmp_path.iterdir()) == []

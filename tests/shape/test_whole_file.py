@@ -1,6 +1,7 @@
 """Nothing half-written: not when the disk is full, not when the program is stopped."""
 
 import errno
+import os
 import stat
 from pathlib import Path
 
@@ -55,6 +56,43 @@ def test_a_folder_in_its_place_is_refused_and_left_alone(tmp_path):
     with pytest.raises(FileNotWritten):
         write_file_atomically(tmp_path / "file", b"content")
     assert [found.name for found in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_through_a_link_is_written_what_it_names(tmp_path, is_there):
+    """A link is kept, and what it names has the new content; /dev/stdout is such a link, too."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    (tmp_path / "file").symlink_to(disk / "file")
+    (tmp_path / "folder").symlink_to("disk/folder")
+    if is_there:
+        (disk / "file").write_bytes(b"before")
+        (disk / "folder").mkdir()
+        (disk / "folder" / "before").touch()
+    write_file_atomically(tmp_path / "file", b"after")
+    with create_folder_atomically(tmp_path / "folder") as folder:
+        (folder / "after").touch()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "file", "folder"]
+    assert (tmp_path / "file").is_symlink() and (disk / "file").read_bytes() == b"after"
+    assert (tmp_path / "folder").is_symlink() and [path.name for path in (disk / "folder").iterdir()] == ["after"]
+    assert len(list(disk.iterdir())) == 2
+
+
+def test_a_device_or_a_pipe_is_not_replaced(tmp_path):
+    """As root, a file would otherwise take the place of /dev/null."""
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("pipe")
+    for name in ("pipe", "link"):
+        with pytest.raises(FileNotWritten, match="which is a device or a pipe; name a file"):
+            write_file_atomically(tmp_path / name, b"content")
+    assert (tmp_path / "pipe").is_fifo()
+
+
+def test_a_folder_that_cannot_be_made_is_named_as_it_was_given(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(FileNotWritten, match=r"expected to write .*file/folder, got: .*file is no folder"):  # noqa: SIM117
+        with create_folder_atomically(tmp_path / "file" / "folder"):
+            pytest.fail("nothing is worked for in vain")
 
 
 def test_a_missing_folder_is_named(tmp_path):

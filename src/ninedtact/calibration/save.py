@@ -1,10 +1,11 @@
 """Saving a sensor folder: `sensor.toml`, the four calibration images and the certificate, either completely or not at all."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
 from hashlib import sha256
+from itertools import chain, count
 from pathlib import Path
 
 import cv2
@@ -19,6 +20,7 @@ from ninedtact.atomic_write import (
 )
 from ninedtact.calibration.certificate.html_page import render_certificate_html
 from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
+from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.calibration.sensor_toml_schema import NOT_CALIBRATED, SensorTomlRecord, StoredCalibrationImage
@@ -72,10 +74,28 @@ def _save_images(folder: Path, images: CalibrationImages) -> dict[str, StoredCal
     for name, image in vars(images).items():
         if image is None:
             continue
-        content = cv2.imencode(".png", image)[1].tobytes()
+        content = _encode_png(image)
         entries[name] = StoredCalibrationImage(f"{IMAGE_FOLDER}/{name}.png", sha256(content).hexdigest())
         write_file_atomically(folder / entries[name].file, content)
     return entries
+
+
+def save_images_beside(out: Path, images: Mapping[str, BgrImage]) -> Path:
+    """Write calibration images by their names into a new folder beside a sensor folder, and return that folder.
+
+    It is named `OUT_images`, with a number where that is taken. Raises `FileNotWritten` and `OSError` from the disk.
+    """
+    name = f"{out.name}_{IMAGE_FOLDER}"
+    names = chain([name], (f"{name}_{number}" for number in count(2)))
+    folder = next(each for each in map(out.with_name, names) if not each.exists())
+    with create_folder_atomically(folder) as partial:
+        for name, image in images.items():
+            write_file_atomically(partial / f"{name}.png", _encode_png(image))
+    return folder
+
+
+def _encode_png(image: BgrImage) -> bytes:
+    return cv2.imencode(".png", image)[1].tobytes()
 
 
 def to_sensor_toml(record: SensorTomlRecord) -> bytes:

@@ -6,6 +6,7 @@ Only the command that is named is imported, and a command imports what it needs 
 import os
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from importlib import import_module
 from typing import Annotated, Any, Union
 
@@ -49,6 +50,22 @@ DESCRIPTION = "The software of the 9DTact tactile sensor: camera images in, shap
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; 0 done, 1 the work failed (one line says why), 2 usage."""
+    try:
+        try:
+            return _run_command(arguments)
+        finally:
+            sys.stdout.flush()  # the interpreter's own last flush could not fail with a sentence and an exit code
+    except BrokenPipeError:  # whoever read our output (`| head`) has had enough
+        return _discard_output()
+    except OSError as trouble:
+        _discard_output()
+        return _report_failure(
+            f"expected to read and write files, got: {trouble}; free the disk or correct the path and its permissions"
+        )
+
+
+def _run_command(arguments: Sequence[str] | None) -> int:
+    """Run one command and return its exit code; raises `OSError` from files and from the output."""
     if list(sys.argv[1:] if arguments is None else arguments) == ["--version"]:
         return _print_version()
     try:
@@ -58,12 +75,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _report_failure(
             "stopped by Ctrl-C or termination; nothing was written half; run the command again to start over"
-        )
-    except BrokenPipeError:
-        return _end_quietly()
-    except OSError as trouble:
-        return _report_failure(
-            f"expected to read and write files, got: {trouble}; free the disk or correct the path and its permissions"
         )
 
 
@@ -105,7 +116,11 @@ def _report_failure(sentence: str) -> int:
     return 1
 
 
-def _end_quietly() -> int:
-    """Whoever read our output (`| head`) has had enough: leave without a word, also from the interpreter's last flush."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _discard_output() -> int:
+    """Throw away what is left of the output where it cannot be written, also from the interpreter's last flush; return 1."""
+    with suppress(OSError, ValueError):  # there is no output, or one that a test took away
+        sys.stdout.flush()
+        return 1
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 1

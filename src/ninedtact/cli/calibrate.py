@@ -7,10 +7,11 @@ images, says what it detects, and continues once it has what it needs.
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from shlex import quote
+from tempfile import TemporaryDirectory, gettempdir
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
@@ -22,9 +23,15 @@ from ninedtact.cli.calibration_page import (
     simulated_calibration_camera,
 )
 from ninedtact.cli.option_parser import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
-from ninedtact.cli.result_and_interrupt import print_notice, print_result, sensor_replacement
+from ninedtact.cli.result_and_interrupt import (
+    StatusLine,
+    StepLine,
+    print_notice,
+    print_result,
+    sensor_replacement,
+)
 from ninedtact.design import SensorDesign
-from ninedtact.errors import CameraError, InputError
+from ninedtact.errors import CameraError, InputError, NinedtactError, OutputError
 from ninedtact.open_sensor import is_twin_address, source_for
 
 if TYPE_CHECKING:
@@ -108,9 +115,10 @@ class CalibrateCommand:
         from ninedtact.calibration.certificate.plot_style import save_board_not_found_drawing
         from ninedtact.calibration.save import save_sensor
 
-        with _StepLine() as line, TemporaryDirectory() as scratch:
+        taken: dict[str, BgrImage] = {}
+        with StepLine() as line, TemporaryDirectory() as scratch, _keep_images_of_failure(self.out, taken):
             try:
-                made = self._calibrate(Path(scratch), line.show)
+                made = self._calibrate(self.obtain_images(taken), Path(scratch), line.show)
             except BoardNotFound as refusal:
                 drawing = self.out.with_name(f"{self.out.name}_board_not_found.png")
                 raise save_board_not_found_drawing(refusal, drawing) from refusal
@@ -129,11 +137,10 @@ class CalibrateCommand:
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
             return page.serve()
 
-    def _calibrate(self, scratch: Path, on_step: Callable[[str], None]) -> "Calibration":
+    def _calibrate(self, images: "CalibrationImages", scratch: Path, on_step: Callable[[str], None]) -> "Calibration":
         """Calibrate from all presses, or with images of a ball on the sensor that has the lens already."""
         from ninedtact.calibration.procedure import calibrate
 
-        images = self.obtain_images()
         if images.board_pair is None and images.ball_pair is not None:
             return self._add_ball(self._lens_folder(scratch), images.ball_pair, on_step)
         if images.ball_pair is None:
@@ -187,13 +194,21 @@ class CalibrateCommand:
             return design
         return replace(design, ball=replace(design.ball, radius_mm=self.ball_radius_mm))
 
-    def obtain_images(self) -> "CalibrationImages":
-        """Read the images of both presses, or of one, from files or from a folder, or take all with a camera; raises
-        `InvalidCalibrateOption`."""
+    def obtain_images(self, taken: "dict[str, BgrImage] | None" = None) -> "CalibrationImages":
+        """Read the images of both presses, or of one, from files or from a folder, or take all with a camera.
+
+        taken: receives each image that a camera takes, by its name, if it is given. Raises `InvalidCalibrateOption`.
+        """
         given = [name for name in _IMAGE_NAMES if getattr(self, name)]
         ways = [bool(given), self.images is not None, self.source is not None]
         if sum(ways) == 1 and self.source is not None and self.from_import is None:
-            return _capture_guided_images(self.source, self.resolved_design, self.options.settings(), self.automatic)
+            return _capture_guided_images(
+                self.source,
+                self.resolved_design,
+                self.options.settings(),
+                self.automatic,
+                {} if taken is None else taken,
+            )
         if sum(ways) == 1 and self.images is not None:
             return _read_images({name: (self.images / f"{name}.png",) for name in self._names_in(self.images)})
         if sum(ways) == 1 and tuple(given) in self._complete_sets:
@@ -259,54 +274,15 @@ def _require_kept_lens(options: CalibrationOptions, folder: "SensorFolder") -> N
         )
 
 
-@dataclass
-class _StatusLine:
-    """One line on standard error that is rewritten while a step lasts."""
-
-    width: int = 100
-
-    def print_title(self, title: str) -> None:
-        """Print what to do now."""
-        print(f"\n{title}", file=sys.stderr)
-
-    def update(self, status: str) -> None:
-        """Replace the text of the line."""
-        print(f"\r  {status[: self.width]:<{self.width}}", end="", file=sys.stderr, flush=True)
-
-    @contextmanager
-    def hold(self) -> Iterator[None]:
-        """Keep the line while the block runs, and end it afterwards."""
-        try:
-            yield
-        finally:
-            print(file=sys.stderr)
-
-
-class _StepLine(_StatusLine):
-    """What is being done now, on standard error where that is a terminal; it is removed at the end."""
-
-    def __enter__(self) -> "_StepLine":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if sys.stderr.isatty():
-            print(f"\r{'':{self.width + 2}}\r", end="", file=sys.stderr, flush=True)
-
-    def show(self, step: str) -> None:
-        """Replace the text of the line."""
-        if sys.stderr.isatty():
-            self.update(f"{step} …")
-
-
 def _capture_guided_images(
-    source: str, design: SensorDesign, settings: "CalibrationSettings", automatic: bool
+    source: str, design: SensorDesign, settings: "CalibrationSettings", automatic: bool, taken: "dict[str, BgrImage]"
 ) -> "CalibrationImages":
-    """Take the four images with a camera; raises what the camera raises, and `CalibrationRecordingTooShort` for a recording."""
+    """Take the four images with a camera into `taken`; raises what the camera raises, and `CalibrationRecordingTooShort` for a
+    recording."""
     from ninedtact.calibration.guidance import guided_capture_steps
     from ninedtact.calibration.procedure import CalibrationImages
 
-    status = _StatusLine()
-    taken: dict[str, BgrImage] = {}
+    status = StatusLine()
     simulated = simulated_calibration_camera(design) if is_twin_address(source) else None
     with _open_camera(source if simulated is None else simulated, automatic) as camera:
         for step in guided_capture_steps(design, settings):
@@ -315,6 +291,27 @@ def _capture_guided_images(
                 simulated.follow(step.name)
             taken[step.name] = _follow_step(step, camera, taken, status)
     return CalibrationImages(**taken)
+
+
+@contextmanager
+def _keep_images_of_failure(out: Path, taken: "dict[str, BgrImage]") -> Iterator[None]:
+    """Where the block fails, keep the images of complete presses that a camera has taken, in a folder beside the sensor folder, or
+    in the folder for temporary files where nothing can be written there."""
+    from ninedtact.calibration.save import save_images_beside
+
+    try:
+        yield
+    except (NinedtactError, OSError):
+        complete = {
+            name: taken[name] for pair in (_BOARD_NAMES, _BALL_NAMES) for name in pair if taken.keys() >= {*pair}
+        }
+        for place in (out, Path(gettempdir(), out.name)) if complete else ():
+            with suppress(OutputError, OSError):  # the first failure is the one to report
+                kept = save_images_beside(place, complete)
+                again = f"--images {quote(str(kept))} in place of --source"
+                print_notice(f"the images are kept in {kept}; run the command with {again}")
+                break
+        raise
 
 
 @contextmanager
@@ -330,7 +327,7 @@ def _open_camera(source: "str | FrameSource", automatic: bool) -> "Iterator[Fram
 
 
 def _follow_step(
-    step: "CaptureStep", camera: "FrameSource", taken: dict[str, "BgrImage"], status: _StatusLine
+    step: "CaptureStep", camera: "FrameSource", taken: dict[str, "BgrImage"], status: StatusLine
 ) -> "BgrImage":
     """Watch frames until the step is complete; return the mean of the last few."""
     watch = step.watch(taken)

@@ -135,11 +135,14 @@ class CheckDatasetCommand:
 
     def run(self) -> int:
         """Check the pairs, write the list and print the counts; raises `NoUsablePairs`, and `FaultsFound` with `--strict`."""
+        from ninedtact.atomic_write import require_place_for_file
         from ninedtact.dataset.checks import check_dataset
         from ninedtact.dataset.fault_report import require_any_usable_pair, require_no_faults, write_quality_report
 
-        report = check_dataset(self.folder, self.limits.to_check_settings(), self.workers, progress=not self.json)
         path = self.report or self.folder / "check.json"
+        if self.report is not None or self.folder.is_dir():  # a data set that is not there is said next
+            require_place_for_file(path)
+        report = check_dataset(self.folder, self.limits.to_check_settings(), self.workers, progress=not self.json)
         write_quality_report(path, report)
         figures = {
             "folder": str(self.folder),

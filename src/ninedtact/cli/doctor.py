@@ -76,9 +76,10 @@ class Doctor:
         from ninedtact.capture.camera_check import check_camera
         from ninedtact.capture.source_from_address import camera_or_file_source
         from ninedtact.capture.uvc_camera import list_cameras
+        from ninedtact.open_sensor import source_for
 
         if self.source is not None:
-            return [check_camera(camera_or_file_source(self.source))]
+            return [check_camera(source_for(self.source))]
         return [
             check_camera(camera_or_file_source(camera.path), ", ".join((camera.name, *camera.usb_addresses)))
             for camera in list_cameras()

@@ -63,9 +63,11 @@ class Estimate:
 
         Nothing is written where a single image is bad.
         """
+        from ninedtact.atomic_write import require_place_for_file
         from ninedtact.errors import CameraError, FileFormatError
 
         self._require_torque_point()
+        require_place_for_file(self.out)
         with given_or_recorded_sensor(self.sensor, self.source[0] if self.source else "") as folder:
             from ninedtact.force.estimator_loading import load_estimator
 

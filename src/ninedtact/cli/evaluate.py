@@ -106,10 +106,11 @@ class Evaluate:
             every=self.every,
             contact_detection=not self.without_contact_detection,
         )
+        if self.out is not None:  # refused before the work rather than after it
+            self.out.mkdir(parents=True, exist_ok=True)
         with connect_workers(self.workers, self.cluster) as workers:
             predictions = predict_dataset(data, settings, workers, progress=not self.json, notify=print_notice)
         if self.out is not None:
-            self.out.mkdir(parents=True, exist_ok=True)
             write_predictions(self.out / "predictions.csv", predictions)
         return predictions
 

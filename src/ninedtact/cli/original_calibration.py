@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result, sensor_replacement
 from ninedtact.design import SensorDesign
 
 if TYPE_CHECKING:
@@ -44,7 +44,8 @@ class ImportCalibrationCommand:
         standard = SensorDesign()
         view = replace(standard.field_of_view, rows=self.rows, cols=self.cols)
         design = replace(standard, field_of_view=view, gel=replace(standard.gel, thickness_mm=self.gel_mm))
-        sensor = import_original_calibration(self.folder, self.out, design, self.id)
+        with sensor_replacement(self.out):
+            sensor = import_original_calibration(self.folder, self.out, design, self.id)
         return print_result(self.json, _to_json_dict(sensor), _format_import(sensor))
 
 

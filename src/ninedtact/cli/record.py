@@ -307,7 +307,7 @@ def require_new_recording_path(out: Path) -> None:
 def require_duration(seconds: float | None) -> None:
     """Raise `RecordingRefused` for a duration that is not above zero."""
     if seconds is not None and not 0 < seconds < float("inf"):
-        raise RecordingRefused(f"expected --seconds above zero, got {seconds}; correct it, or drop it")
+        raise RecordingRefused(f"expected --seconds above zero, got {seconds}; drop it, or give a longer time")
 
 
 @contextmanager

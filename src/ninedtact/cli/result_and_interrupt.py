@@ -139,3 +139,42 @@ def stop_on_signal(seconds: float | None = None) -> Iterator[StopSignal]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@dataclass
+class StatusLine:
+    """One line on standard error that is rewritten while a step lasts."""
+
+    width: int = 100
+
+    def print_title(self, title: str) -> None:
+        """Print what to do now."""
+        print(f"\n{title}", file=sys.stderr)
+
+    def update(self, status: str) -> None:
+        """Replace the text of the line."""
+        print(f"\r  {status[: self.width]:<{self.width}}", end="", file=sys.stderr, flush=True)
+
+    @contextmanager
+    def hold(self) -> Iterator[None]:
+        """Keep the line while the block runs, and end it afterwards."""
+        try:
+            yield
+        finally:
+            print(file=sys.stderr)
+
+
+class StepLine(StatusLine):
+    """What is being done now, on standard error where that is a terminal; it is removed at the end."""
+
+    def __enter__(self) -> "StepLine":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if sys.stderr.isatty():
+            print(f"\r{'':{self.width + 2}}\r", end="", file=sys.stderr, flush=True)
+
+    def show(self, step: str) -> None:
+        """Replace the text of the line."""
+        if sys.stderr.isatty():
+            self.update(f"{step} …")

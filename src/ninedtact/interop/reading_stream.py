@@ -35,7 +35,7 @@ ImageFormat = Literal["none", "jpeg", "png"]
 _QUEUED_READINGS = 8
 """Readings that wait for one client at most."""
 _CONNECTIONS_PER_CLIENT = 4
-"""Connections without a request yet are counted too; they do not keep clients out that have the token."""
+"""Connections without a request yet are counted too. Beyond this number the oldest of them ends, so that they keep nobody out."""
 _REQUEST_BYTES, _REQUEST_S = 4096, 10.0
 """Size of a TCP client's request, and the time in which it must arrive."""
 
@@ -188,6 +188,8 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
         """Ports of WebSocket and TCP; those in use, once the server is open."""
         super().__init__(partial(_share, sensor=sensor), _QUEUED_READINGS)
         self._connections = set[asyncio.Task[None]]()
+        self._silent = dict[asyncio.Task[None], None]()
+        """The TCP connections without a request yet, in their order."""
         self._clients = dict[asyncio.Task[None], asyncio.StreamReader]()
         """The TCP connections whose request was accepted, in their order."""
 
@@ -244,7 +246,7 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
                 await writer.drain()
 
         try:
-            request = self._refuse_or_add_client(connection, reader, await self._tcp_request(reader))
+            request = self._refuse_or_add_client(connection, reader, await self._tcp_request(connection, reader))
             if isinstance(request, StreamedError):
                 await send(msgspec.json.encode(request))
                 writer.close()
@@ -261,10 +263,17 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
             if not writer.is_closing():
                 writer.transport.abort()
 
-    async def _tcp_request(self, reader: asyncio.StreamReader) -> StreamRequest | StreamedError:
-        """Return the request of a TCP client, or why it is refused."""
+    async def _tcp_request(
+        self, connection: "asyncio.Task[None]", reader: asyncio.StreamReader
+    ) -> StreamRequest | StreamedError:
+        """Return the request of a TCP client, or why it is refused; while it is awaited, newer clients may end the connection."""
         if len(self._connections) > _CONNECTIONS_PER_CLIENT * self.guard.limits.clients:
-            return self._one_too_many()
+            if not self._silent:
+                return self._one_too_many()
+            oldest = next(iter(self._silent))
+            del self._silent[oldest]
+            oldest.cancel()
+        self._silent[connection] = None
         try:
             async with asyncio.timeout(_REQUEST_S):
                 line = await reader.readline()
@@ -279,6 +288,8 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
             return StreamedError(
                 'expected one line of JSON such as {"images": "jpeg"}, got something else; send {} for no images'
             )
+        finally:
+            self._silent.pop(connection, None)
         if not hmac.compare_digest(request.token.encode(), self.guard.token.encode()):
             return StreamedError('expected "token" to be the one that the server printed, got another; copy it again')
         return request

@@ -23,7 +23,7 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.checked_reading import read_regular_file
 from ninedtact.errors import FileFormatError, InputError, OutputError
 from ninedtact.quantities import HeightMap, HeightSource, Mesh, PointCloud
-from ninedtact.shape.surface import point_cloud, surface_mesh, triangulate_view
+from ninedtact.shape.surface import point_cloud, require_mesh_spacing, surface_mesh, triangulate_view
 
 LEVELS_PER_MM = 1000
 ZERO_LEVEL = 32768
@@ -121,8 +121,8 @@ class FormatUnknown(InputError):
 def export_shape(height: HeightMap, path: Path | str, every: int = 1) -> None:
     """Write `height` in the format given by the extension of `path`: .npy, .png (16 bit), .ply, .stl or .obj.
 
-    `every` = 3 keeps each third row and column of a mesh. Raises `FormatUnknown`, `FileNotWritten`,
-    `SpacingUnusable`.
+    `every` = 3 keeps each third row and column of a mesh. Raises `FormatUnknown`, `FileNotWritten`, and `SpacingUnusable` where
+    that leaves no mesh.
     """
     match Path(path).suffix.lower():
         case ".npy":
@@ -130,6 +130,7 @@ def export_shape(height: HeightMap, path: Path | str, every: int = 1) -> None:
         case ".png":
             write_file_atomically(path, encode_height_png(height))
         case ".ply":
+            require_mesh_spacing(height, every)
             write_ply(path, point_cloud(height, every), triangulate_view(height.in_view[::every, ::every]))
         case ".stl":
             write_mesh_as_stl(path, surface_mesh(height, every))

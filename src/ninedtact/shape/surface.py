@@ -27,7 +27,7 @@ _NEIGHBOURHOOD = np.ones((3, 3), np.uint8)
 
 
 class SpacingUnusable(InputError):
-    """The number of rows and columns from one point of a surface to the next is not above zero."""
+    """The number of rows and columns from one point of a surface to the next is not above zero, or too large for a mesh."""
 
 
 def point_cloud(height: HeightMap, every: int = 1) -> PointCloud:
@@ -51,8 +51,19 @@ def point_cloud(height: HeightMap, every: int = 1) -> PointCloud:
 
 def surface_mesh(height: HeightMap, every: int = 1) -> Mesh:
     """Return the open surface: two triangles per square of pixels wholly in view; vertex k is point k of `point_cloud(height,
-    every)`. Raises `SpacingUnusable`."""
+    every)`. Raises `SpacingUnusable`, also where fewer than two rows or columns are kept."""
+    require_mesh_spacing(height, every)
     return Mesh(point_cloud(height, every).points_mm.copy(), triangulate_view(height.in_view[::every, ::every]))
+
+
+def require_mesh_spacing(height: HeightMap, every: int) -> None:
+    """Raise `SpacingUnusable` where a mesh of every so many rows and columns would have no triangle."""
+    rows, cols = height.z_mm.shape
+    if every >= min(rows, cols):
+        raise SpacingUnusable(
+            f"expected every={every} to keep at least two of {rows} rows and {cols} columns for a mesh; give at most "
+            f"{min(rows, cols) - 1}"
+        )
 
 
 def solid_mesh(height: HeightMap, base_mm: float = 2.0, every: int = 1) -> Mesh:

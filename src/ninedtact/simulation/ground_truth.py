@@ -40,8 +40,8 @@ def true_height_map_like(contact: Contact, seen: HeightMap, inverse_distance_per
 
 
 def mean_height_error_mm(true: HeightMap, seen: HeightMap) -> float:
-    """Return the mean absolute error of a reconstruction over the indented skin; zero without any."""
-    pressed = true.z_mm < -PRESSED_MM
+    """Return the mean absolute error of a reconstruction over the indented skin that is in view; zero without any."""
+    pressed = (true.z_mm < -PRESSED_MM) & true.in_view & seen.in_view
     return float(np.abs(seen.z_mm - true.z_mm)[pressed].mean()) if pressed.any() else 0.0
 
 

@@ -261,7 +261,7 @@ class SensorPoller:
         source, wanted = self.sensor.source.name, self.sensor.reference_frames
         return SensorPhase.FAILED, RecordingTooShortForReference(
             f"expected {source} to begin with {wanted} reference images (no contact) and then to continue, got "
-            f"{self.sensor.frames_read} images in all; give reference images with --reference"
+            f"{self.sensor.frames_read} images in all; record longer, or give reference images, as with --reference of live"
         )
 
     def _note(self, phase: SensorPhase, trouble: BaseException | None) -> None:

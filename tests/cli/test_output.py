@@ -1,0 +1,83 @@
+"""Where the output of a command goes: a reader that has left, a full disk, a stream that is closed."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ninedtact.cli import main
+
+COMMANDS = (["--version"], ["check", "--help"], ["simulate", "objects", "--json"])
+
+
+def run_command(arguments: list[str], **outputs: int) -> subprocess.CompletedProcess[bytes]:
+    """Run a command with Python's own buffering, as a user does."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    return subprocess.run([sys.executable, "-m", "ninedtact", *arguments], env=environment, check=False, **outputs)
+
+
+@pytest.mark.parametrize("arguments", COMMANDS)
+def test_a_reader_that_has_left_ends_a_command_without_a_word(arguments: list[str]) -> None:
+    """As with `| head`: what was printed is still in the buffer when the reader is gone."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    ended = run_command(arguments, stdout=writer, stderr=subprocess.PIPE)
+    os.close(writer)
+    assert (ended.returncode, ended.stderr) == (1, b"")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.parametrize("arguments", COMMANDS)
+def test_output_that_a_full_disk_does_not_take_is_said(arguments: list[str]) -> None:
+    full = os.open("/dev/full", os.O_WRONLY)
+    ended = run_command(arguments, stdout=full, stderr=subprocess.PIPE)
+    os.close(full)
+    said = ended.stderr.decode().splitlines()
+    assert ended.returncode == 1 and len(said) == 1
+    assert "No space left on device; free the disk" in said[0]
+
+
+def test_a_command_works_with_its_outputs_closed(real_data: Path, tmp_path: Path) -> None:
+    """As a service manager may start it."""
+    command = f"{sys.executable} -m ninedtact calibrate --method ratio --images {real_data / 'sensor_a'}"
+    ended = subprocess.run(f"{command} --out {tmp_path / 's'} >&- 2>&-", shell=True, check=False)
+    assert ended.returncode == 0 and (tmp_path / "s" / "sensor.toml").is_file()
+
+
+@pytest.mark.parametrize(
+    ("command", "refused"),
+    [
+        ("estimate no.mcap --out missing/wrenches.csv", "make the folder missing"),
+        ("estimate no.mcap --out folder", "expected to write folder, got: Is a directory"),
+        ("estimate no.mcap --out pipe", "got pipe, which is a device or a pipe; name a file"),
+        ("dataset check no_data --report missing/report.json", "make the folder missing"),
+        ("evaluate --data no_data --out file", "File exists: 'file'"),
+    ],
+)
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    refused: str,
+) -> None:
+    """Not after hours of it. The inputs do not exist either, which would be said next."""
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    Path("folder").mkdir()
+    os.mkfifo("pipe")
+    assert main(command.split()) == 1
+    assert refused in capsys.readouterr().err
+    assert sorted(path.name for path in Path().iterdir()) == ["file", "folder", "pipe"]
+
+
+def test_a_working_directory_that_is_gone_is_said_where_it_matters(real_data: Path, tmp_path: Path) -> None:
+    """As after another terminal has removed it; a whole path does not need it."""
+    program = f"{sys.executable} -m ninedtact calibrate --method ratio --images {real_data / 'sensor_a'} --json"
+    script = f"mkdir {tmp_path}/gone && cd {tmp_path}/gone && rmdir {tmp_path}/gone && {program} --out"
+    ended = subprocess.run(f"{script} s", shell=True, check=False, capture_output=True, text=True)
+    assert ended.returncode == 1 and "got one that has been deleted; change to another folder" in ended.stderr
+    ended = subprocess.run(f"{script} {tmp_path}/s", shell=True, check=False, capture_output=True, text=True)
+    assert ended.returncode == 0 and (tmp_path / "s" / "sensor.toml").is_file(), ended.stderr
