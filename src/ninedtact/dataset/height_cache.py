@@ -208,4 +208,4 @@ def _compute_cache_file(
     content = BytesIO()
     fields_of_file: dict[str, Any] = {name: np.stack([one[name] for one in rows]) for name in rows[0]}
     np.savez(content, **fields_of_file)
-    write_file_atomically(target, content.getbuffer())
+    write_file_atomically(target, content.getvalue())

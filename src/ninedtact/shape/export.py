@@ -146,7 +146,7 @@ def write_npy(path: Path | str, height: HeightMap) -> None:
     """Write float32 heights in mm, NaN out of view; `numpy.load` reads the file."""
     buffer = BytesIO()
     np.save(buffer, np.where(height.in_view, height.z_mm, np.float32(np.nan)))
-    write_file_atomically(path, buffer.getbuffer())
+    write_file_atomically(path, buffer.getvalue())
 
 
 def write_ply(path: Path | str, cloud: PointCloud, faces: Int32[Array, "m 3"] = NO_FACES) -> None:

@@ -87,7 +87,7 @@ def write_npy(path: Path, numbers: Shaped[Array, "..."]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     content = BytesIO()
     np.save(content, numbers, allow_pickle=False)
-    write_file_atomically(path, content.getbuffer())
+    write_file_atomically(path, content.getvalue())
 
 
 def _first_line(trouble: Exception) -> str:

@@ -156,7 +156,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
         content = BytesIO()
         torch.save(checkpoint, content)
         Path(path).parent.mkdir(parents=True, exist_ok=True)
-        write_file_atomically(path, content.getbuffer())
+        write_file_atomically(path, content.getvalue())
 
 
 def resumable_checkpoint(path: Path) -> str | None:
