@@ -120,7 +120,8 @@ def test_known_loads_on_the_twin_find_how_stiff_its_gel_is(desk: Path, tmp_path:
         session.save()
     scale = read_force_scale_tables(folder.path).scales["force by physics"]
     assert [press.grams for press in session.state.presses] == list(USUAL_LOADS_G)
-    assert scale.factor == pytest.approx(stiffness, rel=0.04) and scale.error < 0.05
+    # The scale also takes out the error of force by physics on this sensor. The stiffness is another at every run.
+    assert scale.factor == pytest.approx(stiffness, rel=0.08) and scale.error < 0.05
 
 
 def test_a_video_that_is_cut_short_is_estimated_as_far_as_it_goes_and_is_an_error(
