@@ -66,9 +66,9 @@ def require_place_for_file(path: Path | str | None) -> None:
 
 def _follow_link(path: Path) -> Path:
     """Return what a link names, also where that is not there yet; any other path as it is."""
-    return (
-        Path(os.path.realpath(path)) if path.is_symlink() else path
-    )  # unlike `Path.resolve` also for a link to itself
+    if not path.is_symlink():
+        return path
+    return Path(os.path.realpath(path))  # `Path.resolve` would raise for a link to itself
 
 
 def is_partial_file(path: Path) -> bool:
