@@ -69,7 +69,7 @@ def test_ranges_without_pairs_are_named_from_border_to_border() -> None:
     "wrong",
     [
         {"tolerance_ms": 0},
-        {"camera_delay_ms": -1},
+        {"camera_delay_ms": float("nan")},
         {"no_contact": -0.1},
         {"light_touch": -0.1},
         {"no_contact": 0.5, "light_touch": 0.5},
