@@ -618,6 +618,7 @@ class Journey:
     def until_exported(self, pattern: str) -> Path:
         path = self.until_found(pattern)
         self.until_shown("Exported", path.name)  # before that, another export is refused
+        self.until_shown(f"exported to {path.parent}")
         return path
 
 

@@ -127,7 +127,7 @@ def test_curves_have_the_band_of_their_error_where_samples_are() -> None:
     at_s = np.array([-12.0, -9.0, -5.5, -1.0, -0.5])
     value, upper, lower = list(_curves_of(history.snapshot(None, now_ns), at_s, 0, 1.0))[6:]
     np.testing.assert_allclose(value, [np.nan, -1, -4.5, -9, np.nan])
-    np.testing.assert_allclose([upper - value, value - lower], [[np.nan, 0.5, 0.5, 0.5, np.nan]] * 2)
+    np.testing.assert_allclose([upper, lower], [[-1, -0.5, -4, -8.5, -9], [-1, -1.5, -5, -9.5, -9]])
 
 
 def test_a_history_begins_anew_where_time_goes_back() -> None:

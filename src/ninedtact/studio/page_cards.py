@@ -259,14 +259,18 @@ def _curves_of(
 def component_curve_and_error_band(
     moment: WrenchSourceSnapshot, at_s: Float64[Array, " n"], axis: int, unit: float
 ) -> Iterator[Float64[Array, " n"]]:
-    """Yield one component of a source over the last seconds, and its upper and lower end where errors are stated."""
+    """Yield one component of a source over the last seconds, and its upper and lower end where errors are stated.
+
+    Beyond the samples the component is NaN. The ends meet there, because uPlot would fill some of what is between NaNs.
+    """
     sampled_s, values, stds = moment.history[0], moment.history[1 + axis] * unit, moment.history[7 + axis] * abs(unit)
     stds = np.where(np.isfinite(stds), stds, 0.0)
-    for curve in (values, values + stds, values - stds) if moment.states_errors else (values,):
-        if sampled_s.size:
-            yield np.interp(at_s, sampled_s, curve, left=np.nan, right=np.nan)
-        else:
-            yield np.full(at_s.shape, np.nan)
+    if not sampled_s.size:
+        yield from (np.full(at_s.shape, np.nan) for _ in range(3 if moment.states_errors else 1))
+        return
+    yield np.interp(at_s, sampled_s, values, left=np.nan, right=np.nan)
+    for end in (values + stds, values - stds) if moment.states_errors else ():
+        yield np.interp(at_s, sampled_s, end, left=values[0], right=values[-1])
 
 
 def _curve_scales(half: float) -> dict[str, uplot.Scale]:

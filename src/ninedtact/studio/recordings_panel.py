@@ -294,19 +294,20 @@ class RecordingsPanel:
             self._show_marks()
 
     def _show_marks(self) -> None:
-        begin_s, end_s = self._marks_s
-        self._marked.content = f'<div style="{_SMALL}">marked: {begin_s:.2f} to {end_s:.2f} s</div>'
+        self._marked.content = '<div style="{}">marked: {:.2f} to {:.2f} s</div>'.format(_SMALL, *self._marks_s)
 
     def _export(self, export: "Export", event: GuiEvent[Any]) -> None:
         """Write into a new file or folder, one export at a time, and offer a file to the browser too."""
+        result = ""
         with self._viewer.notify_refusal("Not exported"):
             with self._quota.one_export():
                 self._quota.count_save(0, self._out, "an export")
                 self._out.mkdir(parents=True, exist_ok=True)
                 path = export(f"{datetime.now():%Y%m%d_%H%M%S_%f}")
+            result = f'<div style="{_SMALL}">exported to {escape(str(path))}</div>'
             self._viewer.notify("Exported", path.name, "green")
             self._viewer.offer_download(path)
-        self._progress.content = ""
+        self._progress.content = result
 
     def _export_page(self, time: str) -> Path:
         moment = self._viewer.moment
