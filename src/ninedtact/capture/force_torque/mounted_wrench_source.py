@@ -52,8 +52,8 @@ def force_torque_sensor_for(address: str) -> DriverWrenchSource:
     return DriverWrenchSource(DRIVERS[kind](address))
 
 
-class MountedWrenchSource(WrenchSource):
-    """Converts another source to the sensor frame: what the object applies to the skin, torque about the origin of the device."""
+class _FrameConversion(WrenchSource):
+    """Wraps a source whose samples are converted between the frame of a mounted device and the sensor frame."""
 
     def __init__(self, source: WrenchSource, mount: ForceTorqueMount = ForceTorqueMount()) -> None:
         self.name = source.name
@@ -67,6 +67,14 @@ class MountedWrenchSource(WrenchSource):
     def open(self) -> None:
         """Open the source; raises what it raises."""
         self._source.open()
+
+    def close(self) -> None:
+        """Close the source that this one wraps."""
+        self._source.close()
+
+
+class MountedWrenchSource(_FrameConversion):
+    """Converts another source to the sensor frame: what the object applies to the skin, torque about the origin of the device."""
 
     def read(self) -> Wrench:
         """Return the next sample in the sensor frame; raises what the source raises."""
@@ -78,29 +86,12 @@ class MountedWrenchSource(WrenchSource):
             about_mm=self._origin_mm + self._rotation @ wrench.about_mm,
         )
 
-    def close(self) -> None:
-        """Close the source that this one wraps."""
-        self._source.close()
 
-
-class DeviceFrameWrenchSource(WrenchSource):
+class DeviceFrameWrenchSource(_FrameConversion):
     """Converts a source in the sensor frame back to the frame of the device, as recordings need for checks against its range.
 
     It is the inverse of `MountedWrenchSource`: the load that the device reported, torque about its origin.
     """
-
-    def __init__(self, source: WrenchSource, mount: ForceTorqueMount = ForceTorqueMount()) -> None:
-        self.name = source.name
-        self._source = source
-        self._rotation, self._origin_mm, self._sign = (
-            _mount_rotation(mount),
-            np.array(mount.origin_mm, float),
-            mount.sign,
-        )
-
-    def open(self) -> None:
-        """Open the source; raises what it raises."""
-        self._source.open()
 
     def read(self) -> Wrench:
         """Return the next sample in the frame of the device; raises what the source raises."""
@@ -111,10 +102,6 @@ class DeviceFrameWrenchSource(WrenchSource):
             torque_nm=self._sign * self._rotation.T @ wrench.torque_nm,
             about_mm=np.zeros(3),
         )
-
-    def close(self) -> None:
-        """Close the source that this one wraps."""
-        self._source.close()
 
 
 def _mount_rotation(mount: ForceTorqueMount) -> Float64[Array, "3 3"]:
