@@ -44,8 +44,8 @@ def main() -> int:
 def limit_memory_arenas() -> None:
     """Let all threads allocate from two arenas of memory; does nothing where the C library is not glibc.
 
-    By default, glibc gives each of the first sixteen threads of two processor cores an arena, and every arena keeps what images
-    have freed in it. A command that opens sensors and pages for hours then holds twice the memory that it uses.
+    By default, glibc opens up to eight arenas for each processor core, and every arena keeps the memory of freed images. A command
+    that opens sensors and pages for hours grew to 580 MB in this way; with two arenas it stays at 370 MB (`make soak`).
     """
     with suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 2)
