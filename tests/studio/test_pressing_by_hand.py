@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -50,6 +51,7 @@ from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM, THUMBNAIL_PX, TwinPressPanel, object_thumbnails
+from ninedtact.studio.viewer import ViewerPage
 from ninedtact.studio.wrench_history import WrenchHistory
 
 PATIENCE_S = 120.0
@@ -297,6 +299,56 @@ def socket_client(twin: PressedTwin) -> Iterator[object]:
         yield client
 
 
+def drag_handle(hand: object, viewer: ViewerPage, position_mm: Sequence[float], twist_rad: float = 0.0) -> None:
+    """Take the handle, move it and let it go, as a browser says it."""
+    handle = {"name": "/handle", "owner": viewer.client.scene._owner_id}
+    wxyz = tuple(viser.transforms.SO3.from_matrix(Pose(0, 0, 0, twist_rad).rotation).wxyz.tolist())
+    for message in (
+        {"type": "TransformControlsDragStartMessage"} | handle,
+        {"type": "TransformControlsUpdateMessage", "wxyz": wxyz, "position": tuple(position_mm)} | handle,
+        {"type": "TransformControlsDragEndMessage"} | handle,
+    ):
+        hand.send(msgspec.msgpack.encode(message))  # type: ignore[attr-defined]
+
+
+class LateThreads:
+    """Runs the callbacks of a viewer when the test says so, the last one first, as threads of a busy computer may."""
+
+    def __init__(self) -> None:
+        self.waiting: list[Callable[[], object]] = []
+
+    def submit(self, call: Callable[..., object], *values: object) -> Future[None]:
+        self.waiting.append(partial(call, *values))
+        return Future()
+
+    def run(self) -> None:
+        while self.waiting:
+            self.waiting.pop()()
+
+
+def test_a_drag_is_followed_where_its_callbacks_come_late_and_in_any_order(
+    tmp_path: Path, twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pressed_twin(twin_sensor, tmp_path) as twin, socket_client(twin) as hand:
+        (viewer,) = twin.page.viewers
+        wait_until(lambda: (twin.studio.refresh(twin.page), viewer.moment is not None)[1], PATIENCE_S)
+        (panel,) = (one for one in viewer._panels if isinstance(one, TwinPressPanel))
+        threads = LateThreads()
+        monkeypatch.setattr(viewer.client.scene, "_thread_executor", threads)
+        for x_mm in (0.5, 1.5):
+            drag_handle(hand, viewer, (x_mm, -1.0, HANDLE_LIFT_MM - 0.9))
+        wait_until(lambda: len(threads.waiting) == 6)
+        panel.update(twin.moment)  # would put the handle back to the object, which has not moved yet
+        threads.run()
+        state = twin.control.state
+        assert (state.x_mm, state.y_mm, state.depth_mm) == pytest.approx((1.5, -1.0, 0.9))
+        panel.update(twin.moment)
+        assert panel._handle.position == pytest.approx((1.5, -1.0, HANDLE_LIFT_MM - 0.9))
+        twin.control.move(x_mm=-2.0)
+        panel.update(twin.moment)
+        assert panel._handle.position[0] == pytest.approx(-2.0)
+
+
 def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor: SensorFolder) -> None:
     with pressed_twin(twin_sensor, tmp_path, ("left", "right")) as twin, socket_client(twin) as hand:
         (viewer,) = twin.page.viewers
@@ -304,10 +356,7 @@ def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor
             lambda: (twin.studio.refresh(twin.page), viewer.moment is not None and viewer.moment.view)[1], PATIENCE_S
         )
         x, y, z = viewer.arrangement.places_mm[0]
-        handle = {"name": "/handle", "owner": viewer.client.scene._owner_id}
-        place = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (x + 1.5, y - 1.0, z + HANDLE_LIFT_MM - 0.9)}
-        message = {"type": "TransformControlsUpdateMessage"} | handle | place
-        hand.send(msgspec.msgpack.encode(message))  # type: ignore[attr-defined]
+        drag_handle(hand, viewer, (x + 1.5, y - 1.0, z + HANDLE_LIFT_MM - 0.9))
 
         def both_rest() -> bool:
             twin.studio.refresh(twin.page)
@@ -332,7 +381,7 @@ def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor
         assert abs(means_n[1] - means_n[0]) < 4 * estimated.std_n
         viewer.choose(sensor=1)
         twin.studio.refresh(twin.page)
-        hand.send(msgspec.msgpack.encode(message | {"position": (0.0, 0.0, HANDLE_LIFT_MM - 0.4)}))  # type: ignore[attr-defined]
+        drag_handle(hand, viewer, (0.0, 0.0, HANDLE_LIFT_MM - 0.4))
 
         def only_the_right_is_pressed_less() -> bool:
             twin.studio.refresh(twin.page)
@@ -361,17 +410,7 @@ def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_v
         second.toggle_freeze()
         kept = second.moment
         assert kept is not None and second.is_frozen and not first.is_frozen
-        turned = Pose(0, 0, 0, 0.1).rotation
-        quaternion = tuple(viser.transforms.SO3.from_matrix(turned).wxyz.tolist())
-        owner = first.client.scene._owner_id
-        handle = {"name": "/handle", "owner": owner}
-        place = {"wxyz": quaternion, "position": (1.5, -1.0, HANDLE_LIFT_MM - 0.9)}
-        for message in (
-            {"type": "TransformControlsDragStartMessage"} | handle,
-            {"type": "TransformControlsUpdateMessage"} | handle | place,
-            {"type": "TransformControlsDragEndMessage"} | handle,
-        ):
-            hand.send(msgspec.msgpack.encode(message))  # type: ignore[attr-defined]
+        drag_handle(hand, first, (1.5, -1.0, HANDLE_LIFT_MM - 0.9), twist_rad=0.1)
         # The samples of the wrench come from another thread, so the last step of the motion may reach them a moment later.
         wait_until(lambda: twin.rests_at(0.9) and shows_the_true_wrench(first.moment), PATIENCE_S, 0.01)
         moment = first.moment

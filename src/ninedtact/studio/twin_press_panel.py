@@ -6,6 +6,7 @@ Every viewer has these controls; they move one object, so each follows what the 
 from collections.abc import Sequence
 from functools import lru_cache, partial
 from html import escape
+from threading import Lock
 from typing import Any
 
 import cv2
@@ -71,7 +72,8 @@ class TwinPressPanel:
         """controls: one for each sensor of the page."""
         self._viewer, self._controls = viewer, tuple(controls)
         self._followed, self._follower = (-1, -1), ControlFollower()
-        self._dragging = False
+        self._is_dragged, self._dragged_to = False, dict[str, float]()
+        self._noting, self._moving = Lock(), Lock()
 
     @property
     def _pressed(self) -> tuple[TwinPressController, ...]:
@@ -137,28 +139,44 @@ class TwinPressPanel:
         self._handle = self._viewer.client.scene.add_transform_controls(
             "/handle", _HANDLE_SCALE, translation_limits=limits, depth_test=False, opacity=0.7
         )
-        self._handle.on_update(self._drag)
+        self._handle.on_update(self._note_drag)
+        self._handle.on_update(self._follow_drag)
 
     def _show_handle(self, state: HandPressState, moment: PageMoment) -> None:
         """Put the handle where the object is held, unless this viewer is dragging it."""
-        if self._dragging:
-            return
         press = None if moment.view is None else moment.view.press
         pose = press.contact.pose if press is not None and (state.is_playing or state.by_load) else state.target.pose
         x, y, z = (float(part) for part in pose.origin_mm + np.array(self._place_mm))
-        self._handle.position = (round(x, 3), round(y, 3), round(z, 3) + HANDLE_LIFT_MM)
-        self._handle.wxyz = SO3.from_matrix(np.asarray(pose.rotation)).wxyz
+        with self._noting:
+            if not self._is_dragged and not self._dragged_to:
+                self._handle.position = (round(x, 3), round(y, 3), round(z, 3) + HANDLE_LIFT_MM)
+                self._handle.wxyz = SO3.from_matrix(np.asarray(pose.rotation)).wxyz
 
-    def _drag(self, event: TransformControlsEvent) -> None:
-        """Move the object with the handle; a quaternion of length zero, which is no rotation, moves nothing."""
-        if event.client is None or not np.linalg.norm(event.target.wxyz) > _LEAST_QUATERNION:
-            return
-        self._dragging = event.phase != "end"
-        x, y, z = np.array(event.target.position) - self._place_mm
-        rotation = SO3(np.asarray(event.target.wxyz)).as_matrix()
-        moved = {"x_mm": float(x), "y_mm": float(y), "depth_mm": HANDLE_LIFT_MM - float(z)}
-        for control in self._pressed:
-            control.move(by_load=False, **moved, **twist_and_tilts_deg(rotation))
+    async def _note_drag(self, event: TransformControlsEvent) -> None:
+        """Note where the handle is dragged; a quaternion of length zero, which is no rotation, is passed over.
+
+        viser runs coroutines in the order of the messages and before the page can set the handle; functions run later, in threads,
+        in any order.
+        """
+        is_rotation = np.linalg.norm(event.target.wxyz) > _LEAST_QUATERNION
+        with self._noting:
+            self._is_dragged = event.phase != "end" and event.client is not None
+            if event.phase == "update" and event.client is not None and is_rotation:
+                x, y, z = np.array(event.target.position) - self._place_mm
+                moved = {"x_mm": float(x), "y_mm": float(y), "depth_mm": HANDLE_LIFT_MM - float(z)}
+                rotation = SO3(np.asarray(event.target.wxyz)).as_matrix()
+                self._dragged_to = moved | twist_and_tilts_deg(rotation)
+
+    def _follow_drag(self, event: TransformControlsEvent) -> None:
+        """Move the object to where the handle was dragged last."""
+        with self._moving:
+            moved = self._dragged_to
+            try:
+                for control in self._pressed if moved else ():
+                    control.move(by_load=False, **moved)
+            finally:
+                with self._noting:
+                    self._dragged_to = {} if self._dragged_to is moved else self._dragged_to
 
     @property
     def _place_mm(self) -> tuple[float, float, float]:
