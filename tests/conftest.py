@@ -18,6 +18,7 @@ if not os.environ.get("JAXTYPING_DISABLE"):
     )
 
 import pytest  # noqa: E402 - the hook comes before anything that may import the package
+from hypothesis import HealthCheck, settings  # noqa: E402
 
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, calibrate  # noqa: E402
 from ninedtact.calibration.save import save_sensor  # noqa: E402
@@ -38,6 +39,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             if "browser" in getattr(item, "fixturenames", ()):
                 item.add_marker(pytest.mark.flaky(reruns=1))
 
+
+# A busy computer may take any time for an example.
+settings.register_profile("any time", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any time")
 
 # FFmpeg asks once, at its first video, how loud it may be: tests that write videos would ask for it before the sources do.
 silence_video_libraries()

@@ -18,7 +18,7 @@ from ninedtact.studio.page_controller import PageController, PageMoment
 from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.scene_3d import GelBlock, set_up_view
 from ninedtact.studio.sensor_group import SensorGroupCurvesPanel
-from ninedtact.studio.sensor_panels import CurvesPanel, ReferenceAndRatesPanel, StatusPanel, WrenchPanel
+from ninedtact.studio.sensor_panels import ReferenceAndRatesPanel, StatusPanel, WrenchAndCurvesPanel, WrenchPanel
 from ninedtact.studio.socket_guard import SocketGuard
 from ninedtact.studio.twin_press_panel import TwinPressPanel
 from ninedtact.studio.view_panels import ImagesPanel, ProfilePanel, ScenePanel
@@ -116,18 +116,17 @@ class SensorPage:
         presses = (press,) if isinstance(press, TwinPressController) else tuple(press or ())
         press_panels: list[PanelFactory] = [partial(TwinPressPanel, controls=presses)] if presses else []
         several = len(controller.sensors) > 1
-        curves: list[PanelFactory] = [SensorGroupCurvesPanel if several else CurvesPanel] if controller.wrenches else []
+        curves: PanelFactory = SensorGroupCurvesPanel if several else WrenchAndCurvesPanel
         self._panels: tuple[PanelFactory, ...] = (
             ImagesPanel,
             StatusPanel,
-            partial(WrenchPanel, is_above=True),
+            WrenchPanel,
             *press_panels,
             ScenePanel,
             ProfilePanel,
             *more_panels,
             ReferenceAndRatesPanel,
-            WrenchPanel,
-            *curves,
+            *([curves] if controller.wrenches else []),
         )
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.gui.set_panel_label(title)

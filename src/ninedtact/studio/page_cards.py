@@ -162,6 +162,7 @@ class WrenchCurves:
     def __init__(self, gui: GuiApi, sources: Sequence[WrenchHistory]) -> None:
         self._forces = _add_curves(gui, "force (N)", "F", LEAST_N, sources)
         self._torques = _add_curves(gui, "torque (N·mm)", "T", LEAST_NMM, sources)
+        gui.add_html(f'<div style="margin:0 0.9em;font-size:0.75em;{DIM}">{escape(_describe_lines(sources))}</div>')
 
     def draw(self, moments: Sequence[WrenchSourceSnapshot]) -> None:
         """Draw the last seconds of every source."""
@@ -174,22 +175,35 @@ class WrenchCurves:
 
 
 def wrench_table_html(moments: Sequence[WrenchSourceSnapshot], is_past: bool) -> str:
-    """Return the wrenches in columns, what the columns mean, warnings and the scale of the arrow as HTML."""
+    """Return the wrenches in columns, with warnings, as HTML."""
     known = [moment for moment in moments if moment.sample is not None]
-    head = "".join(f'<th style="text-align:right;font-weight:600">{escape(moment.name)}</th>' for moment in known)
+    head = "".join(
+        f'<th style="text-align:right;font-weight:600" title="{escape(moment.meaning)}">{escape(moment.name)}</th>'
+        for moment in known
+    )
     rows = "".join(_component_row_html(number, known) for number in range(6))
     warnings = [warning for moment in known if moment.sample for warning in moment.sample.warnings]
     badges = "".join(warning_badge_html(warning) for warning in warnings)
     lines = [(TONES["lost"], str(moment.trouble)) for moment in moments if moment.trouble is not None]
     lines += [(TONES["busy"], notice) for moment in moments for notice in moment.notices]
     below = "".join(f'<div style="font-size:0.85em;color:{colour}">{escape(line)}</div>' for colour, line in lines)
+    return (
+        f'<div style="margin:0.3em 0.9em;line-height:1.35;opacity:{PALE if is_past else 1}">'
+        f'<table style="width:100%;font-variant-numeric:tabular-nums"><tr><th style="text-align:left">wrench</th>{head}</tr>{rows}'
+        f"</table>{badges}{below}</div>"
+    )
+
+
+def wrench_meaning_html(moments: Sequence[WrenchSourceSnapshot]) -> str:
+    """Return what the columns of wrenches mean, and the scale of the arrow, as HTML."""
     meaning = "; ".join(f"{moment.name}: {moment.meaning}" for moment in moments)
     scale = f"about the skin's centre; arrow {MM_PER_N:g} mm per N, arc {ARC_DEG_PER_NMM:g}° per N·mm of twist"
-    return (
-        f'<div style="margin:0.3em 0.9em;opacity:{PALE if is_past else 1}">'
-        f'<table style="width:100%;font-variant-numeric:tabular-nums"><tr><th style="text-align:left">wrench</th>{head}</tr>{rows}'
-        f'</table>{badges}{below}<div style="font-size:0.75em;{DIM}">{escape(meaning)}; {scale}</div></div>'
-    )
+    return f'<div style="margin:0.3em 0.9em;font-size:0.75em;{DIM}">{escape(meaning)}; {scale}</div>'
+
+
+def explained_wrench_table_html(moments: Sequence[WrenchSourceSnapshot], is_past: bool) -> str:
+    """Return the wrenches in columns, with warnings and what the columns mean, as HTML; empty without wrenches."""
+    return wrench_table_html(moments, is_past) + wrench_meaning_html(moments) if moments else ""
 
 
 def _component_row_html(number: int, moments: Sequence[WrenchSourceSnapshot]) -> str:
@@ -205,7 +219,7 @@ def _component_row_html(number: int, moments: Sequence[WrenchSourceSnapshot]) ->
         for moment in moments
         if moment.sample is not None
     )
-    name = f'<td style="color:{COLOURS[axis]};font-weight:600">{letter}<sub>{axis}</sub>'
+    name = f'<td style="color:{COLOURS[axis]};font-weight:600">{letter}<sub style="line-height:0">{axis}</sub>'
     return f'<tr>{name} <span style="font-weight:400;{DIM}">{unit}</span></td>{cells}</tr>'
 
 
@@ -248,6 +262,13 @@ def _add_curves(gui: GuiApi, title: str, letter: str, half: float, sources: Sequ
     )
 
 
+def _describe_lines(sources: Sequence[WrenchHistory]) -> str:
+    """Return how the curves of each source are drawn, as `_add_curves` does."""
+    solid = "solid, with a band of one standard deviation"
+    dashed = "dashed" if len(sources) > 1 else "solid"
+    return "; ".join(f"{source.name}: {solid if source.states_errors else dashed}" for source in sources)
+
+
 def _curves_of(
     moment: WrenchSourceSnapshot, at_s: Float64[Array, " n"], first: int, unit: float
 ) -> Iterator[Float64[Array, " n"]]:
@@ -282,7 +303,9 @@ def recorder_html(state: RecorderState) -> str:
     """Return length, size, drops and labels of the recording, and why it ended."""
     if state.path is None:
         return ""
-    said = f"{state.seconds:.1f} s, {state.written_bytes / 1e6:.1f} MB, {state.dropped} dropped, {state.labels} labels"
+    said = f"{state.seconds:.1f} s, {state.written_bytes / 1e6:.1f} MB, {state.dropped} images dropped"
+    if state.is_running:  # labels of a recording that has ended are added to its file
+        said += f", {state.labels} labels"
     begun = "recording" if state.is_running else "recorded"
     trouble = f'<div style="color:{TONES["lost"]}">{escape(state.trouble)}</div>' if state.trouble else ""
     return f'<div role="log" style="margin:0.2em 0.9em;font-size:0.85em">{begun} {escape(state.path.name)}: {said}{trouble}</div>'

@@ -24,11 +24,11 @@ from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.studio.page_cards import (
+    explained_wrench_table_html,
     recorder_html,
     shape_summary_html,
     status_html,
     time_slider_marks,
-    wrench_table_html,
 )
 from ninedtact.studio.page_controller import WITHOUT_READING, NothingToSave, PageMoment
 from ninedtact.studio.page_recorder import PageRecorder, RecorderState
@@ -317,7 +317,7 @@ class RecordingsPanel:
         cards = (
             status_html(moment.status),
             shape_summary_html(view.summary, False),
-            wrench_table_html(moment.wrenches, False) if moment.wrenches else "",
+            explained_wrench_table_html(moment.wrenches, False),
         )
         sample = moment.wrenches[0].sample if moment.wrenches else None
         wrench = None if sample is None else sample.wrench

@@ -8,9 +8,11 @@ from viser import CommandEvent, GuiApi, GuiEvent, Icon, uplot
 from ninedtact.errors import NinedtactError
 from ninedtact.studio.page_cards import (
     WrenchCurves,
+    explained_wrench_table_html,
     name_value_table_html,
     shape_summary_html,
     status_html,
+    wrench_meaning_html,
     wrench_table_html,
 )
 from ninedtact.studio.page_controller import WAITING_STATUS, PageMoment
@@ -95,13 +97,13 @@ class StatusPanel:
 
 
 class WrenchPanel:
-    """The wrenches of all sources in one table: below the tabs, or above them for several sensors on a wide screen."""
+    """The wrenches of all sources in one table above the tabs, where `WrenchAndCurvesPanel` does not show it."""
 
     title, icon = "", None
     side: Side = "right"
 
-    def __init__(self, viewer: ViewerPage, is_above: bool = False) -> None:
-        self._is_here = is_above == (viewer.is_shared and not viewer.is_narrow)
+    def __init__(self, viewer: ViewerPage) -> None:
+        self._is_here = viewer.is_shared or viewer.is_narrow or not viewer.controller.wrenches
 
     def build(self, gui: GuiApi) -> None:
         """Add the table."""
@@ -114,24 +116,29 @@ class WrenchPanel:
         if moment.beside:
             self._table.content = group_wrench_table_html(moment.beside)
             return
-        self._table.content = wrench_table_html(moment.wrenches, moment.status.is_past) if moment.wrenches else ""
+        self._table.content = explained_wrench_table_html(moment.wrenches, moment.status.is_past)
 
 
-class CurvesPanel:
-    """The last seconds of the wrenches, on top of each other."""
+class WrenchAndCurvesPanel:
+    """The wrenches of one sensor: the table of this moment, except on a phone, and the curves of the last seconds."""
 
-    title, icon = "Wrench, last seconds", Icon.CHART_LINE
+    title, icon = "Wrench", Icon.CHART_LINE
     side: Side = "lower left"
 
     def __init__(self, viewer: ViewerPage) -> None:
         self._viewer, self._moments = viewer, 0
 
     def build(self, gui: GuiApi) -> None:
-        """Add the plots."""
+        """Add the table and the plots."""
+        self._table = gui.add_html("", visible=not self._viewer.is_narrow)
         self._curves = WrenchCurves(gui, self._viewer.controller.wrenches)
+        self._meaning = gui.add_html("", visible=not self._viewer.is_narrow)
 
     def update(self, moment: PageMoment) -> None:
-        """Redraw the curves from time to time, and not while they are frozen."""
+        """Show the wrenches of this moment; redraw the curves from time to time, and not while they are frozen."""
+        if moment.wrenches and not self._viewer.is_narrow:
+            self._table.content = wrench_table_html(moment.wrenches, moment.status.is_past)
+            self._meaning.content = wrench_meaning_html(moment.wrenches)
         self._moments += 1
         if is_curve_redraw_due(self._viewer, moment, self._moments) and moment.wrenches:
             self._curves.draw(moment.wrenches[: len(self._viewer.controller.wrenches)])
