@@ -4,7 +4,9 @@ import doctest
 import json
 import re
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from shutil import copytree, rmtree
 from typing import Any
@@ -25,8 +27,9 @@ from ninedtact.calibration.drift.diagnosis_and_reference_check import (
     load_reference_image_checker,
 )
 from ninedtact.calibration.sensor_folder import load_sensor
-from ninedtact.capture.frame_source import SourceEnded
+from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.cli import main
+from ninedtact.cli.estimate import Estimate
 from ninedtact.force.contact_detection import detect_contact
 from ninedtact.force.traction.estimator import _on_one_blas_thread
 from ninedtact.mechanics.indenter import Ball
@@ -34,8 +37,10 @@ from ninedtact.quantities import HeightSource, Rectified
 from ninedtact.recording.errors import ReferenceMomentRefused, SensorNotGiven
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
+from ninedtact.recording.recorded_source import RecordedFrameSource
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
+from ninedtact.sensor import Sensor
 from ninedtact.simulation.trajectory import ScriptedPress
 
 README = Path(__file__).parents[1] / "README.md"
@@ -294,10 +299,38 @@ def test_a_recording_is_measured_against_the_references_that_it_holds(tmp_path: 
     assert deep_mm > 1
     for source in (path, str(path)):
         with ninedtact.open(source=source, force="none") as sensor:
-            found = [reading.max_indentation_mm for reading in sensor]
-        assert found == pytest.approx([deep_mm] * 6, abs=0.03)
+            readings = list(sensor)
+        assert [one.max_indentation_mm for one in readings] == pytest.approx([deep_mm] * 6, abs=0.03)
+        assert [one.dropped for one in readings] == [0] * 6, "a recording may begin with any index"
     with Recording(path) as recording:
         assert [one.max_indentation_mm for one in recording.readings()] == pytest.approx([deep_mm] * 6, abs=0.03)
+
+
+def test_only_readings_against_a_faulty_reference_of_a_recording_are_warned_of(tmp_path: Path) -> None:
+    path = tmp_path / "pairs.mcap"
+    shape = reference_recording(tmp_path / "small", path, rectified=False).shape
+    source = RecordedFrameSource(path)
+
+    def find_faults(frames: Sequence[Frame]) -> Sequence[str]:
+        return ("another lamp",) if frames[0].image.mean() < 0.9 * UNTOUCHED else ()
+
+    given = shape.depth_reader(Frame(skin(UNTOUCHED)))
+    references = partial(source.reference_at, shape=shape, find_faults=find_faults)
+    with Sensor(source, shape, depth_reader=given, recorded_reference=references) as sensor:
+        warned = [EstimateWarning.REFERENCE_UNLIKE_CALIBRATION in reading.warnings for reading in sensor]
+    assert warned == [False] * 3 + [True] * 3
+
+
+def test_the_twin_of_the_sensor_is_estimated_and_not_that_of_the_published_design(
+    physical_sensor: SensorFolder,
+) -> None:
+    def first_image(source: FrameSource) -> np.ndarray:
+        with source:
+            return np.asarray(source.read().image)
+
+    shown = first_image(Estimate(("sim",)).frames(physical_sensor))
+    assert (shown == first_image(ninedtact.source_for("sim", sensor=physical_sensor))).all()
+    assert (shown != first_image(ninedtact.source_for("sim"))).any()
 
 
 def test_a_reference_that_a_program_takes_stays_in_spite_of_those_of_the_recording(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImageChecker
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import CameraSettings, FrameSource
+    from ninedtact.force.estimator_interface import ForceEstimator
     from ninedtact.quantities import Frame, Rectified
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -31,7 +32,6 @@ SIMULATED = "sim"
 """Name of the sensor's twin as a source."""
 RECORDING_SUFFIX = ".mcap"
 _RECORDING_ADDRESS = re.compile(rf".*{re.escape(RECORDING_SUFFIX)}(#\w+)?", re.IGNORECASE | re.DOTALL)
-_TWIN_REFERENCE_FRAMES = 10
 
 PathLike = Path | str
 
@@ -83,37 +83,59 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     >>> reading.wrench.force_n  # nothing touches yet
     array([0., 0., 0.])
     """
-    from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
     from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.capture.frame_source import FIXED_EXPOSURE
+
+    source = str(source) if isinstance(source, Path | int) else source
+    references = [reference] if isinstance(reference, Path | str) else reference or ()
+    moments_s = [reference_at_s] if isinstance(reference_at_s, int | float) else reference_at_s
+    with load_given_or_recorded_sensor(sensor, source) as folder:
+        estimator = None if force == "none" else folder.estimator(force)
+        frames = source_for(source, settings or FIXED_EXPOSURE, folder) if isinstance(source, str) else source
+        if isinstance(source, str) and source != SIMULATED and frames.is_live:
+            frames = LatestFrameSource(frames)
+        return assemble_sensor(folder, frames, source, references, moments_s, estimator, follow_reference)
+
+
+def assemble_sensor(
+    sensor: "SensorFolder",
+    frames: "FrameSource",
+    source: "str | FrameSource",
+    references: Sequence[PathLike] = (),
+    reference_at_s: Sequence[float] = (),
+    estimator: "ForceEstimator | None" = None,
+    follow_reference: bool | None = None,
+) -> "Sensor":
+    """Return a sensor on frames, not yet opened, with the reference images that are given or that its source brings.
+
+    source: where the frames come from, as `open` takes it: a recording or the twin brings its reference. The other parameters, and
+    what is raised, are those of `open`.
+    """
+    from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
     from ninedtact.reference_following import following_settings_for
     from ninedtact.sensor import Sensor
 
-    source = str(source) if isinstance(source, Path | int) else source
-    with load_given_or_recorded_sensor(sensor, source) as folder:
-        shape, check = folder.shape, load_reference_image_checker(folder)
-        estimator = None if force == "none" else folder.estimator(force)
-        recording = source if reference is None and isinstance(source, str) and is_recording_address(source) else None
-        faults = () if recording is None else recorded_reference_faults(recording, folder, check)
-    frames = source_for(source, settings or FIXED_EXPOSURE, folder) if isinstance(source, str) else source
-    if isinstance(source, str) and source != SIMULATED and frames.is_live:
-        frames = LatestFrameSource(frames)
-    depth_reader = None
-    if reference is not None:
-        paths = [reference] if isinstance(reference, Path | str) else reference
-        depth_reader = shape.depth_reader(*check.read_images([Path(path) for path in paths]))
+    shape, check = sensor.shape, load_reference_image_checker(sensor)
+    depth_reader, recorded_reference, faults = None, None, tuple[str, ...]()
+    if references:
+        depth_reader = shape.depth_reader(*check.read_images([Path(path) for path in references]))
     elif source == SIMULATED:
-        depth_reader = _twin_reference(folder)
-    elif recording is not None:
-        depth_reader = load_recorded_depth_reader(recording, shape)
+        depth_reader = _twin_reference(sensor)
+    elif isinstance(source, str) and is_recording_address(source):
+        require_recording_libraries()
+        from ninedtact.recording.recorded_source import RecordedFrameSource, find_recorded_reference_faults
+
+        faults = tuple(find_recorded_reference_faults(Path(source).expanduser(), sensor, check))
+        depth_reader = load_recorded_depth_reader(source, shape)
+        if isinstance(frames, RecordedFrameSource):
+            recorded_reference = partial(frames.reference_at, shape=shape, find_faults=check.find_faults, known=faults)
     before = None if depth_reader is None else depth_reader.reference
-    moments_s = [reference_at_s] if isinstance(reference_at_s, int | float) else reference_at_s
     return Sensor(
         frames,
         shape,
         depth_reader=depth_reader,
-        later_references=later_references(source, moments_s, shape, check, before),
-        recorded_reference=None if recording is None else recorded_reference_of(frames, shape),
+        later_references=later_references(source, reference_at_s, shape, check, before),
+        recorded_reference=recorded_reference,
         given_reference_faults=faults,
         estimator=estimator,
         find_reference_faults=check.find_faults,
@@ -182,23 +204,6 @@ def load_recorded_depth_reader(source: str, shape: "CalibratedShape") -> "DepthR
     return depth_reader_from_recording(Path(source).expanduser(), shape)
 
 
-def recorded_reference_faults(source: str, sensor: "SensorFolder", check: "ReferenceImageChecker") -> tuple[str, ...]:
-    """Return why the reference image of a recording cannot be that of a sensor (`find_recorded_reference_faults`)."""
-    require_recording_libraries()
-    from ninedtact.recording.recorded_source import find_recorded_reference_faults
-
-    return tuple(find_recorded_reference_faults(Path(source).expanduser(), sensor, check))
-
-
-def recorded_reference_of(
-    frames: "FrameSource", shape: "CalibratedShape"
-) -> "Callable[[int], DepthReader | None] | None":
-    """Return what gives the reference image of a recording at each stamp (`Sensor.recorded_reference`); None for other sources."""
-    from ninedtact.recording.recorded_source import RecordedFrameSource
-
-    return partial(frames.depth_reader_at, shape=shape) if isinstance(frames, RecordedFrameSource) else None
-
-
 def source_in_real_time(text: str, settings: "CameraSettings | None" = None) -> "FrameSource":
     """Return the source that `text` names; files and recordings play at their own pace, stamped as their frames are read."""
     from ninedtact.capture.frame_pacing import LivePlayback
@@ -259,7 +264,8 @@ def load_given_or_recorded_sensor(
 def _twin_reference(sensor: "SensorFolder") -> "DepthReader":
     """Return a depth reader whose reference images are rendered without contact by the sensor's twin."""
     from ninedtact.quantities import Frame
+    from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES
 
     render = sensor.twin().renderer
-    frames = [Frame(render(None, -number)) for number in range(1, _TWIN_REFERENCE_FRAMES + 1)]
+    frames = [Frame(render(None, -number)) for number in range(1, REFERENCE_FRAMES + 1)]
     return sensor.shape.depth_reader(*frames)

@@ -1,13 +1,17 @@
 """The result of one frame: the image, the shape of the gel surface and, where an estimator runs, the wrench."""
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
+from time import perf_counter
 
 from jaxtyping import Bool, Float64, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, PointCloud, Rectified, Wrench, WrenchEstimate
+from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.shape.depth import DepthReader
 from ninedtact.shape.image_check import find_image_warnings
 from ninedtact.shape.measures import ShapeSummary, contact_mask, summarise_shape
 from ninedtact.shape.surface import point_cloud
@@ -107,3 +111,49 @@ class Reading:
     def age_ms(self, now_ns: int) -> float:
         """Return the time since the frame arrived, given the present `time.monotonic_ns()`."""
         return (now_ns - self.frame.stamp_ns) / 1e6
+
+
+@dataclass(frozen=True)
+class CheckedReference:
+    """A reference image (no contact) that was compared with that of the calibration."""
+
+    reader: DepthReader
+    """Computes heights against this image."""
+    faults: tuple[str, ...] = ()
+    """Why it cannot be that of the calibrated sensor."""
+
+
+class Stopwatch:
+    """Durations in ms between successive marks."""
+
+    def __init__(self) -> None:
+        self.stage_ms: dict[str, float] = {}
+        self._last = perf_counter()
+
+    def mark(self, stage: str) -> None:
+        """Assign the time since the last mark to the given stage."""
+        now = perf_counter()
+        self.stage_ms[stage], self._last = (now - self._last) * 1e3, now
+
+
+def read_frame(
+    frame: Frame,
+    shape: CalibratedShape,
+    depth_reader: DepthReader,
+    reference_faults: Sequence[str] = (),
+    watch: Stopwatch | None = None,
+    dropped: int = 0,
+) -> Reading:
+    """Return the reading of a frame: its shape against a reference image, still without a wrench.
+
+    depth_reader: of the same calibration, with the reference image. reference_faults: why this image cannot be that of the
+    calibrated sensor. watch: measures the stages. dropped: number of frames that were never read. Raises `WrongImageSize`.
+    """
+    watch = Stopwatch() if watch is None else watch
+    rectified = shape.rectify(frame)
+    watch.mark("rectify")
+    height = depth_reader(rectified)
+    watch.mark("depth")
+    doubts = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if reference_faults else ()
+    reference = depth_reader.reference
+    return Reading(frame, rectified, height, watch.stage_ms, dropped, reference, None, (*shape.warnings, *doubts))

@@ -5,20 +5,17 @@ source ──▶ Frame ──rectify──▶ Rectified ──depth──▶ Hei
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from time import monotonic_ns, perf_counter
+from time import monotonic_ns
 from types import TracebackType
 
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.errors import CalibrationError
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.quantities import EstimateWarning, Frame, Rectified, WrenchEstimate
-from ninedtact.reading import Reading
+from ninedtact.quantities import Frame, Rectified, WrenchEstimate
+from ninedtact.reading import CheckedReference, Reading, Stopwatch, read_frame
 from ninedtact.reference_following import FollowingSettings, ReferenceFollower
-from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape
 from ninedtact.shape.depth import DepthReader
-
-REFERENCE_FRAMES = 10
-"""Number of reference frames averaged when a session starts; it brings their noise below that of a reading."""
 
 
 class ReferenceMissing(CalibrationError):
@@ -35,8 +32,8 @@ class _SessionReference:
     """Why it cannot be that of the calibrated sensor."""
     follower: ReferenceFollower | None = None
     """Moves it while nothing touches; None before the first reading that may move it."""
-    last_recorded: DepthReader | None = None
-    """The reader that a recording gave last."""
+    last_recorded: CheckedReference | None = None
+    """The one that a recording gave last."""
     is_chosen: bool = False
     """Whether it was taken or given since the opening, which ends the use of recorded ones."""
     later_used: int = 0
@@ -62,8 +59,8 @@ class Sensor:
     """Computes heights against the reference image with which every opening begins; None takes a new one at every opening."""
     later_references: Sequence[Sequence[Frame]] = ()
     """Reference images of a recording that replace the present ones from the stamp of their first on, in order of time."""
-    recorded_reference: Callable[[int], DepthReader | None] | None = None
-    """Returns the depth reader for the reference image that a recording has for a stamp, the same object until it changes."""
+    recorded_reference: Callable[[int], CheckedReference | None] | None = None
+    """Returns the reference image that a recording has for a stamp, the same object until it changes."""
     estimator: ForceEstimator | None = None
     """Estimates the wrench of every reading; None leaves `Reading.wrench` empty."""
     find_reference_faults: Callable[[Sequence[Frame]], Sequence[str]] = _assume_faultless
@@ -76,6 +73,8 @@ class Sensor:
     """Number of frames read since the sensor was opened, reference frames included."""
     last_frame_ns: int = field(default=0, init=False)
     """Stamp of the newest frame, or the time of opening when none has arrived yet."""
+    _first_index: int = field(default=0, init=False, repr=False)
+    """Index of the first frame: 0 for a live source, which may have lost earlier ones; a recording may begin with any."""
     _session: _SessionReference = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -89,18 +88,12 @@ class Sensor:
         self._require_reference()
         watch = Stopwatch()
         frame = self._next_frame()
-        watch.mark("capture")
         self._use_recorded_reference(frame.stamp_ns)
         self._use_later_reference(frame.stamp_ns)
+        watch.mark("capture")
         depth = self._require_reference()
-        rectified = self.shape.rectify(frame)
-        watch.mark("rectify")
-        height = depth(rectified)
-        watch.mark("depth")
-        dropped = frame.index + 1 - self.frames_read
-        doubts = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if self._session.faults else ()
-        doubts = (*self.shape.warnings, *doubts)
-        reading = Reading(frame, rectified, height, watch.stage_ms, dropped, depth.reference, None, doubts)
+        dropped = frame.index - self._first_index + 1 - self.frames_read
+        reading = read_frame(frame, self.shape, depth, self._session.faults, watch, dropped)
         estimate = None
         if self.estimator is not None:
             estimate = self.estimator.estimate(reading)
@@ -194,9 +187,11 @@ class Sensor:
         """Use the reference that a recording has for this moment, unless another was chosen since the opening."""
         if self.recorded_reference is None or self._session.is_chosen:
             return
-        reader = self.recorded_reference(now_ns)
-        if reader is not None and reader is not self._session.last_recorded:
-            self._session = replace(self._session, reader=reader, last_recorded=reader, follower=None)
+        found = self.recorded_reference(now_ns)
+        if found is not None and found is not self._session.last_recorded:
+            self._session = replace(
+                self._session, reader=found.reader, faults=found.faults, last_recorded=found, follower=None
+            )
 
     def _use_later_reference(self, now_ns: int) -> None:
         """Use a later reference where its moment has come."""
@@ -208,6 +203,8 @@ class Sensor:
 
     def _next_frame(self) -> Frame:
         frame = self.source.read()
+        if self.frames_read == 0:
+            self._first_index = 0 if self.source.is_live else frame.index
         self.frames_read, self.last_frame_ns = self.frames_read + 1, frame.stamp_ns
         return frame
 
@@ -235,16 +232,3 @@ class Sensor:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-class Stopwatch:
-    """Durations in ms between successive marks."""
-
-    def __init__(self) -> None:
-        self.stage_ms: dict[str, float] = {}
-        self._last = perf_counter()
-
-    def mark(self, stage: str) -> None:
-        """Assign the time since the last mark to the given stage."""
-        now = perf_counter()
-        self.stage_ms[stage], self._last = (now - self._last) * 1e3, now

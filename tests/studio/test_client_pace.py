@@ -69,6 +69,7 @@ def test_a_moment_is_sent_at_once_and_whole(tmp_path: Path) -> None:
         client = Client(server.get_port())
         with connected(page, client):
             buffer = page.viewers[0].client._websock_connection.get_message_buffer()
+            wait_until(lambda: loop.snapshot(0).reading is not None)  # the reference is taken
             buffer.window_duration_sec = 1000.0  # for which viser waits for more
             for level, depth in ((90, b"0.40"), (80, b"0.80")):
                 camera.level = level

@@ -771,7 +771,7 @@ def record_with_a_label(journey: Journey, camera: SkinCamera) -> Path:
     journey.until_shown("live, ", "1.00 mm")
     journey.tab.get_by_role("tab", name="Record").click()
     journey.press("Record")
-    journey.until_shown("Stop recording", "0 dropped")
+    journey.until_shown("Stop recording", "0 images dropped")
     journey.field("label").fill("shallow")
     journey.tab.keyboard.press("Tab")
     journey.press("Begin label")

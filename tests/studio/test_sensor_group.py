@@ -101,6 +101,8 @@ def gripper(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Gripper]
             limits, others = SaveLimits(per_minute=100), () if number else tuple(controllers)
             one = PageController(loop, out, [histories[name]], limits, name=name, others=others)
             controllers.insert(0, one)
+        # A level that a test sets before a sensor has read would become its reference.
+        wait_until(lambda: all(one._loop.snapshot(0).reading is not None for one in controllers))
         recorded = [PageSensorToRecord(folder, "bench", [histories[name]], name) for name in names]
         recorders.append(PageRecorder(recorded, out, controllers[0].quota))
         panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, folder, recorders[0]))

@@ -23,7 +23,7 @@ from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_cards import _curves_of, wrench_table_html
+from ninedtact.studio.page_cards import _curves_of, explained_wrench_table_html, wrench_table_html
 from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
@@ -97,7 +97,7 @@ def test_true_and_estimated_wrench_stand_side_by_side() -> None:
     true.add(WrenchWithUncertainty(pushed((0.4, 0.0, -3.2), (0.0, 0.0)), np.full(6, np.nan)))
     estimated = WrenchHistory("estimated", "by physics", ("gel not calibrated for force",), states_errors=True)
     estimated.add_estimate(WrenchEstimate(wrench, np.diag(std**2), True, (EstimateWarning.OUT_OF_RANGE,)))
-    said = wrench_table_html([history.snapshot(None, 0) for history in (true, estimated)], is_past=False)
+    said = explained_wrench_table_html([history.snapshot(None, 0) for history in (true, estimated)], is_past=False)
     rows = {plain[:2]: plain for row in said.split("<tr>")[2:] if (plain := re.sub("<[^>]*>", "", row))}
     assert rows["Fx"].startswith("Fx N+0.40+0.50 ± 0.10") and rows["Tz"].startswith("Tz N·mm+0.00+0.00 ± 0.30")
     assert rows["Fz"].startswith("Fz N\N{MINUS SIGN}3.20\N{MINUS SIGN}3.00 ± 0.40")

@@ -212,6 +212,9 @@ def _fit_board_and_ball(
 ) -> JointCalibration:
     """Fit lens and depth; by the method `physics`, board and ball are fitted together."""
 
+    # The twin predicts the board through a lens model alone, and the ball by physics alone.
+    is_refined = settings.lens != "paper" and settings.method == "physics" and board.correction is None
+
     def lens(board: BoardFit) -> Rectification:
         return build_rectification(board, design, settings.lens)
 
@@ -220,13 +223,12 @@ def _fit_board_and_ball(
     ) -> BallFit:
         on_step("fitting gel and light to the image of the ball")
         found = fit_ball(rectify, *ball_images, design, settings.method, settings.smoothing, beliefs, near)
-        on_step("fitting the depth of the pins and the lens to the image of the board")
+        if is_refined:
+            on_step("fitting the depth of the pins and the lens to the image of the board")
         return found
 
     first = JointCalibration(board, rectify, ball(rectify))
-    if settings.lens == "paper" or board.correction is not None:
-        return first  # the twin predicts the board through a lens model alone
-    return refine_board_and_ball(first, board_images, lens, ball)
+    return refine_board_and_ball(first, board_images, lens, ball) if is_refined else first
 
 
 def build_rectification(board: BoardFit, design: SensorDesign, kind: LensKind) -> Rectification:

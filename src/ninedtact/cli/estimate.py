@@ -103,34 +103,13 @@ class Estimate:
 
     def readings(self, folder: "SensorFolder", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image."""
-        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
-        from ninedtact.open_sensor import (
-            is_recording_address,
-            later_references,
-            load_recorded_depth_reader,
-            recorded_reference_faults,
-            recorded_reference_of,
-        )
-        from ninedtact.sensor import Sensor
+        from ninedtact.open_sensor import assemble_sensor
         from ninedtact.shape.image_check import require_plausible_image
 
-        shape, check = folder.shape, load_reference_image_checker(folder)
-        references = check.read_images(self.reference)
-        depth = shape.depth_reader(*references) if references else None
-        is_recorded = depth is None and len(self.source) == 1 and is_recording_address(self.source[0])
-        if is_recorded:
-            depth = load_recorded_depth_reader(self.source[0], shape)
-        frames, before = self.frames(), None if depth is None else depth.reference
+        frames = self.frames(folder)
         source = self.source[0] if len(self.source) == 1 else frames
-        with Sensor(
-            frames,
-            shape,
-            depth_reader=depth,
-            later_references=later_references(source, self.reference_at, shape, check, before),
-            recorded_reference=recorded_reference_of(frames, shape) if is_recorded else None,
-            given_reference_faults=recorded_reference_faults(self.source[0], folder, check) if is_recorded else (),
-            estimator=estimator,
-            find_reference_faults=check.find_faults,
+        with assemble_sensor(
+            folder, frames, source, self.reference, self.reference_at, estimator, follow_reference=False
         ) as sensor:
             for fault in sensor.reference_faults:
                 print_notice(f"the reference image is doubtful; {fault}")
@@ -146,9 +125,10 @@ class Estimate:
         """Whether the images are unrelated in time: single images or a folder of them, as opposed to a video or a recording."""
         return all(_is_image(text) or Path(text).expanduser().is_dir() for text in self.source)
 
-    def frames(self) -> "FrameSource":
+    def frames(self, folder: "SensorFolder") -> "FrameSource":
         """Return the named images as a source; raises `InvalidEstimateSource`."""
         from ninedtact.capture.frame_pacing import LatestFrameSource
+        from ninedtact.capture.frame_source import FIXED_EXPOSURE
         from ninedtact.open_sensor import SIMULATED, source_for
 
         if not self.source:
@@ -166,7 +146,7 @@ class Estimate:
                 f"expected images, or one video, folder or recording, got {len(self.source)} names that are not all "
                 "images; run the command once for each"
             )
-        source = source_for(self.source[0])
+        source = source_for(self.source[0], FIXED_EXPOSURE, folder)
         # Of a camera or a stream the newest images, so that a slow computer does not lag behind and hear late of a loss.
         return LatestFrameSource(source) if source.is_live and self.source[0] != SIMULATED else source
 

@@ -19,7 +19,7 @@ from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.quantities import Frame
-from ninedtact.reading import Reading
+from ninedtact.reading import Reading, read_frame
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, GUIDED_PRESSES, simulate_calibration_images
 from ninedtact.simulation.ground_truth import mean_height_error_mm, true_height_map_like
@@ -149,6 +149,4 @@ def _validation_press(design: SensorDesign) -> ScriptedPress:
 def _read_contact(shape: CalibratedShape, twin: Twin, contact: Contact) -> Reading:
     """Return the calibrated sensor's reading of one image of a contact."""
     depth = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-GUIDED_FRAMES, 0)))
-    frame = Frame(twin.renderer(contact, 1))
-    rectified = shape.rectify(frame)
-    return Reading(frame, rectified, depth(rectified), reference=depth.reference)
+    return read_frame(Frame(twin.renderer(contact, 1)), shape, depth)

@@ -17,15 +17,15 @@ from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.capture.frame_source import FrameSource, Openable, SourceEnded, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, HeightSource, Rectified, Wrench
+from ninedtact.reading import CheckedReference
 from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefused
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import Topic, decode_reference_grey
-from ninedtact.shape.calibrated_shape import CalibratedShape, mean_rectified_image
+from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, mean_rectified_image
 from ninedtact.shape.depth import DepthReader
 
 Item = TypeVar("Item")
-_REFERENCE_FRAMES = 10
 
 
 class _RecordedTopic(Openable):
@@ -92,17 +92,25 @@ class RecordedFrameSource(_RecordedTopic, FrameSource):
         super().open()
         self.recorded_hz = median_rate_hz(self._positions["stamp_ns"])
 
-    def depth_reader_at(self, stamp_ns: int, shape: CalibratedShape) -> DepthReader | None:
-        """Return the depth reader for the reference image that held at a stamp; None where the recording has none.
+    def reference_at(
+        self,
+        stamp_ns: int,
+        shape: CalibratedShape,
+        find_faults: Callable[[Sequence[Frame]], Sequence[str]],
+        known: tuple[str, ...] = (),
+    ) -> CheckedReference | None:
+        """Return the reference image that held at a stamp; None where the recording has none.
 
-        Raises `SourceNotOpen` and what `RecordedReferences.depth_reader_at` raises.
+        find_faults: returns why raw images cannot be reference images of the calibrated sensor. known: why rectified ones
+        cannot be.
+        Raises `SourceNotOpen` and what `RecordedReferences.reference_at` raises.
         """
         with self._lock:
             if self._recording is None:
                 raise SourceNotOpen(self.name)
             if self._references is None or self._references.recording is not self._recording:
-                self._references = RecordedReferences(self._recording, shape)
-            return self._references.depth_reader_at(stamp_ns)
+                self._references = RecordedReferences(self._recording, shape, find_faults, known)
+            return self._references.reference_at(stamp_ns)
 
     def read(self) -> Frame:
         """Return the next frame; raises `SourceEnded` after the last."""
@@ -123,12 +131,21 @@ class RecordedReferences:
     """The reference images of a recording: rectified ones (live page, ROS), or raw ones (`collect`), of which those with one index
     belong together. Each holds from its stamp on, the first one before it, too."""
 
-    def __init__(self, recording: Recording, shape: CalibratedShape) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        shape: CalibratedShape,
+        find_faults: Callable[[Sequence[Frame]], Sequence[str]] = lambda _: (),
+        known: tuple[str, ...] = (),
+    ) -> None:
+        """find_faults: returns why raw images cannot be reference images of the calibrated sensor. known: why rectified ones cannot
+        be."""
         self.recording, self._shape = recording, shape
+        self._find_faults, self._known = find_faults, known
         positions = {topic: recording.positions(topic) for topic in (Topic.REFERENCE_GREY, Topic.REFERENCE)}
         self._topic = next((topic for topic, found in positions.items() if len(found)), None)
         self._positions: Array = np.empty(0) if self._topic is None else positions[self._topic]
-        self._last: tuple[int, DepthReader] | None = None
+        self._last: tuple[int, CheckedReference] | None = None
 
     @property
     def are_rectified(self) -> bool:
@@ -136,7 +153,12 @@ class RecordedReferences:
         return self._topic is Topic.REFERENCE_GREY
 
     def depth_reader_at(self, stamp_ns: int) -> DepthReader | None:
-        """Return the depth reader for the reference image that held at a stamp, the same object until it changes; None without one.
+        """Return the depth reader of `reference_at`."""
+        found = self.reference_at(stamp_ns)
+        return None if found is None else found.reader
+
+    def reference_at(self, stamp_ns: int) -> CheckedReference | None:
+        """Return the reference image that held at a stamp, the same object until it changes; None without one.
 
         Raises what reading a recording raises, and `RecordingUnreadable` where the image is not that of the sensor.
         """
@@ -158,9 +180,10 @@ class RecordedReferences:
                 frames.append(frame)
         return frames
 
-    def _read(self, number: int) -> DepthReader:
+    def _read(self, number: int) -> CheckedReference:
         if not self.are_rectified:
-            return self._shape.depth_reader(*self.frames_at(number))
+            frames = self.frames_at(number)
+            return CheckedReference(self._shape.depth_reader(*frames), tuple(self._find_faults(frames)))
         message, wanted = self.recording.message(self._positions[number]), self._shape.rectify.height_source.shape
         grey = decode_reference_grey(message.data)
         if grey.shape != wanted:
@@ -168,7 +191,8 @@ class RecordedReferences:
                 f"expected a reference image of {wanted[1]} x {wanted[0]} pixels in {self.recording.path}, as the sensor has, got "
                 f"{grey.shape[1]} x {grey.shape[0]}; name the recorded sensor, or none"
             )
-        return self._shape.reader_against(Rectified(grey, self._shape.rectify.mm_per_px, message.stamp_ns))
+        reference = Rectified(grey, self._shape.rectify.mm_per_px, message.stamp_ns)
+        return CheckedReference(self._shape.reader_against(reference), self._known)
 
 
 def find_recorded_reference_faults(path: Path | str, sensor: SensorFolder, check: ReferenceImageChecker) -> list[str]:
@@ -200,9 +224,9 @@ def read_references_at_moments(
         found = []
         for at_s in sorted(moments_s):
             first = _first_image_at(recording, positions, at_s)
-            frames = _read_frames(recording, positions[first : first + _REFERENCE_FRAMES])
+            frames = _read_frames(recording, positions[first : first + REFERENCE_FRAMES])
             if before is None:
-                first_frames = _read_frames(recording, positions[:_REFERENCE_FRAMES])
+                first_frames = _read_frames(recording, positions[:REFERENCE_FRAMES])
                 before = mean_rectified_image([shape.rectify(frame) for frame in first_frames])
             before = _require_no_contact(f"{path} from {at_s:g} s on", frames, before, shape, check)
             found.append(frames)
@@ -222,12 +246,12 @@ def depth_reader_from_recording(path: Path | str, shape: CalibratedShape) -> Dep
 def _first_image_at(recording: Recording, positions: Array, at_s: float) -> int:
     """Return the number of the first image at a moment; raises `ReferenceMomentRefused`."""
     seconds = (positions["stamp_ns"] - positions["stamp_ns"][:1]) / 1e9
-    last = len(seconds) - _REFERENCE_FRAMES
+    last = len(seconds) - REFERENCE_FRAMES
     first = int(np.searchsorted(seconds, at_s))
     if last < 0 or not at_s >= 0 or first > last:
-        room = f"between 0 and {seconds[last]:.2f} s" if last >= 0 else f"in a recording of {_REFERENCE_FRAMES} images"
+        room = f"between 0 and {seconds[last]:.2f} s" if last >= 0 else f"in a recording of {REFERENCE_FRAMES} images"
         raise ReferenceMomentRefused(
-            f"expected a moment {room} for a reference of {_REFERENCE_FRAMES} images, got {at_s:g} s of {recording.path}, which "
+            f"expected a moment {room} for a reference of {REFERENCE_FRAMES} images, got {at_s:g} s of {recording.path}, which "
             f"has {len(seconds)} images; name a moment within the recording"
         )
     return first

@@ -18,22 +18,21 @@ from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import ForceEstimator, NoForceEstimator
-from ninedtact.quantities import EstimateWarning, Frame, Wrench
-from ninedtact.reading import Reading
+from ninedtact.quantities import Frame, Wrench
+from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingStopped, ReferenceMomentRefused
 from ninedtact.recording.merge_streams import BackgroundReader
 from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape
 from ninedtact.shape.depth import DepthReader
 
 _BUFFERED_IMAGES = 128
 """Images that wait to be written at most: about 120 MB."""
 _BUFFERED_SAMPLES = 100_000
 _WAIT_S = 0.05
-_REFERENCE_FRAMES = 10
 
 
 def record(
@@ -243,25 +242,21 @@ class ReadingComputer:
         """Raise `ReferenceMomentRefused` where the frames so far were too few for reference images."""
         if self.depth_reader is None:
             raise ReferenceMomentRefused(
-                f"expected at least {_REFERENCE_FRAMES} images for the reference of heights and forces, got {len(self._first)}, "
+                f"expected at least {REFERENCE_FRAMES} images for the reference of heights and forces, got {len(self._first)}, "
                 "so that neither was computed; record longer"
             )
 
     def readings(self, frame: Frame) -> Iterator[Reading]:
         """Yield the readings that this frame completes: none for the first nine frames, ten for the tenth, then one."""
         for waiting, depth_reader in self._readable(frame):
-            rectified = self.shape.rectify(waiting)
-            height, reference = depth_reader(rectified), depth_reader.reference
-            warnings = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if self.reference_faults else ()
-            warnings = (*self.shape.warnings, *warnings)
-            yield Reading(waiting, rectified, height, reference=reference, reference_warnings=warnings)
+            yield read_frame(waiting, self.shape, depth_reader, self.reference_faults)
 
     def _readable(self, frame: Frame) -> Iterator[tuple[Frame, DepthReader]]:
         if self.depth_reader is not None:
             yield frame, self.depth_reader
             return
         self._first.append(frame)
-        if len(self._first) == _REFERENCE_FRAMES:
+        if len(self._first) == REFERENCE_FRAMES:
             depth_reader = self.depth_reader = self.shape.depth_reader(*self._first)
             self.reference_faults = tuple(self.find_reference_faults(self._first))
             yield from ((waiting, depth_reader) for waiting in self._first)

@@ -12,6 +12,8 @@ from ninedtact.quantities import EstimateWarning, Frame, Rectified
 from ninedtact.shape.depth import FINE_SMOOTHING, Deblurring, DepthCurve, DepthReader, GlobalDimmingModel, Smoothing
 from ninedtact.shape.rectification import Rectification
 
+REFERENCE_FRAMES = 10
+"""Number of images without contact whose mean is a reference image; it brings their noise below that of a reading."""
 MIN_LIT_GREY_LEVEL = 15.0
 """Mean grey level below which an image counts as taken in the dark and cannot be a reference image."""
 _MAX_UNSTEADINESS = 0.1

@@ -15,6 +15,7 @@ from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.design import ForceTorqueMount
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, Wrench
+from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSequence, SampleTimer
 from ninedtact.simulation.trajectory import press_trajectory
@@ -154,7 +155,6 @@ def demo_press_sequence() -> list[ObjectTrajectory]:
 
 TRUE_WRENCH_MEANING = "what the object of the simulation applies to the skin"
 SAMPLES_HZ = 60.0
-REFERENCE_FRAME_COUNT = 10
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ class DemoSources:
 def demo_sources(twin: Twin, rounds: int | None = None) -> DemoSources:
     """Return the sources of the demo, not yet opened."""
     simulation = PressSequence(twin, demo_press_sequence(), rounds=rounds)
-    reference_frames = tuple(Frame(twin.renderer(None, number)) for number in range(-REFERENCE_FRAME_COUNT, 0))
+    reference_frames = tuple(Frame(twin.renderer(None, number)) for number in range(-REFERENCE_FRAMES, 0))
     return DemoSources(
         SimulatedCamera(simulation),
         SimulatedForceTorque(simulation, SAMPLES_HZ, NO_FORCE_TORQUE_ERRORS),

@@ -14,8 +14,7 @@ import numpy as np
 
 from ninedtact.errors import InputError
 from ninedtact.quantities import EstimateWarning
-from ninedtact.reading import Reading
-from ninedtact.sensor import Stopwatch
+from ninedtact.reading import Reading, Stopwatch
 from ninedtact.shape.calibrated_shape import ReferenceUnusable
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.simulation.press_sequence import PressStep

@@ -22,7 +22,7 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import InputError, NinedtactError
 from ninedtact.quantities import WrenchEstimate
-from ninedtact.reading import Reading
+from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_repair import edit_labelled_spans
 from ninedtact.recording.reader import Recording
@@ -34,7 +34,7 @@ from ninedtact.recording.topics_and_messages import (
     decode_height,
     decode_wrench_estimate,
 )
-from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.depth import DepthReader
 from ninedtact.shape.measures import max_indentation_mm
@@ -50,7 +50,6 @@ from ninedtact.studio.wrench_history import (
     WrenchWithUncertainty,
 )
 
-REFERENCE_FRAMES = 10
 CURVE_IMAGES = 600
 """Largest number of images of which the indentation is computed for the curve."""
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
@@ -90,14 +89,13 @@ class RecordedReadings:
     def reading(self, number: int) -> Reading:
         """Return a reading; raises `RecordingUnreadable`, `WrongImageSize`, `ReferenceUnusable`."""
         frame = self.recording.frame(self._images[number])
-        rectified, reader = self._shape.rectify(frame), self._depth_reader_at(frame.stamp_ns)
-        height = reader(rectified)
+        reading = read_frame(frame, self._shape, self._depth_reader_at(frame.stamp_ns))
         stored = self._at[Topic.HEIGHTS].get(frame.stamp_ns)
         if stored is not None:
             z_mm = decode_height(self.recording.message(stored).data, self.recording.metadata.height_step_mm)
             self._require_size(z_mm.shape)
-            height = replace(height, z_mm=np.where(np.isnan(z_mm), height.z_mm, z_mm))
-        reading = Reading(frame, rectified, height, reference=reader.reference, reference_warnings=self._shape.warnings)
+            computed = reading.height
+            reading = replace(reading, height=replace(computed, z_mm=np.where(np.isnan(z_mm), computed.z_mm, z_mm)))
         estimate = self._estimate_at(frame.stamp_ns)
         return reading if estimate is None else reading.with_force(estimate)
 

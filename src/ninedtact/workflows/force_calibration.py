@@ -24,7 +24,7 @@ from ninedtact.force.known_load_scale import (
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
-from ninedtact.reading import Reading
+from ninedtact.reading import Reading, read_frame
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import DepthReader
 from ninedtact.shape.image_check import require_plausible_image
@@ -96,9 +96,8 @@ class UnscaledForceReader:
     def read(self, name: str, frame: Frame) -> Reading:
         """Return the reading of an image with its estimate; raises `ImageImplausible`, which names the image."""
         assert self._depth_reader is not None
-        rectified, reference = self._shape.rectify(frame), self._depth_reader.reference
-        reading = Reading(frame, rectified, self._depth_reader(rectified), reference=reference)
-        require_plausible_image(name, rectified, reference, reading.height)
+        reading = read_frame(frame, self._shape, self._depth_reader)
+        require_plausible_image(name, reading.rectified, self._depth_reader.reference, reading.height)
         self.estimator.forget()
         return reading.with_force(self.estimator.estimate(reading))
 
@@ -152,7 +151,5 @@ def _simulate_presses(member: SampledSensor, shape: CalibratedShape) -> Iterator
         pose = Pose(x, y, _START_DEPTH_MM)
         ball = Ball(_BALL_RADIUS_MM)
         contact = twin.correct_contact(twin.step(twin.model.initial_contact(), ball, pose, load_n), ball)
-        frame = Frame(twin.renderer(contact, number))
-        rectified = shape.rectify(frame)
-        reading = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
+        reading = read_frame(Frame(twin.renderer(contact, number)), shape, depth_reader)
         yield reading, -float(contact.wrench().force_n[2])

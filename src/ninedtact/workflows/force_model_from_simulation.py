@@ -28,6 +28,7 @@ from ninedtact.force.training.train import MODEL_FILE
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
+from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names, indenter_from_name
 from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSequence
 from ninedtact.simulation.sensor_population import NonidealMechanicsShares, sample_sensor
@@ -56,7 +57,7 @@ SENSOR_FOLDER, _MODEL_FILE, _CARD_FILE = "sensor", "model.onnx", "model_card.md"
 _OBJECT, _DEPTH_MM, _DRAG_MM, _TWIST_DEG = "ball:5", 1.1, (0.8, 0.3), 8.0
 _MAX_DEPTH_FRACTION = 0.5
 """Largest depth of the demonstration, as a fraction of the gel's thickness."""
-_RATE_HZ, _EVERY, _REFERENCE_FRAMES = 20.0, 8, 10
+_RATE_HZ, _EVERY = 20.0, 8
 
 
 @dataclass(frozen=True)
@@ -200,7 +201,7 @@ def _demonstrate_force_model(
     gel = replace(folder.gel, shear_modulus_mpa=simulated.gel.shear_modulus_mpa)
     simulation = _simulate_press(twin, min(_DEPTH_MM, _MAX_DEPTH_FRACTION * design.gel.thickness_mm))
     reference = folder.shape.depth_reader(
-        *(Frame(twin.renderer(None, number)) for number in range(-_REFERENCE_FRAMES, 0))
+        *(Frame(twin.renderer(None, number)) for number in range(-REFERENCE_FRAMES, 0))
     )
     estimator = build_estimator(str(model), folder.shape, gel)
     with Sensor(SimulatedCamera(simulation), folder.shape, depth_reader=reference, estimator=estimator) as sensor:
