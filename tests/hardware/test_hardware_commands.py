@@ -54,6 +54,37 @@ def test_check_names_an_impossible_circuit_board(tmp_path: Path, capsys: pytest.
     assert code == 1 and broken["rule"] == "led_board" and "circuit board" in broken["message"]
 
 
+@pytest.mark.parametrize(
+    ("text", "rule", "words"),
+    [
+        ("[hardware.board]\nlens_hole_mm = 11.0\n", "led_board", "LED board"),
+        (
+            "[sensing_area]\nwidth_mm = 130\nheight_mm = 90\n[camera]\ndistance_mm = 80\n",
+            "led_board",
+            "outline.width_mm",
+        ),
+        ("[hardware.base]\npin_mm = 0.9\npin_round_mm = 0.5\n", "part_not_modelled", "sensor_base"),
+    ],
+)
+def test_check_lists_what_cannot_be_laid_out_or_modelled(
+    text: str, rule: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a broken rule, also where the dimensions of the LED board are beyond what has pads and tracks."""
+    path = tmp_path / "design.toml"
+    path.write_text(text)
+    code, found = told(capsys, "check", "--design", str(path))
+    (broken,) = found["broken"]
+    assert code == 1 and broken["rule"] == rule and words in broken["message"]
+
+
+def test_check_fails_for_a_circuit_board_that_breaks_rules(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The original's camera fits this pocket; its circuit board stays as faulty as it was published."""
+    path = tmp_path / "original.toml"
+    path.write_text('[hardware]\nvariant = "original"\n[hardware.base]\npocket_back_mm = 7.75\n')
+    code, found = told(capsys, "check", "--design", str(path))
+    assert code == 1 and found["interferences"] == [] and len(found["led_board_faults"]) == 11
+
+
 def test_bom(default: BuildableDesign, capsys: pytest.CaptureFixture[str]) -> None:
     code, found = told(capsys, "bom")
     cents = {
