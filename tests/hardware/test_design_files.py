@@ -21,6 +21,7 @@ from ninedtact.design import (
     SensorDesign,
     design_to_toml,
     read_design_file,
+    shear_modulus_mpa_to_shore_a,
     shore_a_to_shear_modulus_mpa,
 )
 from ninedtact.hardware.buildability import find_broken_rules, require_buildable_design
@@ -123,6 +124,8 @@ def test_a_missing_file_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> N
 def test_hardness() -> None:
     """Gent 1958; the published gel's modulus is that of Shore A 5."""
     assert shore_a_to_shear_modulus_mpa(5) == pytest.approx(Gel().shear_modulus_mpa, rel=0.01)
+    for shore_a in (1, 5, 33.3, 95):
+        assert shear_modulus_mpa_to_shore_a(shore_a_to_shear_modulus_mpa(shore_a)) == pytest.approx(shore_a)
     with pytest.raises(DesignImpossible):
         shore_a_to_shear_modulus_mpa(100)
 

@@ -10,7 +10,7 @@ import pytest
 
 from ninedtact.cli import main
 from ninedtact.cli.hardware import ExploreDesignsCommand, format_bill_of_materials
-from ninedtact.design import DesignImpossible, SensorDesign
+from ninedtact.design import CameraGeometry, DesignImpossible, Gel, SensorDesign, shore_a_to_shear_modulus_mpa
 from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import (
     DesignVariant,
@@ -20,7 +20,8 @@ from ninedtact.hardware.design import (
 )
 from ninedtact.hardware.design_sweep import SweepCombination, explore_designs
 from ninedtact.hardware.fabrication_guide import format_fabrication_guide
-from ninedtact.hardware.part_dimensions import WindowDimensions
+from ninedtact.hardware.materials import TRANSLUCENT_SILICONE, translucent_silicone_of_modulus
+from ninedtact.hardware.part_dimensions import FastenerDimensions, WindowDimensions
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -100,6 +101,23 @@ def test_bom(default: BuildableDesign, capsys: pytest.CaptureFixture[str]) -> No
     ]
     assert found["items"] == [{**asdict(item), "usd": item.usd} for item in default.bill]
     assert "the paper says about 15 $" in "\n".join(format_bill_of_materials(default.bill))
+
+
+def test_bill_and_guide_name_what_the_design_asks_for(default: BuildableDesign) -> None:
+    """The published camera, silicone and inserts belong to the published design alone."""
+    usual = {item.name: item.what for item in default.bill}
+    assert usual["camera"].startswith("Frank-S15-V1.0-160") and "(M2-3-5)" in usual["insert"]
+    assert usual["translucent_gel"].startswith("Posilicone DRSGJ02 (Shore A 5), 1 : 1 by weight; mix")
+    sensor = SensorDesign(Gel(shear_modulus_mpa=shore_a_to_shear_modulus_mpa(15)), camera=CameraGeometry(20.0, 120.0))
+    fasteners = FastenerDimensions(insert_mm=(3.3, 4.0))
+    other = BuildableDesign(replace(default_hardware_design(sensor), fasteners=fasteners))
+    what = {item.name: item.what for item in other.bill}
+    assert what["camera"].startswith("camera with a lens of 120°") and "(M2-3-5)" not in what["insert"]
+    assert "of about Shore A 15 " in what["translucent_gel"] and "1 : 1" not in what["translucent_gel"]
+    assert "of about Shore A 15 " in format_fabrication_guide(other)
+    explored = SweepCombination(default_hardware_design(), shore_a=5.0).hardware.sensor.gel.shear_modulus_mpa
+    assert translucent_silicone_of_modulus(explored) == TRANSLUCENT_SILICONE
+    assert "less than Shore A 1 " in translucent_silicone_of_modulus(0.003).product
 
 
 def test_explore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
