@@ -7,7 +7,7 @@ from typing import get_type_hints
 import numpy as np
 import pytest
 from clearance_agreement import require_agreement
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from ninedtact.design import CameraGeometry, DesignImpossible, Gel, PinBoard, SensingArea, SensorDesign
@@ -288,9 +288,12 @@ def test_rules_answer_for_every_design(design: SensorDesign, far: bool) -> None:
         assert not names(hardware) - {"pins_out_of_view", "mould_too_thin_for_the_screws"}
 
 
-@given(st.floats(10, 60), st.floats(10, 45))
-def test_a_swept_area_is_given_all_the_pins_that_it_shows(width: float, height: float) -> None:
-    choice = SweepCombination(default_hardware_design(), area_mm=(width, height))
+@given(st.floats(10, 60), st.floats(10, 45), st.just(2.5))
+@example(25.4, 12.2, 2.2)
+def test_a_swept_area_is_given_all_the_pins_that_it_shows(width: float, height: float, pitch_mm: float) -> None:
+    """Also one that ends just at its last pins, as 11 gaps of 2.2 mm and a pin of 1.2 mm do."""
+    basis = default_hardware_design(SensorDesign(pin_board=PinBoard(pitch_mm=pitch_mm)))
+    choice = SweepCombination(basis, area_mm=(width, height))
     pins = choice.sensor.pin_board
     assert "pins_out_of_view" not in names(choice.hardware)
     for more in (replace(pins, cols=pins.cols + 1), replace(pins, rows=pins.rows + 1)):

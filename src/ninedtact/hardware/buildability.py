@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import combinations, product
 from math import atan2, dist, hypot, radians, sqrt, tan
 
-from ninedtact.design import DesignImpossible
+from ninedtact.design import DesignImpossible, PinBoard
 from ninedtact.hardware.assembly_dimensions import XY, distance_to_edge_mm
 from ninedtact.hardware.clearances import list_clearances
 from ninedtact.hardware.design import (
@@ -324,11 +324,16 @@ def _check_window_size(design: HardwareDesign) -> Iterator[BrokenRule]:
         )
 
 
+def count_pins_within(board: PinBoard, side_mm: float) -> int:
+    """Return how many pins of a row press whole within a side of the sensing area."""
+    return int((side_mm - board.pin_diameter_mm) / board.pitch_mm + 1e-9) + 1
+
+
 def _check_pins_in_view(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that all pins press within the sensing area, so that their imprints are seen whole."""
     board, area = design.sensor.pin_board, design.sensor.sensing_area
     for axis, count, side in (("cols", board.cols, area.width_mm), ("rows", board.rows, area.height_mm)):
-        most = int((side - board.pin_diameter_mm) / board.pitch_mm + 1e-9) + 1
+        most = count_pins_within(board, side)
         if count > most:
             yield BrokenRule(
                 "pins_out_of_view",
