@@ -1,9 +1,11 @@
 import json
+import os
 import re
 import subprocess
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
+from threading import Thread
 
 import cv2
 import pytest
@@ -84,6 +86,19 @@ def test_check_fails_for_a_circuit_board_that_breaks_rules(tmp_path: Path, capsy
     path.write_text('[hardware]\nvariant = "original"\n[hardware.base]\npocket_back_mm = 7.75\n')
     code, found = told(capsys, "check", "--design", str(path))
     assert code == 1 and found["interferences"] == [] and len(found["led_board_faults"]) == 11
+
+
+def test_check_takes_a_design_from_a_pipe(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pipe = tmp_path / "design.toml"
+    os.mkfifo(pipe)
+    writer = Thread(target=pipe.write_text, args=("[gel]\nthickness_mm = 3.0\n",))
+    writer.start()
+    code, found = told(capsys, "check", "--design", str(pipe))
+    writer.join()
+    assert code == 0 and found["specification"]["size_mm"][2] == pytest.approx(25.3)
+    assert {each["faces"]: each["clearance_mm"] for each in found["clearances"]}[
+        "window, gel below the skin"
+    ] == pytest.approx(8.7)
 
 
 def test_bom(default: BuildableDesign, capsys: pytest.CaptureFixture[str]) -> None:

@@ -113,13 +113,16 @@ class CheckHardwareCommand:
         from ninedtact.hardware.buildability import BrokenRule, find_broken_rules
         from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
 
-        if broken := find_broken_rules(self.design_options.read_hardware()):
+        # Read once: a pipe has nothing to give a second time.
+        design = self.design_options.read_hardware()
+        if broken := find_broken_rules(design):
             return self._refuse(broken)
         _require_build123d()
+        from ninedtact.hardware.buildable_design import BuildableDesign
         from ninedtact.hardware.parts.part_catalogue import PartNotModelled
 
         try:
-            sensor = self.design_options.build_sensor()
+            sensor = BuildableDesign(design)
             table = {"broken": [], **sensor.to_json_dict()}
         except LedBoardImpossible as refused:
             return self._refuse([BrokenRule("led_board", str(refused))])
