@@ -67,6 +67,13 @@ def shore_a_to_shear_modulus_mpa(shore_a: float) -> float:
     return 0.0981 * (56 + 7.62336 * shore_a) / (0.137505 * (254 - 2.54 * shore_a)) / 3
 
 
+def shear_modulus_mpa_to_shore_a(shear_modulus_mpa: float) -> float:
+    """Return the Shore A hardness of a rubber of this shear modulus in MPa, by the same relation; below 1, where the scale has no
+    meaning, for very soft rubbers."""
+    stiffness = 3 * shear_modulus_mpa * 0.137505 / 0.0981
+    return (254 * stiffness - 56) / (7.62336 + 2.54 * stiffness)
+
+
 @dataclass(frozen=True)
 class RectifiedImageSize:
     """The rectified image: its size in pixels, and the raw image for which one pixel there is one pixel here."""

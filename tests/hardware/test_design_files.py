@@ -21,9 +21,10 @@ from ninedtact.design import (
     SensorDesign,
     design_to_toml,
     read_design_file,
+    shear_modulus_mpa_to_shore_a,
     shore_a_to_shear_modulus_mpa,
 )
-from ninedtact.hardware.buildability import find_broken_rules
+from ninedtact.hardware.buildability import find_broken_rules, require_buildable_design
 from ninedtact.hardware.design import (
     DesignVariant,
     default_hardware_design,
@@ -34,6 +35,9 @@ from ninedtact.hardware.design import (
 )
 from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
 from ninedtact.hardware.led_board.board_parameters import LedBoardDesign, led_board_for_design
+from ninedtact.hardware.led_board.complete_layout import lay_out_board
+from ninedtact.hardware.led_board.fabrication_files import format_fabrication_notes
+from ninedtact.hardware.part_dimensions import FastenerDimensions, LedBoardDimensions
 from ninedtact.simulation.calibration_images import SimulatedCalibrationImages, simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.twin import brightness_model_for_design, default_twin, twin_from_design
@@ -120,6 +124,8 @@ def test_a_missing_file_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> N
 def test_hardness() -> None:
     """Gent 1958; the published gel's modulus is that of Shore A 5."""
     assert shore_a_to_shear_modulus_mpa(5) == pytest.approx(Gel().shear_modulus_mpa, rel=0.01)
+    for shore_a in (1, 5, 33.3, 95):
+        assert shear_modulus_mpa_to_shore_a(shore_a_to_shear_modulus_mpa(shore_a)) == pytest.approx(shore_a)
     with pytest.raises(DesignImpossible):
         shore_a_to_shear_modulus_mpa(100)
 
@@ -209,6 +215,23 @@ def test_the_circuit_board_takes_what_the_design_says_of_it(variant: DesignVaria
     assert (made.driver_x_mm, made.driver_inset_mm) == (3.6, 2.7)
     assert made.usb_inset_mm == pytest.approx(3.2 + 0.14)
     assert led_board_for_design(design).usb_inset_mm == pytest.approx(LedBoardDesign().usb_inset_mm)
+
+
+def test_a_circuit_board_is_as_thick_as_its_shell_has_room_for() -> None:
+    """On posts lower by 0.8 mm, a board of the usual thickness has its LEDs where the published one has."""
+    design = default_hardware_design()
+    base = replace(design.base, post_tall_mm=design.base.post_tall_mm - 0.8, boss_tall_mm=2.5)
+    low = replace(design, base=base, fasteners=FastenerDimensions(insert_mm=(3.3, 4.0)))
+    slot = replace(design.shell, slot_from_mm=0.7, slot_to_mm=4.2)
+    thick = replace(low, board=replace(design.board, thick_mm=1.6), shell=slot)
+    require_buildable_design(thick)
+    made = led_board_for_design(thick)
+    assert made.outline.thickness_mm == 1.6
+    assert "Thickness: 1.6 mm.\n" in format_fabrication_notes(lay_out_board(made))
+    thin = replace(thick, board=LedBoardDimensions())
+    for each, words in ((thin, "not made"), (design, "against the shell")):
+        notes = format_fabrication_notes(lay_out_board(led_board_for_design(each)))
+        assert re.search(rf"Thickness: 0\.8 mm\. NOT the usual 1\.6 mm, .*{words}\.\n", notes)
 
 
 @pytest.mark.parametrize("name", ["led_mm", "usb_mm", "driver_mm"])

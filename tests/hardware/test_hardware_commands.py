@@ -1,16 +1,18 @@
 import json
+import os
 import re
 import subprocess
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
+from threading import Thread
 
 import cv2
 import pytest
 
 from ninedtact.cli import main
 from ninedtact.cli.hardware import ExploreDesignsCommand, format_bill_of_materials
-from ninedtact.design import DesignImpossible, SensorDesign
+from ninedtact.design import CameraGeometry, DesignImpossible, Gel, SensorDesign, shore_a_to_shear_modulus_mpa
 from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import (
     DesignVariant,
@@ -20,7 +22,8 @@ from ninedtact.hardware.design import (
 )
 from ninedtact.hardware.design_sweep import SweepCombination, explore_designs
 from ninedtact.hardware.fabrication_guide import format_fabrication_guide
-from ninedtact.hardware.part_dimensions import WindowDimensions
+from ninedtact.hardware.materials import TRANSLUCENT_SILICONE, translucent_silicone_of_modulus
+from ninedtact.hardware.part_dimensions import FastenerDimensions, WindowDimensions
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -54,6 +57,50 @@ def test_check_names_an_impossible_circuit_board(tmp_path: Path, capsys: pytest.
     assert code == 1 and broken["rule"] == "led_board" and "circuit board" in broken["message"]
 
 
+@pytest.mark.parametrize(
+    ("text", "rule", "words"),
+    [
+        ("[hardware.board]\nlens_hole_mm = 11.0\n", "led_board", "LED board"),
+        (
+            "[sensing_area]\nwidth_mm = 130\nheight_mm = 90\n[camera]\ndistance_mm = 80\n",
+            "led_board",
+            "outline.width_mm",
+        ),
+        ("[hardware.base]\npin_mm = 0.9\npin_round_mm = 0.5\n", "part_not_modelled", "sensor_base"),
+    ],
+)
+def test_check_lists_what_cannot_be_laid_out_or_modelled(
+    text: str, rule: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a broken rule, also where the dimensions of the LED board are beyond what has pads and tracks."""
+    path = tmp_path / "design.toml"
+    path.write_text(text)
+    code, found = told(capsys, "check", "--design", str(path))
+    (broken,) = found["broken"]
+    assert code == 1 and broken["rule"] == rule and words in broken["message"]
+
+
+def test_check_fails_for_a_circuit_board_that_breaks_rules(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The original's camera fits this pocket; its circuit board stays as faulty as it was published."""
+    path = tmp_path / "original.toml"
+    path.write_text('[hardware]\nvariant = "original"\n[hardware.base]\npocket_back_mm = 7.75\n')
+    code, found = told(capsys, "check", "--design", str(path))
+    assert code == 1 and found["interferences"] == [] and len(found["led_board_faults"]) == 11
+
+
+def test_check_takes_a_design_from_a_pipe(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pipe = tmp_path / "design.toml"
+    os.mkfifo(pipe)
+    writer = Thread(target=pipe.write_text, args=("[gel]\nthickness_mm = 3.0\n",))
+    writer.start()
+    code, found = told(capsys, "check", "--design", str(pipe))
+    writer.join()
+    assert code == 0 and found["specification"]["size_mm"][2] == pytest.approx(25.3)
+    assert {each["faces"]: each["clearance_mm"] for each in found["clearances"]}[
+        "window, gel below the skin"
+    ] == pytest.approx(8.7)
+
+
 def test_bom(default: BuildableDesign, capsys: pytest.CaptureFixture[str]) -> None:
     code, found = told(capsys, "bom")
     cents = {
@@ -69,6 +116,23 @@ def test_bom(default: BuildableDesign, capsys: pytest.CaptureFixture[str]) -> No
     ]
     assert found["items"] == [{**asdict(item), "usd": item.usd} for item in default.bill]
     assert "the paper says about 15 $" in "\n".join(format_bill_of_materials(default.bill))
+
+
+def test_bill_and_guide_name_what_the_design_asks_for(default: BuildableDesign) -> None:
+    """The published camera, silicone and inserts belong to the published design alone."""
+    usual = {item.name: item.what for item in default.bill}
+    assert usual["camera"].startswith("Frank-S15-V1.0-160") and "(M2-3-5)" in usual["insert"]
+    assert usual["translucent_gel"].startswith("Posilicone DRSGJ02 (Shore A 5), 1 : 1 by weight; mix")
+    sensor = SensorDesign(Gel(shear_modulus_mpa=shore_a_to_shear_modulus_mpa(15)), camera=CameraGeometry(20.0, 120.0))
+    fasteners = FastenerDimensions(insert_mm=(3.3, 4.0))
+    other = BuildableDesign(replace(default_hardware_design(sensor), fasteners=fasteners))
+    what = {item.name: item.what for item in other.bill}
+    assert what["camera"].startswith("camera with a lens of 120°") and "(M2-3-5)" not in what["insert"]
+    assert "of about Shore A 15 " in what["translucent_gel"] and "1 : 1" not in what["translucent_gel"]
+    assert "of about Shore A 15 " in format_fabrication_guide(other)
+    explored = SweepCombination(default_hardware_design(), shore_a=5.0).hardware.sensor.gel.shear_modulus_mpa
+    assert translucent_silicone_of_modulus(explored) == TRANSLUCENT_SILICONE
+    assert "less than Shore A 1 " in translucent_silicone_of_modulus(0.003).product
 
 
 def test_explore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,17 +1,20 @@
 """Any design is either built as a valid assembly or refused by the name of the rule that it breaks."""
 
 from dataclasses import fields, replace
+from math import cos, pi, sin
 from typing import get_type_hints
 
+import numpy as np
 import pytest
 from clearance_agreement import require_agreement
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from ninedtact.design import CameraGeometry, DesignImpossible, Gel, PinBoard, SensingArea, SensorDesign
 from ninedtact.hardware.assembly_dimensions import distance_to_edge_mm
 from ninedtact.hardware.buildability import DESIGN_RULES, DesignRulesBroken, find_broken_rules, require_buildable_design
 from ninedtact.hardware.buildable_design import BuildableDesign
+from ninedtact.hardware.clearances import list_clearances
 from ninedtact.hardware.design import (
     PART_TABLES,
     HardwareDesign,
@@ -161,6 +164,58 @@ def test_a_counterbore_meets_the_side_where_the_distance_says(more_mm: float, wh
     assert found.get(round(wide, 3), 0) == whole
 
 
+@pytest.mark.parametrize("floor_mm", [2.0, 1.4])
+def test_bores_do_not_open_into_the_gel_cavity(floor_mm: float) -> None:
+    """Where the LED board needs more space than the gel, the wall goes on above the bores."""
+    wide, deepest = replace(default_hardware_design().shell, floor_mm=floor_mm), 6.3 + floor_mm - 0.8
+    for deep_mm, area, thin in ((deepest, (24, 18), False), (deepest + 0.1, (24, 18), True), (8.0, (10, 10), False)):
+        shell = replace(wide, bore_deep_mm=min(deep_mm, 8.0))
+        broken = find_broken_rules(replace(default_hardware_design(sensor(*area, cols=4, rows=3)), shell=shell))
+        assert any("the shell above its bores" in each.message for each in broken) == thin
+
+
+@pytest.mark.parametrize(
+    ("overlap_mm", "wall_mm", "corner_mm", "rim_mm", "whole"),
+    [(0.9, 2.0, 2.0, 1.0, True), (1.0, 2.0, 2.0, 1.0, False), (0.5, 2.5, 5.0, 0.0, False), (0.5, 2.5, 5.0, 1.0, True)],
+)
+def test_the_second_mould_rests_on_the_rim(
+    overlap_mm: float, wall_mm: float, corner_mm: float, rim_mm: float, whole: bool
+) -> None:
+    """At its sides, and at the shell's rounded corners. The solids have the rim that the rule computes."""
+    area = SensingArea(overlap_mm=overlap_mm)
+    design = replace(
+        default_hardware_design(SensorDesign(sensing_area=area)),
+        shell=ShellDimensions(wall_mm=wall_mm, corner_radius_mm=corner_mm),
+        base=BaseDimensions(corner_radius_mm=corner_mm),
+        gels=GelLayerDimensions(rim_radius_mm=rim_mm),
+    )
+    assert ("gel_beyond_the_shell" not in names(design)) == whole
+    (seat_mm,) = (each.clearance_mm for each in list_clearances(design) if each.rule == "gel_beyond_the_shell")
+    plan, radius = design.horizontal_dimensions, rim_mm + design.gels.black_side_mm
+    x, y = (side / 2 - radius for side in plan.black)
+    gel = [(x + radius * sin(turn), y + radius * cos(turn)) for turn in np.linspace(0, pi / 2, 1001)]
+    assert min(distance_to_edge_mm(place, plan.outer, corner_mm) for place in gel) == pytest.approx(seat_mm, abs=1e-5)
+
+
+def test_screw_heads_do_not_pass_their_holes() -> None:
+    """0.4 mm of every head bears on the base, and on the base board while the gels are cured; both holes are 2.20 wide."""
+    for head_mm, hole_mm, parts in ((3.0, 2.2, []), (3.0, 2.4, ["base of"]), (2.9, 2.2, ["base of", "base board of"])):
+        fasteners, base = FastenerDimensions(head_mm=(head_mm, 0.85)), BaseDimensions(shell_screw_mm=hole_mm)
+        broken = find_broken_rules(replace(default_hardware_design(), fasteners=fasteners, base=base))
+        assert [each.rule for each in broken] == ["screws_do_not_hold"] * len(parts)
+        assert all(f"hole of the {part}" in each.message for part, each in zip(parts, broken, strict=True))
+
+
+def test_the_calibration_board_ends_above_the_plug() -> None:
+    """The LEDs must be lit while the pins are pressed 1 mm into the skin."""
+    design = default_hardware_design()
+    plug_mm = design.heights.plate_top + design.shell.relief_tall_mm
+    for less_mm, whole in ((0.01, True), (-0.01, False)):
+        guided_mm = design.heights.rim - plug_mm - 1.0 - less_mm
+        tray = replace(design, pin_frame=CalibrationBoardDimensions(guided_mm=guided_mm))
+        assert (names(tray) == set()) == whole and (names(tray) == {"tray_does_not_pass"}) == (not whole)
+
+
 def test_the_remedy_for_a_lens_that_sees_too_little_works() -> None:
     wide = default_hardware_design(sensor(40, 30, cols=15, rows=11))
     assert names(wide) == {"lens_does_not_see_the_corner"}
@@ -233,9 +288,12 @@ def test_rules_answer_for_every_design(design: SensorDesign, far: bool) -> None:
         assert not names(hardware) - {"pins_out_of_view", "mould_too_thin_for_the_screws"}
 
 
-@given(st.floats(10, 60), st.floats(10, 45))
-def test_a_swept_area_is_given_all_the_pins_that_it_shows(width: float, height: float) -> None:
-    choice = SweepCombination(default_hardware_design(), area_mm=(width, height))
+@given(st.floats(10, 60), st.floats(10, 45), st.just(2.5))
+@example(25.4, 12.2, 2.2)
+def test_a_swept_area_is_given_all_the_pins_that_it_shows(width: float, height: float, pitch_mm: float) -> None:
+    """Also one that ends just at its last pins, as 11 gaps of 2.2 mm and a pin of 1.2 mm do."""
+    basis = default_hardware_design(SensorDesign(pin_board=PinBoard(pitch_mm=pitch_mm)))
+    choice = SweepCombination(basis, area_mm=(width, height))
     pins = choice.sensor.pin_board
     assert "pins_out_of_view" not in names(choice.hardware)
     for more in (replace(pins, cols=pins.cols + 1), replace(pins, rows=pins.rows + 1)):

@@ -101,7 +101,7 @@ class CheckHardwareCommand:
     """Check whether a design can be built: rules, interference and clearances. Prints its specification beside the
     paper's Table I.
 
-    Exits with 1 if a rule is broken or two parts overlap.
+    Exits with 1 if a rule is broken, also one of the LED board, or if two parts overlap.
     """
 
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
@@ -113,14 +113,23 @@ class CheckHardwareCommand:
         from ninedtact.hardware.buildability import BrokenRule, find_broken_rules
         from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
 
-        if broken := find_broken_rules(self.design_options.read_hardware()):
+        # Read once: a pipe has nothing to give a second time.
+        design = self.design_options.read_hardware()
+        if broken := find_broken_rules(design):
             return self._refuse(broken)
+        _require_build123d()
+        from ninedtact.hardware.buildable_design import BuildableDesign
+        from ninedtact.hardware.parts.part_catalogue import PartNotModelled
+
         try:
-            sensor = self.design_options.build_sensor()
+            sensor = BuildableDesign(design)
+            table = {"broken": [], **sensor.to_json_dict()}
         except LedBoardImpossible as refused:
             return self._refuse([BrokenRule("led_board", str(refused))])
-        print_result(self.json, {"broken": [], **sensor.to_json_dict()}, sensor.check_report_lines())
-        return 1 if sensor.interferences else 0
+        except PartNotModelled as refused:
+            return self._refuse([BrokenRule("part_not_modelled", str(refused))])
+        print_result(self.json, table, sensor.check_report_lines())
+        return 1 if table["interferences"] or table["led_board_faults"] else 0
 
     def _refuse(self, broken: "list[BrokenRule]") -> int:
         """Print the broken rules and return the exit code."""

@@ -11,8 +11,15 @@ from io import StringIO
 from math import ceil
 from typing import Literal
 
+from ninedtact.design import CameraGeometry
 from ninedtact.hardware.design import HardwareDesign
-from ninedtact.hardware.materials import MATERIAL_OF_PART, SILICONES
+from ninedtact.hardware.materials import (
+    BLACK_GEL_SILICONE,
+    MATERIAL_OF_PART,
+    TRANSPARENT_SILICONE,
+    translucent_silicone_of_modulus,
+)
+from ninedtact.hardware.part_dimensions import CameraDimensions, FastenerDimensions
 
 BillItemKind = Literal["sensor", "connection", "tool"]
 BILL_SECTIONS: dict[BillItemKind, str] = {
@@ -62,7 +69,7 @@ def build_bill_of_materials(design: HardwareDesign, volumes_mm3: Mapping[str, fl
     items = (
         *_printed_items(cm3),
         *_cut_items(design, cm3),
-        *_gel_items(volumes_mm3),
+        *_gel_items(design, volumes_mm3),
         *_bought_items(design),
         *_connection_items(),
         *_tool_items(design, cm3),
@@ -83,11 +90,12 @@ def _cut_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[Bil
     yield BillItem("sensor", "acrylic_window", 1, f"clear acrylic, {thick:g} mm, laser-cut", price)
 
 
-def _gel_items(volumes_mm3: Mapping[str, float]) -> Iterator[BillItem]:
+def _gel_items(design: HardwareDesign, volumes_mm3: Mapping[str, float]) -> Iterator[BillItem]:
     """Yield the silicones by mass, waste included."""
-    for silicone in SILICONES:
+    translucent = translucent_silicone_of_modulus(design.sensor.gel.shear_modulus_mpa)
+    for silicone in (TRANSPARENT_SILICONE, translucent, BLACK_GEL_SILICONE):
         grams = silicone.grams(volumes_mm3[silicone.part])
-        what = f"{silicone.product}, A : B = {silicone.ratio}; mix {grams:.1f} g"
+        what = f"{silicone.product}, {silicone.ratio}; mix {grams:.1f} g"
         yield BillItem("sensor", silicone.part, 1, what, grams * SILICONE_USD_PER_G)
 
 
@@ -95,12 +103,26 @@ def _bought_items(design: HardwareDesign) -> Iterator[BillItem]:
     """Yield the parts that are bought."""
     wide, deep = design.horizontal_dimensions.led_board
     diameter, long = design.fasteners.insert_mm
-    yield BillItem("sensor", "camera", 1, "Frank-S15-V1.0-160 (OV5647, 160°), with its flat cable", CAMERA_USD)
+    yield BillItem("sensor", "camera", 1, _describe_camera(design), CAMERA_USD)
     outline = f"{wide:g} x {deep:g} mm, FR4 {design.board.thick_mm:.2f} mm thick, two layers; see led_board/"
     yield BillItem("sensor", "led_board", 1, outline, BOARD_USD * max(1.0, wide * deep / PUBLISHED_BOARD_MM2))
-    yield BillItem("sensor", "insert", 8, f"M2 heat-set insert, about d{diameter:g} x {long:g} mm (M2-3-5)", 0.04)
+    trade_name = " (M2-3-5)" if (diameter, long) == FastenerDimensions.insert_mm else ""
+    yield BillItem("sensor", "insert", 8, f"M2 heat-set insert, about d{diameter:g} x {long:g} mm{trade_name}", 0.04)
     yield BillItem(
         "sensor", "screw", 4, f"M2 x {design.fasteners.screw_mm:g}, pan head d{design.fasteners.head_mm[0]:g}", 0.02
+    )
+
+
+def _describe_camera(design: HardwareDesign) -> str:
+    """Return the published camera, or what is known of another one: its lens angle, and its dimensions where these differ."""
+    published = f"Frank-S15-V1.0-160 (OV5647, {CameraGeometry.lens_angle_deg:g}°)"
+    camera, angle_deg = design.camera, design.sensor.camera.lens_angle_deg
+    if camera == CameraDimensions() and angle_deg == CameraGeometry.lens_angle_deg:
+        return f"{published}, with its flat cable"
+    wide_mm, (head_mm, tall_mm) = camera.side_mm, camera.head_mm
+    return (
+        f"camera with a lens of {angle_deg:g}° along the diagonal, {wide_mm:g} x {wide_mm:g} mm wide, {tall_mm:g} mm high, "
+        f"lens head d{head_mm:g} mm, with its flat cable, in place of {published}"
     )
 
 

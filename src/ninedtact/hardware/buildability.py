@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import combinations, product
 from math import atan2, dist, hypot, radians, sqrt, tan
 
-from ninedtact.design import DesignImpossible
+from ninedtact.design import DesignImpossible, PinBoard
 from ninedtact.hardware.assembly_dimensions import XY, distance_to_edge_mm
 from ninedtact.hardware.clearances import list_clearances
 from ninedtact.hardware.design import (
@@ -63,6 +63,10 @@ def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
     )
     yield "the screw bosses' wall (shell.boss_mm less shell.bore_mm, halved)", (shell.boss_mm - shell.bore_mm) / 2
     yield "the insert bosses' wall (base.boss_mm less base.bore_mm, halved)", (base.boss_mm - base.bore_mm) / 2
+    # Where the bores do not lie below the gel cavity, the wall continues above them.
+    if distance_to_edge_mm(max(plan.shell_screws), plan.opening, shell.opening_radius_mm) > -shell.bore_mm / 2:
+        above_bores = shell.led_cavity_mm + shell.floor_mm - shell.bore_deep_mm
+        yield "the shell above its bores (shell.led_cavity_mm and shell.floor_mm, less shell.bore_deep_mm)", above_bores
     yield "base.floor_mm", base.floor_mm
     yield "the base under its counterbores", base.plate_mm - base.counterbore_deep_mm
     yield "the ring's wall", (plan.ring_side - design.ring.bore_mm) / 2
@@ -98,10 +102,11 @@ def _check_clearances(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Yield pairs of faces that overlap; tight ones are only reported by `hardware check`."""
     for clearance in list_clearances(design):
         if clearance.is_impossible:
+            least = clearance.impossible_below_mm or 0.0
             yield BrokenRule(
                 clearance.rule,
-                f"expected clearance between {clearance.faces}, got {clearance.clearance_mm:.2f} mm; change "
-                f"{clearance.adjusted_by}",
+                f"expected clearance between {clearance.faces}{f' of at least {least:g} mm' if least > 0 else ''}, got "
+                f"{clearance.clearance_mm:.2f} mm; change {clearance.adjusted_by}",
             )
 
 
@@ -243,17 +248,6 @@ def _check_insert_bores(design: HardwareDesign) -> Iterator[BrokenRule]:
             )
 
 
-def _check_gel_seat(design: HardwareDesign) -> Iterator[BrokenRule]:
-    """Check that the translucent gel and its black coat end on the shell's rim."""
-    plan = design.horizontal_dimensions
-    if min(plan.outer[axis] - plan.black[axis] for axis in (0, 1)) < 0:
-        yield BrokenRule(
-            "gel_beyond_the_shell",
-            f"expected the black gel within the shell's {plan.outer[0]:g} x {plan.outer[1]:g} mm, got {plan.black[0]:g} x "
-            f"{plan.black[1]:g} mm; thicken shell.wall_mm, or reduce sensing_area.overlap_mm or gels.black_side_mm",
-        )
-
-
 def _check_calibration_board_fit(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that the calibration board slides over the shell's corners."""
     frame, shell = design.pin_frame, design.shell
@@ -330,11 +324,16 @@ def _check_window_size(design: HardwareDesign) -> Iterator[BrokenRule]:
         )
 
 
+def count_pins_within(board: PinBoard, side_mm: float) -> int:
+    """Return how many pins of a row press whole within a side of the sensing area."""
+    return int((side_mm - board.pin_diameter_mm) / board.pitch_mm + 1e-9) + 1
+
+
 def _check_pins_in_view(design: HardwareDesign) -> Iterator[BrokenRule]:
     """Check that all pins press within the sensing area, so that their imprints are seen whole."""
     board, area = design.sensor.pin_board, design.sensor.sensing_area
     for axis, count, side in (("cols", board.cols, area.width_mm), ("rows", board.rows, area.height_mm)):
-        most = int((side - board.pin_diameter_mm) / board.pitch_mm + 1e-9) + 1
+        most = count_pins_within(board, side)
         if count > most:
             yield BrokenRule(
                 "pins_out_of_view",
@@ -381,7 +380,6 @@ DESIGN_RULES: tuple[DesignRule, ...] = (
     _check_mould_thickness,
     _check_screw_lengths,
     _check_insert_bores,
-    _check_gel_seat,
     _check_calibration_board_fit,
     _check_clamp_positions,
     _check_clamp_holes,

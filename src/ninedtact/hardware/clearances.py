@@ -71,6 +71,17 @@ def _board_play_mm(design: HardwareDesign) -> float:
     return min(design.board.gap_mm, design.board.notch_mm - design.shell.boss_mm / 2)
 
 
+def _mould_seat_mm(design: HardwareDesign) -> float:
+    """Return the least width of the shell's rim outside the black gel, at its sides and at its rounded corners; negative where
+    the gel ends beyond the rim."""
+    plan, inner = design.horizontal_dimensions, design.gels.rim_radius_mm + design.gels.black_side_mm
+    outer = design.shell.corner_radius_mm
+    sides = [(plan.outer[axis] - plan.black[axis]) / 2 for axis in (0, 1)]
+    # How far the centre of the gel's corner lies beyond that of the shell's corner, x and y.
+    beyond = [outer - inner - side for side in sides]
+    return min(*sides, outer - inner - hypot(*beyond)) if min(beyond) > 0 else min(sides)
+
+
 def _plug_stop_distance_mm(design: HardwareDesign) -> float:
     """Return how far the receptacle's mouth lies behind the face that stops the plug's overmould."""
     return (
@@ -88,7 +99,13 @@ STIFFENER_INTERFERENCE_MM = -0.1
 """Clearance of the camera's stiffener in the original's pocket. The original was built so, and the stiffener's corner
 gives way."""
 MIN_RIM_MM = 0.4
-"""Least plastic beside a screw head's counterbore, which carries no load: one line of a nozzle of 0.4 mm."""
+"""Least plastic beside a screw head's counterbore, which carries no load, and least rim of a head that bears on plastic: one
+line of a nozzle of 0.4 mm."""
+MIN_MOULD_SEAT_MM = 0.25
+"""Least width of the shell's rim under the second mould: the tolerances of a printed shell and of a cut mould, 0.15 and 0.10 mm.
+On less the mould slips down over the shell, and the black gel is neither as thick as the mould nor held by it."""
+BOARD_PRESS_MM = 1.0
+"""How deep the calibration board is pressed at most: the pins of a guided calibration go 0.85 mm deep."""
 ROUNDING_MM = 1e-9
 
 
@@ -278,6 +295,18 @@ def _fastener_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     yield Clearance(
         "screw head below the base's face", "base.counterbore_deep_mm", base.counterbore_deep_mm - tall, 0.0
     )
+    for part, name, hole_mm in (
+        ("base", "base.shell_screw_mm", base.shell_screw_mm),
+        ("base board", "moulds.shell_screw_mm", design.moulds.shell_screw_mm),
+    ):
+        yield Clearance(
+            f"edge of the screw head, hole of the {part}",
+            f"fasteners.head_mm or {name}",
+            (head - hole_mm) / 2,
+            MIN_RIM_MM,
+            impossible_below_mm=MIN_RIM_MM,
+            rule="screws_do_not_hold",
+        )
     base_bore = base.plate_mm + base.boss_tall_mm - base.floor_mm
     yield Clearance(
         "insert, floor of the base's bore",
@@ -296,9 +325,26 @@ def _fastener_clearances(design: HardwareDesign) -> Iterator[Clearance]:
 
 
 def _outer_clearances(design: HardwareDesign) -> Iterator[Clearance]:
-    """Yield the clearances of what slides over the sensor or is plugged into it."""
+    """Yield the clearances of what lies on the sensor's rim, slides over it or is plugged into it."""
     slot_bottom = design.heights.plate_top + design.shell.slot_from_mm
+    yield Clearance(
+        "black gel and second mould, outer edge of the shell's rim",
+        "shell.wall_mm, shell.corner_radius_mm, sensing_area.overlap_mm or gels.black_side_mm",
+        _mould_seat_mm(design),
+        MIN_MOULD_SEAT_MM,
+        impossible_below_mm=MIN_MOULD_SEAT_MM,
+        rule="gel_beyond_the_shell",
+    )
     yield Clearance("calibration board, shell", "pin_frame.gap_mm", design.pin_frame.gap_mm, 0.1, (*TRAY, *SHELL))
+    plug_top = design.heights.plate_top + design.shell.relief_tall_mm
+    yield Clearance(
+        "calibration board on the skin, plug's overmould below it",
+        "pin_frame.guided_mm, camera.distance_mm or gel.thickness_mm",
+        design.heights.rim - design.pin_frame.guided_mm - plug_top,
+        BOARD_PRESS_MM,
+        impossible_below_mm=BOARD_PRESS_MM,
+        rule="tray_does_not_pass",
+    )
     yield Clearance(
         "micro-USB receptacle, slot of the shell",
         "shell.slot_from_mm",

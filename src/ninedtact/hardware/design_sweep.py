@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ninedtact.design import SensingArea, SensorDesign, shore_a_to_shear_modulus_mpa
 from ninedtact.errors import InputError, NinedtactError
+from ninedtact.hardware.buildability import count_pins_within
 from ninedtact.hardware.design import HardwareDesign, required_camera_distance_mm
 from ninedtact.hardware.performance_prediction import (
     CalibrationValidationErrors,
@@ -108,8 +109,7 @@ def _fit_pin_board(sensor: SensorDesign, area: SensingArea) -> SensorDesign:
     board = sensor.pin_board
     if area == sensor.sensing_area:
         return sensor
-    gaps = [int((side - board.pin_diameter_mm) / board.pitch_mm) for side in area.size_mm]
-    cols, rows = (max(many + 1, 3) for many in gaps)
+    cols, rows = (max(count_pins_within(board, side), 3) for side in area.size_mm)
     return replace(sensor, pin_board=replace(board, cols=cols, rows=rows))
 
 

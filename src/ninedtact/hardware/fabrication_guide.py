@@ -16,7 +16,12 @@ from ninedtact.design import SensorDesign
 from ninedtact.hardware.bill_of_materials import mould_clamp_screw_length_mm
 from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import HardwareDesign, hardware_design_of_variant
-from ninedtact.hardware.materials import BLACK_GEL_SILICONE, TRANSLUCENT_SILICONE, TRANSPARENT_SILICONE, GelSilicone
+from ninedtact.hardware.materials import (
+    BLACK_GEL_SILICONE,
+    TRANSPARENT_SILICONE,
+    GelSilicone,
+    translucent_silicone_of_modulus,
+)
 from ninedtact.hardware.part_and_assembly_images import (
     FROM_ABOVE,
     FROM_BELOW,
@@ -95,6 +100,7 @@ def _casting_steps(sensor: BuildableDesign) -> Iterator[_GuideStep]:
     """Yield the steps that cast the three layers."""
     design = sensor.design
     rim = design.heights.rim - design.heights.floor_top
+    translucent = translucent_silicone_of_modulus(design.sensor.gel.shear_modulus_mpa)
     yield _GuideStep(
         "transparent",
         "Pour the transparent gel",
@@ -116,8 +122,8 @@ def _casting_steps(sensor: BuildableDesign) -> Iterator[_GuideStep]:
     yield _GuideStep(
         "translucent",
         "Pour the translucent gel",
-        f"Mix {_mixture(sensor, TRANSLUCENT_SILICONE)}, without bubbles. Pour "
-        f"until it stands level with the mould and scrape once with a straight edge. Cure {TRANSLUCENT_SILICONE.cure}.",
+        f"Mix {_mixture(sensor, translucent)}, without bubbles. Pour "
+        f"until it stands level with the mould and scrape once with a straight edge. Cure {translucent.cure}.",
         "The layer is evenly white over a lamp, without bubbles or streaks, and does not lift when the mould is taken off.",
     )
     yield _GuideStep(
@@ -191,7 +197,7 @@ def _assembly_steps(sensor: BuildableDesign) -> Iterator[_GuideStep]:
 def _mixture(sensor: BuildableDesign, silicone: GelSilicone) -> str:
     """State the mass to mix for one layer, the product and the ratio of its components."""
     mass_g = silicone.grams(sensor.parts[silicone.part].volume_mm3)
-    return f"{mass_g:.1f} g of {silicone.product}, {silicone.ratio} by weight"
+    return f"{mass_g:.1f} g of {silicone.product}, {silicone.ratio}"
 
 
 SIZE_PX = 800, 600

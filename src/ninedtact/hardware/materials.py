@@ -3,6 +3,8 @@ ratios and curing times (docs/references.md#9dtact)."""
 
 from dataclasses import dataclass
 
+from ninedtact.design import shear_modulus_mpa_to_shore_a
+
 Colour = tuple[int, int, int]
 
 
@@ -25,7 +27,7 @@ ACRYLIC = Material("clear acrylic", 1.19, "handbook value of PMMA", (160, 205, 2
 TRANSPARENT = Material(
     "transparent silicone, Shore A 45", 1.07, "assumed: usual of addition silicones", (205, 228, 240)
 )
-TRANSLUCENT = Material("translucent silicone, Shore A 5", 1.07, "assumed: usual of addition silicones", (240, 222, 190))
+TRANSLUCENT = Material("translucent silicone", 1.07, "assumed: usual of addition silicones", (240, 222, 190))
 BLACK_SILICONE = Material("Ecoflex 00-30 with black pigment", 1.07, "maker's specific gravity", (44, 44, 48))
 BOARD = Material("FR4 with its parts", 2.0, "assumed: FR4 1.85, parts denser", (40, 120, 70))
 CAMERA = Material("camera module", 1.4, "assumed: plastic barrel, glass, board", (90, 96, 112))
@@ -63,7 +65,7 @@ class GelSilicone:
     part: str
     product: str
     ratio: str
-    """Mixing ratio of its two components, by weight."""
+    """How its two components are mixed."""
     cure: str
 
     def grams(self, volume_mm3: float) -> float:
@@ -72,10 +74,29 @@ class GelSilicone:
 
 
 TRANSPARENT_SILICONE = GelSilicone(
-    "transparent_gel", "Hongye Jie 9345 (Shore A 45)", "1 : 1", "4 h at 25 °C, then 6 h at 50 °C"
+    "transparent_gel", "Hongye Jie 9345 (Shore A 45)", "1 : 1 by weight", "4 h at 25 °C, then 6 h at 50 °C"
 )
-TRANSLUCENT_SILICONE = GelSilicone("translucent_gel", "Posilicone DRSGJ02 (Shore A 5)", "1 : 1", "6 h at 25 °C")
+TRANSLUCENT_SILICONE = GelSilicone(
+    "translucent_gel", "Posilicone DRSGJ02 (Shore A 5)", "1 : 1 by weight", "6 h at 25 °C"
+)
 BLACK_GEL_SILICONE = GelSilicone(
-    "black_gel", "Ecoflex 00-30 with black silicone pigment", "1 : 1", "as its maker says: 4 h at room temperature"
+    "black_gel",
+    "Ecoflex 00-30 with black silicone pigment",
+    "1 : 1 by weight",
+    "as its maker says: 4 h at room temperature",
 )
-SILICONES = TRANSPARENT_SILICONE, TRANSLUCENT_SILICONE, BLACK_GEL_SILICONE
+TRANSLUCENT_SHORE_A = 5
+"""Hardness of the paper's translucent silicone."""
+
+
+def translucent_silicone_of_modulus(shear_modulus_mpa: float) -> GelSilicone:
+    """Return the paper's translucent silicone if it is as hard as a gel of this shear modulus, otherwise what to look for."""
+    shore_a = shear_modulus_mpa_to_shore_a(shear_modulus_mpa)
+    if round(shore_a) == TRANSLUCENT_SHORE_A:
+        return TRANSLUCENT_SILICONE
+    hardness = f"about Shore A {shore_a:.0f}" if shore_a >= 1 else "less than Shore A 1"
+    product = (
+        f"translucent addition silicone of {hardness} (shear modulus {shear_modulus_mpa:g} MPa), in place of "
+        f"{TRANSLUCENT_SILICONE.product}"
+    )
+    return GelSilicone(TRANSLUCENT_SILICONE.part, product, "mixed as its maker says", "as its maker says")

@@ -25,8 +25,10 @@ class BoardOutline(BoundedDimensions, table="outline"):
     """Width along x: 0.25 less than the shell's cavity on each side. Below 24 the components do not fit."""
     height_mm: Annotated[float, Bounds(20.0, 100.0)] = 21.0
     """Height along y. Below 20 the LEDs lie over the lens hole."""
-    thickness_mm: Annotated[float, Bounds(0.6, 1.08)] = 0.8
-    """Thickness of the laminate: at 1.08 the LEDs touch the shell. Board houses take 1.6 unless another is specified."""
+    thickness_mm: Annotated[float, Bounds(0.4, 2.0)] = 0.8
+    """Thickness of the laminate. Board houses take 1.6 unless another is specified."""
+    thickness_limit_mm: float = 1.08
+    """Thickness at which the LEDs touch the shell; 1.08 in the published one."""
     lens_hole_mm: Annotated[float, Bounds(8.0, 10.4)] = 10.2
     """Diameter of the hole around the lens head of 10.00; above 10.4 the USB contacts have no pads left."""
     notch_radius_mm: Annotated[float, Bounds(0.5, 4.0)] = 2.8
@@ -46,6 +48,11 @@ class BoardOutline(BoundedDimensions, table="outline"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not self.thickness_mm <= self.thickness_limit_mm + 1e-9:
+            raise LedBoardImpossible(
+                f"expected outline.thickness_mm of at most {self.thickness_limit_mm:.4g}, at which the LEDs touch the shell, got "
+                f"{self.thickness_mm:g}; take a thinner board"
+            )
         if not self.notch_radius_mm > max(self.notch_inset_mm):
             raise LedBoardImpossible(
                 f"expected outline.notch_radius_mm above the notches' inset of {max(self.notch_inset_mm):g}, "

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated
 
+from ninedtact.design import DesignImpossible
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, LedBoardImpossible, PointMm
 from ninedtact.hardware.led_board.footprints import led_2835_footprint, micro_usb_footprint, soic_8_ep_footprint
@@ -194,6 +195,18 @@ def led_board_for_design(design: HardwareDesign) -> LedBoardDesign:
 
     Raises `LedBoardImpossible`.
     """
+    try:
+        return _fit_board_to_design(design)
+    except LedBoardImpossible:
+        raise
+    except DesignImpossible as refused:
+        raise LedBoardImpossible(
+            f"{refused} (outline: the LED board, which follows from sensing_area, hardware.shell, hardware.base and hardware.board)"
+        ) from refused
+
+
+def _fit_board_to_design(design: HardwareDesign) -> LedBoardDesign:
+    """Return the LED board that fits a hardware design; raises `DesignImpossible`, of which `LedBoardImpossible` is a kind."""
     width, height = design.horizontal_dimensions.led_board
     original = LedBoardDesign.original()
     as_published = (width, height) == (original.outline.width_mm, original.outline.height_mm)
@@ -218,6 +231,7 @@ def _board_outline_for_design(design: HardwareDesign, outline: BoardOutline) -> 
     return replace(
         outline,
         thickness_mm=board.thick_mm,
+        thickness_limit_mm=levels.ceiling - levels.board_bottom - board.led_mm[2],
         lens_hole_mm=board.lens_hole_mm,
         notch_radius_mm=board.notch_mm,
         notch_inset_mm=(plan.led_board[0] / 2 - screw[0], plan.led_board[1] / 2 - screw[1]),

@@ -15,7 +15,7 @@ from shapely import Polygon, union_all
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.hardware.led_board.board_outline_and_holes import PointMm, outline_segments
+from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, PointMm, outline_segments
 from ninedtact.hardware.led_board.board_parameters import LedBoardDesign, operating_point_of_board
 from ninedtact.hardware.led_board.complete_layout import (
     SIDES,
@@ -170,6 +170,19 @@ def _to_csv(head: tuple[str, ...], rows: Sequence[tuple[object, ...]]) -> str:
     return text.getvalue()
 
 
+USUAL_THICKNESS_MM = 1.6
+"""Thickness that board houses take unless another is specified."""
+
+
+def _format_thickness_warning(outline: BoardOutline) -> str:
+    """Return why the board must not have the usual thickness; nothing if it has."""
+    if outline.thickness_mm == USUAL_THICKNESS_MM:
+        return ""
+    touches = outline.thickness_limit_mm < USUAL_THICKNESS_MM
+    why = "with which the LEDs would press against the shell" if touches else "for which this sensor is not made"
+    return f" NOT the usual {USUAL_THICKNESS_MM:g} mm, {why}."
+
+
 def format_fabrication_notes(layout: BoardLayout) -> str:
     """Return instructions for the board house, and the rules that the board breaks if it is known to be faulty."""
     board, light = layout.board, operating_point_of_board(layout.board)
@@ -177,7 +190,7 @@ def format_fabrication_notes(layout: BoardLayout) -> str:
     lines = [
         f"LED board of a 9DTact sensor, {size}",
         "",
-        f"Thickness: {board.outline.thickness_mm:g} mm. NOT the usual 1.6 mm, with which the LEDs would press against the shell.",
+        f"Thickness: {board.outline.thickness_mm:g} mm.{_format_thickness_warning(board.outline)}",
         "2 layers, FR4, copper 35 um, any finish, vias covered by solder mask.",
         "The hole in the middle and the four corner notches are part of the outline: milled, no copper.",
         f"Components on both sides: LEDs above, {', '.join(p.reference for p in layout.parts if p.side == 'bottom')} below.",
