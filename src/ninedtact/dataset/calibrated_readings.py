@@ -2,6 +2,8 @@
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
@@ -86,23 +88,31 @@ class RowsWithReferences:
 def iterate_rows_with_references(
     folder: Path, every: int = 1, left_out: Collection[str] = ()
 ) -> Iterator[RowsWithReferences]:
-    """Yield every n-th pair of a data set in groups of at most `_ROWS_PER_GROUP`, without those of some sensors.
+    """Yield one of every n pairs of a data set in groups of at most `_ROWS_PER_GROUP`, without those of some sensors.
 
-    Raises `DatasetDamaged`.
+    Which one varies from one run of n pairs to the next, because sessions of simulated sensors begin with pairs without contact:
+    equal steps would select far too many of these. The same data give the same pairs. Raises `DatasetDamaged`.
     """
     number = 0
     for file in find_pair_files(folder):
         references = read_file_references(file)
         kept = []
         for row in iterate_rows(file, (*READ_COLUMNS, "wrench", "object", "kind")):
+            run, place = divmod(number, every)
             number += 1
-            if (number - 1) % every == 0 and row["sensor"] not in left_out:
+            if place == _chosen_place(run, every) and row["sensor"] not in left_out:
                 kept.append(row)
             if len(kept) == _ROWS_PER_GROUP:
                 yield _with_references(file, kept, references)
                 kept = []
         if kept:
             yield _with_references(file, kept, references)
+
+
+@lru_cache(maxsize=2)
+def _chosen_place(run: int, every: int) -> int:
+    """Return which of the pairs of a run of `every` pairs is chosen, pseudo-random by the number of the run."""
+    return int.from_bytes(blake2b(f"{every}/{run}".encode(), digest_size=8).digest()) % every
 
 
 def _with_references(file: Path, rows: list[dict[str, Any]], references: Mapping[str, Any]) -> RowsWithReferences:

@@ -53,7 +53,7 @@ class DatasetEvaluationSettings:
     modulus: Literal["true", "design", "calibrated"] = "true"
     """Shear modulus assumed for simulated gels: the true one, the design's, or by force calibration with five simulated loads."""
     every: int = 1
-    """Evaluate every n-th pair."""
+    """Evaluate one of every n pairs."""
     contact_detection: bool = True
     """Whether a network's estimate is zero where no contact is detected."""
 
