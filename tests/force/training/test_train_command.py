@@ -78,7 +78,7 @@ def data_set(
 
 def row_of(number: int, objects: int, size: tuple[int, int]) -> DatasetRow:
     load, sensor = 0.5 + number / 4, "ab"[number // 2 % 2]
-    wrench = np.array([0.1 * load, -0.05 * load, -load, 0.001 * number, 0.002, 0.0001 * load], np.float32)
+    wrench = np.array([0.1 * load, -0.05 * load, -load, 0.001 * number, 0.002 * load, 0.0001 * load], np.float32)
     return DatasetRow(
         *(f"{number:03d}", png(image_of(load, number, size)), f"{sensor}/0", wrench, f"thing_{number % objects}"),
         *(f"c{number}", 0, None, sensor, "rule", "made by hand", MM_PER_PX),

@@ -269,6 +269,12 @@ def test_what_cannot_be_learnt_from_is_refused(
     assert not (tmp_path / "out").exists()
 
 
+def test_wrenches_of_a_sensor_without_torques_are_refused(tmp_path: Path) -> None:
+    forces = of_heights().wrench * np.float32([1, 1, 1, 0, 0, 0])
+    with pytest.raises(ExamplesUnusable, match="got the same Tx, Ty, Tz in all 128 training pairs"):
+        train_network(replace(of_heights(), wrench=forces), ROWS, toy_settings(), tmp_path / "out", machine=CPU)
+
+
 def test_labels_that_are_no_numbers_are_refused() -> None:
     wrench = of_heights().wrench.copy()
     wrench[[7, 9], 2] = np.nan
