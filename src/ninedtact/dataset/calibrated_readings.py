@@ -23,6 +23,7 @@ from ninedtact.dataset.parquet_files import (
 from ninedtact.dataset.schema import NO_OBJECT
 from ninedtact.design import Gel, SensingArea
 from ninedtact.errors import CalibrationError
+from ninedtact.force.known_load_scale import ForceScale
 from ninedtact.quantities import Frame, Rectified
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -47,7 +48,9 @@ class DatasetSensorCalibration:
     shape: CalibratedShape
     gel: Gel
     digest: str
-    """A digest that differs between any two calibrations."""
+    """A digest that differs between any two calibrations of shape and gel."""
+    force_scales: tuple[tuple[str, ForceScale], ...] = ()
+    """Names of estimators and the force scales of the sensor folder for them."""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,8 @@ from ninedtact.errors import NinedtactError
 from ninedtact.force.brightness_channels import to_whole_grey_levels
 from ninedtact.force.dataset_split import SplitKeys, SplitSettings, split_dataset, write_split
 from ninedtact.force.estimator_loading import build_estimator
+from ninedtact.force.evaluation.predictions import read_predictions
+from ninedtact.force.known_load_scale import ForceScale, write_force_scale
 from ninedtact.force.network_input import (
     InputChannels,
     NetworkInputBuilder,
@@ -193,6 +195,26 @@ def test_an_image_that_no_press_can_cause_is_reported_and_its_predictions_can_be
     assert main(["evaluate", *read, "--trust-units", "--json"]) == 0
     kept = json.loads(capsys.readouterr().out)
     assert {**kept, "files": {}} == {**json.loads(printed.out), "files": {}}
+
+
+def test_a_real_sensor_is_evaluated_with_its_force_calibration(
+    folder: Path, physics_sensors: Path, tmp_path: Path
+) -> None:
+    adapted = shutil.copytree(physics_sensors, tmp_path / "sensors")
+    sensor = load_sensor(adapted / "a")
+    physics = build_estimator("physics", sensor.shape, sensor.gel)
+    for name in "ab":
+        write_force_scale(adapted / name, physics, ForceScale(factor=1.5, error=0.02, presses=4))
+    given = ["--data", str(folder), "--every", "3", "--workers", "1", "--json"]
+    for place in (physics_sensors, adapted):
+        assert main(["evaluate", *given, "--sensors", str(place), "--out", str(tmp_path / place.parent.name)]) == 0
+    plain, scaled = (
+        read_predictions(tmp_path / place.parent.name / "predictions.csv") for place in (physics_sensors, adapted)
+    )
+    assert plain.predicted[:, 2].min() < -0.05 and plain.std is not None and scaled.std is not None
+    np.testing.assert_allclose(scaled.predicted, 1.5 * plain.predicted)
+    pressed = plain.predicted[:, 2] < -0.05
+    assert (scaled.std[pressed, 2] < 1.5 * plain.std[pressed, 2]).all(), "25 % of each force is unknown without it"
 
 
 def test_a_split_of_the_whole_data_set_also_holds_where_pairs_are_left_out(
