@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 
@@ -37,11 +38,12 @@ from ninedtact.force.network_input import (
     tractions_over_shear_modulus,
 )
 from ninedtact.force.onnx_model import read_force_model
+from ninedtact.force.training.settings import DEFAULT_TRAINING
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.simulation.sensor_population import sample_sensor
 from ninedtact.workflows.dataset_calibrations import DatasetSensors, calibrate_simulated_sensors, load_dataset_sensors
-from ninedtact.workflows.dataset_training import read_training_examples
+from ninedtact.workflows.dataset_training import match_input_width_to_dataset, read_training_examples
 
 MM_PER_PX = 0.0522
 GRID = NetworkInputSettings(InputChannels.HEIGHTS_AND_GEL, 16, 24, 1.0)
@@ -241,6 +243,17 @@ def test_a_split_of_the_whole_data_set_also_holds_where_pairs_are_left_out(
     other = replace(split, train=(*split.train, "another"))
     write_split(tmp_path / "split.json", other)
     assert "expected the 25 pairs of the split" in told(capsys, [*options, *size])
+
+
+def test_the_input_is_as_wide_as_the_design_of_a_real_sensor(
+    folder: Path, calibrated_a: Calibration, tmp_path: Path
+) -> None:
+    design = calibrated_a.record.design
+    wide = replace(design, sensing_area=replace(design.sensing_area, width_mm=27.0))
+    record = msgspec.structs.replace(calibrated_a.record, design=wide)
+    save_sensor(tmp_path / "a", replace(calibrated_a, record=record))
+    assert match_input_width_to_dataset(DEFAULT_TRAINING, folder, tmp_path).input.mm_per_px == pytest.approx(0.3375)
+    assert match_input_width_to_dataset(DEFAULT_TRAINING, folder) == DEFAULT_TRAINING
 
 
 @pytest.mark.parametrize("channels", [InputChannels.HEIGHTS_AND_SENSOR, InputChannels.DEFORMATION])
