@@ -141,11 +141,17 @@ class RowReadingComputer:
     _readers: dict[tuple[str, str], DepthReader] = field(default_factory=dict, init=False)
 
     def read(self, row: Mapping[str, Any]) -> Reading:
-        """Return the reading of a row; its raw frame is empty. Raises `SensorCalibrationMissing`, `DatasetDamaged`."""
+        """Return the reading of a row; its raw frame is empty. The scale of an image, where unknown, is that of the calibration.
+
+        Raises `SensorCalibrationMissing`, `DatasetDamaged`.
+        """
         sensor, reference_id = row["sensor"] or "", row["reference_id"]
-        image = self._decode_rectified(row["image"], row["mm_per_px"])
+        mm_per_px = row["mm_per_px"] or (
+            self.sensors[sensor].shape.rectify.mm_per_px if sensor in self.sensors else None
+        )
+        image = self._decode_rectified(row["image"], mm_per_px)
         if (sensor, reference_id) not in self._readers:
-            reference = self._decode_rectified(self.references[reference_id], row["mm_per_px"])
+            reference = self._decode_rectified(self.references[reference_id], mm_per_px)
             self._readers[sensor, reference_id] = self._bind_depth_reader(sensor, reference)
         reader = self._readers[sensor, reference_id]
         if image.grey.shape != reader.reference.grey.shape:

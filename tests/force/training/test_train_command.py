@@ -18,7 +18,7 @@ from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.cli import main
-from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing
+from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing, iterate_rows_with_references
 from ninedtact.dataset.height_cache import load_height_pairs
 from ninedtact.dataset.parquet_files import write_pair_file, write_reference_images_file
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
@@ -122,6 +122,16 @@ def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_se
     kept = stack_height_channels(pairs.z_mm[row].astype(np.float32), SensorFeatures(2.2).row, GRID.channels)
     np.testing.assert_allclose(kept, live, atol=1e-3)
     assert pairs.wrenches[row, 2] == np.float32(-1.75) and pairs.objects[row] == "thing_2" and pairs.sensors[row] == "a"
+
+
+def test_an_image_of_unknown_scale_has_that_of_its_calibration(
+    folder: Path, sensors: Path, twin_sensor: SensorFolder
+) -> None:
+    calibrated = load_dataset_sensors(folder, sensors, 1, progress=False).by_name
+    (group, *_) = iterate_rows_with_references(folder)
+    unknown = replace(group, rows=[{**group.rows[0], "mm_per_px": None}])
+    (pair,) = unknown.readings(calibrated)
+    assert pair.reading.height.mm_per_px == twin_sensor.rectification.mm_per_px != 24 / 460
 
 
 def test_a_sensor_folder_that_a_killed_process_left_is_none(folder: Path, sensors: Path, tmp_path: Path) -> None:
