@@ -30,8 +30,8 @@ always predicting the median."""
 _SIMULATED_ONLY = """\
 - **Not yet tested against a real force/torque sensor.** All pairs are simulated: rendered images and computed wrenches."""
 _HELD_OUT_ONLY = """\
-- **Evaluated on its held-out pairs alone**, by which the epoch was chosen and the stated errors were calibrated.
-  `ninedtact evaluate --data` evaluates it on other data."""
+- **Evaluated on its held-out pairs alone**, by which the epoch was chosen. `ninedtact evaluate --data`
+  evaluates it on other data."""
 LIMITS = """\
 {evaluated}
 - The gel's stiffness is not visible in an image. The wrench is for a gel with a shear modulus of {modulus:.3f} MPa and is scaled to
