@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from time import monotonic, sleep
 
@@ -20,6 +21,7 @@ from ninedtact.cli.simulate import SimulateDatasetCommand
 from ninedtact.dataset.folder import DatasetFolderTaken
 from ninedtact.dataset.generation.generate import (
     GenerationResult,
+    _session_objects,
     _session_quotas,
     generate_dataset,
     make_simulated_sensor,
@@ -103,6 +105,16 @@ def test_every_session_makes_its_number_of_pairs_and_all_together_the_shares(
     totals = {kind: sum(one[kind] for one in quotas) for kind in quotas[0]}
     assert totals["no_contact"] == pytest.approx(203 * shares[0], abs=0.5)
     assert totals["light_touch"] == pytest.approx(203 * shares[1], abs=1.6)
+
+
+@pytest.mark.parametrize("sensors", [20, 25, 50])
+def test_every_sensor_is_pressed_by_more_and_more_objects(sensors: int) -> None:
+    settings, presses = GenerationSettings(400 * sensors, sensors=sensors, objects=175), 7
+    assert settings.sessions == 8 * sensors
+    for sensor in (0, sensors - 1):
+        own = range(sensor, settings.sessions, sensors)
+        pressed = {name for session in own for name in islice(_session_objects(settings, session), presses)}
+        assert len(pressed) == len(own) * presses
 
 
 def test_sessions_of_one_pair_have_ids_of_their_own(tmp_path: Path) -> None:

@@ -16,9 +16,16 @@ from little_sources import LittleTree
 
 import ninedtact.dataset
 from ninedtact.atomic_write import FileNotWritten
+from ninedtact.dataset.calibrated_readings import iterate_rows_with_references
 from ninedtact.dataset.image_cache import ImageSizeImpossible
-from ninedtact.dataset.parquet_files import DatasetDamaged, DatasetFormatUnknown
+from ninedtact.dataset.parquet_files import (
+    DatasetDamaged,
+    DatasetFormatUnknown,
+    write_pair_file,
+    write_reference_images_file,
+)
 from ninedtact.dataset.reader import load_dataset
+from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.dataset.sources.source import SourceConventions
 from ninedtact.simulation.rectified_renderer import rectified_mm_per_px
 
@@ -62,6 +69,22 @@ def test_rows_are_those_of_the_files(folder: Path) -> None:
         assert np.array_equal(image, decoded(rows[at]["image"]))
         assert np.array_equal(reference, untouched[rows[at]["reference_id"]])
     assert np.array_equal(batch.wrenches, pairs.wrenches[[17, 3, 3]])
+
+
+def test_one_of_every_ten_pairs_keeps_the_shares_of_their_kinds(tmp_path: Path) -> None:
+    png = cv2.imencode(".png", np.full((16, 16), 140, np.uint8))[1].tobytes()
+    write_reference_images_file(tmp_path / "references.parquet", [ReferenceImage("a/0", png, "a")])
+    kinds = ["no_contact" if number % 50 == 0 else "rule" for number in range(1000)]
+    rows = [
+        DatasetRow(*(f"{number}", png, "a/0", np.zeros(6, np.float32), "ball", f"c{number}", 0, None, "a", kind, None))
+        for number, kind in enumerate(kinds)
+    ]
+    (tmp_path / "data").mkdir()
+    write_pair_file(tmp_path / "data" / "train-00000-of-00001.parquet", rows)
+    chosen = [[row for group in iterate_rows_with_references(tmp_path, 10) for row in group.rows] for _ in range(2)]
+    assert chosen[0] == chosen[1] and len(chosen[0]) == 100
+    assert sum(row["kind"] == "no_contact" for row in chosen[0]) < 7, "2 % of all, though each session begins with one"
+    assert sum(len(group.rows) for group in iterate_rows_with_references(tmp_path)) == 1000
 
 
 def test_images_are_means_over_areas_at_the_size_asked_for(folder: Path) -> None:

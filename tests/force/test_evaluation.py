@@ -141,6 +141,20 @@ def test_parts_make_up_the_whole_and_an_untouched_skin_is_apart() -> None:
     assert found.no_contact.mean_force_n == pytest.approx(0.5 / 30)
 
 
+def test_pairs_without_contact_are_known_by_their_object_where_a_sensor_measured_noise() -> None:
+    truth = wrenches(300)
+    truth[:30] = 0
+    predicted, names = 1.1 * truth, [*["none"] * 30, *["ball"] * 270]
+    exact = evaluate_predictions(WrenchPredictions(truth, predicted, 0.1 * np.abs(truth) + 1e-3, objects=names))
+    noisy = truth.copy()
+    noisy[:30] = 0.01 * np.random.default_rng(1).normal(size=(30, 6))
+    found = evaluate_predictions(WrenchPredictions(noisy, predicted, 0.1 * np.abs(truth) + 1e-3, objects=names))
+    assert found.no_contact == exact.no_contact and found.no_contact is not None and found.no_contact.pairs == 30
+    assert [(part.name, part.pairs) for part in found.by_load] == [(part.name, part.pairs) for part in exact.by_load]
+    for one, other in zip(found.coverage, exact.coverage, strict=True):
+        np.testing.assert_array_equal(one.covered, other.covered)
+
+
 def test_torques_move_as_a_wrench_does_and_mixed_errors_are_claimed_no_longer() -> None:
     truth, predicted = wrenches(20), wrenches(20, seed=1)
     given_about = WrenchPredictions(truth, predicted, np.ones((20, 6)), about_mm=(0.0, 0.0, -35.0))

@@ -9,6 +9,7 @@ from linear_model import SMALL, a_card, linear_model, written
 from onnx import helper
 
 from ninedtact.force import onnx_model
+from ninedtact.force.model_card_markdown import format_model_card
 from ninedtact.force.network_input import NetworkInputSettings
 from ninedtact.force.onnx_model import (
     CHECKSUM_METADATA_KEY,
@@ -71,6 +72,13 @@ def test_what_is_another_thing_is_refused() -> None:
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ForceModelUnusable, match="No such file"):
         read_force_model(tmp_path / "none.onnx")
+
+
+def test_the_card_says_that_pairs_are_simulated_only_where_they_are() -> None:
+    shipped = read_force_model(SHIPPED_MODEL).card
+    assert "All pairs are simulated" in format_model_card(shipped)
+    own = format_model_card(msgspec.structs.replace(shipped, evaluation={"validation": shipped.evaluation["all"]}))
+    assert "simulated" not in own and "Evaluated on its held-out pairs alone" in own
 
 
 def test_a_network_with_weights_that_are_no_numbers_is_refused() -> None:

@@ -68,7 +68,7 @@ class BuildDatasetCommand:
     cluster: str | None = None
     """Run on the workers of a cluster in place of processes here: dask:HOST:PORT or ray:HOST:PORT (docs: clusters)."""
     sensor: Path | None = None
-    """Sensor folder for recordings that contain none."""
+    """Sensor folder for recordings, in place of the one that they contain."""
     sensor_name: str | None = None
     """Name of the sensor that took the images of the original project or of the episodes."""
     reference: Path | None = None

@@ -42,7 +42,7 @@ class Evaluate:
     without_contact_detection: bool = False
     """Use a network's estimate also where no contact is detected; otherwise it is zero there."""
     every: int = 1
-    """Evaluate every n-th pair."""
+    """Evaluate one of every n pairs; which one varies."""
     workers: int = 2
     """Processes that calibrate simulated sensors and estimate."""
     cluster: str | None = None

@@ -153,7 +153,8 @@ class Train:
             for name in ("network", "epochs", "batch", "learning_rate")
             if getattr(self, name) is not None
         }
-        return match_input_width_to_dataset(replace(preset, input=grid, seed=self.seed, **options), self.data)
+        settings = replace(preset, input=grid, seed=self.seed, **options)
+        return match_input_width_to_dataset(settings, self.data, self.sensors)
 
 
 def _require_training_packages() -> None:

@@ -2,6 +2,8 @@
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,7 @@ from ninedtact.dataset.parquet_files import (
 from ninedtact.dataset.schema import NO_OBJECT
 from ninedtact.design import Gel, SensingArea
 from ninedtact.errors import CalibrationError
+from ninedtact.force.known_load_scale import ForceScale
 from ninedtact.quantities import Frame, Rectified
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -45,7 +48,9 @@ class DatasetSensorCalibration:
     shape: CalibratedShape
     gel: Gel
     digest: str
-    """A digest that differs between any two calibrations."""
+    """A digest that differs between any two calibrations of shape and gel."""
+    force_scales: tuple[tuple[str, ForceScale], ...] = ()
+    """Names of estimators and the force scales of the sensor folder for them."""
 
 
 @dataclass(frozen=True)
@@ -86,23 +91,31 @@ class RowsWithReferences:
 def iterate_rows_with_references(
     folder: Path, every: int = 1, left_out: Collection[str] = ()
 ) -> Iterator[RowsWithReferences]:
-    """Yield every n-th pair of a data set in groups of at most `_ROWS_PER_GROUP`, without those of some sensors.
+    """Yield one of every n pairs of a data set in groups of at most `_ROWS_PER_GROUP`, without those of some sensors.
 
-    Raises `DatasetDamaged`.
+    Which one varies from one run of n pairs to the next, because sessions of simulated sensors begin with pairs without contact:
+    equal steps would select far too many of these. The same data give the same pairs. Raises `DatasetDamaged`.
     """
     number = 0
     for file in find_pair_files(folder):
         references = read_file_references(file)
         kept = []
         for row in iterate_rows(file, (*READ_COLUMNS, "wrench", "object", "kind")):
+            run, place = divmod(number, every)
             number += 1
-            if (number - 1) % every == 0 and row["sensor"] not in left_out:
+            if place == _chosen_place(run, every) and row["sensor"] not in left_out:
                 kept.append(row)
             if len(kept) == _ROWS_PER_GROUP:
                 yield _with_references(file, kept, references)
                 kept = []
         if kept:
             yield _with_references(file, kept, references)
+
+
+@lru_cache(maxsize=2)
+def _chosen_place(run: int, every: int) -> int:
+    """Return which of the pairs of a run of `every` pairs is chosen, pseudo-random by the number of the run."""
+    return int.from_bytes(blake2b(f"{every}/{run}".encode(), digest_size=8).digest()) % every
 
 
 def _with_references(file: Path, rows: list[dict[str, Any]], references: Mapping[str, Any]) -> RowsWithReferences:
@@ -128,11 +141,17 @@ class RowReadingComputer:
     _readers: dict[tuple[str, str], DepthReader] = field(default_factory=dict, init=False)
 
     def read(self, row: Mapping[str, Any]) -> Reading:
-        """Return the reading of a row; its raw frame is empty. Raises `SensorCalibrationMissing`, `DatasetDamaged`."""
+        """Return the reading of a row; its raw frame is empty. The scale of an image, where unknown, is that of the calibration.
+
+        Raises `SensorCalibrationMissing`, `DatasetDamaged`.
+        """
         sensor, reference_id = row["sensor"] or "", row["reference_id"]
-        image = self._decode_rectified(row["image"], row["mm_per_px"])
+        mm_per_px = row["mm_per_px"] or (
+            self.sensors[sensor].shape.rectify.mm_per_px if sensor in self.sensors else None
+        )
+        image = self._decode_rectified(row["image"], mm_per_px)
         if (sensor, reference_id) not in self._readers:
-            reference = self._decode_rectified(self.references[reference_id], row["mm_per_px"])
+            reference = self._decode_rectified(self.references[reference_id], mm_per_px)
             self._readers[sensor, reference_id] = self._bind_depth_reader(sensor, reference)
         reader = self._readers[sensor, reference_id]
         if image.grey.shape != reader.reference.grey.shape:

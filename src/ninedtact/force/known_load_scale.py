@@ -10,7 +10,7 @@ The fitted scale is kept in `force.toml` in the sensor folder, in one table for 
 """
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -279,14 +279,19 @@ def apply_sensor_force_scale(estimator: ForceEstimator, sensor: Path) -> ScaledF
     """
     found = read_force_scale_tables(sensor)
     notices = [_EDITED_NOTICE] if found.is_edited else []
-    scale = found.scales.get(estimator.name, UNCALIBRATED)
-    if scale is not UNCALIBRATED and scale.model_sha256 != estimator.model_sha256:
-        scale = UNCALIBRATED
+    scale = select_force_scale(estimator, found.scales)
+    if scale is UNCALIBRATED and estimator.name in found.scales:
         notices.append(
             f"the force scale in {sensor / FORCE_SCALE_FILE} belongs to another model named {estimator.name!r} and is not used; "
             "run 'ninedtact adapt' with this model"
         )
     return ScaledForceEstimator(estimator, scale, tuple(notices))
+
+
+def select_force_scale(estimator: ForceEstimator, scales: Mapping[str, ForceScale]) -> ForceScale:
+    """Return the scale that was fitted to this estimator and its model, `UNCALIBRATED` where there is none."""
+    scale = scales.get(estimator.name)
+    return UNCALIBRATED if scale is None or scale.model_sha256 != estimator.model_sha256 else scale
 
 
 def write_force_scale(sensor: Path, estimator: ForceEstimator, adaptation: ForceScale) -> Path:

@@ -27,8 +27,13 @@ _VALIDATED_ON = """\
 Validated on simulated sensors and families of objects that had no part in the training. Every sensor was calibrated from its own
 board and ball images, and its force with five known loads of 100 to 500 g (`ninedtact adapt`). Skill is 1 − MAE / MAE of
 always predicting the median."""
+_SIMULATED_ONLY = """\
+- **Not yet tested against a real force/torque sensor.** All pairs are simulated: rendered images and computed wrenches."""
+_HELD_OUT_ONLY = """\
+- **Evaluated on its held-out pairs alone**, by which the epoch was chosen. `ninedtact evaluate --data`
+  evaluates it on other data."""
 LIMITS = """\
-- **Not yet tested against a real force/torque sensor.** All pairs are simulated: rendered images and computed wrenches.
+{evaluated}
 - The gel's stiffness is not visible in an image. The wrench is for a gel with a shear modulus of {modulus:.3f} MPa and is scaled to
   that of the sensor's own gel. Without a force calibration (`ninedtact adapt`) the design's modulus is assumed, and its
   relative error is that of the wrench.
@@ -114,4 +119,5 @@ def _markdown_row(words: str, six: Any, written: str) -> str:
 def format_model_limits(card: ModelCard) -> str:
     """Return the section on the model's limits."""
     low, high = (", ".join(f"{value:.3g}" for value in six) for six in (card.wrench_min, card.wrench_max))
-    return LIMITS.format(modulus=card.modulus_mpa, low=f"({low})", high=f"({high})")
+    evaluated = _SIMULATED_ONLY if set(card.evaluation) - {VALIDATION} else _HELD_OUT_ONLY
+    return LIMITS.format(evaluated=evaluated, modulus=card.modulus_mpa, low=f"({low})", high=f"({high})")

@@ -49,6 +49,7 @@ class TrainingProvenance(Struct, frozen=True, forbid_unknown_fields=True):
     pairs: _Count
     validation_pairs: _Count
     objects: _Count
+    """Number of different objects; the absence of an object is not counted."""
     sensors: _Count
     epochs: _Count
     best_epoch: _Count

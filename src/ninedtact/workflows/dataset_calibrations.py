@@ -23,6 +23,7 @@ from ninedtact.dataset.folder import (
     sensor_parameters_damage,
 )
 from ninedtact.errors import NinedtactError
+from ninedtact.force.known_load_scale import read_force_scale_tables
 from ninedtact.parallel_jobs import Workers, run_writing_jobs
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, simulate_calibration_images
 from ninedtact.simulation.sensor_population import SampledSensor, sampled_sensor_from_json
@@ -58,7 +59,7 @@ def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progr
 
     given: a folder with a sensor folder for each sensor, by name; where None, the calibrations that the recordings of the data set
     carried are read, or its simulated sensors are calibrated. workers: number of processes that calibrate, or a cluster. Raises
-    `SensorCalibrationMissing`, `SensorFolderDamaged`.
+    `SensorCalibrationMissing`, `SensorFolderDamaged`, `ForceScaleFileDamaged`.
     """
     require_sensor_calibrations(data, given)
     refused: dict[str, str] = {}
@@ -116,7 +117,8 @@ def calibrate_simulated_sensor(folder: Path, name: str, member: SampledSensor) -
 
 
 def _load_calibrated_sensor(folder: Path) -> DatasetSensorCalibration:
-    """Read a sensor folder; raises `SensorFolderDamaged`."""
+    """Read a sensor folder; raises `SensorFolderDamaged`, `ForceScaleFileDamaged`."""
     sensor = load_sensor(folder)
     digest = sha256((folder / SENSOR_FILE).read_bytes()).hexdigest()
-    return DatasetSensorCalibration(sensor.shape, sensor.gel, digest)
+    force_scales = tuple(read_force_scale_tables(folder).scales.items())
+    return DatasetSensorCalibration(sensor.shape, sensor.gel, digest, force_scales)

@@ -23,6 +23,7 @@ from ninedtact.dataset.reader import read_pair_columns
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file_of_spec, without_contact_detection
 from ninedtact.force.evaluation import ErrorDistribution, WrenchPredictions, evaluate_predictions
+from ninedtact.force.known_load_scale import ScaledForceEstimator, select_force_scale
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact.parallel_jobs import Cluster, Workers, run_jobs
 from ninedtact.simulation.sensor_population import SampledSensor
@@ -53,7 +54,7 @@ class DatasetEvaluationSettings:
     modulus: Literal["true", "design", "calibrated"] = "true"
     """Shear modulus assumed for simulated gels: the true one, the design's, or by force calibration with five simulated loads."""
     every: int = 1
-    """Evaluate every n-th pair."""
+    """Evaluate one of every n pairs."""
     contact_detection: bool = True
     """Whether a network's estimate is zero where no contact is detected."""
 
@@ -141,6 +142,7 @@ def _estimate_pairs(
             pair.sensor,
             sensors[pair.sensor].digest,
             sensors[pair.sensor].gel,
+            sensors[pair.sensor].force_scales,
             settings,
             model and sha256(model).digest(),
         )
@@ -176,7 +178,10 @@ def _build_estimator(
     member: SampledSensor | None,
     model: bytes | None,
 ) -> ForceEstimator:
-    """Build the estimator for one sensor, with this content of its model's file where it was sent along."""
+    """Build the estimator for one sensor, with this content of its model's file where it was sent along.
+
+    A real sensor has the force scale of its folder, as in live use; that of a simulated one follows from `settings.modulus`.
+    """
     path = model_file_of_spec(settings.force)
     if model is None or path is None:
         estimator = build_estimator(settings.force, sensor.shape, sensor.gel)
@@ -187,7 +192,9 @@ def _build_estimator(
             estimator = build_estimator(str(copy), sensor.shape, sensor.gel)
     if not settings.contact_detection:
         estimator = without_contact_detection(estimator)
-    if member is None or settings.modulus != "calibrated":
+    if member is None:
+        return ScaledForceEstimator(estimator, select_force_scale(estimator, dict(sensor.force_scales)))
+    if settings.modulus != "calibrated":
         return estimator
     return calibrate_on_simulated_loads(estimator, member, sensor.shape)
 

@@ -170,12 +170,19 @@ def _gel_moduli_mpa(data: Path, sensors: Path | None) -> dict[str, float]:
     return {**simulated, **{folder.name: load_sensor(folder).gel.shear_modulus_mpa for folder in real}}
 
 
-def match_input_width_to_dataset(settings: TrainingSettings, data: Path) -> TrainingSettings:
-    """Return the settings with the input's grid as wide as the designed sensing area of the data set's simulated sensors.
+def match_input_width_to_dataset(
+    settings: TrainingSettings, data: Path, sensors: Path | None = None
+) -> TrainingSettings:
+    """Return the settings with the input's grid as wide as the designed sensing area of the data set's sensors.
 
-    Settings for a data set of real sensors stay as they are.
+    sensors: a folder with a sensor folder for each real sensor, by name; where None, those that the data set carries. Settings for
+    a data set without simulated sensors and sensor folders stay as they are. Raises `SensorFolderDamaged`.
     """
-    widths = [member.design.sensing_area.width_mm for member in load_simulated_sensors(data).values()]
+    simulated = load_simulated_sensors(data)
+    folders = find_sensor_folders(DatasetFolder(data).sensor_folders if sensors is None else sensors)
+    designs = [member.design for member in simulated.values()]
+    designs += [load_sensor(folder).record.design for folder in folders if folder.name not in simulated]
+    widths = [design.sensing_area.width_mm for design in designs]
     if not widths:
         return settings
     return replace(settings, input=scale_input_settings_to_width(settings.input, max(widths)))

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 
@@ -17,7 +18,7 @@ from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.cli import main
-from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing
+from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing, iterate_rows_with_references
 from ninedtact.dataset.height_cache import load_height_pairs
 from ninedtact.dataset.parquet_files import write_pair_file, write_reference_images_file
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
@@ -26,6 +27,8 @@ from ninedtact.errors import NinedtactError
 from ninedtact.force.brightness_channels import to_whole_grey_levels
 from ninedtact.force.dataset_split import SplitKeys, SplitSettings, split_dataset, write_split
 from ninedtact.force.estimator_loading import build_estimator
+from ninedtact.force.evaluation.predictions import read_predictions
+from ninedtact.force.known_load_scale import ForceScale, write_force_scale
 from ninedtact.force.network_input import (
     InputChannels,
     NetworkInputBuilder,
@@ -35,11 +38,12 @@ from ninedtact.force.network_input import (
     tractions_over_shear_modulus,
 )
 from ninedtact.force.onnx_model import read_force_model
+from ninedtact.force.training.settings import DEFAULT_TRAINING
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.simulation.sensor_population import sample_sensor
 from ninedtact.workflows.dataset_calibrations import DatasetSensors, calibrate_simulated_sensors, load_dataset_sensors
-from ninedtact.workflows.dataset_training import read_training_examples
+from ninedtact.workflows.dataset_training import match_input_width_to_dataset, read_training_examples
 
 MM_PER_PX = 0.0522
 GRID = NetworkInputSettings(InputChannels.HEIGHTS_AND_GEL, 16, 24, 1.0)
@@ -78,7 +82,7 @@ def data_set(
 
 def row_of(number: int, objects: int, size: tuple[int, int]) -> DatasetRow:
     load, sensor = 0.5 + number / 4, "ab"[number // 2 % 2]
-    wrench = np.array([0.1 * load, -0.05 * load, -load, 0.001 * number, 0.002, 0.0001 * load], np.float32)
+    wrench = np.array([0.1 * load, -0.05 * load, -load, 0.001 * number, 0.002 * load, 0.0001 * load], np.float32)
     return DatasetRow(
         *(f"{number:03d}", png(image_of(load, number, size)), f"{sensor}/0", wrench, f"thing_{number % objects}"),
         *(f"c{number}", 0, None, sensor, "rule", "made by hand", MM_PER_PX),
@@ -118,6 +122,16 @@ def test_heights_are_those_of_the_live_path(folder: Path, sensors: Path, twin_se
     kept = stack_height_channels(pairs.z_mm[row].astype(np.float32), SensorFeatures(2.2).row, GRID.channels)
     np.testing.assert_allclose(kept, live, atol=1e-3)
     assert pairs.wrenches[row, 2] == np.float32(-1.75) and pairs.objects[row] == "thing_2" and pairs.sensors[row] == "a"
+
+
+def test_an_image_of_unknown_scale_has_that_of_its_calibration(
+    folder: Path, sensors: Path, twin_sensor: SensorFolder
+) -> None:
+    calibrated = load_dataset_sensors(folder, sensors, 1, progress=False).by_name
+    (group, *_) = iterate_rows_with_references(folder)
+    unknown = replace(group, rows=[{**group.rows[0], "mm_per_px": None}])
+    (pair,) = unknown.readings(calibrated)
+    assert pair.reading.height.mm_per_px == twin_sensor.rectification.mm_per_px != 24 / 460
 
 
 def test_a_sensor_folder_that_a_killed_process_left_is_none(folder: Path, sensors: Path, tmp_path: Path) -> None:
@@ -195,6 +209,26 @@ def test_an_image_that_no_press_can_cause_is_reported_and_its_predictions_can_be
     assert {**kept, "files": {}} == {**json.loads(printed.out), "files": {}}
 
 
+def test_a_real_sensor_is_evaluated_with_its_force_calibration(
+    folder: Path, physics_sensors: Path, tmp_path: Path
+) -> None:
+    adapted = shutil.copytree(physics_sensors, tmp_path / "sensors")
+    sensor = load_sensor(adapted / "a")
+    physics = build_estimator("physics", sensor.shape, sensor.gel)
+    for name in "ab":
+        write_force_scale(adapted / name, physics, ForceScale(factor=1.5, error=0.02, presses=4))
+    given = ["--data", str(folder), "--every", "3", "--workers", "1", "--json"]
+    for place in (physics_sensors, adapted):
+        assert main(["evaluate", *given, "--sensors", str(place), "--out", str(tmp_path / place.parent.name)]) == 0
+    plain, scaled = (
+        read_predictions(tmp_path / place.parent.name / "predictions.csv") for place in (physics_sensors, adapted)
+    )
+    assert plain.predicted[:, 2].min() < -0.05 and plain.std is not None and scaled.std is not None
+    np.testing.assert_allclose(scaled.predicted, 1.5 * plain.predicted)
+    pressed = plain.predicted[:, 2] < -0.05
+    assert (scaled.std[pressed, 2] < 1.5 * plain.std[pressed, 2]).all(), "25 % of each force is unknown without it"
+
+
 def test_a_split_of_the_whole_data_set_also_holds_where_pairs_are_left_out(
     folder: Path, physics_sensors: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -219,6 +253,17 @@ def test_a_split_of_the_whole_data_set_also_holds_where_pairs_are_left_out(
     other = replace(split, train=(*split.train, "another"))
     write_split(tmp_path / "split.json", other)
     assert "expected the 25 pairs of the split" in told(capsys, [*options, *size])
+
+
+def test_the_input_is_as_wide_as_the_design_of_a_real_sensor(
+    folder: Path, calibrated_a: Calibration, tmp_path: Path
+) -> None:
+    design = calibrated_a.record.design
+    wide = replace(design, sensing_area=replace(design.sensing_area, width_mm=27.0))
+    record = msgspec.structs.replace(calibrated_a.record, design=wide)
+    save_sensor(tmp_path / "a", replace(calibrated_a, record=record))
+    assert match_input_width_to_dataset(DEFAULT_TRAINING, folder, tmp_path).input.mm_per_px == pytest.approx(0.3375)
+    assert match_input_width_to_dataset(DEFAULT_TRAINING, folder) == DEFAULT_TRAINING
 
 
 @pytest.mark.parametrize("channels", [InputChannels.HEIGHTS_AND_SENSOR, InputChannels.DEFORMATION])

@@ -155,6 +155,14 @@ def test_gone_on_with_after_a_stop_it_learns_the_same(
         assert torch.equal(part, again.state_dict()[name]), name
 
 
+def test_a_training_of_ten_steps_ends(tmp_path: Path) -> None:
+    rows, settings = SplitRows(np.arange(32), np.arange(32, 40)), replace(toy_settings(), epochs=10)
+    objects = ["none" if number % 8 == 0 else f"object_{number % 5}" for number in range(PAIRS)]
+    done = train_network(replace(of_heights(), objects=objects), rows, settings, tmp_path / "out", machine=CPU)
+    assert done is not None and done.model.card.training.epochs == 10
+    assert done.model.card.training.objects == 5, "the absence of an object is none"
+
+
 def test_the_best_epoch_stays_the_best_where_the_folder_is_moved_between_two_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -261,6 +269,12 @@ def test_what_cannot_be_learnt_from_is_refused(
     with pytest.raises(ExamplesUnusable, match=says):
         train_network(examples, rows, toy_settings(), tmp_path / "out", machine=CPU)
     assert not (tmp_path / "out").exists()
+
+
+def test_wrenches_of_a_sensor_without_torques_are_refused(tmp_path: Path) -> None:
+    forces = of_heights().wrench * np.float32([1, 1, 1, 0, 0, 0])
+    with pytest.raises(ExamplesUnusable, match="got the same Tx, Ty, Tz in all 128 training pairs"):
+        train_network(replace(of_heights(), wrench=forces), ROWS, toy_settings(), tmp_path / "out", machine=CPU)
 
 
 def test_labels_that_are_no_numbers_are_refused() -> None:

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from hashlib import sha256
 from importlib.metadata import version
+from math import gcd
 from pathlib import Path
 from warnings import warn
 
@@ -188,7 +189,9 @@ def _session_objects(settings: GenerationSettings, session: int) -> Iterator[str
     """Yield names of objects for one session without end; over all sessions all objects come equally often."""
     names = settings.selected_objects
     order = np.random.default_rng([settings.seed, 2]).permutation(len(names))
-    at = session * _OBJECT_SHIFT
+    # After this many turns a sensor would begin with the same object again, and is shifted once more.
+    turns = len(names) // gcd(len(names), _OBJECT_SHIFT * settings.sensors)
+    at = (session + session // (turns * settings.sensors)) * _OBJECT_SHIFT
     while True:
         yield names[order[at % len(names)]]
         at += 1

@@ -21,7 +21,29 @@ def find_sources(arguments: Sequence[str], conventions: SourceConventions = Sour
     if not arguments:
         raise SourceUnknown(f"expected at least one source, got none; name {_KINDS}")
     named = list(_give_different_names(arguments))
-    return [_open_source(name, path, conventions, several=len(named) > 1) for name, path in named]
+    sources = [_open_source(name, path, conventions, several=len(named) > 1) for name, path in named]
+    _require_effect(conventions, sources)
+    return sources
+
+
+def _require_effect(conventions: SourceConventions, sources: Sequence[Source]) -> None:
+    """Refuse statements that no source needs, because its files say the same; raises `SourceUnknown`."""
+    kinds = {type(source) for source in sources}
+    of_labels = kinds & {OriginalDatasetSource, TactileTransformerSource}
+    needed = {
+        "--sensor": RecordingsSource in kinds,
+        "--reference": OriginalDatasetSource in kinds,
+        "--sensor-name": of_labels,
+        "--origin-mm": of_labels,
+        "--axes": of_labels,
+        "--mm-per-px": of_labels,
+    }
+    useless = [option for option in conventions.stated_options() if not needed[option]]
+    if useless:
+        raise SourceUnknown(
+            f"expected options that have an effect on these sources, got {' and '.join(useless)}; drop what does not apply: "
+            "recordings and data sets say axes, torque point and scale themselves"
+        )
 
 
 def _open_source(name: str, path: Path, conventions: SourceConventions, several: bool) -> Source:

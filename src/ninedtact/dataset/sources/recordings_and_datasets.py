@@ -36,7 +36,13 @@ from ninedtact.dataset.parquet_files import (
     stored_image_bytes,
 )
 from ninedtact.dataset.schema import NO_OBJECT, DatasetRow, ReferenceImage, RejectedItem, SourceItem
-from ninedtact.dataset.sources.source import Source, SourcePart, find_files_with_suffix, relative_path_without_suffix
+from ninedtact.dataset.sources.source import (
+    Source,
+    SourcePart,
+    SourceUnknown,
+    find_files_with_suffix,
+    relative_path_without_suffix,
+)
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame
 from ninedtact.recording.collected_pairs import RecordedPair, TareReferenceImages
@@ -77,11 +83,21 @@ class _RecordingPart(SourcePart):
             steps[pair.contact] += 1
 
     def _load_rectification(self) -> Rectification:
-        """Return the rectification of the given or attached sensor folder; raises `RecordingUnreadable`, `SensorFolderDamaged`."""
-        from ninedtact.recording.reader import extract_sensor_folder
+        """Return the rectification of the given or attached sensor folder.
+
+        Raises `RecordingUnreadable`, `SensorFolderDamaged`, and `SourceUnknown` where the given folder is that of another sensor.
+        """
+        from ninedtact.recording.reader import Recording, extract_sensor_folder
 
         if self.sensor_folder is not None:
-            return load_sensor(self.sensor_folder).rectification
+            given = load_sensor(self.sensor_folder)
+            with Recording(self.file) as recording:
+                if recording.sensor_files() and recording.sensor != given.id:
+                    raise SourceUnknown(
+                        f"expected the sensor folder of {recording.sensor!r}, which took these images, got that of {given.id!r}; "
+                        "build the recordings of one sensor at a time, or without --sensor"
+                    )
+            return given.rectification
         with TemporaryDirectory() as folder:
             return load_sensor(extract_sensor_folder(self.file, Path(folder) / "sensor")).rectification
 

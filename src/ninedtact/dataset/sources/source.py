@@ -65,6 +65,18 @@ class SourceConventions:
         with np.errstate(invalid="ignore"):  # values that are not finite stay so, and the checks list them
             return Wrench(force_n, torque_nm, about_mm).about(np.zeros(3)).six.astype(np.float32)
 
+    def stated_options(self) -> Iterator[str]:
+        """Yield the options of `ninedtact dataset build` that differ from their defaults."""
+        options = {
+            "--sensor": self.sensor_folder,
+            "--sensor-name": self.sensor,
+            "--reference": self.reference,
+            "--origin-mm": self.origin_mm,
+            "--axes": None if self.axes == _AS_MEASURED else self.axes,
+            "--mm-per-px": self.mm_per_px,
+        }
+        return (option for option, value in options.items() if value is not None)
+
     def statement_lines(self) -> Iterator[str]:
         """Yield what was stated as phrases for the card."""
         if self.origin_mm is not None:

@@ -110,7 +110,7 @@ class GroupScores:
 
 @dataclass(frozen=True)
 class NoContactScores:
-    """Forces predicted for pairs whose true wrench is zero on all axes; any force found there is false."""
+    """Forces predicted for pairs without contact (`WrenchPredictions.in_contact`); any force found there is false."""
 
     pairs: int
     mean_force_n: float
@@ -217,7 +217,7 @@ def _ratio(above: Six, below: Six) -> Six:
 
 def _scores_by_load(predictions: WrenchPredictions) -> Iterator[GroupScores]:
     """Yield the scores of the bins of true |F_z| that hold pairs; pairs without contact belong to none."""
-    load_n, in_contact = np.abs(predictions.truth[:, 2]), predictions.truth.any(axis=1)
+    load_n, in_contact = np.abs(predictions.truth[:, 2]), predictions.in_contact
     for low, high in pairwise(_LOADS_N):
         inside = (load_n >= low) & (load_n < high) & in_contact
         if inside.any():
@@ -248,7 +248,7 @@ def _group_scores(name: str, error: Array) -> GroupScores:
 
 def _no_contact_scores(predictions: WrenchPredictions) -> NoContactScores | None:
     """Return the forces predicted for pairs without contact; None where there are no such pairs."""
-    no_contact = ~predictions.truth.any(axis=1)
+    no_contact = ~predictions.in_contact
     if not no_contact.any():
         return None
     force_n = np.linalg.norm(predictions.predicted[no_contact, FORCES], axis=1)
@@ -269,8 +269,8 @@ def interval_coverage(predictions: WrenchPredictions, share: float) -> Six:
     pairs without a claimed standard deviation.
     """
     assert predictions.std is not None
-    is_force = np.concatenate([predictions.truth, predictions.predicted], axis=1).any(axis=1, keepdims=True)
-    counts = is_force & ~np.isnan(predictions.std)
+    is_force = predictions.in_contact | predictions.predicted.any(axis=1)
+    counts = is_force[:, None] & ~np.isnan(predictions.std)
     half_width = predictions.distribution.half_width(share) * predictions.std
     inside = counts & (np.abs(predictions.error) <= half_width)
     return _ratio(inside.sum(0).astype(float), counts.sum(0).astype(float))

@@ -19,12 +19,13 @@ from statistics import NormalDist
 from typing import NoReturn
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.checked_reading import read_text_file
 from ninedtact.errors import FileFormatError
+from ninedtact.force.dataset_split import NO_OBJECT
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 UNITS = ("N", "N", "N", "N·m", "N·m", "N·m")
@@ -89,6 +90,15 @@ class WrenchPredictions:
                 raise PredictionsUnusable(
                     f"expected {name} of {rows} pairs, got {len(column)}; give one for every pair"
                 )
+
+    @property
+    def in_contact(self) -> Bool[Array, " n"]:
+        """Mask of the pairs in which something touches: those whose wrench is not zero on all axes and whose object is not `none`.
+
+        A force/torque sensor measures noise where nothing touches, so that zeros alone do not show this.
+        """
+        touched = np.asarray(self.truth.any(axis=1))
+        return touched if self.objects is None else touched & (np.asarray(self.objects, dtype=str) != NO_OBJECT)
 
     @property
     def error(self) -> Wrenches:

@@ -16,7 +16,7 @@ from jaxtyping import Float64, Int
 from numpy import ndarray as Array
 
 from ninedtact.design import Gel
-from ninedtact.force.dataset_split import SplitRows
+from ninedtact.force.dataset_split import NO_OBJECT, SplitRows
 from ninedtact.force.evaluation import ErrorDistribution, WrenchEvaluation, WrenchPredictions, evaluate_predictions
 from ninedtact.force.network_force import STD_PER_LAPLACE_SCALE, move_prediction_to_skin_centre
 from ninedtact.force.networks import WrenchNetwork
@@ -152,7 +152,7 @@ class TrainedNetwork:
         return TrainingProvenance(
             pairs=len(self.rows.train),
             validation_pairs=len(self.rows.test),
-            objects=len(set(np.asarray(self.examples.objects)[kept].tolist())),
+            objects=len(set(np.asarray(self.examples.objects)[kept].tolist()) - {NO_OBJECT}),
             sensors=len(set(np.asarray(self.examples.sensors)[kept].tolist())),
             epochs=self.settings.epochs,
             best_epoch=int(history.best_epoch["epoch"]),

@@ -14,6 +14,7 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 from ninedtact.design import Gel
 from ninedtact.errors import ForceEstimationError
 from ninedtact.force.dataset_split import SplitRows
+from ninedtact.force.evaluation.predictions import AXES
 from ninedtact.force.network_input import (
     TYPICAL_FEATURES,
     InputChannels,
@@ -22,7 +23,6 @@ from ninedtact.force.network_input import (
     stack_image_channels,
 )
 
-_AXES = 6
 _FEWEST_PAIRS = 2
 
 
@@ -56,7 +56,7 @@ class TrainingExamples:
         columns = {name: column for name, column in vars(self).items() if name not in ("images", "references")}
         if any(column is not None and len(column) != n for column in columns.values()) or self.wrench.shape != (
             n,
-            _AXES,
+            len(AXES),
         ):
             raise ExamplesUnusable(
                 f"expected a wrench of six, object, sensor and the rest for each of {n} images, got columns of other "
@@ -87,11 +87,18 @@ class TrainingExamples:
 
 
 def require_trainable_examples(examples: TrainingExamples, rows: SplitRows, settings: NetworkInputSettings) -> None:
-    """Raise `ExamplesUnusable` for too few pairs, or for examples that do not fit the network's input."""
+    """Raise `ExamplesUnusable` for too few pairs, for wrenches that were not measured on all axes, or for examples that do not fit
+    the network's input."""
     if min(len(rows.train), len(rows.test)) < _FEWEST_PAIRS:
         raise ExamplesUnusable(
             f"expected at least {_FEWEST_PAIRS} pairs for training and for validation, got {len(rows.train)} and "
             f"{len(rows.test)}; hold out more or less, or record more"
+        )
+    unmeasured = [name for name, values in zip(AXES, examples.wrench[rows.train].T, strict=True) if not np.ptp(values)]
+    if unmeasured:
+        raise ExamplesUnusable(
+            f"expected wrenches that vary on all six axes, got the same {', '.join(unmeasured)} in all {len(rows.train)} training "
+            "pairs, as of a sensor that does not measure it; give wrenches that were measured on all axes"
         )
     size = examples.images.shape[1:]
     if size != (settings.rows, settings.cols):

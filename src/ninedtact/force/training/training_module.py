@@ -36,6 +36,8 @@ from ninedtact.force.training.settings import TrainingSettings
 MONITORED_METRIC = "val_loss"
 """Metric by which the best epoch is chosen: the mean absolute error on held-out pairs, in units of the labels."""
 _SMALLEST_UNIT = 1e-9
+_WARM_UP_SHARE = 0.1
+"""Part of all training steps in which the learning rate of one cycle rises."""
 
 
 def fit_label_scaling(wrench: Float32[Array, "n 6"], settings: TrainingSettings) -> LabelScale:
@@ -133,7 +135,9 @@ class ForceTrainingModule(lightning.LightningModule):
         if settings.schedule == "constant":
             return optimiser
         steps = int(self.trainer.estimated_stepping_batches)
-        rate = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.learning_rate, steps, pct_start=0.1)
+        # OneCycleLR divides by zero where the rise takes exactly one step.
+        warm_up_share = _WARM_UP_SHARE if _WARM_UP_SHARE * steps != 1 else 1.1 * _WARM_UP_SHARE
+        rate = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.learning_rate, steps, pct_start=warm_up_share)
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": rate, "interval": "step"}}
 
 
