@@ -26,11 +26,11 @@ from ninedtact.dataset.generation.generate import generate_dataset
 from ninedtact.dataset.generation.settings import GenerationSettings
 from ninedtact.force.dataset_split import Kind, SplitKeys, SplitRows, SplitSettings, split_dataset
 from ninedtact.force.evaluation import WrenchPredictions, evaluate_predictions
-from ninedtact.force.evaluation.predictions import AXES
 from ninedtact.force.network_input import InputChannels, NetworkInputSettings, scale_input_settings_to_width
 from ninedtact.force.training.examples import TrainingExamples
 from ninedtact.force.training.settings import CORRECTOR_TRAINING, DEFAULT_TRAINING, PAPER_TRAINING, ComputeSettings
 from ninedtact.force.training.train import train_network
+from ninedtact.quantities import WRENCH_AXES
 from ninedtact.workflows.dataset_training import read_training_examples
 
 SPLITS: tuple[Kind, ...] = ("standard", "object", "sensor")
@@ -190,7 +190,7 @@ def milliseconds(call: object) -> float:
 def show(split: str, methods: list[Method]) -> None:
     """Print the table of one split."""
     print(
-        f"\nheld out: {split}; skill of {' '.join(AXES)} | MAE, Std of |error| (N, N·mm) | slope of Fz | weights | ms"
+        f"\nheld out: {split}; skill of {' '.join(WRENCH_AXES)} | MAE, Std of |error| (N, N·mm) | slope of Fz | weights | ms"
     )
     for one in methods:
         scores = evaluate_predictions(one.predictions).scores
@@ -212,7 +212,7 @@ def draw(tables: dict[str, list[Method]], path: Path) -> None:
         for at, one in enumerate(methods):
             skill = evaluate_predictions(one.predictions).scores.skill
             panel.bar(np.arange(6) + 0.13 * (at - 2.5), np.maximum(skill, 0), 0.12, label=one.name)
-        panel.set_xticks(range(6), AXES)
+        panel.set_xticks(range(6), WRENCH_AXES)
         panel.set(title=f"held out: {split}", ylabel="skill", ylim=(0, 1))
     panel.legend(ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.12))
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -14,6 +14,16 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, UInt8
 from numpy import ndarray as Array
 
+WRENCH_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+"""Names of the six components of a wrench."""
+WRENCH_UNITS = ("N", "N", "N", "N·m", "N·m", "N·m")
+DISPLAY_UNITS = ("N", "N", "N", "N·mm", "N·mm", "N·mm")
+"""Units of the components where a person reads them."""
+DISPLAY_FACTORS = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])
+"""Factors from `WRENCH_UNITS` to `DISPLAY_UNITS`."""
+NO_OBJECT = "none"
+"""Name of the object in pairs of image and wrench in which nothing touches the skin."""
+
 
 class HeightSource(IntEnum):
     """Whether the height at one pixel is measured, extrapolated or out of view."""

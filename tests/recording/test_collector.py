@@ -23,8 +23,8 @@ from ninedtact.capture.wrench_source import WrenchSaturated
 from ninedtact.cli.collect import CollectTerminalDisplay, collect_progress_line, handle_collect_keys, histogram_lines
 from ninedtact.cli.option_parser import CollectOptions
 from ninedtact.design import ForceTorqueMount
-from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.collected_pairs import NO_OBJECT, RecordedPair, read_recorded_pairs
+from ninedtact.quantities import NO_OBJECT, Frame, Wrench
+from ninedtact.recording.collected_pairs import RecordedPair, read_recorded_pairs
 from ninedtact.recording.collecting.collection_sources import collection_setup_from_recordings, setup_with_twin
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings, CollectSettingsInvalid

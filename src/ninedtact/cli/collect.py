@@ -138,17 +138,17 @@ def collect_progress_line(collector: "Collector") -> str:
 
 def histogram_lines(collector: "Collector") -> list[str]:
     """Return one line for each axis: its range, a bar for each bin, and the present value."""
-    from ninedtact.recording.collecting.pair_selection import AXES, AXIS_SCALES, AXIS_UNITS
+    from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES
 
-    low, high = collector.counts.limits * AXIS_SCALES
-    now = collector.newest.wrench.six * AXIS_SCALES if collector.newest is not None else low * 0
+    low, high = collector.counts.limits * DISPLAY_FACTORS
+    now = collector.newest.wrench.six * DISPLAY_FACTORS if collector.newest is not None else low * 0
     lines = []
     for axis in range(6):
         digits = 2 if axis < 3 else 1
         limits = [f"{limit[axis]:+6.{digits}f}" for limit in (low, high)]
         bars = _bars(collector.counts.counts[axis])
         lines.append(
-            f"  {AXES[axis]} {limits[0]} {bars} {limits[1]} {AXIS_UNITS[axis]:4} now {now[axis]:+8.{digits + 1}f}"
+            f"  {WRENCH_AXES[axis]} {limits[0]} {bars} {limits[1]} {DISPLAY_UNITS[axis]:4} now {now[axis]:+8.{digits + 1}f}"
         )
     return lines
 
@@ -357,7 +357,7 @@ def _add_arrival(arrival: "MergedArrival", collector: "Collector", setup: "Colle
 
 
 def _to_json_dict(out: Path, collector: "Collector") -> dict[str, Any]:
-    from ninedtact.recording.collecting.pair_selection import AXES
+    from ninedtact.quantities import WRENCH_AXES
 
     counts = collector.counts
     return {
@@ -367,7 +367,7 @@ def _to_json_dict(out: Path, collector: "Collector") -> dict[str, Any]:
         "kinds": dict(+counts.kinds),
         "objects": dict(+counts.objects),
         "refused": {fault.name.lower(): number for fault, number in collector.rejected.items()},
-        "counts": {axis: row.tolist() for axis, row in zip(AXES, counts.counts, strict=True)},
+        "counts": {axis: row.tolist() for axis, row in zip(WRENCH_AXES, counts.counts, strict=True)},
         "missing": counts.missing_ranges(),
     }
 

@@ -273,15 +273,14 @@ Model = (
 
 def _format_made_model(made: "ForceModelResult") -> Iterator[str]:
     """Yield the card and the demonstration for a terminal."""
-    from ninedtact.force.evaluation.predictions import AXES
     from ninedtact.force.model_card_markdown import format_model_card
+    from ninedtact.quantities import DISPLAY_FACTORS, WRENCH_AXES
 
     yield format_model_card(made.card)
     yield "Live on a simulated sensor, N and N·mm, true and estimated:"
-    yield "        " + "".join(f"  {axis:>7} {'est.':>7}" for axis in AXES)
+    yield "        " + "".join(f"  {axis:>7} {'est.':>7}" for axis in WRENCH_AXES)
     for sample in made.demonstration:
-        scale = (1, 1, 1, 1e3, 1e3, 1e3)
-        pairs = zip(sample.true, sample.estimated, scale, strict=True)
+        pairs = zip(sample.true, sample.estimated, DISPLAY_FACTORS, strict=True)
         cells = (f"  {true * factor:+7.2f} {estimated * factor:+7.2f}" for true, estimated, factor in pairs)
         yield f"{sample.seconds:5.1f} s " + "".join(cells)
     yield f"model: {made.model}; card: {made.card_file}"

@@ -20,11 +20,10 @@ from ninedtact.dataset.parquet_files import (
     iterate_rows,
     read_references_by_id,
 )
-from ninedtact.dataset.schema import NO_OBJECT
 from ninedtact.design import Gel, SensingArea
 from ninedtact.errors import CalibrationError
 from ninedtact.force.known_load_scale import ForceScale
-from ninedtact.quantities import Frame, Rectified
+from ninedtact.quantities import NO_OBJECT, Frame, Rectified
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import DepthReader

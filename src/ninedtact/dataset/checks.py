@@ -25,9 +25,9 @@ from ninedtact.dataset.parquet_files import (
     decode_stored_wrench,
     iterate_rows,
 )
-from ninedtact.dataset.schema import WRENCH_AXES
 from ninedtact.errors import InputError
 from ninedtact.parallel_jobs import run_jobs
+from ninedtact.quantities import WRENCH_AXES, WRENCH_UNITS
 from ninedtact.shape.image_check import find_exposure_warning
 
 _GreyImage = UInt8[Array, "rows cols"]
@@ -147,7 +147,7 @@ def _find_wrench_faults(wrench: Array, settings: PairCheckSettings) -> Iterator[
     beyond = np.abs(wrench) > np.array(settings.max_wrench)
     if beyond.any():
         axis = int(np.argmax(beyond))
-        unit = "N" if axis < 3 else "N·m"
+        unit = WRENCH_UNITS[axis]
         limit = f"beyond {settings.max_wrench[axis]:g} {unit}"
         yield PairFault.OUT_OF_RANGE, f"{WRENCH_AXES[axis]} of {wrench[axis]:.4g} {unit}, {limit}"
     if wrench[2] > settings.pulling_above_n:

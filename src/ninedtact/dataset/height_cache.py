@@ -32,11 +32,11 @@ from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact.dataset.image_cache import digest_files_with_cache, make_cache_folder
 from ninedtact.dataset.parquet_files import iterate_rows, wrench_array
 from ninedtact.dataset.reader import read_name_column, read_pair_columns
-from ninedtact.dataset.schema import NO_OBJECT
 from ninedtact.design import Gel
 from ninedtact.force.network_input import tractions_over_shear_modulus
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force
 from ninedtact.parallel_jobs import run_jobs
+from ninedtact.quantities import NO_OBJECT
 from ninedtact.reading import Reading
 from ninedtact.shape.orthorectification import SkinGrid, orthorectified_heights
 

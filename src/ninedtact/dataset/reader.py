@@ -13,8 +13,9 @@ from numpy import ndarray as Array
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact.dataset.image_cache import DecodedImages, load_decoded_images
 from ninedtact.dataset.parquet_files import DatasetDamaged, read_columns, wrench_array
-from ninedtact.dataset.schema import NO_OBJECT, PAIR_COLUMNS
+from ninedtact.dataset.schema import PAIR_COLUMNS
 from ninedtact.force.dataset_split import SplitKeys
+from ninedtact.quantities import NO_OBJECT
 
 _UNKNOWN_TIME = -1
 _Index = Int[Array, " b"]

@@ -14,13 +14,11 @@ from jaxtyping import Float32
 from numpy import ndarray as Array
 
 from ninedtact.dataset.fault_report import PairFault
+from ninedtact.quantities import NO_OBJECT
 
 DATASET_FORMAT = 2
 """Stored in the metadata of every Parquet file and in settings.json."""
 FORMAT_KEY = b"ninedtact.format"
-WRENCH_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
-NO_OBJECT = "none"
-"""Value of the column `object` where nothing touches the skin."""
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,10 @@ from ninedtact.dataset.fault_report import QualityReport
 from ninedtact.dataset.folder import REPORT_FILE
 from ninedtact.dataset.generation.settings import GenerationSettings
 from ninedtact.dataset.parquet_files import read_columns, wrench_array
-from ninedtact.dataset.schema import NO_OBJECT, PAIR_COLUMNS, WRENCH_AXES, escape_invalid_utf8
+from ninedtact.dataset.schema import PAIR_COLUMNS, escape_invalid_utf8
 from ninedtact.dataset.sources.source import Source
 from ninedtact.errors import InputError
+from ninedtact.quantities import NO_OBJECT, WRENCH_AXES
 from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM
 
 _RANKS = (5, 50, 95)

@@ -29,12 +29,11 @@ from numpy import ndarray as Array
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.checked_reading import read_regular_file
 from ninedtact.errors import FileFormatError, InputError
+from ninedtact.quantities import NO_OBJECT
 
 Kind = Literal["standard", "object", "sensor", "sensor_and_object"]
 What = Literal["pairs", "objects", "sensors"]
 Amount = int | float
-NO_OBJECT = "none"
-"""Name of the object of pairs without contact."""
 
 
 class SplitImpossible(InputError):

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from ninedtact.force.evaluation.evaluation import PUBLISHED_SCORES
-from ninedtact.force.evaluation.predictions import AXES
 from ninedtact.force.onnx_model import ModelCard
+from ninedtact.quantities import DISPLAY_FACTORS, WRENCH_AXES
 
 VALIDATION = "validation"
 """Name of the table of the held-out pairs by which training chose the epoch."""
@@ -78,12 +78,10 @@ def _evaluations_to_show(card: ModelCard) -> Iterator[tuple[str, Mapping[str, An
 def format_evaluation_section(name: str, table: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines of the section on one evaluation, with the published network's skill on its own sensor for comparison."""
     yield from ("", f"## {name[:1].upper()}{name[1:]}: {table.get('pairs', '?')} pairs", "")
-    yield from (f"| | {' | '.join(AXES)} |", "|---|" + "---|" * len(AXES))
+    yield from (f"| | {' | '.join(WRENCH_AXES)} |", "|---|" + "---|" * len(WRENCH_AXES))
     for words, (place, written) in ROWS.items():
         if (six := _six_numbers_at(table, place)) is not None:
-            yield _markdown_row(
-                words, six * (np.array([1, 1, 1, 1e3, 1e3, 1e3]) if place in WITH_UNITS else 1), written
-            )
+            yield _markdown_row(words, six * (DISPLAY_FACTORS if place in WITH_UNITS else 1), written)
         if place == "skill_35_mm_below" and six is not None:
             yield _markdown_row("published network, its own sensor", np.array(PUBLISHED_SCORES.skill), "{:.3f}")
     yield from (line for line in format_light_contact_errors(table))

@@ -15,8 +15,6 @@ from ninedtact.recording.errors import RecordingUnreadable
 PairKind = Literal["rule", "light_touch", "no_contact"]
 """Why a pair was saved: the sampling rule kept it; its load is below the start of the rule; nothing touches the skin."""
 PAIR_KINDS: tuple[PairKind, ...] = get_args(PairKind)
-NO_OBJECT = "none"
-"""The object of a pair without contact."""
 
 
 @dataclass(frozen=True)

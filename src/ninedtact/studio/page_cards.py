@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 from viser import GuiApi, GuiUplotHandle, uplot
 from viser._messages import GuiSliderMark
 
+from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.studio.page_controller import SensorStatusMessage
@@ -208,12 +209,8 @@ def explained_wrench_table_html(moments: Sequence[WrenchSourceSnapshot], is_past
 
 def _component_row_html(number: int, moments: Sequence[WrenchSourceSnapshot]) -> str:
     """Return one component of every wrench as a row of a table, with one standard deviation where it is known."""
-    axis, letter, unit, scale = (
-        "xyz"[number % 3],
-        "FT"[number // 3],
-        ("N", "N·mm")[number // 3],
-        (1.0, 1e3)[number // 3],
-    )
+    letter, axis = WRENCH_AXES[number][0], WRENCH_AXES[number][1]
+    unit, scale = DISPLAY_UNITS[number], DISPLAY_FACTORS[number]
     cells = "".join(
         f'<td style="text-align:right;white-space:nowrap">{_format_component(moment.sample, number, scale)}</td>'
         for moment in moments

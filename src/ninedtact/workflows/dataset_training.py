@@ -16,7 +16,6 @@ from ninedtact.dataset.height_cache import load_height_pairs
 from ninedtact.dataset.reader import load_dataset, read_pair_columns
 from ninedtact.design import Gel
 from ninedtact.force.dataset_split import (
-    NO_OBJECT,
     SplitImpossible,
     SplitKeys,
     SplitRows,
@@ -28,6 +27,7 @@ from ninedtact.force.network_input import NetworkInputSettings, scale_input_sett
 from ninedtact.force.training.examples import TrainingExamples
 from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
 from ninedtact.force.training.train import TrainingResult, train_network
+from ninedtact.quantities import NO_OBJECT
 from ninedtact.workflows.dataset_calibrations import load_dataset_sensors, load_simulated_sensors
 
 

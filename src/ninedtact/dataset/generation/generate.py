@@ -30,10 +30,11 @@ from ninedtact.dataset.folder import DatasetFolder, begin_or_resume_dataset, to_
 from ninedtact.dataset.generation.press_trajectory import RandomPress
 from ninedtact.dataset.generation.settings import GenerationImpossible, GenerationSettings
 from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
-from ninedtact.dataset.schema import NO_OBJECT, DatasetRow, ReferenceImage
+from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.dataset.statistics_and_card import DatasetStatistics, compute_dataset_statistics, format_generation_card
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.parallel_jobs import Cluster, Workers, WorkersImpossible, require_workers, run_writing_jobs
+from ninedtact.quantities import NO_OBJECT
 from ninedtact.simulation.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
 from ninedtact.simulation.batched.session_requests import (
     ContactSummary,

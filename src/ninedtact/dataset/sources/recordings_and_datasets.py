@@ -35,7 +35,7 @@ from ninedtact.dataset.parquet_files import (
     iterate_rows,
     stored_image_bytes,
 )
-from ninedtact.dataset.schema import NO_OBJECT, DatasetRow, ReferenceImage, RejectedItem, SourceItem
+from ninedtact.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
 from ninedtact.dataset.sources.source import (
     Source,
     SourcePart,
@@ -44,7 +44,7 @@ from ninedtact.dataset.sources.source import (
     relative_path_without_suffix,
 )
 from ninedtact.errors import NinedtactError
-from ninedtact.quantities import Frame
+from ninedtact.quantities import NO_OBJECT, Frame
 from ninedtact.recording.collected_pairs import RecordedPair, TareReferenceImages
 from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.rectification import Rectification

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
-from ninedtact.force.dataset_split import NO_OBJECT
-from ninedtact.force.evaluation.predictions import AXES, FORCES, TORQUES, UNITS, Six, WrenchPredictions
+from ninedtact.force.evaluation.predictions import FORCES, TORQUES, Six, WrenchPredictions
+from ninedtact.quantities import NO_OBJECT, WRENCH_AXES, WRENCH_UNITS
 
 _SixNumbers = tuple[float, float, float, float, float, float]
 
@@ -158,8 +158,8 @@ class WrenchEvaluation:
         """Return plain values for JSON, N and N·m; undefined scores are null."""
         return {
             "pairs": self.pairs,
-            "axes": list(AXES),
-            "units": list(UNITS),
+            "axes": list(WRENCH_AXES),
+            "units": list(WRENCH_UNITS),
             "about_mm": None if self.predictions.about_mm is None else list(self.predictions.about_mm),
             **{field.name: _six_to_json(getattr(self.scores, field.name)) for field in fields(AxisScores)},
             "mean_mae": asdict(self.mean_mae),

@@ -25,10 +25,8 @@ from numpy import ndarray as Array
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.checked_reading import read_text_file
 from ninedtact.errors import FileFormatError
-from ninedtact.force.dataset_split import NO_OBJECT
+from ninedtact.quantities import NO_OBJECT, WRENCH_AXES
 
-AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
-UNITS = ("N", "N", "N", "N·m", "N·m", "N·m")
 FORCES, TORQUES = slice(0, 3), slice(3, 6)
 _FEWEST_PAIRS = 2
 _LARGEST_FORCE_N = 200.0
@@ -154,7 +152,7 @@ def _require_wrenches(name: str, six: Wrenches | None, rows: int) -> None:
     """Raise `PredictionsUnusable` for anything but six finite numbers for each pair, or standard deviations of zero or more."""
     if six is None:
         return
-    if six.shape != (rows, len(AXES)):
+    if six.shape != (rows, len(WRENCH_AXES)):
         raise PredictionsUnusable(
             f"expected {rows} rows of six numbers as {name}, got an array of {six.shape}; give both of the same pairs"
         )
@@ -163,7 +161,8 @@ def _require_wrenches(name: str, six: Wrenches | None, rows: int) -> None:
         row, axis = np.argwhere(bad)[0]
         raise PredictionsUnusable(
             f"expected {'no standard deviation below zero' if name == 'std' else 'finite numbers'}, got {six[row, axis]} as "
-            f"{name} {AXES[axis]} of pair {row + 1} ({bad.any(axis=1).sum()} such pairs); correct them or leave these pairs out"
+            f"{name} {WRENCH_AXES[axis]} of pair {row + 1} ({bad.any(axis=1).sum()} such pairs); correct them or leave these pairs "
+            "out"
         )
 
 
@@ -204,9 +203,9 @@ def _vector_size(vectors: Float64[Array, "n 3"]) -> float:
     return float(np.percentile(np.linalg.norm(vectors, axis=1), _SIZE_PERCENTILE))
 
 
-_TRUTH = tuple(f"{axis}_{'N' if axis.startswith('F') else 'Nm'}" for axis in AXES)
-_PREDICTED = tuple(f"p{axis}" for axis in AXES)
-_STD = tuple(f"e{axis}" for axis in AXES)
+_TRUTH = tuple(f"{axis}_{'N' if axis.startswith('F') else 'Nm'}" for axis in WRENCH_AXES)
+_PREDICTED = tuple(f"p{axis}" for axis in WRENCH_AXES)
+_STD = tuple(f"e{axis}" for axis in WRENCH_AXES)
 _GROUPS = ("object", "sensor")
 
 

@@ -26,7 +26,8 @@ from ninedtact.force.evaluation.evaluation import (
     interval_coverage,
     published_scores_about_torque_point,
 )
-from ninedtact.force.evaluation.predictions import AXES, FORCES, TORQUES, Six
+from ninedtact.force.evaluation.predictions import FORCES, TORQUES, Six
+from ninedtact.quantities import WRENCH_AXES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,7 +73,7 @@ def _plot_predicted_against_true(evaluation: WrenchEvaluation) -> bytes:
         axes.plot([low, high], [low, high], color=_PALE_INK, linewidth=0.8, linestyle=(0, (4, 3)))
         axes.plot([low, high], [slope * low, slope * high], color=_RULE, linewidth=1.2, label=f"slope {slope:.2f}")
         axes.set(xlim=(low, high), ylim=(low, high), aspect="equal")
-        title = f"{AXES[axis]}, skill {evaluation.scores.skill[axis]:.3f}"
+        title = f"{WRENCH_AXES[axis]}, skill {evaluation.scores.skill[axis]:.3f}"
         _style_axes(axes, title, f"true ({unit})", f"predicted ({unit})")
     return _encode_png(figure)
 
@@ -91,7 +92,7 @@ def _plot_error_by_load(evaluation: WrenchEvaluation) -> bytes:
                 for what in ("mae", "bias")
             )
             left = at + (number - 1) * 0.27
-            axes.bar(left, mae, 0.25, color=colour, label=AXES[which][number])
+            axes.bar(left, mae, 0.25, color=colour, label=WRENCH_AXES[which][number])
             axes.plot(left, bias, "_", color=_INK, markersize=7, markeredgewidth=1.6)
         axes.plot([], [], "_", color=_INK, markersize=7, markeredgewidth=1.6, label="bias")
         axes.axhline(0, color=_INK, linewidth=0.6)
@@ -107,7 +108,7 @@ def _plot_interval_coverage(evaluation: WrenchEvaluation) -> bytes:
     axes = figure.subplots()
     found = np.array([interval_coverage(evaluation.predictions, share) for share in _SHARES]).T
     axes.plot([0, 1], [0, 1], color=_PALE_INK, linewidth=0.8, linestyle=(0, (4, 3)))
-    for axis, (name, inside) in enumerate(zip(AXES, found, strict=True)):
+    for axis, (name, inside) in enumerate(zip(WRENCH_AXES, found, strict=True)):
         style = "-" if axis < 3 else "--"
         axes.plot(_SHARES, inside, style, color=_COLOURS[axis % 3], linewidth=1.5, label=name)
     axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
@@ -126,7 +127,7 @@ def _plot_error_by_group(groups: Sequence[GroupScores], what: str) -> bytes:
         below = np.zeros(len(order))
         for number, colour in enumerate(_COLOURS):
             share = np.array([factor * group.mae[which][number] / 3 for group in order])
-            axes.bar(at, share, 0.85, below, color=colour, label=AXES[which][number])
+            axes.bar(at, share, 0.85, below, color=colour, label=WRENCH_AXES[which][number])
             below += share
         _style_axes(axes, "", "", f"mean of three errors ({unit})")
         _place_legend_above(axes)
@@ -193,7 +194,7 @@ def plot_training_curves(
     numbers = [row["epoch"] for row in epochs]
     left.plot(numbers, [row["train_loss"] for row in epochs], color=_PALE_INK, label="training, augmented")
     left.plot(numbers, [row[validation_loss] for row in epochs], color=_COLOURS[0], label="validation")
-    for number, (axis, alone) in enumerate(zip(AXES, median_mae, strict=True)):
+    for number, (axis, alone) in enumerate(zip(WRENCH_AXES, median_mae, strict=True)):
         error = np.array([row[f"mae_{axis}"] for row in epochs]) / alone
         right.plot(numbers, error, "-" if number < 3 else "--", color=_COLOURS[number % 3], label=axis)
     right.set_ylim(bottom=0)
@@ -223,7 +224,7 @@ _SCORE_ROWS: dict[str, tuple[str, _ScoreKind]] = {
     "MAE of the median": ("median_mae", "error"),
 }
 """Label of each row, the field of `AxisScores`, and its kind."""
-_HEADINGS = (*AXES, "mean F", "mean T")
+_HEADINGS = (*WRENCH_AXES, "mean F", "mean T")
 _UNDEFINED = "–"
 _WORST_OBJECTS = 10
 """Number of objects whose scores are shown on the page; the JSON file has all of them."""

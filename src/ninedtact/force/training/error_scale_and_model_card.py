@@ -16,7 +16,7 @@ from jaxtyping import Float64, Int
 from numpy import ndarray as Array
 
 from ninedtact.design import Gel
-from ninedtact.force.dataset_split import NO_OBJECT, SplitRows
+from ninedtact.force.dataset_split import SplitRows
 from ninedtact.force.evaluation import ErrorDistribution, WrenchEvaluation, WrenchPredictions, evaluate_predictions
 from ninedtact.force.network_force import STD_PER_LAPLACE_SCALE, move_prediction_to_skin_centre
 from ninedtact.force.networks import WrenchNetwork
@@ -25,6 +25,7 @@ from ninedtact.force.out_of_distribution import StatisticRange, in_distribution_
 from ninedtact.force.training.examples import BatchDataset, TrainingExamples, move_examples_to_torque_point
 from ninedtact.force.training.settings import TrainingSettings
 from ninedtact.force.training.training_module import MetricsHistory
+from ninedtact.quantities import NO_OBJECT
 
 _SHARES = (0.5, 0.9)
 LAPLACE_QUANTILES = -np.log1p(-np.array(_SHARES))

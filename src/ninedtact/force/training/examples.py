@@ -14,7 +14,6 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 from ninedtact.design import Gel
 from ninedtact.errors import ForceEstimationError
 from ninedtact.force.dataset_split import SplitRows
-from ninedtact.force.evaluation.predictions import AXES
 from ninedtact.force.network_input import (
     TYPICAL_FEATURES,
     InputChannels,
@@ -22,6 +21,7 @@ from ninedtact.force.network_input import (
     stack_height_channels,
     stack_image_channels,
 )
+from ninedtact.quantities import WRENCH_AXES
 
 _FEWEST_PAIRS = 2
 
@@ -56,7 +56,7 @@ class TrainingExamples:
         columns = {name: column for name, column in vars(self).items() if name not in ("images", "references")}
         if any(column is not None and len(column) != n for column in columns.values()) or self.wrench.shape != (
             n,
-            len(AXES),
+            len(WRENCH_AXES),
         ):
             raise ExamplesUnusable(
                 f"expected a wrench of six, object, sensor and the rest for each of {n} images, got columns of other "
@@ -94,7 +94,9 @@ def require_trainable_examples(examples: TrainingExamples, rows: SplitRows, sett
             f"expected at least {_FEWEST_PAIRS} pairs for training and for validation, got {len(rows.train)} and "
             f"{len(rows.test)}; hold out more or less, or record more"
         )
-    unmeasured = [name for name, values in zip(AXES, examples.wrench[rows.train].T, strict=True) if not np.ptp(values)]
+    unmeasured = [
+        name for name, values in zip(WRENCH_AXES, examples.wrench[rows.train].T, strict=True) if not np.ptp(values)
+    ]
     if unmeasured:
         raise ExamplesUnusable(
             f"expected wrenches that vary on all six axes, got the same {', '.join(unmeasured)} in all {len(rows.train)} training "

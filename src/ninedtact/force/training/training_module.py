@@ -28,10 +28,10 @@ from torch import Tensor
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.errors import FileFormatError, ForceEstimationError
-from ninedtact.force.evaluation.predictions import AXES
 from ninedtact.force.networks import LabelScale, WrenchNetwork
 from ninedtact.force.training.examples import TrainingBatch
 from ninedtact.force.training.settings import TrainingSettings
+from ninedtact.quantities import WRENCH_AXES
 
 MONITORED_METRIC = "val_loss"
 """Metric by which the best epoch is chosen: the mean absolute error on held-out pairs, in units of the labels."""
@@ -110,7 +110,7 @@ class ForceTrainingModule(lightning.LightningModule):
         shown = batch.to_float().network_input(self.settings.input.channels)
         loss = compute_batch_loss(self.model(shown), batch.wrench, self.model.unit)
         by_axis = (loss.absolute_error.mean(0) * self.model.unit).unbind()
-        metrics = {f"mae_{axis}": mae for axis, mae in zip(AXES, by_axis, strict=True)}
+        metrics = {f"mae_{axis}": mae for axis, mae in zip(WRENCH_AXES, by_axis, strict=True)}
         self.log_dict(
             {MONITORED_METRIC: loss.absolute_error.mean(), **metrics}, batch_size=len(batch.wrench), sync_dist=True
         )

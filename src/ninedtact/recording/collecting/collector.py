@@ -21,8 +21,7 @@ from ninedtact.capture.force_torque.sample_checks import (
 )
 from ninedtact.capture.training_pair_rule import SamplingRule
 from ninedtact.capture.wrench_source import WrenchSampleRejected
-from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.collected_pairs import NO_OBJECT
+from ninedtact.quantities import NO_OBJECT, Frame, Wrench
 from ninedtact.recording.collecting.pair_selection import (
     CollectSettings,
     ImageWrenchCandidate,

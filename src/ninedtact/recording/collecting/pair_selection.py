@@ -16,14 +16,10 @@ from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
 from ninedtact.capture.force_torque.tare import TareSettings
 from ninedtact.capture.training_pair_rule import SamplingRule, SamplingRuleSettings, SixFloats
 from ninedtact.errors import InputError
-from ninedtact.quantities import Frame, Wrench
+from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Frame, Wrench
 from ninedtact.recording.collected_pairs import PairKind
 from ninedtact.recording.topics_and_messages import PairLabel
 
-AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
-AXIS_UNITS = ("N", "N", "N", "N·mm", "N·mm", "N·mm")
-AXIS_SCALES = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])
-"""Factors from N and N·m to the units that are displayed."""
 _BINS = 12
 _SCARCE_FRACTION = 0.02
 """Fraction of the pairs below which a bin counts as missing."""
@@ -78,11 +74,14 @@ class SavedPairCounts:
         return [text for axis in range(6) for text in self._missing_ranges_of(axis)]
 
     def _missing_ranges_of(self, axis: int) -> list[str]:
-        low, high = self.limits[:, axis] * AXIS_SCALES[axis]
+        low, high = self.limits[:, axis] * DISPLAY_FACTORS[axis]
         edges = np.linspace(low, high, _BINS + 1)
         scarce = self.counts[axis] <= _SCARCE_FRACTION * max(len(self.pairs), 1)
         borders = np.flatnonzero(np.diff(np.concatenate([[False], scarce, [False]]).astype(int))).reshape(-1, 2)
-        return [f"{AXES[axis]} {edges[one]:.3g} to {edges[other]:.3g} {AXIS_UNITS[axis]}" for one, other in borders]
+        return [
+            f"{WRENCH_AXES[axis]} {edges[one]:.3g} to {edges[other]:.3g} {DISPLAY_UNITS[axis]}"
+            for one, other in borders
+        ]
 
 
 class CollectSettingsInvalid(InputError):
