@@ -21,7 +21,7 @@ from ninedtact.hardware.design import (
     read_hardware_design,
 )
 from ninedtact.hardware.design_sweep import SweepCombination, explore_designs
-from ninedtact.hardware.fabrication_guide import format_fabrication_guide
+from ninedtact.hardware.fabrication_guide import format_fabrication_guide, write_fabrication_guide
 from ninedtact.hardware.materials import TRANSLUCENT_SILICONE, translucent_silicone_of_modulus
 from ninedtact.hardware.part_dimensions import FastenerDimensions, WindowDimensions
 
@@ -215,6 +215,22 @@ def test_the_guide_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     code, found = told(capsys, "guide", "--variant", "original", "--out", str(tmp_path))
     assert code == 0 and len(found["files"]) == 13
     assert "original design" in (tmp_path / "fabrication.md").read_text(encoding="utf-8")
+
+
+def test_an_interrupted_guide_leaves_an_earlier_one_whole(default: BuildableDesign, tmp_path: Path) -> None:
+    """Text and images that belong to two designs would show steps of one sensor with the numbers of another."""
+    images = tmp_path / "images"
+    images.mkdir()
+    drawing = write_fabrication_guide(default, tmp_path)
+    earlier = [next(drawing) for _ in range(2)]
+    for path in earlier:
+        path.write_text("earlier")
+    drawing.close()
+    assert [path.name for path in sorted(tmp_path.rglob("*.*"))] == [path.name for path in earlier]
+    drawing = write_fabrication_guide(default, tmp_path)
+    assert [next(drawing) for _ in range(2)] == earlier
+    drawing.close()
+    assert {path.read_text() for path in earlier} == {"earlier"}
 
 
 @pytest.mark.parametrize("variant", ["default", "original"])

@@ -367,12 +367,17 @@ def _image_name(number: int, step: _GuideStep) -> str:
 
 
 def write_fabrication_guide(sensor: BuildableDesign, out: Path) -> Iterator[Path]:
-    """Write the page and its images, yielding each path once it is written; raises `FileNotWritten`."""
+    """Draw the images of the page, yielding the path of each, then write them and the page; raises `FileNotWritten`.
+
+    Nothing is written before all is drawn: a guide that is interrupted does not put new images beside the text of an earlier one.
+    """
     (out / IMAGES).mkdir(parents=True, exist_ok=True)
-    states = _AssemblyScenes(sensor)
+    states, contents = _AssemblyScenes(sensor), dict[Path, bytes]()
     for number, step in enumerate(_list_guide_steps(sensor), start=1):
         path = out / IMAGES / _image_name(number, step)
-        write_file_atomically(path, cv2.imencode(".png", states.scene(step.state).image())[1].tobytes())
+        contents[path] = cv2.imencode(".png", states.scene(step.state).image())[1].tobytes()
         yield path
+    for path, content in contents.items():
+        write_file_atomically(path, content)
     write_file_atomically(out / PAGE, format_fabrication_guide(sensor).encode())
     yield out / PAGE
