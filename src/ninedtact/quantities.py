@@ -112,6 +112,14 @@ def centred_axis_mm(samples: int, mm_per_px: float) -> Float32[Array, " samples"
     return ((np.arange(samples) - (samples - 1) / 2) * mm_per_px).astype(np.float32)
 
 
+def skin_grid_mm(
+    shape: tuple[int, int], mm_per_px: float
+) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
+    """Return the coordinates x and y of every pixel of a rectified grid."""
+    x, y = np.meshgrid(centred_axis_mm(shape[1], mm_per_px), centred_axis_mm(shape[0], mm_per_px))
+    return x, y
+
+
 @dataclass(frozen=True)
 class Wrench:
     """Force and torque that the object applies to the skin, in the sensor frame; pressing gives F_z < 0.

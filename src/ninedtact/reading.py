@@ -91,7 +91,10 @@ class Reading:
 
     @cached_property
     def contact(self) -> Bool[Array, "rows cols"]:
-        """The pixels of the height map at which something touches."""
+        """The pixels of the height map at which something touches, judged by depth.
+
+        `force.touching` is judged by brightness before any depth is known, so that the two may differ for the lightest contacts.
+        """
         return contact_mask(self.height)
 
     @property

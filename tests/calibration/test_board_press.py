@@ -10,8 +10,7 @@ from ninedtact.calibration.procedure import Calibration, CalibrationImages, Cali
 from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
 from ninedtact.calibration.twin.lens_refinement import fit_board_press_and_lens
 from ninedtact.design import SensorDesign
-from ninedtact.quantities import Frame
-from ninedtact.shape.rectification import skin_grid_mm
+from ninedtact.quantities import Frame, skin_grid_mm
 from ninedtact.simulation.calibration_images import CalibrationPressSettings, simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.rectified_renderer import interpolate_image

@@ -19,9 +19,8 @@ from ninedtact.calibration.twin.ball_press_fit import _autocorrelation_sums, eff
 from ninedtact.calibration.twin.ball_press_model import REACH_MM, ObservedBallPress
 from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
 from ninedtact.design import PinBoard
-from ninedtact.quantities import Rectified
+from ninedtact.quantities import Rectified, skin_grid_mm
 from ninedtact.shape.lens import LensModel
-from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.shape.skin_texture import _pearson_correlation
 
 RNG = np.random.default_rng(0)

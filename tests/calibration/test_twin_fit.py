@@ -19,8 +19,7 @@ from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import finite_strain_ball_change_mm
 from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
 from ninedtact.mechanics.pose import Pose
-from ninedtact.quantities import Frame
-from ninedtact.shape.rectification import skin_grid_mm
+from ninedtact.quantities import Frame, skin_grid_mm
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 from ninedtact.simulation.twin import Twin

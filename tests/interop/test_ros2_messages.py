@@ -25,11 +25,10 @@ from ninedtact.interop.ros2_messages import (
     decode_ros2_command,
     encode_ros2_status,
 )
-from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
+from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate, skin_grid_mm
 from ninedtact.reading import Reading
 from ninedtact.recording.topics_and_messages import Topic, decode_height, type_store
 from ninedtact.sensor import Sensor
-from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.shape.surface import point_cloud
 
 WALL_NS = 1_790_000_000_123_456_789

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from skins import MM_PER_PX, ball_print, grid, plane, skin, with_hole
 
-from ninedtact.quantities import HeightMap
+from ninedtact.quantities import HeightMap, skin_grid_mm
 from ninedtact.shape.orthorectification import (
     SkinGrid,
     find_pixels_of_skin_places,
@@ -13,7 +13,6 @@ from ninedtact.shape.orthorectification import (
     orthorectify,
     sample_field,
 )
-from ninedtact.shape.rectification import skin_grid_mm
 from ninedtact.shape.surface import pixel_footprint_mm2
 
 

@@ -33,12 +33,11 @@ from ninedtact.force.brightness_channels import (
     stack_deformation_channels,
 )
 from ninedtact.mechanics.array_namespace import array_namespace_of
-from ninedtact.quantities import HeightMap, Rectified, Traction
+from ninedtact.quantities import HeightMap, Rectified, Traction, skin_grid_mm
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import TYPICAL_GLOBAL_DIMMING, TYPICAL_POINT_SPREAD_MM
 from ninedtact.shape.orthorectification import SkinGrid, orthorectified_heights
-from ninedtact.shape.rectification import skin_grid_mm
 
 _PUBLISHED_MM_PER_PX = 0.0522
 """Pixel pitch of the published rectified image."""

@@ -25,7 +25,7 @@ from rosbags.serde import SerdeError
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.errors import InputError
-from ninedtact.quantities import Rectified, Wrench
+from ninedtact.quantities import Rectified, Wrench, skin_grid_mm
 from ninedtact.reading import Reading
 from ninedtact.recording.topics_and_messages import (
     MESSAGE_TYPES,
@@ -41,7 +41,7 @@ from ninedtact.recording.topics_and_messages import (
     ros_name,
     type_store,
 )
-from ninedtact.shape.rectification import Rectification, skin_grid_mm
+from ninedtact.shape.rectification import Rectification
 from ninedtact.shape.surface import point_cloud
 
 TF_STATIC = "/tf_static"

@@ -30,7 +30,6 @@ Points = Float[Array, "n 2"]
 
 HOMOGRAPHY_TERMS = 8
 CENTRE_TERMS = 2
-TANGENTIAL_TERMS = 2
 
 
 class PixelNotOnSkin(CalibrationError):

@@ -16,8 +16,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.quantities import HeightMap, HeightSource
-from ninedtact.shape.rectification import skin_grid_mm
+from ninedtact.quantities import HeightMap, HeightSource, skin_grid_mm
 
 Grid = Float32[Array, "rows cols"]
 Places = Float32[Array, "2 rows cols"]

@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import RectifiedImageSize
 from ninedtact.errors import FileFormatError
-from ninedtact.quantities import Frame, HeightSource, Rectified, centred_axis_mm
+from ninedtact.quantities import Frame, HeightSource, Rectified, skin_grid_mm
 from ninedtact.shape.lens import Projection
 
 CameraRotation = Literal[0, 90, 180, 270]
@@ -102,11 +102,3 @@ def rectification_of_projection(
     points_mm = np.column_stack([axis.ravel() for axis in skin_grid_mm(shape, mm_per_px)]).astype(float)
     source = projection.to_px(points_mm).astype(np.float32).reshape(*shape, 2)
     return Rectification(source, mm_per_px, raw_shape, calibrated_area_mm)
-
-
-def skin_grid_mm(
-    shape: tuple[int, int], mm_per_px: float
-) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
-    """Return the coordinates x and y of every pixel of a rectified grid."""
-    x, y = np.meshgrid(centred_axis_mm(shape[1], mm_per_px), centred_axis_mm(shape[0], mm_per_px))
-    return x, y

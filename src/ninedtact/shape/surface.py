@@ -15,8 +15,7 @@ from numpy import ndarray as Array
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ninedtact.errors import InputError
-from ninedtact.quantities import HeightMap, HeightSource, Mesh, PointCloud
-from ninedtact.shape.rectification import skin_grid_mm
+from ninedtact.quantities import HeightMap, HeightSource, Mesh, PointCloud, skin_grid_mm
 
 Grid = Float32[Array, "rows cols"]
 

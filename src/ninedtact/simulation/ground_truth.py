@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 from ninedtact.mechanics.array_namespace import to_numpy
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.quantities import HeightMap, HeightSource, centred_axis_mm
+from ninedtact.quantities import HeightMap, HeightSource, skin_grid_mm
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid, grid_indices_at_positions, sample_periodic
 
 PRESSED_MM = 0.05
@@ -23,7 +23,7 @@ def true_height_map(
     With an inverse viewing distance k > 0 per mm, pixels are lines of sight, as those of a reconstruction are: pixel P shows the
     skin at P(1 + k·z). With zero, pixels are positions.
     """
-    sight = SightlineGrid(*_pixel_grid_mm(shape, mm_per_px), inverse_distance_per_mm)
+    sight = SightlineGrid(*skin_grid_mm(shape, mm_per_px), inverse_distance_per_mm)
     z_mm = sight.height_mm(
         contact.skin.grid, contact.centre_mm, to_numpy(contact.height_mm).astype(np.float32), fine=True
     )
@@ -59,13 +59,5 @@ def resample_skin_field(
     contact: Contact, field: Array, shape: tuple[int, int], mm_per_px: float
 ) -> Float32[Array, "rows cols"]:
     """Interpolate a field of the simulated skin linearly at the pixels of a grid."""
-    at = grid_indices_at_positions(contact.skin.grid, contact.centre_mm, *_pixel_grid_mm(shape, mm_per_px))
+    at = grid_indices_at_positions(contact.skin.grid, contact.centre_mm, *skin_grid_mm(shape, mm_per_px))
     return sample_periodic(to_numpy(field).astype(np.float32), *at)
-
-
-def _pixel_grid_mm(
-    shape: tuple[int, int], mm_per_px: float
-) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
-    """Return x and y of every pixel in mm."""
-    x, y = np.meshgrid(centred_axis_mm(shape[1], mm_per_px), centred_axis_mm(shape[0], mm_per_px))
-    return x, y

@@ -14,7 +14,6 @@ from ninedtact.simulation.sensor_population import (
     sample_sensor,
 )
 
-_WIDE_BOARD_PITCH_MM = 3.1
 _SEED = 613
 """Seed of lenses and reference images."""
 _FRICTION = 0.9

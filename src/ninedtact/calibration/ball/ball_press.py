@@ -18,9 +18,8 @@ from scipy.optimize import isotonic_regression, minimize
 from ninedtact.calibration.ball.contact_circle import ContactCircle
 from ninedtact.calibration.press_brightness import smooth_gaussian
 from ninedtact.design import BallGauge, CameraGeometry
-from ninedtact.quantities import HeightSource, Rectified
+from ninedtact.quantities import HeightSource, Rectified, skin_grid_mm
 from ninedtact.shape.depth import BrightnessSignal, DepthCurve, DepthReader, Smoothing
-from ninedtact.shape.rectification import skin_grid_mm
 
 LEVEL: dict[BrightnessSignal, float] = {"difference": 1.0, "ratio": 1 / 160}
 """Width of one bin of darkening: one grey level, and its equivalent in the ratio for an image of usual brightness."""

@@ -24,8 +24,7 @@ from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.surface_displacement import Skin
-from ninedtact.quantities import Rectified
-from ninedtact.shape.rectification import skin_grid_mm
+from ninedtact.quantities import Rectified, skin_grid_mm
 from ninedtact.simulation.gel_brightness import darkening_equivalent_height_mm
 from ninedtact.simulation.pixel_to_skin_map import (
     REFINEMENT,

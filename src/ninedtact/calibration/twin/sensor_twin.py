@@ -25,7 +25,8 @@ from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
-from ninedtact.shape.rectification import Rectification, skin_grid_mm
+from ninedtact.quantities import skin_grid_mm
+from ninedtact.shape.rectification import Rectification
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, coarse_pixel_grid, interpolate_pixel_map
 from ninedtact.simulation.renderer import CameraNoise, Renderer
