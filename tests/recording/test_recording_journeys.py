@@ -86,12 +86,12 @@ def test_a_twin_is_recorded_shown_again_and_written_out(
     sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, out = tmp_path / "twin.mcap", tmp_path / "out"
-    options = ["--source", "sim", "--force-torque", "sim", "--sensor", sensor, "--seconds", "3", "--heights"]
+    options = ["--source", "sim", "--force-torque", "sim", "--sensor", sensor, "--seconds", "5", "--heights"]
     written = told(capsys, "record", *options, "--out", path)["written"]
     assert written["/twin/image_raw"] == written["/twin/height"] > 3 and written["/twin/wrench_measured"] > 10
     found = told(capsys, "info", path)
     assert (
-        found["finished"] and found["sensor"] == "twin" and 0.1 < found["seconds"] < 10
+        found["finished"] and found["sensor"] == "twin" and 0.1 < found["seconds"] < 20
     )  # a busy computer begins late
     topics = {topic["topic"]: topic for topic in found["topics"]}
     assert {name: topic["messages"] for name, topic in topics.items() if name in written} == written
@@ -522,7 +522,7 @@ def test_record_prints_what_a_person_must_know_of_every_estimate(
 ) -> None:
     path, sensor = tmp_path / "twin.mcap", tmp_path / "a"
     save_sensor(sensor, calibrated_a)
-    options = ["--source", "sim", "--sensor", sensor, "--seconds", "3", "--force", "physics", "--out", path]
+    options = ["--source", "sim", "--sensor", sensor, "--seconds", "5", "--force", "physics", "--out", path]
     assert main(["record", *map(str, options)]) == 0
     said = capsys.readouterr().err
     notices = load_sensor(sensor).estimator("physics").notices
