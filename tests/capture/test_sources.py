@@ -1,5 +1,6 @@
 """What every member of the FrameSource family honours, live or recorded, bare or wrapped."""
 
+import json
 import subprocess
 import sys
 import threading
@@ -213,6 +214,22 @@ def test_every_command_says_within_five_seconds_that_a_stream_has_stalled(comman
     if words[0] == "record":
         with Recording(tmp_path / "out.mcap") as recording:
             assert len(recording.stamps_ns(Topic.IMAGES)) > 20
+
+
+def test_an_estimate_of_a_stream_ends_with_its_answer_at_ctrl_c(tmp_path: Path) -> None:
+    sensor = twin_folder(tmp_path / "sensor", for_force=True)
+    with MjpegCamera(480, 640, period_s=0.02, steady=True) as camera:
+        run = [sys.executable, "-m", "ninedtact", "estimate", camera.url, f"--sensor={sensor}", "--json"]
+        with subprocess.Popen(run, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+            assert running.stderr is not None
+            said = next((line for line in running.stderr if "until Ctrl-C" in line), "")
+            served, began = camera.served, time.monotonic()
+            while camera.served < served + 400 and running.poll() is None and time.monotonic() - began < 120:
+                time.sleep(0.02)
+            running.terminate()  # as Ctrl-C, which jobs in the background ignore
+            answer, _ = running.communicate(timeout=120)
+    assert camera.url in said and running.returncode == 0
+    assert [row["touching"] for row in json.loads(answer)["wrenches"]][:1] == [False]
 
 
 class Hanging(FrameSource):

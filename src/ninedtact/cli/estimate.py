@@ -1,6 +1,7 @@
 """ninedtact estimate: images or a recording of a calibrated sensor → the six-axis force, with its error."""
 
 from collections.abc import Iterable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result
+from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
 
@@ -40,7 +41,8 @@ class Estimate:
     """Estimate the six-axis force on the skin from images, a video or a recording. Live: ninedtact live --force."""
 
     source: tyro.conf.Positional[tuple[str, ...]]
-    """Images of the pressed gel; or one video, folder of images, or recording (.mcap)."""
+    """Images of the pressed gel; or one video, folder of images, or recording (.mcap); or a camera, stream or `sim`, until
+    Ctrl-C."""
     sensor: Path | None = None
     """Sensor folder that `ninedtact calibrate` wrote. A recording brings its own."""
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
@@ -102,15 +104,18 @@ class Estimate:
             )
 
     def readings(self, folder: "SensorFolder", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
-        """Yield the name and the reading of every image."""
+        """Yield the name and the reading of every image; of a camera, a stream or the twin until Ctrl-C."""
         from ninedtact.open_sensor import assemble_sensor
         from ninedtact.shape.image_check import require_plausible_image
 
         frames = self.frames(folder)
         source = self.source[0] if len(self.source) == 1 else frames
-        with assemble_sensor(
+        sensor = assemble_sensor(
             folder, frames, source, self.reference, self.reference_at, estimator, follow_reference=False
-        ) as sensor:
+        )
+        with stop_on_signal() if frames.is_live else nullcontext() as stop, sensor:
+            if stop is not None:
+                print_notice(f"estimating what {frames.name} shows until Ctrl-C")
             for fault in sensor.reference_faults:
                 print_notice(f"the reference image is doubtful; {fault}")
             for name, reading in _iterate_named_readings(self.source, frames, sensor):
@@ -119,6 +124,8 @@ class Estimate:
                 yield name, reading
                 if self.images_are_separate:
                     estimator.forget()
+                if stop is not None and stop.now:
+                    return
 
     @property
     def images_are_separate(self) -> bool:

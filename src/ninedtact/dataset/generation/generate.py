@@ -128,18 +128,17 @@ class SimulatedPressSession:
         wrench = contact.wrench.six if contact else np.zeros(6)
         factor = yield RenderRequest(self.setup, contact.corrected if contact else None)
         image = self.setup.renderer.add_noise(factor, self._rng)
-        sensor = self.setup.member.name
         self.rows.append(
             DatasetRow(
                 id=self._row_id(len(self.rows)),
                 image=encode_png(image),
-                reference_id=sensor,
+                reference_id=self.setup.member.name,
                 wrench=wrench.astype(np.float32),
                 object=object_name,
                 contact_id=f"{self.number:05d}-{self._presses:03d}",
                 step=self._steps,
                 time_ns=self._steps * _STEP_NS,
-                sensor=sensor,
+                sensor=self.setup.member.name,
                 kind=kind,
                 source=None,
                 mm_per_px=rectified_mm_per_px(self.settings.size, self.settings.design),
