@@ -48,7 +48,7 @@ def finite_strain_calibration(json: bool = False, element_mm: float = 0.12) -> N
             continue
         after = rectify(Frame(twin.renderer(draw_press(twin, press), 1)))
         circle = find_contact_circle(rectified_flat_fielded_change(before, after))
-        found, linear = (fit_twin_to_ball_press(before, after, circle, design, beliefs) for beliefs in ((), LINEAR))
+        found, linear = (fit_twin_to_ball_press(before, after, circle, design, priors) for priors in ((), LINEAR))
         figures += compare(press.depth_mm, found, linear)
     answer("A ball on finite elements: fitted (peer: held at a linear layer)", figures, json)
 

@@ -8,9 +8,10 @@ import pytest
 
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, calibrate
 from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
-from ninedtact.calibration.twin.lens_refinement import fit_board_press_and_lens
+from ninedtact.calibration.twin.lens_refinement import _invert_lens_projection, fit_board_press_and_lens
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame, skin_grid_mm
+from ninedtact.shape.lens import PixelNotOnSkin
 from ninedtact.simulation.calibration_images import CalibrationPressSettings, simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.rectified_renderer import interpolate_image
@@ -64,10 +65,10 @@ def scale_error(made: Calibration, twin: Twin) -> float:
 
 def test_the_depth_of_imprints_is_found(together: Calibration) -> None:
     assert together.record.twin is not None and together.record.twin.board_press is not None
-    told = together.record.twin.board_press
-    assert told.accepted
-    assert told.depth_mm == pytest.approx(IMPRINT_MM, abs=max(3 * told.depth_std_mm, 0.05))
-    assert told.inverse_distance_per_mm == pytest.approx(NEARNESS, abs=0.01)
+    board_press = together.record.twin.board_press
+    assert board_press.accepted
+    assert board_press.depth_mm == pytest.approx(IMPRINT_MM, abs=max(3 * board_press.depth_std_mm, 0.05))
+    assert board_press.inverse_distance_per_mm == pytest.approx(NEARNESS, abs=0.01)
 
 
 def test_the_lens_is_not_magnified_by_imprints(together: Calibration, apart: Calibration, twin: Twin) -> None:
@@ -125,5 +126,24 @@ def test_a_fit_whose_lens_folds_is_not_accepted(together: Calibration, monkeypat
     monkeypatch.setattr(
         "ninedtact.calibration.twin.lens_refinement.refine_lens", lambda *_: SimpleNamespace(lens=astray)
     )
-    told = fit_board_press_and_lens(ObservedBoardPress(before, after, board), together.ball.physical.fit)
-    assert not told.settled and not told.accepted
+    board_press_fit = fit_board_press_and_lens(ObservedBoardPress(before, after, board), together.ball.physical.fit)
+    assert not board_press_fit.converged and not board_press_fit.accepted
+
+
+def test_the_inversion_of_the_lens_converges_quadratically(together: Calibration) -> None:
+    """As from one Gauss–Newton iteration to the next, each inversion starts from the result of the last."""
+    lens = replace(together.board.lens, radial=(0.05, 0.02))
+    points_mm = np.stack(np.meshgrid(np.linspace(-8, 8, 9), np.linspace(-6, 6, 7)), axis=-1).reshape(-1, 2)
+    pixels = lens.to_px(points_mm)
+    first_mm = _invert_lens_projection(lens, pixels, points_mm + 0.5)
+    second_mm = _invert_lens_projection(lens, pixels, first_mm)
+    assert np.abs(lens.to_px(points_mm + 0.5) - pixels).max() > 5
+    assert np.abs(lens.to_px(first_mm) - pixels).max() < 0.3
+    np.testing.assert_allclose(second_mm, points_mm, atol=1e-9)
+
+
+def test_a_lens_that_folds_the_image_is_not_inverted(together: Calibration) -> None:
+    lens = replace(together.board.lens, radial=FOLDING)
+    points_mm = np.stack(np.meshgrid(np.linspace(-12, 12, 13), np.linspace(-9, 9, 10)), axis=-1).reshape(-1, 2)
+    with pytest.raises(PixelNotOnSkin, match="folds the image over"):
+        _invert_lens_projection(lens, lens.to_px(points_mm), points_mm)

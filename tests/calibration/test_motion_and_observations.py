@@ -74,7 +74,7 @@ def test_the_pixels_around_the_ball_are_fitted() -> None:
     x, y = skin_grid_mm((345, 460), 0.05)
     expected = np.zeros((345, 460), bool)
     expected[::2, ::2] = (np.hypot(x - middle[0], y - middle[1]) < REACH_MM)[::2, ::2]
-    np.testing.assert_array_equal(press.chosen, expected)
+    np.testing.assert_array_equal(press.fitted_pixels, expected)
     np.testing.assert_array_equal(press.points_mm[0][0], x[expected])
     np.testing.assert_allclose(press.relative_brightness, 1, rtol=1e-5)
 
@@ -93,7 +93,7 @@ def test_the_pixels_among_the_pins_are_fitted_but_for_those_near_a_missing_pin()
     among = (np.abs(x) < 11.5) & (np.abs(y) < 9) & (np.hypot(x + 2.5, y + 5) > 1.5)
     expected = np.zeros_like(among)
     expected[::3, ::3] = among[::3, ::3]
-    np.testing.assert_array_equal(press.chosen, expected)
+    np.testing.assert_array_equal(press.fitted_pixels, expected)
     np.testing.assert_allclose(press.pixel_density(points_mm[:5]), 1, rtol=1e-4)
 
 

@@ -72,7 +72,10 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
     assert fit.image_rmse_grey_levels < 0.3 and fit.radial_rmse_grey_levels < 0.1
     assert fit.parameters["finite_strain"] < 0.2, "the gel of the twin is a linear layer"
     true = {"depth_mm": 1.8, "drag_x_mm": 0.4, "drag_y_mm": -0.2, "thickness_mm": 2.3, "inverse_distance_per_mm": 0.05}
-    off = {name: abs(fit.parameters[name] - value) / fit.confidence.deviation[name] for name, value in true.items()}
+    off = {
+        name: abs(fit.parameters[name] - value) / fit.uncertainty.standard_deviations[name]
+        for name, value in true.items()
+    }
     assert max(off.values()) < 4, off
 
 

@@ -46,7 +46,7 @@ from ninedtact.calibration.sensor_toml_schema import (
 )
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior
 from ninedtact.calibration.twin.ball_press_model import ParameterVector
-from ninedtact.calibration.twin.lens_refinement import JointCalibration, refine_board_and_ball
+from ninedtact.calibration.twin.lens_refinement import BoardPressFit, JointCalibration, refine_board_and_ball
 from ninedtact.calibration.twin.sensor_twin import fitted_gel, make_twin_table
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
@@ -105,9 +105,9 @@ class CalibrationSettings:
     def __post_init__(self) -> None:
         rotations = (*get_args(CameraRotation), "auto")
         choices = {"lens": get_args(LensKind), "camera_rotation_deg": rotations, "method": get_args(DepthMethod)}
-        for name, known in choices.items():
-            if (value := getattr(self, name)) not in known:
-                expected = ", ".join(map(repr, known))
+        for name, allowed in choices.items():
+            if (value := getattr(self, name)) not in allowed:
+                expected = ", ".join(map(repr, allowed))
                 raise CalibrationSettingUnknown(f"expected {name} to be one of {expected}, got {value!r}; correct it")
 
 
@@ -166,26 +166,34 @@ def _calibrate(
     imported: SensorFolder | None,
 ) -> Calibration:
     """Calibrate a sensor, as `calibrate` does."""
-    board, ball, told, noise = None, None, None, 0.0
+    board: BoardFit | None = None
+    ball: BallFit | None = None
+    board_press_fit: BoardPressFit | None = None
     if imported is not None and images.ball_pair is not None:
         on_step("fitting gel and light to the image of the ball")
         rectify = imported.rectification
         ball = fit_ball(rectify, *images.ball_pair, design, settings.method, settings.smoothing)
-        grid, lens = imported.record.grid, imported.record.lens
-        noise = estimate_camera_noise(flat_fielded_brightness_change(*images.ball_pair))
+        grid = imported.record.grid
+        lens = imported.record.lens
+        noise_grey_levels = estimate_camera_noise(flat_fielded_brightness_change(*images.ball_pair))
     elif imported is None and images.board_pair is not None:
         on_step("finding the pins of the board and fitting the lens to them")
         board = fit_board(*images.board_pair, design.pin_board, settings.camera_rotation_deg)
         rectify = build_rectification(board, design, settings.lens)
         if images.ball_pair is not None:
-            found = _fit_board_and_ball(images.board_pair, images.ball_pair, board, rectify, design, settings, on_step)
-            board, rectify, ball, told = found.board, found.rectify, found.ball, found.told
+            joint = _fit_board_and_ball(images.board_pair, images.ball_pair, board, rectify, design, settings, on_step)
+            board = joint.board
+            rectify = joint.rectify
+            ball = joint.ball
+            board_press_fit = joint.board_press_fit
         grid = GridTable(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting)
-        lens, noise = _lens_table(board, settings.lens), estimate_camera_noise(board.change)
+        lens = _lens_table(board, settings.lens)
+        noise_grey_levels = estimate_camera_noise(board.change)
     else:
         raise CalibrationImagesMissing(
             "expected images of the board, or an imported rectification and images of the ball, got neither; give the images of one"
         )
+    physical = None if ball is None else ball.physical
     record = SensorTomlRecord(
         format=SENSOR_FORMAT,
         id=sensor_id,
@@ -195,7 +203,7 @@ def _calibrate(
         grid=grid,
         lens=lens,
         depth=None if ball is None else _depth_table(ball, settings),
-        twin=None if ball is None or ball.physical is None else make_twin_table(ball.physical.fit, noise, told),
+        twin=None if physical is None else make_twin_table(physical.fit, noise_grey_levels, board_press_fit),
         certificate=_make_certificate(images, board, ball, rectify, settings),
     )
     return Calibration(images, board, ball, rectify, record, imported)
@@ -215,20 +223,22 @@ def _fit_board_and_ball(
     # The twin predicts the board through a lens model alone, and the ball by physics alone.
     is_refined = settings.lens != "paper" and settings.method == "physics" and board.correction is None
 
-    def lens(board: BoardFit) -> Rectification:
+    def rectification_of(board: BoardFit) -> Rectification:
         return build_rectification(board, design, settings.lens)
 
-    def ball(
-        rectify: Rectification, beliefs: tuple[ParameterPrior, ...] = (), near: ParameterVector | None = None
+    def fit_ball_through(
+        rectify: Rectification, priors: tuple[ParameterPrior, ...] = (), initial: ParameterVector | None = None
     ) -> BallFit:
         on_step("fitting gel and light to the image of the ball")
-        found = fit_ball(rectify, *ball_images, design, settings.method, settings.smoothing, beliefs, near)
+        ball = fit_ball(rectify, *ball_images, design, settings.method, settings.smoothing, priors, initial)
         if is_refined:
             on_step("fitting the depth of the pins and the lens to the image of the board")
-        return found
+        return ball
 
-    first = JointCalibration(board, rectify, ball(rectify))
-    return refine_board_and_ball(first, board_images, lens, ball) if is_refined else first
+    separate = JointCalibration(board, rectify, fit_ball_through(rectify))
+    if not is_refined:
+        return separate
+    return refine_board_and_ball(separate, board_images, rectification_of, fit_ball_through)
 
 
 def build_rectification(board: BoardFit, design: SensorDesign, kind: LensKind) -> Rectification:
@@ -253,8 +263,8 @@ def _lens_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable
     if kind == "paper":
         points_px = truncated_spot_centroids_px(board)
         return PinMapTable([(x, y) for x, y in board.points_mm.tolist()], [(x, y) for x, y in points_px.tolist()])
-    lens, found = board.lens, board.correction
-    table = None if found is None else make_lens_correction_table(found.correction)
+    lens = board.lens
+    table = None if board.correction is None else make_lens_correction_table(board.correction.correction)
     return LensModelTable(lens.homography, lens.centre, lens.radial, lens.tangential, table)  # type: ignore[arg-type]
 
 
@@ -266,8 +276,9 @@ def _depth_table(ball: BallFit, settings: CalibrationSettings) -> DepthTable:
 def calibrated_area_mm(design: SensorDesign) -> Area:
     """Return the area up to one pitch beyond the outermost pins: leaving out an outermost pin tests the lens that far."""
     board = design.pin_board
-    x, y = (board.cols + 1) / 2 * board.pitch_mm, (board.rows + 1) / 2 * board.pitch_mm
-    return -x, x, -y, y
+    half_width_mm = (board.cols + 1) / 2 * board.pitch_mm
+    half_height_mm = (board.rows + 1) / 2 * board.pitch_mm
+    return -half_width_mm, half_width_mm, -half_height_mm, half_height_mm
 
 
 def _make_certificate(
@@ -278,7 +289,7 @@ def _make_certificate(
     settings: CalibrationSettings,
 ) -> Certificate:
     """Return the quality figures of both calibrations, and warnings in words."""
-    warnings = [IMPORTED_LENS_WARNING] if board is None else _board_warnings(board)
+    warnings = [IMPORTED_LENS_WARNING] if board is None else board.warnings
     warnings += [BALL_MISSING_WARNING] if ball is None else [*ball.warnings, *_fit_warnings(ball.physical)]
     if images.board_pair is not None and images.ball_pair is not None:
         warnings += reference_mismatch_warnings(images.board_pair[0], images.ball_pair[0])
@@ -310,9 +321,9 @@ def _fit_warnings(physical: TwinDepthFit | None) -> list[str]:
 
 def _board_quality(board: BoardFit, rectify: Rectification, lens: LensKind) -> BoardQuality:
     """Return the quality of the camera calibration."""
-    seen_mm, centres_px = board.points_mm[board.found], truncated_spot_centroids_px(board)[board.found]
-    original_mm = published_leave_one_out_errors_mm(seen_mm, centres_px)
-    leave_one_out_errors_mm = original_mm if lens == "paper" else board.leave_one_out_errors_mm
+    centroids_px = truncated_spot_centroids_px(board)[board.found]
+    published_errors_mm = published_leave_one_out_errors_mm(board.points_mm[board.found], centroids_px)
+    leave_one_out_errors_mm = published_errors_mm if lens == "paper" else board.leave_one_out_errors_mm
     is_corrected = lens == "model" and board.correction is not None
     return BoardQuality(
         pins_found=int(board.found.sum()),
@@ -320,7 +331,7 @@ def _board_quality(board: BoardFit, rectify: Rectification, lens: LensKind) -> B
         missing_pins=board.missing_pins,
         leave_one_out_rms_mm=rms_vector_length(leave_one_out_errors_mm),
         leave_one_out_max_mm=float(np.hypot(*leave_one_out_errors_mm.T).max()),
-        published_method_rms_mm=rms_vector_length(original_mm),
+        published_method_rms_mm=rms_vector_length(published_errors_mm),
         mm_per_px=rectify.mm_per_px,
         mm_per_px_std=_relative_scale_std(board, lens) * rectify.mm_per_px,
         contrast_grey_levels=float(np.median(board.contrast)),
@@ -359,23 +370,6 @@ def _ball_quality(reference: BgrImage, ball: BallFit) -> BallQuality:
     )
 
 
-def _board_warnings(board: BoardFit) -> list[str]:
-    """Return the warnings about the board press."""
-    found = []
-    if board.missing_pins:
-        found.append(
-            f"found {int(board.found.sum())} of {board.board.count} pins; predicted from the others: "
-            f"{'; '.join(board.missing_pins)}; press harder there, or hold the board flatter, for a better lens"
-        )
-    error_mm = rms_vector_length(board.leave_one_out_errors_mm)
-    if error_mm > 0.04 * board.board.pitch_mm:
-        found.append(
-            f"pins are predicted only to {error_mm:.2f} mm (0.03 to 0.06 mm is usual); "
-            "focus the camera and press the board evenly"
-        )
-    return found
-
-
 def repeat_calibration(
     folder: SensorFolder,
     method: DepthMethod,
@@ -390,9 +384,9 @@ def repeat_calibration(
     `calibrate` raises.
     """
     names = ("ball_reference", "ball") if folder.is_imported else ("board_reference", "board", "ball_reference", "ball")
-    given = {} if ball is None else {"ball_reference": ball[0], "ball": ball[1]}
+    new = {} if ball is None else {"ball_reference": ball[0], "ball": ball[1]}
     images = CalibrationImages(
-        **{name: given[name] if name in given else folder.stored_image(name).image for name in names}
+        **{name: new[name] if name in new else folder.stored_image(name).image for name in names}
     )
     record = folder.record
     lens: LensKind = "paper" if isinstance(record.lens, PinMapTable) else "model"

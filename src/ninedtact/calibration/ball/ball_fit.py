@@ -63,22 +63,22 @@ from ninedtact.shape.rectification import Rectification
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 
-KNOTS = 25
-LEAST_OF_KNOT = 30
+KNOT_COUNT = 25
+MIN_PIXELS_PER_KNOT = 30
 """Smallest number of pixels at a depth for which the brightness model is corrected there."""
-SHALLOWEST_OF_DISC_MM = 0.05
+MIN_DISC_INDENTATION_MM = 0.05
 """Indentation below which a pixel is left out of the disc: the ball's edge is near, and light is scattered from it."""
-KNOTS_BEYOND = 8
+CONTINUATION_KNOT_COUNT = 8
 """Number of knots of the curve beyond the depth of the press."""
-DEEPEST_FRACTION = 0.9
-"""Part of the gel's thickness to which the curve continues beyond the depth of the press."""
-LEAST_BEYOND_MM = 0.05
+MAX_DEPTH_PER_THICKNESS = 0.9
+"""Fraction of the gel's thickness to which the curve continues beyond the depth of the press."""
+MIN_CONTINUATION_MM = 0.05
 """Length of the shortest continuation."""
-ERROR_BEYOND = 0.2
+CONTINUATION_ERROR_PER_MM = 0.2
 """Error of the curve beyond the depth of the press, in mm per mm."""
-BULGE_MM = 1.0
+MAX_BULGE_MM = 1.0
 """Largest height that the curve of bulges covers."""
-FLOORS = (0.01, 0.03, 0.1)
+NOISE_FLOORS = (0.01, 0.03, 0.1)
 """The noise floors of the deblurring that are tried, from sharp to smooth; the one that reconstructs the ball best is taken."""
 
 
@@ -89,31 +89,33 @@ class TwinDepthFit:
     fit: TwinFit
 
     @cached_property
-    def seen_mm(self) -> Float32[Array, "rows cols"]:
+    def sightline_height_mm(self) -> Float32[Array, "rows cols"]:
         """Height of the fitted skin on every pixel's line of sight."""
-        x, y = self.fit.forward.observed.place_mm
-        height = np.asarray(self.fit.contact.height_mm, np.float32)
-        middle = self.fit.parameters["x_mm"], self.fit.parameters["y_mm"]
-        return SightlineGrid(x, y, self.fit.light.inverse_distance_per_mm).height_mm(PATCH, middle, height, fine=True)
+        x, y = self.fit.forward.observed.positions_mm
+        height_mm = np.asarray(self.fit.contact.height_mm, np.float32)
+        centre_mm = self.fit.parameters["x_mm"], self.fit.parameters["y_mm"]
+        sightlines = SightlineGrid(x, y, self.fit.light.inverse_distance_per_mm)
+        return sightlines.height_mm(PATCH, centre_mm, height_mm, fine=True)
 
     @property
     def centre_px(self) -> Float[Array, "2"]:
         """The fitted centre of the contact, (x, y) in the rectified image."""
-        (rows, cols), mm_per_px = self.seen_mm.shape, self.fit.forward.observed.before.mm_per_px
-        place = np.array([self.fit.parameters["x_mm"], self.fit.parameters["y_mm"]])
-        return np.asarray(place / mm_per_px + np.array([(cols - 1) / 2, (rows - 1) / 2]))
+        rows, cols = self.sightline_height_mm.shape
+        centre_mm = np.array([self.fit.parameters["x_mm"], self.fit.parameters["y_mm"]])
+        middle_px = np.array([(cols - 1) / 2, (rows - 1) / 2])
+        return np.asarray(centre_mm / self.fit.forward.observed.before.mm_per_px + middle_px)
 
     @property
     def depth_mm(self) -> Float[Array, "rows cols"]:
         """Indentation on every pixel's line of sight."""
-        return np.maximum(-self.seen_mm.astype(float), 0)
+        return np.maximum(-self.sightline_height_mm.astype(float), 0)
 
     @cached_property
     def disc(self) -> Bool[Array, "rows cols"]:
         """The indented pixels that are at least a point spread away from the edge, where brightness does not determine a single
         depth.
         """
-        pressed = (self.seen_mm < -SHALLOWEST_OF_DISC_MM).astype(np.uint8)
+        pressed = (self.sightline_height_mm < -MIN_DISC_INDENTATION_MM).astype(np.uint8)
         reach = int(np.ceil(self.fit.light.point_spread_mm / self.fit.forward.observed.before.mm_per_px))
         ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
         return np.asarray(cv2.erode(pressed, ellipse) > 0)
@@ -122,91 +124,97 @@ class TwinDepthFit:
     def deblurring(self) -> Deblurring:
         """The removal of the point spread, with the noise floor that reconstructs this ball best."""
         sigma_mm = np.sqrt(max(self.fit.light.point_spread_mm**2 - self.fit.forward.observed.blur_mm**2, 0))
-        choices, law = [Deblurring(float(sigma_mm), floor) for floor in FLOORS], self.law(self.fit.light)
-        return min(choices, key=lambda choice: self.error_of(law, self.disc, choice))
+        candidates = [Deblurring(float(sigma_mm), floor) for floor in NOISE_FLOORS]
+        curve = self.model_curve(self.fit.light)
+        return min(candidates, key=lambda candidate: self.error_with_deblurring_mm(curve, self.disc, candidate))
 
     def curve(self, where: Bool[Array, "rows cols"]) -> DepthCurve:
         """Return the brightness model as a depth curve, corrected by the measured darkening in this region of the ball, because the
         form of the model is an idealisation.
         """
-        law = self.law(self.fit.light)
-        depth_mm, darkening = np.array(law.indentation_mm), np.array(law.darkening)
-        seen_mm, off = (
-            self.depth_mm[where],
-            self.darkening[where] - np.interp(self.depth_mm[where], depth_mm, darkening),
-        )
-        knot = np.rint(seen_mm / depth_mm[1]).astype(int)
-        count = np.bincount(knot, minlength=KNOTS)[:KNOTS]
-        known = np.flatnonzero(count > LEAST_OF_KNOT)
-        mean = np.bincount(knot, off, minlength=KNOTS)[:KNOTS] / np.maximum(count, 1)
-        bend = np.interp(np.arange(KNOTS), np.append(0, known), np.append(0.0, mean[known]))
-        rising = np.maximum.accumulate(darkening + gaussian_filter1d(bend, 1.0)) + 1e-6 * np.arange(KNOTS)
-        darkest = float(rising[-1] - rising[0])
-        return replace(law, darkening=tuple((rising - rising[0]).tolist()), beyond=self._continue_law(darkest))
+        curve = self.model_curve(self.fit.light)
+        knot_depth_mm = np.array(curve.indentation_mm)
+        knot_darkening = np.array(curve.darkening)
+        depth_mm = self.depth_mm[where]
+        residual = self.darkening[where] - np.interp(depth_mm, knot_depth_mm, knot_darkening)
+        knot = np.rint(depth_mm / knot_depth_mm[1]).astype(int)
+        count = np.bincount(knot, minlength=KNOT_COUNT)[:KNOT_COUNT]
+        mean = np.bincount(knot, residual, minlength=KNOT_COUNT)[:KNOT_COUNT] / np.maximum(count, 1)
+        known = np.flatnonzero(count > MIN_PIXELS_PER_KNOT)
+        correction = np.interp(np.arange(KNOT_COUNT), np.append(0, known), np.append(0.0, mean[known]))
+        corrected = knot_darkening + gaussian_filter1d(correction, 1.0)
+        rising = np.maximum.accumulate(corrected) + 1e-6 * np.arange(KNOT_COUNT)
+        darkening = rising - rising[0]
+        continuation = self._continue_model_curve(float(darkening[-1]))
+        return replace(curve, darkening=tuple(darkening.tolist()), beyond=continuation)
 
-    def _continue_law(self, darkest: float) -> CurveContinuation:
+    def _continue_model_curve(self, max_darkening: float) -> CurveContinuation:
         """Return the curve beyond the depth of the press, where the brightness model continues from this darkening; nothing for a
         press that left little of the gel."""
-        light, gel_mm = self.fit.light, self.fit.parameters["thickness_mm"]
-        end_mm = self._deepest_mm
-        depth_mm = np.linspace(end_mm, DEEPEST_FRACTION * min(gel_mm, light.thickness_mm), KNOTS_BEYOND + 1)
-        if depth_mm[-1] < end_mm + LEAST_BEYOND_MM:
+        light = self.fit.light
+        start_mm = self._max_depth_mm
+        end_mm = MAX_DEPTH_PER_THICKNESS * min(self.fit.parameters["thickness_mm"], light.thickness_mm)
+        if end_mm < start_mm + MIN_CONTINUATION_MM:
             return CurveContinuation()
+        depth_mm = np.linspace(start_mm, end_mm, CONTINUATION_KNOT_COUNT + 1)
         darkening = np.abs(light.brightness_change(-depth_mm))
         return CurveContinuation(
-            tuple((darkest + (darkening - darkening[0])[1:]).tolist()),
+            tuple((max_darkening + (darkening - darkening[0])[1:]).tolist()),
             tuple(depth_mm[1:].tolist()),
-            (0.0,) * KNOTS_BEYOND,
+            (0.0,) * CONTINUATION_KNOT_COUNT,
         )
 
     @property
-    def _deepest_mm(self) -> float:
+    def _max_depth_mm(self) -> float:
         """Depth at which the calibrated curve ends."""
         return float(min(self.fit.parameters["depth_mm"], 0.95 * self.fit.light.thickness_mm))
 
     @cached_property
     def darkening(self) -> Float32[Array, "rows cols"]:
         """Darkening of the ball image after the corrections of a reconstruction: lost and scattered light are restored."""
-        reader = self.reader(self.law(self.fit.light), self.deblurring)
+        reader = self.reader(self.model_curve(self.fit.light), self.deblurring)
         index = reader.index(self.fit.forward.observed.after.grey)
         return FINE_SMOOTHING(1 - index.astype(np.float32) / np.float32(TABLE_STEPS["ratio"]))
 
-    def law(self, light: BrightnessModel) -> DepthCurve:
-        """Return the brightness model as a depth curve."""
-        depth_mm = np.linspace(0, self._deepest_mm, KNOTS)
+    def model_curve(self, light: BrightnessModel) -> DepthCurve:
+        """Return a brightness model as a depth curve, without errors and without continuation."""
+        depth_mm = np.linspace(0, self._max_depth_mm, KNOT_COUNT)
         darkening = np.abs(light.brightness_change(-depth_mm))
-        bright = light.brightening_per_mm * BULGE_MM
-        bulges = ((0.0, bright), (0.0, BULGE_MM)) if bright > 0 else ((0.0,), (0.0,))
-        return DepthCurve("ratio", tuple(darkening.tolist()), tuple(depth_mm.tolist()), (0.0,) * KNOTS, *bulges)
+        brightening = light.brightening_per_mm * MAX_BULGE_MM
+        bulges = ((0.0, brightening), (0.0, MAX_BULGE_MM)) if brightening > 0 else ((0.0,), (0.0,))
+        return DepthCurve("ratio", tuple(darkening.tolist()), tuple(depth_mm.tolist()), (0.0,) * KNOT_COUNT, *bulges)
 
-    def honest(self, curve: DepthCurve, cross_validation_mae_mm: float) -> DepthCurve:
+    def with_errors(self, curve: DepthCurve, cross_validation_mae_mm: float) -> DepthCurve:
         """Return the curve with its errors: cross-validation on the ball, and the uncertainty of the depth of the press."""
-        reading = np.hypot(self.error_mm(curve, self.disc), cross_validation_mae_mm)
-        known = self.fit.confidence.deviation["depth_mm"] / self.fit.parameters["depth_mm"]
-        errors = np.hypot(reading, known * np.array(curve.indentation_mm))
-        grown = errors[-1] + ERROR_BEYOND * (np.array(curve.beyond.indentation_mm) - curve.max_indentation_mm)
-        return replace(
-            curve, error_mm=tuple(errors.tolist()), beyond=replace(curve.beyond, error_mm=tuple(grown.tolist()))
-        )
+        reconstruction_error_mm = np.hypot(self.error_mm(curve, self.disc), cross_validation_mae_mm)
+        relative_depth_std = self.fit.uncertainty.standard_deviations["depth_mm"] / self.fit.parameters["depth_mm"]
+        error_mm = np.hypot(reconstruction_error_mm, relative_depth_std * np.array(curve.indentation_mm))
+        extrapolated_mm = np.array(curve.beyond.indentation_mm) - curve.max_indentation_mm
+        continuation_error_mm = error_mm[-1] + CONTINUATION_ERROR_PER_MM * extrapolated_mm
+        continuation = replace(curve.beyond, error_mm=tuple(continuation_error_mm.tolist()))
+        return replace(curve, error_mm=tuple(error_mm.tolist()), beyond=continuation)
 
     def error_mm(self, curve: DepthCurve, where: Bool[Array, "rows cols"]) -> float:
         """Return the mean absolute error of the reconstructed height in a region, against the fitted skin."""
-        return self.error_of(curve, where, self.deblurring)
+        return self.error_with_deblurring_mm(curve, where, self.deblurring)
 
-    def error_of(self, curve: DepthCurve, where: Bool[Array, "rows cols"], deblurring: Deblurring) -> float:
+    def error_with_deblurring_mm(
+        self, curve: DepthCurve, where: Bool[Array, "rows cols"], deblurring: Deblurring
+    ) -> float:
         """Return the mean absolute error of the reconstructed height in a region with this deblurring."""
-        read_mm = self.reader(curve, deblurring)(self.fit.forward.observed.after).z_mm
-        return float(np.abs(read_mm - self.seen_mm)[where].mean())
+        height_mm = self.reader(curve, deblurring)(self.fit.forward.observed.after).z_mm
+        return float(np.abs(height_mm - self.sightline_height_mm)[where].mean())
 
     def reader(self, curve: DepthCurve, deblurring: Deblurring) -> DepthReader:
         """Return the depth reader of the calibrated sensor."""
-        everywhere = np.full(self.seen_mm.shape, HeightSource.MEASURED, np.uint8)
-        before, loss = self.fit.forward.observed.before, GlobalDimmingModel(self.fit.light.global_dimming)
-        return DepthReader(curve, before, everywhere, FINE_SMOOTHING, loss=loss, deblurring=deblurring)
+        everywhere = np.full(self.sightline_height_mm.shape, HeightSource.MEASURED, np.uint8)
+        reference = self.fit.forward.observed.before
+        loss = GlobalDimmingModel(self.fit.light.global_dimming)
+        return DepthReader(curve, reference, everywhere, FINE_SMOOTHING, loss=loss, deblurring=deblurring)
 
     def cross_validation_mae_mm(self) -> float:
         """Return the error of one half of the disc with the curve of the other half, mean over four cuts."""
-        x, y = self.fit.forward.observed.place_mm
+        x, y = self.fit.forward.observed.positions_mm
         left, upper = x < self.fit.parameters["x_mm"], y < self.fit.parameters["y_mm"]
         halves = [np.asarray(half) for half in (left, ~left, upper, ~upper)]
         return float(np.mean([self.error_mm(self.curve(self.disc & half), self.disc & ~half) for half in halves]))
@@ -252,11 +260,7 @@ class BallFit:
     @property
     def loss(self) -> GlobalDimmingModel:
         """The loss of light of the whole image; none where the method does not determine it."""
-        return (
-            GlobalDimmingModel()
-            if self.physical is None
-            else GlobalDimmingModel(self.physical.fit.light.global_dimming)
-        )
+        return GlobalDimmingModel(0.0 if self.physical is None else self.physical.fit.light.global_dimming)
 
     @property
     def deblurring(self) -> Deblurring | None:
@@ -276,25 +280,24 @@ def fit_ball(
     design: SensorDesign,
     method: DepthMethod = "physics",
     smoothing: Smoothing = Smoothing(),
-    beliefs: tuple[ParameterPrior, ...] = (),
-    near: ParameterVector | None = None,
+    priors: tuple[ParameterPrior, ...] = (),
+    initial: ParameterVector | None = None,
 ) -> BallFit:
     """Find the contact disc and fit the depth curve; raises `BallPressUnusable`, `ImageUnusable`, `WrongImageSize`.
 
-    reference, press: raw images (rows, cols, 3) of the skin without contact and of the ball pressed on it. beliefs, near: as for
-    `fit_twin_to_ball_press`.
+    reference, press: raw images (rows, cols, 3) of the skin without contact and of the ball pressed on it. priors, initial: as for
+    `fit_twin_to_ball_press`, for the method `physics` alone.
     """
     require_same_image_size("ball image", reference, press)
     require_usable_exposure("ball reference", reference)
     require_usable_exposure("ball image", press)
     before, after = rectify(Frame(reference)), rectify(Frame(press))
     circle = find_usable_contact_circle(before, after, design.ball, method)
-    seen = BallPressImages(before, after, circle, design.ball, design.camera, smoothing)
-    fit = (
-        _fit_by_physics(seen, design, beliefs, near)
-        if method == "physics"
-        else _fit_by_contact_disc(refine_ball_centre(seen), method)
-    )
+    images = BallPressImages(before, after, circle, design.ball, design.camera, smoothing)
+    if method == "physics":
+        fit = _fit_by_physics(images, design, priors, initial)
+    else:
+        fit = _fit_by_contact_disc(refine_ball_centre(images), method)
     # A height against an averaged reference contains the noise of one image.
     noise = estimate_camera_noise(flat_fielded_brightness_change(reference, press))
     reader = partial(fit.reader, source=rectify.height_source)
@@ -314,25 +317,21 @@ def find_usable_contact_circle(
 def _fit_by_physics(
     press: BallPressImages,
     design: SensorDesign,
-    beliefs: tuple[ParameterPrior, ...] = (),
-    near: ParameterVector | None = None,
+    priors: tuple[ParameterPrior, ...],
+    initial: ParameterVector | None,
 ) -> BallFit:
     """Fit mechanics and light together, and measure how well the result reconstructs the ball."""
-    physical = TwinDepthFit(fit_twin_to_ball_press(press.before, press.after, press.circle, design, beliefs, near))
+    physical = TwinDepthFit(fit_twin_to_ball_press(press.before, press.after, press.circle, design, priors, initial))
     require_explained_by_ball(physical.fit.image_rmse_grey_levels, press.circle)
-    curve, cross_validation_mae_mm = physical.curve(physical.disc), physical.cross_validation_mae_mm()
-    placed = press.about(physical.centre_px)
-    reconstruction_mae_mm, honest = (
-        physical.error_mm(curve, physical.disc),
-        physical.honest(curve, cross_validation_mae_mm),
-    )
+    curve = physical.curve(physical.disc)
+    cross_validation_mae_mm = physical.cross_validation_mae_mm()
     return BallFit(
-        "physics",
-        honest,
-        placed,
-        reconstruction_mae_mm,
-        cross_validation_mae_mm,
-        asymmetry_warnings(press.circle),
+        method="physics",
+        curve=physical.with_errors(curve, cross_validation_mae_mm),
+        press=press.about(physical.centre_px),
+        reconstruction_mae_mm=physical.error_mm(curve, physical.disc),
+        cross_validation_mae_mm=cross_validation_mae_mm,
+        warnings=asymmetry_warnings(press.circle),
         physical=physical,
     )
 
@@ -345,14 +344,13 @@ def _fit_by_contact_disc(press: BallPressImages, method: DepthMethod) -> BallFit
         press.error_mm(press.curve(signal, press.disc & half), press.disc & ~half) for half in press.halves()
     ]
     cross_validation_mae_mm = float(np.mean(half_errors))
-    honest = replace(curve, error_mm=tuple(np.hypot(curve.error_mm, cross_validation_mae_mm).tolist()))
     return BallFit(
-        method,
-        honest,
-        press,
-        press.error_mm(curve, press.disc),
-        cross_validation_mae_mm,
-        asymmetry_warnings(press.circle),
+        method=method,
+        curve=replace(curve, error_mm=tuple(np.hypot(curve.error_mm, cross_validation_mae_mm).tolist())),
+        press=press,
+        reconstruction_mae_mm=press.error_mm(curve, press.disc),
+        cross_validation_mae_mm=cross_validation_mae_mm,
+        warnings=asymmetry_warnings(press.circle),
     )
 
 

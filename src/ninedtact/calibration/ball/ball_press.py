@@ -72,15 +72,16 @@ def _visible_ball_depth_mm(
     ball = np.array([*centre_mm, np.sqrt(ball_radius_mm**2 - edge_radius_mm**2)])
     x, y = skin_grid_mm(shape, mm_per_px)
     sight = np.stack([x, y, np.full_like(x, camera_distance_mm)], axis=-1).astype(float)
-    part = intersect_rays_with_sphere(camera - ball, sight, ball_radius_mm)
-    return np.maximum(camera_distance_mm * (1 - part), 0)
+    ray_fraction = intersect_rays_with_sphere(camera - ball, sight, ball_radius_mm)
+    return np.maximum(camera_distance_mm * (1 - ray_fraction), 0)
 
 
 def intersect_rays_with_sphere(
     start: Float[Array, "3"], sight: Float[Array, "rows cols 3"], radius: float
 ) -> Float[Array, "rows cols"]:
     """Return the smaller t at which start + t·sight lies on the sphere about zero; 1 (the plane) where there is no intersection."""
-    square, product = (sight**2).sum(axis=-1), sight @ start
+    square = (sight**2).sum(axis=-1)
+    product = sight @ start
     discriminant = product**2 - square * (start @ start - radius**2)
     return np.where(discriminant > 0, (-product - np.sqrt(np.maximum(discriminant, 0))) / square, 1)
 
@@ -107,7 +108,8 @@ class BallPressImages:
     @cached_property
     def depth_mm(self) -> Float[Array, "rows cols"]:
         """Depth of the ball's surface on every pixel's line of sight, zero outside the disc."""
-        shape, mm_per_px = self.before.grey.shape, self.before.mm_per_px
+        shape = self.before.grey.shape
+        mm_per_px = self.before.mm_per_px
         x, y = self.circle.centre_px
         centre_mm = (x - (shape[1] - 1) / 2) * mm_per_px, (y - (shape[0] - 1) / 2) * mm_per_px
         return _visible_ball_depth_mm(

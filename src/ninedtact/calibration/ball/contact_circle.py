@@ -153,10 +153,10 @@ def _fit_circle(calm: Float32[Array, "rows cols"], edge: Float[Array, "n 2"]) ->
     middle = edge.mean(axis=0)
     start = [*middle, np.hypot(*(edge - middle).T).mean()]
 
-    def miss(circle: Float[Array, "3"]) -> Float[Array, " n"]:
+    def residual(circle: Float[Array, "3"]) -> Float[Array, " n"]:
         return np.asarray(np.hypot(edge[:, 0] - circle[0], edge[:, 1] - circle[1]) - circle[2])
 
-    x, y, radius = least_squares(miss, start, loss="soft_l1").x
+    x, y, radius = least_squares(residual, start, loss="soft_l1").x
     scatter = float(np.std(np.hypot(edge[:, 0] - x, edge[:, 1] - y)))
     _require_round_edge(calm.shape, (x, y), radius, scatter)
     drop = -float(calm.min())
@@ -229,7 +229,7 @@ def require_disc_above_black(after: Float32[Array, "rows cols"], circle: Contact
     if black > MAX_BLACK_SHARE:
         raise BallPressUnusable(
             f"expected the bottom of the disc to be brighter than black, got {black:.0%} of it at {BLACK_GREY_LEVEL:g} grey levels "
-            "or below, where depth cannot be told; give more light or a longer exposure, or press less deep"
+            "or below, where brightness no longer shows depth; give more light or a longer exposure, or press less deep"
         )
 
 

@@ -80,7 +80,7 @@ class BoardFit:
     of one image."""
     change: Float32[Array, "rows cols"]
     refined: LensModel | None = None
-    """A lens that was fitted to the whole image, not to the imprints' centres alone (`calibration.lens_refinement`)."""
+    """A lens that was fitted to the whole image, not to the imprints' centres alone (`calibration.twin.lens_refinement`)."""
     correction: LensCorrectionFit | None = None
     """A smooth correction on top of the lens, where it predicts left-out pins better."""
 
@@ -103,6 +103,23 @@ class BoardFit:
     def missing_pins(self) -> list[str]:
         """Return the names of the pins that were predicted."""
         return [f"column {column + 1}, row {row + 1}" for column, row in self.nodes[~self.found].tolist()]
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings about the press of the board: pins that were not found, and a large leave-one-out error."""
+        warnings = []
+        if self.missing_pins:
+            warnings.append(
+                f"found {int(self.found.sum())} of {self.board.count} pins; predicted from the others: "
+                f"{'; '.join(self.missing_pins)}; press harder there, or hold the board flatter, for a better lens"
+            )
+        error_mm = rms_vector_length(self.leave_one_out_errors_mm)
+        if error_mm > 0.04 * self.board.pitch_mm:
+            warnings.append(
+                f"pins are predicted only to {error_mm:.2f} mm (0.03 to 0.06 mm is usual); "
+                "focus the camera and press the board evenly"
+            )
+        return warnings
 
 
 def fit_board(

@@ -22,6 +22,7 @@ from ninedtact.calibration.certificate.plot_style import (
 from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.sensor_toml_schema import BoardPressFitTable, TwinTable
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
+from ninedtact.quantities import Rectified
 from ninedtact.shape.depth import BrightnessSignal, DepthCurve
 
 if TYPE_CHECKING:
@@ -29,33 +30,36 @@ if TYPE_CHECKING:
     from matplotlib.axes._secondary_axes import SecondaryAxis
 
 
-CIRCLE, CURVE = "#ffb000", "#c2410c"
+CIRCLE = "#ffb000"
+CURVE = "#c2410c"
 AXIS_COLOURS = {"x": "#d62f1f", "y": "#0f8a4c"}
 DARKENING: dict[BrightnessSignal, str] = {
     "ratio": "1 \N{MINUS SIGN} I/I₀ (fraction of the reference brightness)",
     "difference": "I₀ \N{MINUS SIGN} I (grey levels)",
 }
 """Names of the signals that the two methods use."""
-PALEST = 0.3
+MIN_PIXELS_PER_SPOT = 0.3
 """Number of pixels per spot of the scatter plot that would be drawn white; it is below one, so that a single pixel
 remains visible.
 """
-LEAST_ERROR_SCALE_MM = 0.1
+MIN_ERROR_SCALE_MM = 0.1
 """Smallest end of the residual map's colours, so that plots of good calibrations are comparable and pale."""
 
 
-def _image_extent_mm(calibration: Calibration) -> tuple[float, float, float, float]:
-    """Return left, right, bottom and top of the rectified image in mm, y downwards."""
-    before = calibration.ball.press.before
-    (rows, cols), mm_per_px = before.grey.shape, before.mm_per_px
-    return -cols / 2 * mm_per_px, cols / 2 * mm_per_px, rows / 2 * mm_per_px, -rows / 2 * mm_per_px
+def _image_extent_mm(image: Rectified) -> tuple[float, float, float, float]:
+    """Return left, right, bottom and top of a rectified image in mm, y downwards."""
+    rows, cols = image.grey.shape
+    half_width_mm = cols / 2 * image.mm_per_px
+    half_height_mm = rows / 2 * image.mm_per_px
+    return -half_width_mm, half_width_mm, half_height_mm, -half_height_mm
 
 
 def plot_contact_disc(calibration: Calibration) -> bytes:
     """Return a PNG of the rectified ball image with the contact circle and its centre."""
-    figure, press = new_certificate_figure(), calibration.ball.press
+    press = calibration.ball.press
+    figure = new_certificate_figure()
     axes = add_labelled_axes(figure, (0.13, 0.135, 0.85, 0.84), "x (mm)", "y (mm)")
-    axes.imshow(stretch_contrast(press.after.grey), cmap="gray", vmin=0, vmax=255, extent=_image_extent_mm(calibration))
+    axes.imshow(stretch_contrast(press.after.grey), cmap="gray", vmin=0, vmax=255, extent=_image_extent_mm(press.after))
     _plot_contact_circle(axes, press, CIRCLE)
     axes.plot(*_disc_centre_mm(press), "+", color=CIRCLE, markersize=9, markeredgewidth=1.2)
     return figure_to_png(figure)
@@ -70,7 +74,8 @@ def _plot_contact_circle(axes: "Axes", press: BallPressImages, colour: str) -> N
 
 def _disc_centre_mm(press: BallPressImages) -> tuple[float, float]:
     """Return the centre of the disc on the skin."""
-    (rows, cols), (x, y) = press.before.grey.shape, press.circle.centre_px
+    rows, cols = press.before.grey.shape
+    x, y = press.circle.centre_px
     return (x - (cols - 1) / 2) * press.before.mm_per_px, (y - (rows - 1) / 2) * press.before.mm_per_px
 
 
@@ -78,10 +83,11 @@ def plot_depth_curve(calibration: Calibration) -> bytes:
     """Return a PNG of the depth curve over all pixels of the disc, with the band of their scatter."""
     from matplotlib.colors import LogNorm
 
-    curve, press = calibration.ball.curve, calibration.ball.press
+    curve = calibration.ball.curve
+    mean_reference_grey = float(calibration.ball.press.before.grey[calibration.ball.disc].mean())
     figure = new_certificate_figure()
     axes = add_labelled_axes(figure, (0.13, 0.135, 0.85, 0.725), f"darkening {DARKENING[curve.signal]}", "depth (mm)")
-    shades: dict[str, Any] = {"cmap": "Blues", "norm": LogNorm(vmin=PALEST)}
+    shades: dict[str, Any] = {"cmap": "Blues", "norm": LogNorm(vmin=MIN_PIXELS_PER_SPOT)}
     axes.hexbin(
         _disc_darkening(calibration.ball, curve.signal),
         calibration.ball.true_mm[calibration.ball.disc],
@@ -90,7 +96,7 @@ def plot_depth_curve(calibration: Calibration) -> bytes:
         **shades,
     )
     _plot_curve_with_band(axes, curve)
-    top = _add_other_signal_axis(axes, curve.signal, float(press.before.grey[calibration.ball.disc].mean()))
+    top = _add_other_signal_axis(axes, curve.signal, mean_reference_grey)
     top.tick_params(colors=PALE_INK, labelsize=8, width=0.6, length=3)
     axes.set(xlim=(0, 1.06 * curve.darkening[-1]), ylim=(0, 1.06 * curve.max_indentation_mm))
     axes.legend(loc="lower right", fontsize=8, frameon=False, labelcolor=INK)
@@ -131,15 +137,18 @@ def _add_other_signal_axis(axes: "Axes", signal: BrightnessSignal, mean_grey: fl
 
 def plot_ball_residual(calibration: Calibration) -> bytes:
     """Return a PNG of the reconstructed ball minus the true one, in mm: too deep is positive."""
-    ball, press = calibration.ball, calibration.ball.press
+    ball = calibration.ball
     error_mm = np.where(ball.disc, _reconstruct_ball_mm(calibration) - ball.true_mm, np.nan)
-    figure, end = new_certificate_figure(), max(LEAST_ERROR_SCALE_MM, float(np.nanpercentile(np.abs(error_mm), 99)))
+    scale_mm = max(MIN_ERROR_SCALE_MM, float(np.nanpercentile(np.abs(error_mm), 99)))
+    figure = new_certificate_figure()
     axes = add_labelled_axes(figure, (0.13, 0.135, 0.665, 0.84), "x (mm)", "y (mm)")
-    shown = axes.imshow(error_mm, cmap="RdBu_r", vmin=-end, vmax=end, extent=_image_extent_mm(calibration))
-    _plot_contact_circle(axes, press, INK)
-    (x, y), reach = _disc_centre_mm(press), 1.25 * press.edge_radius_mm
-    axes.set(xlim=(x - reach, x + reach), ylim=(y + reach, y - reach))
-    add_colour_bar(figure, shown, (0.82, 0.135, 0.025, 0.84), "too shallow < 0 < too deep (mm)")
+    extent_mm = _image_extent_mm(ball.press.before)
+    image = axes.imshow(error_mm, cmap="RdBu_r", vmin=-scale_mm, vmax=scale_mm, extent=extent_mm)
+    _plot_contact_circle(axes, ball.press, INK)
+    x, y = _disc_centre_mm(ball.press)
+    reach_mm = 1.25 * ball.press.edge_radius_mm
+    axes.set(xlim=(x - reach_mm, x + reach_mm), ylim=(y + reach_mm, y - reach_mm))
+    add_colour_bar(figure, image, (0.82, 0.135, 0.025, 0.84), "too shallow < 0 < too deep (mm)")
     return figure_to_png(figure)
 
 
@@ -151,48 +160,52 @@ def _reconstruct_ball_mm(calibration: Calibration) -> Float32[Array, "rows cols"
 
 def plot_ball_cross_sections(calibration: Calibration) -> bytes:
     """Return a PNG of two sections through the centre of the ball, as pressed and as reconstructed."""
-    press, read_mm = calibration.ball.press, _reconstruct_ball_mm(calibration)
-    figure, column, row = new_certificate_figure(), *np.rint(press.circle.centre_px).astype(int)
+    press = calibration.ball.press
+    reconstructed_mm = _reconstruct_ball_mm(calibration)
+    column, row = np.rint(press.circle.centre_px).astype(int)
+    figure = new_certificate_figure()
     axes = add_labelled_axes(figure, (0.13, 0.135, 0.85, 0.84), "distance from the ball's centre (mm)", "depth (mm)")
-    for name, index, along in (("x", column, np.s_[row, :]), ("y", row, np.s_[:, column])):
-        at_mm = (np.arange(read_mm[along].size) - index) * press.before.mm_per_px
-        axes.plot(at_mm, read_mm[along], color=AXIS_COLOURS[name], linewidth=1.3, label=f"read back along {name}")
-        axes.plot(at_mm, calibration.ball.true_mm[along], color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
+    for name, centre, section in (("x", column, np.s_[row, :]), ("y", row, np.s_[:, column])):
+        depth_mm = reconstructed_mm[section]
+        distance_mm = (np.arange(depth_mm.size) - centre) * press.before.mm_per_px
+        axes.plot(distance_mm, depth_mm, color=AXIS_COLOURS[name], linewidth=1.3, label=f"reconstructed along {name}")
+        axes.plot(distance_mm, calibration.ball.true_mm[section], color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
     axes.plot([], [], color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="the ball")
-    reach = 1.6 * press.edge_radius_mm
+    reach_mm = 1.6 * press.edge_radius_mm
     axes.set(
-        xlim=(-reach, reach),
+        xlim=(-reach_mm, reach_mm),
         ylim=(1.1 * calibration.ball.max_indentation_mm, -0.08 * calibration.ball.max_indentation_mm),
     )
     axes.legend(loc="upper center", fontsize=8, frameon=False, labelcolor=INK)
     return figure_to_png(figure)
 
 
-LEAST_SCALE_GREY = 3.0
+MIN_SCALE_GREY_LEVELS = 3.0
 """Smallest end of the colours, so that plots of good fits are pale."""
-OBSERVED, PREDICTED = "#2563eb", "#c2410c"
-RING_MM = 0.1
+OBSERVED = "#2563eb"
+PREDICTED = "#c2410c"
+RING_WIDTH_MM = 0.1
 
 
 def plot_twin_residual(fit: TwinFit) -> bytes:
     """Return a PNG of observed minus predicted brightness in grey levels, around the contact."""
-    observed, named = fit.forward.observed, fit.parameters
-    rest = observed.image(fit.rest_grey)
-    (rows, cols), mm_per_px = observed.before.grey.shape, observed.before.mm_per_px
-    box = (-cols / 2 * mm_per_px, cols / 2 * mm_per_px, rows / 2 * mm_per_px, -rows / 2 * mm_per_px)
-    figure, end = new_certificate_figure(), max(LEAST_SCALE_GREY, float(np.nanpercentile(np.abs(rest), 99)))
+    observed = fit.forward.observed
+    residual = observed.image(fit.residual_grey_levels)
+    scale = max(MIN_SCALE_GREY_LEVELS, float(np.nanpercentile(np.abs(residual), 99)))
+    figure = new_certificate_figure()
     axes = add_labelled_axes(figure, (0.13, 0.135, 0.665, 0.84), "x (mm)", "y (mm)")
-    shown = axes.imshow(rest, cmap="RdBu_r", vmin=-end, vmax=end, extent=box)
-    _plot_drag_arrow(axes, (named["x_mm"], named["y_mm"]), fit.drag_mm)
-    add_colour_bar(figure, shown, (0.82, 0.135, 0.025, 0.84), "darker < 0 < brighter than predicted (grey levels)")
+    extent_mm = _image_extent_mm(observed.before)
+    image = axes.imshow(residual, cmap="RdBu_r", vmin=-scale, vmax=scale, extent=extent_mm)
+    _plot_drag_arrow(axes, (fit.parameters["x_mm"], fit.parameters["y_mm"]), fit.drag_mm)
+    add_colour_bar(figure, image, (0.82, 0.135, 0.025, 0.84), "darker < 0 < brighter than predicted (grey levels)")
     return figure_to_png(figure)
 
 
-def _plot_drag_arrow(axes: "Axes", middle_mm: tuple[float, float], drag_mm: tuple[float, float]) -> None:
+def _plot_drag_arrow(axes: "Axes", end_mm: tuple[float, float], drag_mm: tuple[float, float]) -> None:
     """Draw an arrow from where the ball touched to where it was dragged."""
-    end, start = middle_mm, (middle_mm[0] - drag_mm[0], middle_mm[1] - drag_mm[1])
+    start_mm = end_mm[0] - drag_mm[0], end_mm[1] - drag_mm[1]
     style: dict[str, Any] = {"arrowstyle": "-|>", "color": INK, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
-    axes.annotate("", end, start, arrowprops=style)
+    axes.annotate("", end_mm, start_mm, arrowprops=style)
 
 
 def plot_radial_profile(fit: TwinFit) -> bytes:
@@ -200,10 +213,11 @@ def plot_radial_profile(fit: TwinFit) -> bytes:
     figure = new_certificate_figure()
     upper = add_labelled_axes(figure, (0.13, 0.5, 0.85, 0.475), "", "brightness (grey levels)")
     lower = add_labelled_axes(
-        figure, (0.13, 0.135, 0.85, 0.3), "distance from the contact's middle (mm)", "height (mm)"
+        figure, (0.13, 0.135, 0.85, 0.3), "distance from the contact's centre (mm)", "height (mm)"
     )
-    seen = (fit.forward.observed.relative_brightness - 1) * fit.forward.observed.mean_grey
-    for values, colour, label in ((seen, OBSERVED, "seen"), (seen - fit.rest_grey, PREDICTED, "predicted")):
+    observed = (fit.forward.observed.relative_brightness - 1) * fit.forward.observed.mean_grey
+    predicted = observed - fit.residual_grey_levels
+    for values, colour, label in ((observed, OBSERVED, "observed"), (predicted, PREDICTED, "predicted")):
         upper.plot(*_radial_mean(fit, values), color=colour, linewidth=1.4, label=label)
     upper.legend(loc="lower right", fontsize=8, frameon=False, labelcolor=INK)
     lower.plot(*_skin_cross_section(fit), color=INK, linewidth=1.2)
@@ -216,18 +230,19 @@ def plot_radial_profile(fit: TwinFit) -> bytes:
 def _radial_mean(fit: TwinFit, values: Float[Array, " n"]) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
     """Return the mean of values at the observed points by their distance from the contact's centre."""
     x, y = fit.forward.observed.points_mm
-    ring = (np.hypot(x - fit.parameters["x_mm"], y - fit.parameters["y_mm"]).ravel() / RING_MM).astype(int)
+    ring = (np.hypot(x - fit.parameters["x_mm"], y - fit.parameters["y_mm"]).ravel() / RING_WIDTH_MM).astype(int)
     count = np.bincount(ring)
     known = np.flatnonzero(count)
-    return (known + 0.5) * RING_MM, np.bincount(ring, values)[known] / count[known]
+    return (known + 0.5) * RING_WIDTH_MM, np.bincount(ring, values)[known] / count[known]
 
 
 def _skin_cross_section(fit: TwinFit) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """Return the height of the fitted skin along x, from the contact's centre."""
     contact = fit.contact
     row = contact.skin.grid.rows // 2
-    along, height = contact.skin.grid.positions_mm[0][row], np.asarray(contact.height_mm[row], float)
-    return along[along > 0], height[along > 0]
+    x_mm = contact.skin.grid.positions_mm[0][row]
+    height_mm = np.asarray(contact.height_mm[row], float)
+    return x_mm[x_mm > 0], height_mm[x_mm > 0]
 
 
 PARAMETER_MEANINGS = {
@@ -252,41 +267,41 @@ def twin_table_rows(twin: TwinTable) -> list[tuple[str, str, str]]:
     """Return every parameter with its standard deviation and most correlated parameter, and with a sentence about what it is."""
     fit = twin.fit
     rows = [
-        ("unexplained, whole image", f"{fit.image_rmse_grey_levels:.2f} grey levels", ""),
-        ("unexplained, radial profile", f"{fit.radial_rmse_grey_levels:.2f} grey levels", ""),
+        ("residual, whole image (RMS)", f"{fit.image_rmse_grey_levels:.2f} grey levels", ""),
+        ("residual, radial profile (RMS)", f"{fit.radial_rmse_grey_levels:.2f} grey levels", ""),
         (
-            "worth independent observations",
+            "effective independent observations",
             f"{fit.effective_observations:.0f}",
-            "The rest of the fit is smooth, so that pixels repeat each other.",
+            "The residual is smooth, so that neighbouring pixels are correlated.",
         ),
     ]
     if twin.board_press is not None:
         rows += _board_press_table_rows(twin.board_press)
-    for name, found in fit.parameters.items():
-        other = found.most_correlated_with
-        sure = "" if found.std is None else f" ± {found.std:.3f}"
-        beside = "" if other is None else f", {found.correlation:+.2f} with {other.replace('_', ' ')}"
-        rows.append((name.replace("_", " "), f"{found.value:.3f}{sure}{beside}", PARAMETER_MEANINGS[name]))
+    for name, parameter in fit.parameters.items():
+        other = parameter.most_correlated_with
+        std = "" if parameter.std is None else f" ± {parameter.std:.3f}"
+        correlation = "" if other is None else f", {parameter.correlation:+.2f} with {other.replace('_', ' ')}"
+        rows.append((name.replace("_", " "), f"{parameter.value:.3f}{std}{correlation}", PARAMETER_MEANINGS[name]))
     return rows
 
 
-def _board_press_table_rows(told: BoardPressFitTable) -> list[tuple[str, str, str]]:
+def _board_press_table_rows(board_press: BoardPressFitTable) -> list[tuple[str, str, str]]:
     """Return the figures of the fit to the board image, and whether it was accepted."""
-    taken = "taken into the lens" if told.accepted else "not taken: the board is not as drawn"
+    outcome = "used for the lens" if board_press.accepted else "not used: the board differs from its design"
     return [
         (
             "board: imprints' depth",
-            f"{told.depth_mm:.2f} mm ± {told.depth_std_mm:.2f}, {taken}",
-            "How deep the pins pressed, as the darkness of their imprints tells.",
+            f"{board_press.depth_mm:.2f} mm ± {board_press.depth_std_mm:.2f}, {outcome}",
+            "How deep the pins pressed, from the darkness of their imprints.",
         ),
         (
             "board: inverse viewing distance (1/mm)",
-            f"{told.inverse_distance_per_mm:.3f} ± {told.inverse_distance_std_per_mm:.3f}",
-            "The same displacement as seen on the pins, from which the lens is freed.",
+            f"{board_press.inverse_distance_per_mm:.3f} ± {board_press.inverse_distance_std_per_mm:.3f}",
+            "How much the imprints appear displaced outwards, for which a lens that uses the fit is corrected.",
         ),
         (
-            "board: unexplained",
-            f"{told.residual_rms_grey_levels:.2f} of {told.contrast_grey_levels:.1f} grey levels",
+            "board: residual (RMS)",
+            f"{board_press.residual_rms_grey_levels:.2f} of {board_press.contrast_grey_levels:.1f} grey levels",
             "",
         ),
     ]

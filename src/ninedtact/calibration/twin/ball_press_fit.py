@@ -18,9 +18,9 @@ from scipy.optimize import least_squares, lsq_linear
 
 from ninedtact.calibration.ball.contact_circle import ContactCircle
 from ninedtact.calibration.twin.ball_press_model import (
+    COARSE_PATCH,
     FIT_PARAMETERS,
     PARAMETER_NAMES,
-    ROUGH_PATCH,
     BallPressModel,
     ObservedBallPress,
     ParameterVector,
@@ -40,48 +40,56 @@ from ninedtact.simulation.gel_brightness import BrightnessModel
 class FitUncertainty:
     """Standard deviations and correlations of the searched parameters."""
 
-    points: float
+    effective_observations: float
     """Effective number of independent observations."""
-    deviation: dict[str, float]
+    standard_deviations: dict[str, float]
     correlation: Float[Array, "parameters parameters"]
 
-    def closest(self, name: str) -> tuple[str, float]:
+    def most_correlated_parameter(self, name: str) -> tuple[str, float]:
         """Return the parameter with which this one is most correlated, and their correlation."""
-        row = self.correlation[PARAMETER_NAMES.index(name)].copy()
-        row[PARAMETER_NAMES.index(name)] = 0
+        index = PARAMETER_NAMES.index(name)
+        row = self.correlation[index].copy()
+        row[index] = 0
         other = int(np.abs(row).argmax())
         return PARAMETER_NAMES[other], float(row[other])
 
 
+def parameter_covariance(
+    jacobian: Float[Array, "rows parameters"], residual: Float[Array, "..."], effective_observations: float
+) -> Float[Array, "parameters parameters"]:
+    """Return the covariance of least-squares parameters, as of this number of independent observations (Gauss–Markov)."""
+    degrees_of_freedom = max(effective_observations - jacobian.shape[1], 1.0)
+    variance = np.sum(residual**2) / degrees_of_freedom
+    return np.linalg.pinv(jacobian.T @ jacobian, hermitian=True) * variance
+
+
 def _estimate_uncertainty(
-    slopes: Float[Array, "rows parameters"], rest: Float[Array, " n"], points: float
+    jacobian: Float[Array, "rows parameters"], residual: Float[Array, " n"], effective_observations: float
 ) -> FitUncertainty:
-    """Return the uncertainty from the Jacobian and the residual, as of `points` independent observations (Gauss–Markov)."""
-    variance = np.sum(rest**2) / max(points - slopes.shape[1], 1.0)
-    covariance = np.linalg.pinv(slopes.T @ slopes, hermitian=True) * variance
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0))
-    safe = np.where(deviation > 0, deviation, 1)
-    return FitUncertainty(
-        points, dict(zip(PARAMETER_NAMES, deviation.tolist(), strict=True)), covariance / np.outer(safe, safe)
-    )
+    """Return standard deviations and correlations. The Jacobian has the rows of the priors too, the residual has not."""
+    covariance = parameter_covariance(jacobian, residual, effective_observations)
+    standard_deviations = np.sqrt(np.maximum(np.diag(covariance), 0))
+    divisors = np.where(standard_deviations > 0, standard_deviations, 1)
+    named = dict(zip(PARAMETER_NAMES, standard_deviations.tolist(), strict=True))
+    return FitUncertainty(effective_observations, named, covariance / np.outer(divisors, divisors))
 
 
-def effective_observation_count(rest: Float[Array, "rows cols"]) -> float:
+def effective_observation_count(residual: Float[Array, "rows cols"]) -> float:
     """Return the effective number of independent observations: their number divided by the sum of their mutual correlations.
 
-    rest: the residual of a fit as an image; not-a-number where nothing was observed.
+    residual: the residual of a fit as an image; not-a-number where nothing was observed.
     """
-    seen = np.isfinite(rest)
-    known, values = seen.astype(float), rest[seen]
-    field = np.where(seen, rest - values.mean(), 0.0)
-    correlation = _autocorrelation_sums(field) / np.maximum(_autocorrelation_sums(known), 1) / np.mean(values**2)
-    centre = correlation.shape[0] // 2, correlation.shape[1] // 2
-    rows, cols = np.indices(correlation.shape)
-    lag = np.hypot(rows - centre[0], cols - centre[1]).astype(int)
-    ring = np.bincount(lag.ravel(), correlation.ravel()) / np.bincount(lag.ravel())
-    first_zero = int(np.argmax(ring <= 0)) or len(ring)
-    neighbours = float(correlation[lag < first_zero].sum())
-    return float(max(values.size / max(neighbours, 1.0), len(PARAMETER_NAMES) + 1.0))
+    is_observed = np.isfinite(residual)
+    values = residual[is_observed]
+    centred = np.where(is_observed, residual - values.mean(), 0.0)
+    pair_counts = np.maximum(_autocorrelation_sums(is_observed.astype(float)), 1)
+    correlation = _autocorrelation_sums(centred) / pair_counts / np.mean(values**2)
+    lag_rows, lag_cols = np.indices(correlation.shape)
+    lag = np.hypot(lag_rows - correlation.shape[0] // 2, lag_cols - correlation.shape[1] // 2).astype(int)
+    radial_mean = np.bincount(lag.ravel(), correlation.ravel()) / np.bincount(lag.ravel())
+    first_zero = int(np.argmax(radial_mean <= 0)) or len(radial_mean)
+    correlation_sum = float(correlation[lag < first_zero].sum())
+    return float(max(values.size / max(correlation_sum, 1.0), len(PARAMETER_NAMES) + 1.0))
 
 
 def _autocorrelation_sums(field: Float[Array, "rows cols"]) -> Float[Array, "lags_y lags_x"]:
@@ -94,36 +102,42 @@ def _autocorrelation_sums(field: Float[Array, "rows cols"]) -> Float[Array, "lag
     return np.asarray(np.roll(sums, (rows - 1, cols - 1), (0, 1))[: 2 * rows - 1, : 2 * cols - 1])
 
 
-THICKNESS_SPREAD = 0.22
+RELATIVE_THICKNESS_STD = 0.22
 """Relative standard deviation of the thickness with which moulded gels act, about the designed one: from fits to six real sensors
 (`simulation.real_sensor_twins`)."""
-FINITE_STRAIN, FINITE_STRAIN_SPREAD = 0.5, 0.5
+FINITE_STRAIN = 0.5
+FINITE_STRAIN_STD = 0.5
 """Share of finite strain before the image is seen, and its standard deviation: from a linear layer to a neo-Hookean gel."""
-START = {
+TYPICAL_PARAMETERS = {
     "thickness_mm": 2.0,
     "point_spread_mm": 0.45,
     "saturation": 0.4,
     "inverse_distance_per_mm": 0.04,
     "finite_strain": FINITE_STRAIN,
 }
-RULE_BIAS_MM = 0.1
+"""Initial values of the parameters that the contact circle does not show; the thickness is that of a gel of the published
+design."""
+EDGE_RULE_BIAS_MM = 0.1
 """Usual excess of the depth that the rule of the disc's edge gives."""
-WIDEST_GUESS = 0.95
+WIDE_DISC_RADIUS = 0.95
 """Radius of the disc for the initial guess, as a fraction of the ball's radius, where the disc is wider than the ball (as in thick
 gel) and does not determine the depth.
 """
 DRAG_PER_ASYMMETRY_MM = 3.0
 """Usual drag of a press per asymmetry of its bulge; used for the initial guess only."""
-MOST_ROUGH_STEPS, MOST_FINE_STEPS = 40, 10
-"""Largest number of steps of the first search, which yields the scatter and a start for the second, and of the second."""
-ROUGH, FINE = 3e-3, 5e-5
+MAX_COARSE_STEPS = 40
+"""Largest number of steps of the first search, which yields the residual and a start for the second."""
+MAX_FINE_STEPS = 10
+COARSE_TOLERANCE = 3e-3
+FINE_TOLERANCE = 5e-5
 """Relative reduction of the sum of squares below which each search ends. With 200 effective observations these are steps of 0.8 and
 0.1 standard deviations of the result."""
-NEAR = 1e-2
-"""Relative reduction of the sum of squares below which the derivatives by the parameters of the contact, which cost a contact each,
-are kept for the next step."""
+DERIVATIVE_REUSE_REDUCTION = 1e-2
+"""Predicted relative reduction of the sum of squares below which the derivatives by the parameters of the contact, which need a
+contact solution each, are reused in the next iteration."""
+RING_WIDTH_MM = 0.05
 STEP_LENGTHS = (1.0, 0.4)
-"""Fractions of a step that are tried until one reduces the sum of squares."""
+"""Fractions of a step (the step lengths of a line search) that are tried until one reduces the sum of squares."""
 
 
 @dataclass(frozen=True)
@@ -132,18 +146,20 @@ class TwinFit:
 
     forward: BallPressModel
     vector: ParameterVector
-    slopes: Float[Array, "3"]
-    rest_grey: Float[Array, " n"]
-    """Residual, observed minus predicted, in grey levels at the observed points."""
-    confidence: FitUncertainty
-    seconds: float
+    brightness_coefficients: Float[Array, "3"]
+    """Level, slope of darkening and slope of brightening, solved linearly."""
+    residual_grey_levels: Float[Array, " n"]
+    """Observed minus predicted brightness at the observed points."""
+    uncertainty: FitUncertainty
+    duration_s: float
 
     @cached_property
     def parameters(self) -> dict[str, float]:
-        """Return all parameters by name, the searched ones and those solved linearly."""
-        level, dark, bright = (float(slope) for slope in self.slopes)
-        solved = {"loss": level - 1, "darkening_per_mm": dark / level, "brightening_per_mm": bright / level}
-        return {**dict(zip(PARAMETER_NAMES, self.vector.tolist(), strict=True)), **solved}
+        """All parameters by name, the searched ones and those solved linearly."""
+        level, darkening, brightening = self.brightness_coefficients.tolist()
+        nonlinear = dict(zip(PARAMETER_NAMES, self.vector.tolist(), strict=True))
+        linear = {"loss": level - 1, "darkening_per_mm": darkening / level, "brightening_per_mm": brightening / level}
+        return {**nonlinear, **linear}
 
     @property
     def drag_mm(self) -> tuple[float, float]:
@@ -158,39 +174,32 @@ class TwinFit:
     @property
     def image_rmse_grey_levels(self) -> float:
         """Root mean square residual over all observed points."""
-        return float(np.sqrt(np.mean(self.rest_grey**2)))
+        return float(np.sqrt(np.mean(self.residual_grey_levels**2)))
 
     @cached_property
     def radial_rmse_grey_levels(self) -> float:
-        """Root mean square residual of the radial profile, 0.1 to 8 mm from the contact's centre."""
-        return float(np.sqrt(np.mean(self.radial_rest[1] ** 2)))
-
-    @cached_property
-    def radial_rest(self) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
-        """Return radius and mean residual of rings of 0.05 mm."""
-        x, y = (
-            axis.ravel() - self.parameters[name]
-            for axis, name in zip(self.forward.observed.points_mm, PARAMETER_NAMES, strict=False)
-        )
-        radius = np.hypot(x, y)
-        ring = (radius / 0.05).astype(int)
+        """Root mean square of the mean residuals of rings of 0.05 mm, 0.1 to 8 mm from the contact's centre."""
+        x, y = self.forward.observed.points_mm
+        radius = np.hypot(x - self.parameters["x_mm"], y - self.parameters["y_mm"]).ravel()
+        ring = (radius / RING_WIDTH_MM).astype(int)
         count = np.bincount(ring)
-        mean = np.bincount(ring, self.rest_grey) / np.maximum(count, 1)
-        middle = (np.arange(count.size) + 0.5) * 0.05
-        kept = (count > 0) & (middle > 0.1) & (middle < 8.0)
-        return middle[kept], mean[kept]
+        mean = np.bincount(ring, self.residual_grey_levels) / np.maximum(count, 1)
+        ring_radius_mm = (np.arange(count.size) + 0.5) * RING_WIDTH_MM
+        is_used = (count > 0) & (ring_radius_mm > 0.1) & (ring_radius_mm < 8.0)
+        return float(np.sqrt(np.mean(mean[is_used] ** 2)))
 
     @cached_property
     def light(self) -> BrightnessModel:
-        """Return the brightness model of the sensor that the fit found."""
-        named, darkening = self.parameters, self.mean_view_darkening
+        """The fitted brightness model of the sensor."""
+        parameters = self.parameters
+        darkening = self.mean_view_darkening
         return BrightnessModel(
-            darkening_per_mm=max(named["darkening_per_mm"], 0.0),
-            saturation=named["saturation"],
-            brightening_per_mm=max(named["brightening_per_mm"], 0.0),
-            point_spread_mm=named["point_spread_mm"],
-            global_dimming=max(-named["loss"], 0.0) / darkening if darkening > 0 else 0.0,
-            inverse_distance_per_mm=named["inverse_distance_per_mm"],
+            darkening_per_mm=max(parameters["darkening_per_mm"], 0.0),
+            saturation=parameters["saturation"],
+            brightening_per_mm=max(parameters["brightening_per_mm"], 0.0),
+            point_spread_mm=parameters["point_spread_mm"],
+            global_dimming=max(-parameters["loss"], 0.0) / darkening if darkening > 0 else 0.0,
+            inverse_distance_per_mm=parameters["inverse_distance_per_mm"],
             thickness_mm=self.forward.design.gel.thickness_mm,
         )
 
@@ -207,36 +216,27 @@ class ParameterPrior:
 
     name: str
     value: float
-    deviation: float
+    standard_deviation: float
 
 
 @dataclass(frozen=True)
 class _PriorTerms:
     """Prior terms as observations beside those of the image."""
 
-    beliefs: tuple[ParameterPrior, ...] = ()
-    deviation_grey: float = 0.0
+    priors: tuple[ParameterPrior, ...]
+    grey_levels_per_std: float
     """Grey levels that correspond to one standard deviation of a prior: the residual of an independent observation."""
 
-    def miss(self, vector: ParameterVector) -> Float[Array, " beliefs"]:
+    def residual(self, vector: ParameterVector) -> Float[Array, " priors"]:
         """Return the deviation of the vector from the priors, in grey levels."""
-        off = [(vector[PARAMETER_NAMES.index(one.name)] - one.value) / one.deviation for one in self.beliefs]
-        return self.deviation_grey * np.array(off, float)
+        deviations = [(vector[PARAMETER_NAMES.index(p.name)] - p.value) / p.standard_deviation for p in self.priors]
+        return self.grey_levels_per_std * np.array(deviations, float)
 
     @property
-    def slope(self) -> Float[Array, "beliefs parameters"]:
-        """Return the derivative of `miss` by the parameters."""
-        rows = [np.array([name == one.name for name in PARAMETER_NAMES]) / one.deviation for one in self.beliefs]
-        return self.deviation_grey * np.array(rows, float).reshape(-1, len(PARAMETER_NAMES))
-
-
-@dataclass(frozen=True)
-class _Solution:
-    """The result of one search."""
-
-    vector: ParameterVector
-    slopes: Float[Array, "n parameters"]
-    """Jacobian of the residual there, with one row for every prior."""
+    def jacobian(self) -> Float[Array, "priors parameters"]:
+        """The derivative of the residual by the parameters."""
+        rows = [np.array([name == p.name for name in PARAMETER_NAMES]) / p.standard_deviation for p in self.priors]
+        return self.grey_levels_per_std * np.array(rows, float).reshape(-1, len(PARAMETER_NAMES))
 
 
 def fit_twin_to_ball_press(
@@ -244,121 +244,149 @@ def fit_twin_to_ball_press(
     after: Rectified,
     circle: ContactCircle,
     design: SensorDesign,
-    beliefs: tuple[ParameterPrior, ...] = (),
-    near: ParameterVector | None = None,
+    priors: tuple[ParameterPrior, ...] = (),
+    initial: ParameterVector | None = None,
 ) -> TwinFit:
     """Fit mechanics and light to one press of the design's ball, found at `circle`.
 
-    beliefs: prior terms from other images. near: initial parameters, where approximate values are known.
+    priors: prior terms from other images. initial: initial parameters, where approximate values are known.
     """
-    began = perf_counter()
-    middle_mm = _pixel_to_skin_mm(before, circle.centre_px)
-    forward = BallPressModel(ObservedBallPress(before, after, middle_mm), design)
-    if near is None:
-        near = _fit_roughly(replace(forward, patch=ROUGH_PATCH), _initial_guess(forward, circle))
-    points = effective_observation_count(forward.observed.image(forward.fit_linear_terms(near)[1]))
-    found = _fit_finely(forward, near, _make_prior_terms(forward, near, points, beliefs))
-    slopes, rest = forward.fit_linear_terms(found.vector)
-    sure = _estimate_uncertainty(found.slopes, rest, points)
-    return TwinFit(forward, found.vector, slopes, rest, sure, perf_counter() - began)
+    start_s = perf_counter()
+    centre_mm = _pixel_to_skin_mm(before, circle.centre_px)
+    forward = BallPressModel(ObservedBallPress(before, after, centre_mm), design)
+    if initial is None:
+        initial = _fit_coarsely(replace(forward, patch=COARSE_PATCH), _initial_guess(forward, circle))
+    _, initial_residual = forward.fit_linear_terms(initial)
+    observations = effective_observation_count(forward.observed.image(initial_residual))
+    prior_terms = _make_prior_terms(forward, initial_residual, observations, priors)
+    vector, jacobian = _fit_finely(forward, initial, prior_terms)
+    coefficients, residual = forward.fit_linear_terms(vector)
+    uncertainty = _estimate_uncertainty(jacobian, residual, observations)
+    return TwinFit(forward, vector, coefficients, residual, uncertainty, perf_counter() - start_s)
 
 
 def _initial_guess(forward: BallPressModel, circle: ContactCircle) -> ParameterVector:
     """Return the initial guess from the disc: its centre, the depth by the rule of its edge, the drag by the asymmetry
     of its bulge.
     """
-    radius_mm, ball_mm = circle.radius_px * forward.observed.before.mm_per_px, forward.design.ball.radius_mm
-    radius_mm = radius_mm if radius_mm < ball_mm else WIDEST_GUESS * ball_mm
-    depth_mm = ball_mm - np.sqrt(ball_mm**2 - radius_mm**2) - RULE_BIAS_MM
-    drag = DRAG_PER_ASYMMETRY_MM * np.array(circle.leaning)
-    x, y = forward.observed.middle_mm
-    guess = {"x_mm": x, "y_mm": y, "depth_mm": depth_mm, "drag_x_mm": drag[0], "drag_y_mm": drag[1], **START}
+    ball_mm = forward.design.ball.radius_mm
+    radius_mm = circle.radius_px * forward.observed.before.mm_per_px
+    if radius_mm >= ball_mm:
+        radius_mm = WIDE_DISC_RADIUS * ball_mm
+    depth_mm = ball_mm - np.sqrt(ball_mm**2 - radius_mm**2) - EDGE_RULE_BIAS_MM
+    x, y = forward.observed.centre_mm
+    drag = dict(zip(("drag_x_mm", "drag_y_mm"), DRAG_PER_ASYMMETRY_MM * np.array(circle.leaning), strict=True))
+    guess = {"x_mm": x, "y_mm": y, "depth_mm": depth_mm, **drag, **TYPICAL_PARAMETERS}
     guess["thickness_mm"] *= forward.design.gel.thickness_mm / SensorDesign().gel.thickness_mm
-    low, high = parameter_bounds()
-    return np.clip([guess[name] for name in PARAMETER_NAMES], low + 1e-3, high - 1e-3)
+    lower, upper = parameter_bounds()
+    return np.clip([guess[name] for name in PARAMETER_NAMES], lower + 1e-3, upper - 1e-3)
 
 
-def _fit_roughly(forward: BallPressModel, start: ParameterVector) -> ParameterVector:
+def _fit_coarsely(forward: BallPressModel, start: ParameterVector) -> ParameterVector:
     """Return the least-squares parameters from a distant start, by a trust-region method, without prior terms."""
 
-    def miss(vector: ParameterVector) -> Float[Array, " n"]:
+    def residual(vector: ParameterVector) -> Float[Array, " n"]:
         return forward.fit_linear_terms(vector)[1]
 
-    def slope(vector: ParameterVector) -> Float[Array, "n parameters"]:
-        return _image_jacobian(forward, vector, miss(vector))
+    def jacobian(vector: ParameterVector) -> Float[Array, "n parameters"]:
+        return _image_jacobian(forward, vector, residual(vector))
 
-    bounds, scales = parameter_bounds(), parameter_scales()
-    share = PARAMETER_NAMES.index("finite_strain")  # which no image determines before the rest is known
-    bounds[0][share], bounds[1][share] = start[share] - 1e-3, start[share] + 1e-3
-    found = least_squares(miss, start, slope, bounds, x_scale=scales, ftol=ROUGH, xtol=1e-3, max_nfev=MOST_ROUGH_STEPS)
-    return np.asarray(found.x)
+    lower, upper = parameter_bounds()
+    fixed = PARAMETER_NAMES.index("finite_strain")  # no image determines it before the other parameters are known
+    lower[fixed] = start[fixed] - 1e-3
+    upper[fixed] = start[fixed] + 1e-3
+    scales = parameter_scales()
+    solution = least_squares(
+        residual,
+        start,
+        jacobian,
+        (lower, upper),
+        x_scale=scales,
+        ftol=COARSE_TOLERANCE,
+        xtol=1e-3,
+        max_nfev=MAX_COARSE_STEPS,
+    )
+    return np.asarray(solution.x)
 
 
-def _fit_finely(forward: BallPressModel, start: ParameterVector, prior: _PriorTerms) -> _Solution:
-    """Return the least-squares parameters with prior terms from a start near by, by Gauss–Newton.
+def _fit_finely(
+    forward: BallPressModel, start: ParameterVector, prior_terms: _PriorTerms
+) -> tuple[ParameterVector, Float[Array, "n parameters"]]:
+    """Return the least-squares parameters with prior terms from a start near by, by Gauss–Newton, and the last Jacobian of the
+    residual, with one row for every prior.
 
     The contacts are solved to a tolerance, so the sum of squares scatters from one vector to the next, and a search that waits for
-    the smallest differences of it does not end. This one ends where the linearised problem promises too little.
+    the smallest differences of it does not end. This one ends where the linearised problem predicts too small a reduction, or where
+    no step length reduces the sum of squares.
     """
 
-    def miss(vector: ParameterVector) -> Float[Array, " n"]:
-        return np.append(forward.fit_linear_terms(vector)[1], prior.miss(vector))
+    def stacked_residual(vector: ParameterVector) -> Float[Array, " n"]:
+        return np.append(forward.fit_linear_terms(vector)[1], prior_terms.residual(vector))
 
-    vector, rest, kept = start, miss(start), None
-    for _ in range(MOST_FINE_STEPS):
-        slopes = np.vstack([_image_jacobian(forward, vector, rest[: forward.observed.count], kept), prior.slope])
-        change = _bounded_step(slopes, rest, vector)
-        square = np.sum(rest**2)
-        promised = 1 - np.sum((rest + slopes @ change) ** 2) / square
-        kept = slopes if promised < NEAR else None
-        for length in STEP_LENGTHS if promised > FINE else ():
-            moved = vector + length * change
-            moved_rest = miss(moved)
-            if np.sum(moved_rest**2) < square:
-                vector, rest = moved, moved_rest
+    vector = start
+    residual = stacked_residual(start)
+    reused_jacobian = None
+    for _ in range(MAX_FINE_STEPS):
+        image_residual = residual[: forward.observed.count]
+        image_jacobian = _image_jacobian(forward, vector, image_residual, reused_jacobian)
+        jacobian = np.vstack([image_jacobian, prior_terms.jacobian])
+        step = _bounded_step(jacobian, residual, vector)
+        sum_of_squares = np.sum(residual**2)
+        predicted_reduction = 1 - np.sum((residual + jacobian @ step) ** 2) / sum_of_squares
+        if not predicted_reduction > FINE_TOLERANCE:
+            break
+        reused_jacobian = jacobian if predicted_reduction < DERIVATIVE_REUSE_REDUCTION else None
+        for step_length in STEP_LENGTHS:
+            candidate = vector + step_length * step
+            candidate_residual = stacked_residual(candidate)
+            if np.sum(candidate_residual**2) < sum_of_squares:
+                vector = candidate
+                residual = candidate_residual
                 break
         else:
             break
-    return _Solution(vector, slopes)
+    return vector, jacobian
 
 
 def _bounded_step(
-    slopes: Float[Array, "n parameters"], rest: Float[Array, " n"], vector: ParameterVector
+    jacobian: Float[Array, "n parameters"], residual: Float[Array, " n"], vector: ParameterVector
 ) -> ParameterVector:
     """Return the step that minimises the linearised sum of squares within the bounds of the parameters."""
-    low, high = parameter_bounds()
-    triangle = np.linalg.cholesky(slopes.T @ slopes)
-    target = -np.linalg.solve(triangle, slopes.T @ rest)
-    return np.asarray(lsq_linear(triangle.T, target, (low - vector, high - vector), method="bvls").x)
+    lower, upper = parameter_bounds()
+    cholesky = np.linalg.cholesky(jacobian.T @ jacobian)
+    target = -np.linalg.solve(cholesky, jacobian.T @ residual)
+    return np.asarray(lsq_linear(cholesky.T, target, (lower - vector, upper - vector), method="bvls").x)
 
 
 def _make_prior_terms(
-    forward: BallPressModel, vector: ParameterVector, points: float, beliefs: tuple[ParameterPrior, ...]
+    forward: BallPressModel, residual: Float[Array, " n"], observations: float, priors: tuple[ParameterPrior, ...]
 ) -> _PriorTerms:
     """Return the design's thickness and other priors, each as one observation among this many independent ones."""
-    rest, design_mm = forward.fit_linear_terms(vector)[1], forward.design.gel.thickness_mm
-    mould = ParameterPrior("thickness_mm", design_mm, THICKNESS_SPREAD * design_mm)
-    strain = ParameterPrior("finite_strain", FINITE_STRAIN, FINITE_STRAIN_SPREAD)
-    return _PriorTerms((mould, strain, *beliefs), float(np.sqrt(np.sum(rest**2) / points)))
+    design_mm = forward.design.gel.thickness_mm
+    thickness = ParameterPrior("thickness_mm", design_mm, RELATIVE_THICKNESS_STD * design_mm)
+    finite_strain = ParameterPrior("finite_strain", FINITE_STRAIN, FINITE_STRAIN_STD)
+    grey_levels_per_std = float(np.sqrt(np.sum(residual**2) / observations))
+    return _PriorTerms((thickness, finite_strain, *priors), grey_levels_per_std)
 
 
 def _image_jacobian(
     forward: BallPressModel,
     vector: ParameterVector,
-    rest: Float[Array, " n"],
-    kept: Float[Array, "rows parameters"] | None = None,
+    residual: Float[Array, " n"],
+    reused_jacobian: Float[Array, "rows parameters"] | None = None,
 ) -> Float[Array, "n parameters"]:
-    """Return the derivative of the residual, `rest` at this vector, by each searched parameter, with level and slopes refitted.
+    """Return the derivative of the residual by each searched parameter, with level and slopes refitted (variable projection).
 
-    kept: the Jacobian at a vector near by, whose derivatives by the parameters of the contact are taken over.
+    residual: that at this vector. reused_jacobian: that at a vector near by, whose derivatives by the parameters of the contact are
+    reused.
     """
     columns = []
     for index, parameter in enumerate(FIT_PARAMETERS):
-        if kept is not None and parameter.moves_contact:
-            columns.append(kept[: rest.size, index])
+        if reused_jacobian is not None and parameter.moves_contact:
+            columns.append(reused_jacobian[: residual.size, index])
             continue
-        moved, step = perturb_parameter(vector, index)
-        columns.append((forward.fit_linear_terms(moved)[1] - rest) / step)
+        perturbed, step = perturb_parameter(vector, index)
+        columns.append((forward.fit_linear_terms(perturbed)[1] - residual) / step)
     return np.column_stack(columns)
 
 

@@ -40,9 +40,9 @@ class _FitParameter:
     """One parameter of the fit."""
 
     name: str
-    least: float
-    most: float
-    step: float
+    lower_bound: float
+    upper_bound: float
+    difference_step: float
     """Step of the difference quotient: small against the relevant scale, large against the solver's tolerance."""
     scale: float = 1.0
     moves_contact: bool = False
@@ -71,7 +71,9 @@ ParameterVector = Float[Array, " parameters"]
 
 def parameter_bounds() -> tuple[ParameterVector, ParameterVector]:
     """Return the lower and upper bounds of the searched parameters."""
-    return np.array([p.least for p in FIT_PARAMETERS], float), np.array([p.most for p in FIT_PARAMETERS], float)
+    lower = np.array([parameter.lower_bound for parameter in FIT_PARAMETERS], float)
+    upper = np.array([parameter.upper_bound for parameter in FIT_PARAMETERS], float)
+    return lower, upper
 
 
 def parameter_scales() -> ParameterVector:
@@ -82,14 +84,16 @@ def parameter_scales() -> ParameterVector:
 def perturb_parameter(vector: ParameterVector, index: int) -> tuple[ParameterVector, float]:
     """Return the vector with one parameter moved inside its bounds, and the step."""
     parameter = FIT_PARAMETERS[index]
-    step = parameter.step if vector[index] + parameter.step < parameter.most else -parameter.step
-    moved = vector.copy()
-    moved[index] += step
-    return moved, step
+    step = parameter.difference_step
+    if vector[index] + step >= parameter.upper_bound:
+        step = -step
+    perturbed = vector.copy()
+    perturbed[index] += step
+    return perturbed, step
 
 
 SMOOTHING_PX = 1.5
-DIMMEST = 1.0
+MIN_REFERENCE_GREY = 1.0
 
 
 @dataclass(frozen=True)
@@ -99,34 +103,34 @@ class ObservedPress(ABC):
     before: Rectified
     after: Rectified
 
-    every_px: ClassVar[int]
-    """Every how many rows and columns a pixel is fitted; smoothing has correlated neighbouring pixels."""
+    stride_px: ClassVar[int]
+    """Distance of the fitted pixels in rows and columns; smoothing has correlated neighbouring pixels."""
 
     @property
     @abstractmethod
-    def chosen(self) -> Bool[Array, "rows cols"]:
+    def fitted_pixels(self) -> Bool[Array, "rows cols"]:
         """The pixels that are fitted."""
 
     @cached_property
     def ratio(self) -> Float32[Array, "rows cols"]:
         """Smoothed brightness relative to the reference image."""
-        return smooth_gaussian(self.after.grey / np.maximum(self.before.grey, DIMMEST), SMOOTHING_PX)
+        return smooth_gaussian(self.after.grey / np.maximum(self.before.grey, MIN_REFERENCE_GREY), SMOOTHING_PX)
 
     @cached_property
-    def place_mm(self) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
+    def positions_mm(self) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
         """x and y of every pixel, by the lens with which the images were rectified."""
         return skin_grid_mm(self.before.grey.shape, self.before.mm_per_px)
 
     def thin_out(self, pixels: Bool[Array, "rows cols"]) -> Bool[Array, "rows cols"]:
-        """Return those of the pixels that lie in every `every_px`-th row and column."""
-        every = np.zeros_like(pixels)
-        every[:: self.every_px, :: self.every_px] = True
-        return np.asarray(pixels & every)
+        """Return those of the pixels that lie in every `stride_px`-th row and column."""
+        lattice = np.zeros_like(pixels)
+        lattice[:: self.stride_px, :: self.stride_px] = True
+        return np.asarray(pixels & lattice)
 
     @cached_property
     def relative_brightness(self) -> Float[Array, " n"]:
-        """Relative brightness of the chosen pixels."""
-        return self.ratio[self.chosen].astype(float)
+        """Relative brightness of the fitted pixels."""
+        return self.ratio[self.fitted_pixels].astype(float)
 
     @property
     def mean_grey(self) -> float:
@@ -134,10 +138,10 @@ class ObservedPress(ABC):
         return float(self.before.grey.mean())
 
     def image(self, values: Float[Array, " n"]) -> Float[Array, "few_rows few_cols"]:
-        """Return values of the chosen pixels as a coarse image, not-a-number elsewhere."""
-        whole = np.full(self.chosen.shape, np.nan)
-        whole[self.chosen] = values
-        return whole[:: self.every_px, :: self.every_px]
+        """Return values of the fitted pixels as a coarse image, not-a-number elsewhere."""
+        image = np.full(self.fitted_pixels.shape, np.nan)
+        image[self.fitted_pixels] = values
+        return image[:: self.stride_px, :: self.stride_px]
 
 
 REACH_MM = 8.0
@@ -148,25 +152,25 @@ REACH_MM = 8.0
 class ObservedBallPress(ObservedPress):
     """A press of the ball, fitted around the contact."""
 
-    middle_mm: tuple[float, float]
+    centre_mm: tuple[float, float]
     """Approximate centre of the contact."""
-    every_px: ClassVar[int] = 2
+    stride_px: ClassVar[int] = 2
 
     @cached_property
-    def chosen(self) -> Bool[Array, "rows cols"]:
+    def fitted_pixels(self) -> Bool[Array, "rows cols"]:
         """The pixels that are fitted."""
-        x, y = self.place_mm
-        return self.thin_out(np.hypot(x - self.middle_mm[0], y - self.middle_mm[1]) < REACH_MM)
+        x, y = self.positions_mm
+        return self.thin_out(np.hypot(x - self.centre_mm[0], y - self.centre_mm[1]) < REACH_MM)
 
     @cached_property
     def points_mm(self) -> tuple[Float32[Array, "1 n"], Float32[Array, "1 n"]]:
-        """x and y of the chosen pixels."""
-        x, y = (axis[self.chosen][None] for axis in self.place_mm)
+        """x and y of the fitted pixels."""
+        x, y = (axis[self.fitted_pixels][None] for axis in self.positions_mm)
         return x, y
 
     @property
     def count(self) -> int:
-        """Number of the chosen pixels."""
+        """Number of the fitted pixels."""
         return self.relative_brightness.size
 
     @property
@@ -177,13 +181,14 @@ class ObservedBallPress(ObservedPress):
 
 PATCH = PeriodicGrid(128, 128, 0.2)
 """Square of 25.6 mm around the contact; the deformation beyond is negligible."""
-ROUGH_PATCH = PeriodicGrid(64, 64, 0.4)
+COARSE_PATCH = PeriodicGrid(64, 64, 0.4)
 """The same square at a quarter of the points, for the search from a distant start."""
 FRICTION = 1.0
 """Coefficient of friction of silicone on a clean surface; between 0.5 and 1 the fit hardly changes."""
-PRESS_STEP_MM, DRAG_STEP_MM = 0.5, 0.35
-EFFORT = SolverSettings(tolerance=5e-4, must_converge=False)
-KEPT_CONTACTS = 64
+PRESS_STEP_MM = 0.5
+DRAG_STEP_MM = 0.35
+SOLVER_SETTINGS = SolverSettings(tolerance=5e-4, must_converge=False)
+MAX_CACHED_CONTACTS = 64
 
 
 @dataclass(frozen=True)
@@ -197,14 +202,15 @@ class BallPressParameters:
     """Share of the difference between gel at finite strain and the linear layer."""
 
     def poses(self) -> list[Pose]:
-        """Return the poses of the ball in its own frame: down in steps, then along in steps. Presses to different depths share
+        """Return the poses of the ball in its own frame: down in steps, then sideways in steps. Presses to different depths share
         their first steps, and presses that are dragged differently all steps down.
         """
         x, y = self.drag_mm
-        along = int(np.ceil(np.hypot(x, y) / DRAG_STEP_MM))
+        drag_steps = int(np.ceil(np.hypot(x, y) / DRAG_STEP_MM))
         depths_mm = [*np.arange(PRESS_STEP_MM, self.depth_mm, PRESS_STEP_MM).tolist(), self.depth_mm]
-        drags = [Pose(x * (n + 1) / along, y * (n + 1) / along, self.depth_mm) for n in range(along)]
-        return [*(Pose(depth_mm=depth_mm) for depth_mm in depths_mm), *drags]
+        presses = [Pose(depth_mm=depth_mm) for depth_mm in depths_mm]
+        drags = [Pose(x * n / drag_steps, y * n / drag_steps, self.depth_mm) for n in range(1, drag_steps + 1)]
+        return [*presses, *drags]
 
 
 @dataclass(frozen=True)
@@ -216,8 +222,8 @@ class BallPressModel:
     patch: PeriodicGrid = PATCH
 
     @cached_property
-    def contacts(self) -> dict[tuple[float, tuple[Pose, ...]], Contact]:
-        """Return the cache of the contacts that were solved last, by the thickness of the gel and the way of the ball."""
+    def cached_contacts(self) -> dict[tuple[float, tuple[Pose, ...]], Contact]:
+        """The contacts that were solved last, by the thickness of the gel and the trajectory of the ball."""
         return {}
 
     def contact(self, press: BallPressParameters) -> Contact:
@@ -231,57 +237,63 @@ class BallPressModel:
             linear, height_mm=linear.height_mm + np.float32(press.finite_strain) * change_mm.astype(np.float32)
         )
 
-    def _contact_after(self, thickness_mm: float, way: tuple[Pose, ...]) -> Contact:
-        """Return the contact after the ball took this way from the undeformed skin on."""
-        if (thickness_mm, way) not in self.contacts:
-            model = ContactModel(
-                _gel_of_unit_modulus(self.patch, thickness_mm, self.design.gel.poisson_ratio), FRICTION, EFFORT
-            )
-            last = self._contact_after(thickness_mm, way[:-1]) if len(way) > 1 else model.initial_contact()
-            if len(self.contacts) >= KEPT_CONTACTS:
-                self.contacts.pop(next(iter(self.contacts)))
-            self.contacts[thickness_mm, way] = model.step(last, Ball(self.design.ball.radius_mm), way[-1])
-        return self.contacts[thickness_mm, way]
+    def _contact_after(self, thickness_mm: float, trajectory: tuple[Pose, ...]) -> Contact:
+        """Return the contact after this trajectory of the ball from the undeformed skin on."""
+        key = thickness_mm, trajectory
+        if key not in self.cached_contacts:
+            gel = _gel_of_unit_modulus(self.patch, thickness_mm, self.design.gel.poisson_ratio)
+            model = ContactModel(gel, FRICTION, SOLVER_SETTINGS)
+            is_first = len(trajectory) == 1
+            previous = model.initial_contact() if is_first else self._contact_after(thickness_mm, trajectory[:-1])
+            if len(self.cached_contacts) >= MAX_CACHED_CONTACTS:
+                self.cached_contacts.pop(next(iter(self.cached_contacts)))
+            self.cached_contacts[key] = model.step(previous, Ball(self.design.ball.radius_mm), trajectory[-1])
+        return self.cached_contacts[key]
 
-    def columns(self, vector: ParameterVector) -> Float[Array, "n 3"]:
-        """Return the coefficients of level, dark slope and bright slope in the brightness at each observed point."""
-        named = dict(zip(PARAMETER_NAMES, vector.tolist(), strict=True))
-        seen = self.seen_mm(named)
-        diffuse = blur_and_refine_fields(self.patch, named["point_spread_mm"], *self.laws(seen, named["saturation"]))
-        at = grid_indices_at_positions(self.patch, self.observed.middle_mm, *self.observed.points_mm, REFINEMENT)
-        dark, bright = (sample_periodic(field, *at) for field in diffuse)
-        return np.column_stack([np.ones(dark.size), dark.ravel(), bright.ravel()])
+    def linear_basis(self, vector: ParameterVector) -> Float[Array, "n 3"]:
+        """Return the coefficients of level, darkening slope and brightening slope in the brightness at each observed point."""
+        parameters = dict(zip(PARAMETER_NAMES, vector.tolist(), strict=True))
+        terms = self.brightness_terms(self.sightline_height_mm(parameters), parameters["saturation"])
+        blurred = blur_and_refine_fields(self.patch, parameters["point_spread_mm"], *terms)
+        indices = grid_indices_at_positions(self.patch, self.observed.centre_mm, *self.observed.points_mm, REFINEMENT)
+        darkening, brightening = (sample_periodic(field, *indices).ravel() for field in blurred)
+        return np.column_stack([np.ones(darkening.size), darkening, brightening])
 
-    def seen_mm(self, named: dict[str, float]) -> Float32[Array, "rows cols"]:
+    def sightline_height_mm(self, parameters: dict[str, float]) -> Float32[Array, "rows cols"]:
         """Return the height of the skin on every line of sight, on a grid around the centre of the observed press."""
-        height = np.asarray(self.contact(extract_press_parameters(named)).height_mm, np.float32)
+        height_mm = np.asarray(self.contact(extract_press_parameters(parameters)).height_mm, np.float32)
         x, y = (
-            np.ascontiguousarray(axis + middle, np.float32)
-            for axis, middle in zip(self.patch.positions_mm, self.observed.middle_mm, strict=True)
+            np.ascontiguousarray(axis + centre, np.float32)
+            for axis, centre in zip(self.patch.positions_mm, self.observed.centre_mm, strict=True)
         )
-        return SightlineGrid(x, y, named["inverse_distance_per_mm"]).height_mm(
-            self.patch, (named["x_mm"], named["y_mm"]), height
-        )
+        sightlines = SightlineGrid(x, y, parameters["inverse_distance_per_mm"])
+        return sightlines.height_mm(self.patch, (parameters["x_mm"], parameters["y_mm"]), height_mm)
 
-    def laws(
+    def brightness_terms(
         self, height_mm: Float32[Array, "rows cols"], saturation: float
     ) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
-        """Return the brightness by indentation and by bulge, for slopes of one."""
-        thickness = self.design.gel.thickness_mm
-        dark = darkening_equivalent_height_mm(np.clip(height_mm, -thickness, 0), saturation, thickness)
-        return dark.astype(np.float32), np.maximum(height_mm, 0)
+        """Return the darkening by indentation and the brightening by bulges, for slopes of one."""
+        thickness_mm = self.design.gel.thickness_mm
+        indentation_mm = np.clip(height_mm, -thickness_mm, 0)
+        darkening = darkening_equivalent_height_mm(indentation_mm, saturation, thickness_mm)
+        return darkening.astype(np.float32), np.maximum(height_mm, 0)
 
     def fit_linear_terms(self, vector: ParameterVector) -> tuple[Float[Array, "3"], Float[Array, " n"]]:
-        """Return the best level and slopes for these parameters, and their residual in grey levels."""
-        columns, seen = self.columns(vector), self.observed.relative_brightness
-        slopes = np.linalg.solve(columns.T @ columns, columns.T @ seen)
-        return slopes, (seen - columns @ slopes) * self.observed.mean_grey
+        """Return the best level and slopes for these parameters, and their residual in grey levels, observed minus predicted."""
+        basis = self.linear_basis(vector)
+        observed = self.observed.relative_brightness
+        coefficients = np.linalg.solve(basis.T @ basis, basis.T @ observed)
+        return coefficients, (observed - basis @ coefficients) * self.observed.mean_grey
 
 
-def extract_press_parameters(named: dict[str, float]) -> BallPressParameters:
+def extract_press_parameters(parameters: dict[str, float]) -> BallPressParameters:
     """Return the press that the mechanical parameters describe."""
-    drag_mm = named["drag_x_mm"], named["drag_y_mm"]
-    return BallPressParameters(named["depth_mm"], drag_mm, named["thickness_mm"], named["finite_strain"])
+    return BallPressParameters(
+        parameters["depth_mm"],
+        (parameters["drag_x_mm"], parameters["drag_y_mm"]),
+        parameters["thickness_mm"],
+        parameters["finite_strain"],
+    )
 
 
 @lru_cache(maxsize=64)

@@ -2,10 +2,10 @@
 undeformed plane.
 
 `ObservedBoardPress` holds the observation, brightness relative to the reference image at points among the pins. `BoardPressModel`
-predicts it; `calibration.lens_refinement` fits the two.
+predicts it; `calibration.twin.lens_refinement` fits the prediction to the observation.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -35,9 +35,9 @@ from ninedtact.simulation.pixel_to_skin_map import (
     sample_periodic,
 )
 
-AROUND = 0.6
+FIT_RADIUS_PITCHES = 0.6
 """Radius around a pin within which the image is fitted, in pitches: a little more than half-way to the next pin."""
-LEAST_SPREAD = 0.1
+MIN_PIXEL_DENSITY = 0.1
 """Smallest density of pixels per square millimetre, relative to the centre: a lens fitted to pins may fold the image over beyond
 the outermost ones.
 """
@@ -48,38 +48,41 @@ class ObservedBoardPress(ObservedPress):
     """A press of the board, fitted among the pins."""
 
     board: BoardFit
-    every_px: ClassVar[int] = 3
+    stride_px: ClassVar[int] = 3
 
     @cached_property
-    def chosen(self) -> Bool[Array, "rows cols"]:
+    def fitted_pixels(self) -> Bool[Array, "rows cols"]:
         """The pixels that are fitted: among the pins, and away from undetected pins."""
-        x, y = self.place_mm
-        design, away = self.board.board, AROUND * self.board.board.pitch_mm
-        half_x, half_y = ((count - 1) / 2 * design.pitch_mm + away for count in (design.cols, design.rows))
-        among = (np.abs(x) < half_x) & (np.abs(y) < half_y)
+        x, y = self.positions_mm
+        design = self.board.board
+        radius_mm = FIT_RADIUS_PITCHES * design.pitch_mm
+        half_width_mm = (design.cols - 1) / 2 * design.pitch_mm + radius_mm
+        half_height_mm = (design.rows - 1) / 2 * design.pitch_mm + radius_mm
+        among_pins = (np.abs(x) < half_width_mm) & (np.abs(y) < half_height_mm)
         for pin_x, pin_y in self.board.points_mm[~self.board.found].tolist():
-            among &= np.hypot(x - pin_x, y - pin_y) > away
-        among = self.thin_out(among)
-        among[among] = self.pixel_density(np.column_stack([x[among], y[among]])) > LEAST_SPREAD
-        return np.asarray(among)
+            among_pins &= np.hypot(x - pin_x, y - pin_y) > radius_mm
+        fitted = self.thin_out(among_pins)
+        fitted[fitted] = self.pixel_density(np.column_stack([x[fitted], y[fitted]])) > MIN_PIXEL_DENSITY
+        return np.asarray(fitted)
 
     def pixel_density(self, points_mm: Points) -> Float[Array, " n"]:
         """Return the pixels of the raw image per square millimetre at these points, relative to the centre; negative where the
         image is folded over.
         """
         lens = self.board.lens
-        here, middle = (np.linalg.det(lens.px_per_mm(points)) for points in (points_mm, np.zeros((1, 2))))
-        return np.asarray(here / middle)
+        density = np.linalg.det(lens.px_per_mm(points_mm))
+        central_density = np.linalg.det(lens.px_per_mm(np.zeros((1, 2))))
+        return np.asarray(density / central_density)
 
     @cached_property
     def points_mm(self) -> Points:
-        """Positions of the chosen pixels."""
-        return np.column_stack([axis[self.chosen] for axis in self.place_mm]).astype(float)
+        """Positions of the fitted pixels."""
+        return np.column_stack([axis[self.fitted_pixels] for axis in self.positions_mm]).astype(float)
 
 
 MARGIN_MM = 5.0
 """Width of the skin beyond the outermost pins."""
-EFFORT = SolverSettings(tolerance=1e-3, must_converge=False)
+SOLVER_SETTINGS = SolverSettings(tolerance=1e-3, must_converge=False)
 
 Field = Float32[Array, "rows cols"]
 
@@ -101,6 +104,16 @@ class BoardPressParameters:
     from the model.
     """
 
+    @classmethod
+    def from_vector(cls, vector: Float[Array, "6"]) -> "BoardPressParameters":
+        """Return the parameters from a vector in the order of the fields."""
+        return cls(*vector.tolist())
+
+    @property
+    def vector(self) -> Float[Array, "6"]:
+        """The parameters as a vector in the order of the fields, which is that of the columns of a Jacobian."""
+        return np.array(astuple(self))
+
 
 @dataclass(frozen=True)
 class PredictedBrightnessField:
@@ -110,11 +123,10 @@ class PredictedBrightnessField:
     field: Float32[Array, "fine_rows fine_cols"]
 
     def at(self, points_mm: Points) -> Float[Array, " n"]:
-        """Return the field at places of the plane, by linear interpolation."""
+        """Return the field at points of the plane, by linear interpolation."""
         x, y = (np.ascontiguousarray(axis[None], np.float32) for axis in points_mm.T)
-        return sample_periodic(self.field, *grid_indices_at_positions(self.patch, (0.0, 0.0), x, y, REFINEMENT))[
-            0
-        ].astype(float)
+        indices = grid_indices_at_positions(self.patch, (0.0, 0.0), x, y, REFINEMENT)
+        return sample_periodic(self.field, *indices)[0].astype(float)
 
     def to_px(self, points_mm: Points) -> Points:
         """Return column and row of the field, a projection without a lens."""
@@ -131,31 +143,32 @@ class BoardPressModel:
     points_per_pitch: int = GRID_POINTS_PER_PIN_PITCH
 
     @cached_property
-    def relief(self) -> HeightGridIndenter:
-        """Return the height of the board's underside on a grid."""
+    def indenter(self) -> HeightGridIndenter:
+        """The height of the board's underside on a grid."""
         return pin_board_indenter(self.board)
 
     @cached_property
     def patch(self) -> PeriodicGrid:
         """The modelled area: the pins, the floor around them, and skin beyond."""
         pitch_mm = self.board.pitch_mm
-        width_mm, height_mm = (count * pitch_mm for count in (self.board.cols, self.board.rows))
+        width_mm = self.board.cols * pitch_mm
+        height_mm = self.board.rows * pitch_mm
         return padded_grid(width_mm, height_mm, pitch_mm / self.points_per_pitch, MARGIN_MM)
 
     @cached_property
-    def heights(self) -> dict[BoardPressParameters, Field]:
-        """The last solved height, cached because viewing parameters change more often than the pose of the press."""
+    def cached_height_mm(self) -> dict[BoardPressParameters, Field]:
+        """The height that was solved last, because the parameters of the view change more often than the pose of the press."""
         return {}
 
     def height_mm(self, press: BoardPressParameters) -> Field:
         """Return the height of the skin under the board, from the cache where possible."""
-        unseen = replace(press, inverse_distance_per_mm=0.0, point_spread_mm=0.0)
-        if unseen not in self.heights:
-            self.heights.clear()
-            self.heights[unseen] = self.solved_mm(unseen)
-        return self.heights[unseen]
+        contact_parameters = replace(press, inverse_distance_per_mm=0.0, point_spread_mm=0.0)
+        if contact_parameters not in self.cached_height_mm:
+            self.cached_height_mm.clear()
+            self.cached_height_mm[contact_parameters] = self.solve_height_mm(contact_parameters)
+        return self.cached_height_mm[contact_parameters]
 
-    def solved_mm(self, press: BoardPressParameters) -> Field:
+    def solve_height_mm(self, press: BoardPressParameters) -> Field:
         """Solve the contact and return the height of the skin under the board."""
         gel = replace(
             self.fit.forward.design.gel,
@@ -164,21 +177,19 @@ class BoardPressModel:
             poisson_ratio=press.poisson_ratio,
         )
         skin = Skin(self.patch, lambda wave_number: bonded_layer_compliance(wave_number, gel), np.zeros((), np.float32))
-        model = ContactModel(skin, FRICTION, EFFORT)
+        model = ContactModel(skin, FRICTION, SOLVER_SETTINGS)
         pose = Pose(0.0, 0.0, press.depth_mm, 0.0, press.tilt_x_rad, press.tilt_y_rad)
-        return np.asarray(model.step(model.initial_contact(), self.relief, pose).height_mm, np.float32)
+        return np.asarray(model.step(model.initial_contact(), self.indenter, pose).height_mm, np.float32)
 
     def predict_image(self, press: BoardPressParameters) -> PredictedBrightnessField:
         """Return the brightness of the skin on the undeformed plane, in the twin's light."""
         x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.patch.positions_mm)
-        seen = SightlineGrid(x, y, press.inverse_distance_per_mm).height_mm(
-            self.patch, (0.0, 0.0), self.height_mm(press)
-        )
-        (field,) = blur_and_refine_fields(
-            self.patch, press.point_spread_mm, self.fit.light.brightness_change(seen).astype(np.float32)
-        )
+        sightlines = SightlineGrid(x, y, press.inverse_distance_per_mm)
+        seen_mm = sightlines.height_mm(self.patch, (0.0, 0.0), self.height_mm(press))
+        change = self.fit.light.brightness_change(seen_mm).astype(np.float32)
+        (field,) = blur_and_refine_fields(self.patch, press.point_spread_mm, change)
         return PredictedBrightnessField(self.patch, field)
 
-    def imprints_mm(self, drawn: PredictedBrightnessField, pins_mm: Points) -> Points:
-        """Return the positions on the plane at which the imprints of these pins are seen, located as in a real image."""
-        return locate_imprints_mm(drawn.field, drawn, pins_mm, IMPRINT_RADIUS * self.board.pitch_mm)
+    def imprints_mm(self, image: PredictedBrightnessField, pins_mm: Points) -> Points:
+        """Return the positions on the plane at which the imprints of these pins appear, located as in a real image."""
+        return locate_imprints_mm(image.field, image, pins_mm, IMPRINT_RADIUS * self.board.pitch_mm)

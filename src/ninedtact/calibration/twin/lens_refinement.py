@@ -23,7 +23,12 @@ from ninedtact.calibration.ball.contact_circle import BallPressUnusable
 from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.board.lens_fit import fit_lens, refine_lens, with_radial_term_count
 from ninedtact.calibration.press_brightness import BgrImage
-from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, effective_observation_count
+from ninedtact.calibration.twin.ball_press_fit import (
+    ParameterPrior,
+    TwinFit,
+    effective_observation_count,
+    parameter_covariance,
+)
 from ninedtact.calibration.twin.ball_press_model import ParameterVector
 from ninedtact.calibration.twin.board_press_model import (
     BoardPressModel,
@@ -35,42 +40,65 @@ from ninedtact.quantities import Frame
 from ninedtact.shape.lens import LensModel, PixelNotOnSkin, Points
 from ninedtact.shape.rectification import Rectification
 
-WORST_REST = 0.06
-"""Fraction of the imprints' contrast that may stay unexplained, as for a ball's darkening (ball/contact_circle.py). Above it, the
-pins differ from the design or from each other, and the fit is not used (real boards so far 0.045 and 0.06, simulated ones 0.01 to
-0.045).
+MAX_RELATIVE_RESIDUAL = 0.06
+"""Largest root mean square residual as a fraction of the imprints' contrast, as for a ball's darkening (ball/contact_circle.py).
+Above it, the pins differ from the design or from each other, and the fit is not used (real boards so far 0.045 and 0.06, simulated
+ones 0.01 to 0.045).
 """
-MOST_UNLIKE = 0.2
-"""Largest relative difference of the scattering under pins and under the ball (real boards so far 0.5, simulated ones
-up to 0.1).
+MAX_POINT_SPREAD_DIFFERENCE = 0.2
+"""Largest relative difference of the point spread under the pins and under the ball (real boards so far 0.5, simulated ones up to
+0.1).
 """
-HOPELESSLY_UNLIKE = 2 * MOST_UNLIKE
-"""Difference of the scattering after the first fit, on a coarse grid, above which a fine grid could not make it acceptable."""
-LENS_TERMS = 3
-"""Number of radial terms; a whole image determines more of them than 63 pins do."""
-START = BoardPressParameters(0.8, 0.0, 0.0, 0.495, 0.03, 0.5)
-LEAST = BoardPressParameters(0.1, -0.1, -0.1, 0.35, 0.0, 0.1)
-MOST_THICKNESS = 0.9
-"""Largest depth of a board, as a fraction of the gel's thickness."""
-MOST_TILT, MOST_POISSON, MOST_NEARNESS, MOST_SCATTERING_MM = 0.1, 0.5, 0.1, 1.5
-VIEW_STEPS = {"inverse_distance_per_mm": 0.004, "point_spread_mm": 0.02}
-CONTACT_STEPS = {"depth_mm": 0.02, "poisson_ratio": -0.003}
-"""Steps of the difference quotients. The parameters of the view need no new contact solution and come first; the steps of the tilt
-follow from that of the depth.
-"""
-LARGEST = np.array([0.2, 0.02, 0.02, 0.01, 0.03, 0.2])
+MAX_COARSE_POINT_SPREAD_DIFFERENCE = 2 * MAX_POINT_SPREAD_DIFFERENCE
+"""Difference of the point spread after the fit on the coarse grid, above which a fine grid could not make it acceptable."""
+RADIAL_TERM_COUNT = 3
+"""Number of radial terms of the lens; a whole image determines more of them than 63 pins do."""
+
+# depth_mm, tilt_x_rad, tilt_y_rad, poisson_ratio, inverse_distance_per_mm, point_spread_mm
+INITIAL_PRESS = BoardPressParameters(0.8, 0.0, 0.0, 0.495, 0.03, 0.5)
+LOWER_BOUNDS = BoardPressParameters(0.1, -0.1, -0.1, 0.35, 0.0, 0.1)
+UPPER_BOUNDS = BoardPressParameters(np.inf, 0.1, 0.1, 0.5, 0.1, 1.5)
+MAX_STEP = BoardPressParameters(0.2, 0.02, 0.02, 0.01, 0.03, 0.2)
 """Largest change of each parameter in one iteration."""
-SETTLED = np.array([2e-3, 2e-4, 2e-4, 2e-4, 2e-4, 2e-3])
-NEAR = np.array([2e-2, 5e-3, 5e-3, 3e-3, np.inf, np.inf])
-"""Changes below which the derivatives by depth and Poisson's ratio are kept for the next iteration."""
-ROUGH_POINTS_PER_PITCH = 10
+STEP_TOLERANCE = BoardPressParameters(2e-3, 2e-4, 2e-4, 2e-4, 2e-4, 2e-3)
+"""Change of each parameter in one iteration below which the fit has converged."""
+DERIVATIVE_REUSE_STEP = BoardPressParameters(2e-2, 5e-3, 5e-3, 3e-3, np.inf, np.inf)
+"""Change of each parameter in one iteration below which the next one reuses the derivatives by depth and Poisson's ratio."""
+MAX_DEPTH_PER_THICKNESS = 0.9
+"""Largest depth of a board, as a fraction of the gel's thickness."""
+
+VIEW_DIFFERENCE_STEPS = {"inverse_distance_per_mm": 0.004, "point_spread_mm": 0.02}
+CONTACT_DIFFERENCE_STEPS = {"depth_mm": 0.02, "poisson_ratio": -0.003}
+"""Steps of the difference quotients. The parameters of the view need no new contact solution and come first; the derivatives by the
+tilt follow from that by the depth.
+"""
+GRADIENT_STEP_MM = 0.05
+"""Step of the central differences of the image gradient."""
+
+PRESS_COLUMN_COUNT = INITIAL_PRESS.vector.size
+LIGHT_COLUMN_COUNT = 3
+"""Number of terms of the illumination: its level and its slopes along x and y."""
+PRESS_COLUMNS = slice(0, PRESS_COLUMN_COUNT)
+LENS_COLUMNS = slice(PRESS_COLUMN_COUNT, -LIGHT_COLUMN_COUNT)
+"""Columns of the Jacobian: the press in the order of its fields, the lens by displacement modes, then the illumination."""
+LIGHT_LENGTH_SCALE_MM = 10.0
+"""Unit of length of the illumination's slopes."""
+
+COARSE_POINTS_PER_PITCH = 10
 """Points per pitch of the pins of the contact grid on which the first fit is made, at a quarter of the cost."""
-ROUGH_ROUNDS, FINE_ROUNDS, NEWTON = 12, 5, 2
-FEWER = 14
+MAX_COARSE_ITERATIONS = 12
+MAX_FINE_ITERATIONS = 5
+LENS_FIT_STRIDE = 14
 """Every how many observed points one is used to fit the lens to the displaced points."""
-GRADIENT_MM = 0.05
-UNIT_MM, LIGHT_TERMS = 10.0, 3
-"""Unit of length and number of terms of the light's level and slopes over the image."""
+INVERSION_ITERATIONS = 2
+"""Number of Newton iterations that invert the lens projection. Each Gauss–Newton iteration starts the inversion from its own
+linear prediction, and the start gets closer as the fit converges: after a first step that moves the image by 21 px the error of the
+inversion was at most 0.3 px, in the last iteration of every fit at most 1e-9 px (two real sensors and a simulated one).
+"""
+MAX_ALTERNATIONS = 2
+"""Number of alternations between board and ball. The first starts from the light of a preliminary lens and viewing distance; the
+second corrects the effect of that.
+"""
 
 
 @dataclass(frozen=True)
@@ -78,208 +106,232 @@ class BoardPressFit:
     """The result of the fit to the board image."""
 
     press: BoardPressParameters
-    deviation: BoardPressParameters
+    standard_deviations: BoardPressParameters
+    """Standard deviation of each parameter of the press."""
     lens: LensModel
-    points: float
-    """Effective number of independent observations."""
-    rest_grey: float
-    """Root mean square residual."""
+    residual_rms_grey_levels: float
     contrast_grey_levels: float
     """Contrast of the imprints."""
-    ball_scattering_mm: float
-    """Scattering as fitted to the ball image."""
-    settled: bool
-    by_contact: Float[Array, "2 n"]
+    ball_point_spread_mm: float
+    """Point spread as fitted to the ball image."""
+    converged: bool
+    contact_derivatives: Float[Array, "2 n"]
     """Derivative of the predicted brightness by depth and by Poisson's ratio in the last iteration."""
 
     @property
-    def scattering_difference(self) -> float:
-        """Relative difference of the scattering under pins and under the ball."""
-        return abs(self.press.point_spread_mm / self.ball_scattering_mm - 1)
+    def point_spread_difference(self) -> float:
+        """Relative difference of the point spread under the pins and under the ball."""
+        return abs(self.press.point_spread_mm / self.ball_point_spread_mm - 1)
 
     @property
     def accepted(self) -> bool:
         """Whether the board image agrees with the twin's prediction, so that the fit is used."""
         return (
-            self.settled
-            and self.scattering_difference <= MOST_UNLIKE
-            and self.rest_grey <= WORST_REST * self.contrast_grey_levels
+            self.converged
+            and self.point_spread_difference <= MAX_POINT_SPREAD_DIFFERENCE
+            and self.residual_rms_grey_levels <= MAX_RELATIVE_RESIDUAL * self.contrast_grey_levels
         )
 
     @property
-    def beliefs(self) -> tuple[ParameterPrior, ...]:
-        """Return the prior terms for the fit of the ball."""
-        told = ParameterPrior(
-            "inverse_distance_per_mm", self.press.inverse_distance_per_mm, self.deviation.inverse_distance_per_mm
-        )
-        return (told,) if self.accepted else ()
+    def priors(self) -> tuple[ParameterPrior, ...]:
+        """The prior terms for the fit of the ball: the viewing distance, where the fit is accepted."""
+        if not self.accepted:
+            return ()
+        name = "inverse_distance_per_mm"
+        return (ParameterPrior(name, getattr(self.press, name), getattr(self.standard_deviations, name)),)
 
 
 @dataclass(frozen=True)
 class _LinearisedProblem:
     """The residual and Jacobian of one iteration."""
 
-    rest: Float[Array, " n"]
-    """Residual in grey levels."""
-    slopes: Float[Array, "n parameters"]
-    """Derivative by the press (in the order of its fields), by the lens, and by level and slopes of the light."""
-    by_contact: Float[Array, "2 n"]
-    """Derivative of the predicted brightness by depth and by Poisson's ratio, each of which costs a contact."""
+    residual: Float[Array, " n"]
+    """Observed minus predicted brightness, in grey levels."""
+    jacobian: Float[Array, "n parameters"]
+    """Derivative of the predicted brightness, in grey levels; its columns are PRESS_COLUMNS, LENS_COLUMNS and the illumination."""
+    contact_derivatives: Float[Array, "2 n"]
+    """Derivative of the predicted brightness by depth and by Poisson's ratio, each of which needs a contact solution."""
 
 
 @dataclass(frozen=True)
 class _BoardPressSolver:
-    """The solver for a board image, with the twin that predicts it."""
+    """The Gauss–Newton solver for a board image, with the twin that predicts it."""
 
     observed: ObservedBoardPress
-    forward: BoardPressModel
-    rectified_through: LensModel
+    model: BoardPressModel
+    rectification_lens: LensModel
+    """The lens through which the observed images were rectified."""
 
     def solve(
-        self, press: BoardPressParameters, lens: LensModel, rounds: int, kept: Float[Array, "2 n"] | None = None
-    ) -> BoardPressFit:
-        """Solve from a start by Gauss–Newton in at most this many rounds; the result states whether it converged.
-
-        kept: the derivatives of the contact by depth and Poisson's ratio at a press near the start, where they are known.
-        """
-        settled, pixels = False, self.rectified_through.to_px(self.observed.points_mm)
-        at_mm = _invert_lens_projection(lens, pixels, self.observed.points_mm)
-        for _ in range(rounds):
-            moves = _lens_displacement_modes(lens, at_mm)
-            step = self.step(press, at_mm, moves, kept)
-            change = np.linalg.lstsq(step.slopes, step.rest, rcond=1e-10)[0]
-            moved = self.clip_to_bounds(press, np.clip(change[: len(LARGEST)], -LARGEST, LARGEST))
-            # The lens parameters are too strongly correlated for steps in them, so the lens is fitted to displaced points.
-            asked_mm = at_mm + moves @ change[len(LARGEST) : -LIGHT_TERMS]
-            refined = refine_lens(asked_mm[::FEWER], pixels[::FEWER], lens).lens
-            try:
-                at_mm = _invert_lens_projection(refined, pixels, asked_mm)
-            except PixelNotOnSkin:
-                return self.summarise(press, lens, step, settled=False)
-            by = np.abs(_to_vector(moved) - _to_vector(press))
-            settled, kept = bool((by < SETTLED).all()), step.by_contact if (by < NEAR).all() else None
-            press, lens = moved, refined
-            if settled:
-                break
-        return self.summarise(press, lens, step, settled)
-
-    def summarise(
-        self, press: BoardPressParameters, lens: LensModel, step: "_LinearisedProblem", settled: bool
-    ) -> BoardPressFit:
-        """Return the result of the last iteration."""
-        points = effective_observation_count(self.observed.image(step.rest))
-        variance = np.sum(step.rest**2) / max(points - step.slopes.shape[1], 1.0)
-        covariance = np.linalg.pinv(step.slopes.T @ step.slopes, hermitian=True) * variance
-        told = BoardPressParameters(*np.sqrt(np.maximum(np.diag(covariance), 0))[: len(LARGEST)].tolist())
-        rest, contrast = float(np.sqrt(np.mean(step.rest**2))), float(np.median(self.observed.board.contrast))
-        like_mm = self.forward.fit.light.point_spread_mm
-        return BoardPressFit(press, told, lens, points, rest, contrast, like_mm, settled, step.by_contact)
-
-    def step(
         self,
         press: BoardPressParameters,
-        at_mm: Points,
-        moves: Float[Array, "n 2 k"],
-        kept: Float[Array, "2 n"] | None,
-    ) -> _LinearisedProblem:
-        """Return residual and Jacobian for one press; at_mm: places that the pixels see, moves: their derivative by the lens.
+        lens: LensModel,
+        max_iterations: int,
+        contact_derivatives: Float[Array, "2 n"] | None = None,
+    ) -> BoardPressFit:
+        """Solve from a start by Gauss–Newton in at most this many iterations; the result states whether it converged.
 
-        kept: the derivatives of the contact by depth and Poisson's ratio of a press near by, if they are to be taken over.
+        contact_derivatives: those at a press close to the start, where they are known.
         """
-        drawn = self.forward.predict_image(press)
-        here = drawn.at(at_mm)
+        converged = False
+        pixels = self.rectification_lens.to_px(self.observed.points_mm)
+        points_mm = _invert_lens_projection(lens, pixels, self.observed.points_mm)
+        for _ in range(max_iterations):
+            modes = _lens_displacement_modes(lens, points_mm)
+            problem = self.linearise(press, points_mm, modes, contact_derivatives)
+            step = np.linalg.lstsq(problem.jacobian, problem.residual, rcond=1e-10)[0]
+            next_press = self.bounded_step(press, step[PRESS_COLUMNS])
+            # The lens parameters are too strongly correlated for steps in them, so the lens is fitted to displaced points.
+            displaced_mm = points_mm + modes @ step[LENS_COLUMNS]
+            next_lens = refine_lens(displaced_mm[::LENS_FIT_STRIDE], pixels[::LENS_FIT_STRIDE], lens).lens
+            try:
+                points_mm = _invert_lens_projection(next_lens, pixels, displaced_mm)
+            except PixelNotOnSkin:
+                return self.summarise(press, lens, problem, converged=False)
+            change = np.abs(next_press.vector - press.vector)
+            converged = bool((change < STEP_TOLERANCE.vector).all())
+            is_reusable = (change < DERIVATIVE_REUSE_STEP.vector).all()
+            contact_derivatives = problem.contact_derivatives if is_reusable else None
+            press = next_press
+            lens = next_lens
+            if converged:
+                break
+        return self.summarise(press, lens, problem, converged)
+
+    def linearise(
+        self,
+        press: BoardPressParameters,
+        points_mm: Points,
+        modes: Float[Array, "n 2 k"],
+        contact_derivatives: Float[Array, "2 n"] | None,
+    ) -> _LinearisedProblem:
+        """Return residual and Jacobian for one press.
+
+        points_mm: the points of the undeformed plane that the pixels see. modes: the displacement modes of these points by the
+        lens. contact_derivatives: those at a press close to this one, where they are reused.
+        """
+        image = self.model.predict_image(press)
+        change = image.at(points_mm)
 
         def derivative(name: str, step: float) -> Float[Array, " n"]:
-            moved = replace(press, **{name: getattr(press, name) + step})
-            return (self.forward.predict_image(moved).at(at_mm) - here) / step
+            perturbed = replace(press, **{name: getattr(press, name) + step})
+            return (self.model.predict_image(perturbed).at(points_mm) - change) / step
 
-        by_nearness, by_scattering = (derivative(*step) for step in VIEW_STEPS.items())
-        by_contact = np.array([derivative(*step) for step in CONTACT_STEPS.items()]) if kept is None else kept
-        by_depth, by_poisson = by_contact
-        x, y = at_mm.T
-        by_press = np.column_stack([by_depth, -y * by_depth, x * by_depth, by_poisson, by_nearness, by_scattering])
-        by_lens = np.einsum("ni,nik->nk", _brightness_gradient(drawn, at_mm), moves)
-        light = np.column_stack([np.ones(len(x)), x / UNIT_MM, y / UNIT_MM]) * (1 + here)[:, None]
-        levels = np.linalg.lstsq(light, self.observed.relative_brightness, rcond=None)[0]
-        level = (light @ levels) / (1 + here)
-        slopes = np.column_stack([np.column_stack([by_press, by_lens]) * level[:, None], light])
-        rest = self.observed.relative_brightness - light @ levels
-        return _LinearisedProblem(rest * self.observed.mean_grey, slopes * self.observed.mean_grey, by_contact)
+        by_inverse_distance, by_point_spread = (derivative(*step) for step in VIEW_DIFFERENCE_STEPS.items())
+        if contact_derivatives is None:
+            contact_derivatives = np.array([derivative(*step) for step in CONTACT_DIFFERENCE_STEPS.items()])
+        by_depth, by_poisson_ratio = contact_derivatives
+        x, y = points_mm.T
+        by_press = np.column_stack(
+            [by_depth, -y * by_depth, x * by_depth, by_poisson_ratio, by_inverse_distance, by_point_spread]
+        )
+        by_lens = np.einsum("ni,nik->nk", _image_gradient(image, points_mm), modes)
+        plane = np.column_stack([np.ones(len(x)), x / LIGHT_LENGTH_SCALE_MM, y / LIGHT_LENGTH_SCALE_MM])
+        by_light = plane * (1 + change)[:, None]
+        light_coefficients = np.linalg.lstsq(by_light, self.observed.relative_brightness, rcond=None)[0]
+        predicted = by_light @ light_coefficients
+        illumination = predicted / (1 + change)
+        jacobian = np.column_stack([np.column_stack([by_press, by_lens]) * illumination[:, None], by_light])
+        residual = self.observed.relative_brightness - predicted
+        grey = self.observed.mean_grey
+        return _LinearisedProblem(residual * grey, jacobian * grey, contact_derivatives)
 
-    def clip_to_bounds(self, press: BoardPressParameters, by: Float[Array, "6"]) -> BoardPressParameters:
-        """Return the press moved by a step, within its bounds."""
-        deepest = MOST_THICKNESS * self.forward.fit.parameters["thickness_mm"]
-        most = [deepest, MOST_TILT, MOST_TILT, MOST_POISSON, MOST_NEARNESS, MOST_SCATTERING_MM]
-        return BoardPressParameters(*np.clip(_to_vector(press) + by, _to_vector(LEAST), most).tolist())
+    def bounded_step(self, press: BoardPressParameters, step: Float[Array, "6"]) -> BoardPressParameters:
+        """Return the press after a step of limited length, within its bounds."""
+        max_depth_mm = MAX_DEPTH_PER_THICKNESS * self.model.fit.parameters["thickness_mm"]
+        upper_bounds = replace(UPPER_BOUNDS, depth_mm=max_depth_mm)
+        limited = np.clip(step, -MAX_STEP.vector, MAX_STEP.vector)
+        return BoardPressParameters.from_vector(
+            np.clip(press.vector + limited, LOWER_BOUNDS.vector, upper_bounds.vector)
+        )
+
+    def summarise(
+        self, press: BoardPressParameters, lens: LensModel, problem: _LinearisedProblem, converged: bool
+    ) -> BoardPressFit:
+        """Return the result, with the standard deviations from the last iteration's residual and Jacobian."""
+        observations = effective_observation_count(self.observed.image(problem.residual))
+        covariance = parameter_covariance(problem.jacobian, problem.residual, observations)
+        standard_deviations = np.sqrt(np.maximum(np.diag(covariance), 0))
+        return BoardPressFit(
+            press=press,
+            standard_deviations=BoardPressParameters.from_vector(standard_deviations[PRESS_COLUMNS]),
+            lens=lens,
+            residual_rms_grey_levels=float(np.sqrt(np.mean(problem.residual**2))),
+            contrast_grey_levels=float(np.median(self.observed.board.contrast)),
+            ball_point_spread_mm=self.model.fit.light.point_spread_mm,
+            converged=converged,
+            contact_derivatives=problem.contact_derivatives,
+        )
 
 
-def _lens_displacement_modes(lens: LensModel, at_mm: Points) -> Float[Array, "n 2 k"]:
-    """Return how the places that pixels see move with a lens, in mm: independent modes, each scaled to a millimetre (RMS)."""
-    moves = np.linalg.solve(lens.px_per_mm(at_mm), lens.px_per_parameter(at_mm))
-    ways, _ = np.linalg.qr(moves.reshape(2 * len(at_mm), -1))
-    return ways.reshape(moves.shape) * np.sqrt(len(at_mm))
-
-
-def _invert_lens_projection(lens: LensModel, pixels: Points, near_mm: Points) -> Points:
-    """Return the places that pixels see, from places near them (Newton); raises `PixelNotOnSkin` where the lens folds the
-    image over.
+def _lens_displacement_modes(lens: LensModel, points_mm: Points) -> Float[Array, "n 2 k"]:
+    """Return an orthogonal basis of the displacements, by changes of the lens, of the points that the pixels see, in mm; each mode
+    has a root mean square displacement of 1 mm.
     """
-    for _ in range(NEWTON):
-        slope = lens.px_per_mm(near_mm)
-        if not (np.linalg.det(slope) > 0).all():
+    displacements = np.linalg.solve(lens.px_per_mm(points_mm), lens.px_per_parameter(points_mm))
+    orthonormal, _ = np.linalg.qr(displacements.reshape(2 * len(points_mm), -1))
+    return orthonormal.reshape(displacements.shape) * np.sqrt(len(points_mm))
+
+
+def _invert_lens_projection(lens: LensModel, pixels: Points, start_mm: Points) -> Points:
+    """Return the points of the plane that the pixels see, by `INVERSION_ITERATIONS` Newton iterations from a start close to them.
+
+    Raises `PixelNotOnSkin` where the projection at a start of an iteration is singular or reverses orientation.
+    """
+    points_mm = start_mm
+    for _ in range(INVERSION_ITERATIONS):
+        jacobian = lens.px_per_mm(points_mm)
+        if not (np.linalg.det(jacobian) > 0).all():
             raise PixelNotOnSkin(
-                "expected a lens that shows every place once, got one that folds; the fit has lost its way"
+                "expected a lens that maps the skin to the image one to one, got one that folds the image over; "
+                "press the board evenly, and calibrate again"
             )
-        near_mm = near_mm + np.linalg.solve(slope, (pixels - lens.to_px(near_mm))[..., None])[..., 0]
-    return near_mm
+        residual_px = pixels - lens.to_px(points_mm)
+        points_mm = points_mm + np.linalg.solve(jacobian, residual_px[..., None])[..., 0]
+    return points_mm
+
+
+def _image_gradient(image: PredictedBrightnessField, points_mm: Points) -> Float[Array, "n 2"]:
+    """Return the gradient of the predicted image, per mm along x and y, by central differences."""
+    steps = np.eye(2) * GRADIENT_STEP_MM
+    differences = [image.at(points_mm + step) - image.at(points_mm - step) for step in steps]
+    return np.column_stack([difference / (2 * GRADIENT_STEP_MM) for difference in differences])
 
 
 def fit_board_press_and_lens(
-    observed: ObservedBoardPress, fit: TwinFit, last: BoardPressFit | None = None
+    observed: ObservedBoardPress, fit: TwinFit, previous: BoardPressFit | None = None
 ) -> BoardPressFit:
     """Fit press and lens to the board image with the twin from the ball press.
 
-    observed: the image, rectified through the lens so far. last: an earlier fit to start from. Without one, a fit with a coarse
-    contact grid is the start, and the result where it disagrees with the twin by far.
+    observed: the image, rectified through the current lens. previous: an earlier fit to start from. Without one, a fit with a
+    coarse contact grid is the start, and the result where it disagrees with the twin by far.
     """
     board = observed.board
-    lens = with_radial_term_count(board.lens, max(LENS_TERMS, len(board.lens.radial)))
-    fine = BoardPressModel(fit, board.board)
-    solver = _BoardPressSolver(observed, fine, lens)
-    if last is not None:  # `lens` is the one through which the images were rectified this time
-        return solver.solve(last.press, lens, FINE_ROUNDS)
-    rough = replace(solver, forward=replace(fine, points_per_pitch=ROUGH_POINTS_PER_PITCH))
-    start = rough.solve(START, lens, ROUGH_ROUNDS)
-    if start.scattering_difference > HOPELESSLY_UNLIKE:
-        return start
-    return solver.solve(start.press, start.lens, FINE_ROUNDS, start.by_contact)
+    lens = with_radial_term_count(board.lens, max(RADIAL_TERM_COUNT, len(board.lens.radial)))
+    model = BoardPressModel(fit, board.board)
+    solver = _BoardPressSolver(observed, model, lens)
+    if (
+        previous is not None
+    ):  # `lens`, not `previous.lens`, is the one through which the images were rectified this time
+        return solver.solve(previous.press, lens, MAX_FINE_ITERATIONS)
+    coarse_solver = replace(solver, model=replace(model, points_per_pitch=COARSE_POINTS_PER_PITCH))
+    coarse = coarse_solver.solve(INITIAL_PRESS, lens, MAX_COARSE_ITERATIONS)
+    if coarse.point_spread_difference > MAX_COARSE_POINT_SPREAD_DIFFERENCE:
+        return coarse
+    return solver.solve(coarse.press, coarse.lens, MAX_FINE_ITERATIONS, coarse.contact_derivatives)
 
 
-def _brightness_gradient(drawn: PredictedBrightnessField, at_mm: Points) -> Float[Array, "n 2"]:
-    """Return the gradient of the predicted image, per mm along x and y."""
-    steps = np.eye(2) * GRADIENT_MM
-    return np.column_stack([(drawn.at(at_mm + by) - drawn.at(at_mm - by)) / (2 * GRADIENT_MM) for by in steps])
-
-
-def _replace_lens(observed: ObservedBoardPress, fit: TwinFit, told: BoardPressFit) -> BoardFit:
-    """Return the board with the refined lens. Its pins are fitted again, at the places of the undeformed plane where their imprints
-    are seen, which gives the leave-one-out errors.
+def _replace_lens(observed: ObservedBoardPress, fit: TwinFit, board_press_fit: BoardPressFit) -> BoardFit:
+    """Return the board with the refined lens. Its pins are fitted again, at the points of the undeformed plane where their imprints
+    appear, which gives the leave-one-out errors.
     """
-    board, forward = observed.board, BoardPressModel(fit, observed.board.board)
-    drawn = forward.predict_image(told.press)
-    seen_mm = forward.imprints_mm(drawn, board.points_mm[board.found])
-    return replace(board, lens_fit=fit_lens(seen_mm, board.points_px[board.found], told.lens), refined=told.lens)
+    board = observed.board
+    model = BoardPressModel(fit, board.board)
+    image = model.predict_image(board_press_fit.press)
+    imprints_mm = model.imprints_mm(image, board.points_mm[board.found])
+    lens = board_press_fit.lens
+    return replace(board, lens_fit=fit_lens(imprints_mm, board.points_px[board.found], lens), refined=lens)
 
-
-def _to_vector(press: BoardPressParameters) -> Float[Array, "6"]:
-    """Return the parameters of the press as a vector."""
-    return np.array(list(vars(press).values()))
-
-
-TURNS = 2
-"""Number of alternations. The first starts from the light of a preliminary lens and viewing distance; the second corrects the
-effect of that.
-"""
 
 RectificationBuilder = Callable[[BoardFit], Rectification]
 BallFitter = Callable[[Rectification, tuple[ParameterPrior, ...], ParameterVector | None], BallFit]
@@ -292,40 +344,47 @@ class JointCalibration:
     board: BoardFit
     rectify: Rectification
     ball: BallFit
-    told: BoardPressFit | None = None
+    board_press_fit: BoardPressFit | None = None
     """The fit to the board image; None where no physics was fitted to the ball image."""
 
-    def next(
-        self, images: tuple[BgrImage, BgrImage], lens_on_grid: RectificationBuilder, fit_of_ball: BallFitter
+    def alternate(
+        self, images: tuple[BgrImage, BgrImage], build_rectification: RectificationBuilder, fit_ball: BallFitter
     ) -> "JointCalibration":
-        """Return the result of one more alternation. Where the board disagrees with the twin's prediction, only the board's fit is
-        added.
+        """Return the result of one more alternation: a fit of the board with the ball's twin, then of the ball through its lens.
+
+        Where the board disagrees with the twin's prediction, board and ball stay as they are, and only the first fit to the board
+        image is added. Raises `BallPressUnusable` where the ball cannot be fitted through the refined lens.
         """
         if self.ball.physical is None:
             return self
-        fit, before, after = self.ball.physical.fit, *(self.rectify(Frame(image)) for image in images)
+        fit = self.ball.physical.fit
+        before, after = (self.rectify(Frame(image)) for image in images)
         observed = ObservedBoardPress(before, after, self.board)
-        told = fit_board_press_and_lens(observed, fit, self.told)
-        if not told.accepted:
-            return replace(self, told=self.told or told)
-        board = _replace_lens(observed, fit, told)
-        rectify = lens_on_grid(board)
-        return JointCalibration(board, rectify, fit_of_ball(rectify, told.beliefs, fit.vector), told)
+        board_press_fit = fit_board_press_and_lens(observed, fit, self.board_press_fit)
+        if not board_press_fit.accepted:
+            return replace(self, board_press_fit=self.board_press_fit or board_press_fit)
+        board = _replace_lens(observed, fit, board_press_fit)
+        rectify = build_rectification(board)
+        ball = fit_ball(rectify, board_press_fit.priors, fit.vector)
+        return JointCalibration(board, rectify, ball, board_press_fit)
 
 
 def refine_board_and_ball(
-    first: JointCalibration,
+    initial: JointCalibration,
     images: tuple[BgrImage, BgrImage],
-    lens_on_grid: RectificationBuilder,
-    fit_of_ball: BallFitter,
+    build_rectification: RectificationBuilder,
+    fit_ball: BallFitter,
 ) -> JointCalibration:
-    """Return the joint calibration, starting from separate fits of board and ball. images: raw, before and under the board."""
-    found = first
-    for _ in range(TURNS):
+    """Return the joint calibration after at most `MAX_ALTERNATIONS`, starting from separate fits of board and ball.
+
+    images: raw, before and under the board.
+    """
+    calibration = initial
+    for _ in range(MAX_ALTERNATIONS):
         try:
-            found = found.next(images, lens_on_grid, fit_of_ball)
+            calibration = calibration.alternate(images, build_rectification, fit_ball)
         except BallPressUnusable:
-            return found
-        if found.told is None or not found.told.accepted:
-            return found
-    return found
+            return calibration
+        if calibration.board_press_fit is None or not calibration.board_press_fit.accepted:
+            return calibration
+    return calibration

@@ -32,8 +32,8 @@ from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, coarse_pixel_
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import Twin
 
-EVERY_PX = 23
-"""Every how many rows and columns of the rectified grid the inverse is sampled; lenses are smooth."""
+INVERSION_STRIDE_PX = 23
+"""Distance in rows and columns of the points of the rectified grid through which the inverse is interpolated; lenses are smooth."""
 
 
 class TwinMissing(CalibrationError):
@@ -50,14 +50,14 @@ def build_twin_from_folder(folder: SensorFolder) -> Twin:
         raise TwinMissing(
             f"expected {folder.path} to hold a twin, got a sensor without one; run: {folder.completion_command}"
         )
-    untouched = folder.stored_image("ball_reference").image
-    twin = assemble_twin(folder.id, table.gel, table.light, folder.rectification, untouched, table.noise_grey_levels)
+    reference = folder.stored_image("ball_reference").image
+    twin = assemble_twin(folder.id, table.gel, table.light, folder.rectification, reference, table.noise_grey_levels)
     area = folder.record.design.sensing_area
     return replace(twin, area_mm=area.size_mm, gel_mm=area.gel_mm)
 
 
 def assemble_twin(
-    name: str, gel: Gel, light: BrightnessModel, rectify: Rectification, untouched: BgrImage, noise_grey_levels: float
+    name: str, gel: Gel, light: BrightnessModel, rectify: Rectification, reference: BgrImage, noise_grey_levels: float
 ) -> Twin:
     """Return the twin with this gel, light, rectification, reference image and noise, and a skin of the published size."""
 
@@ -65,7 +65,7 @@ def assemble_twin(
         return correct_for_finite_strain(contact, gel.thickness_mm, indenter, gel.finite_strain)
 
     noise = CameraNoise(noise_grey_levels, rectify.raw_shape)
-    renderer = Renderer(_invert_rectification(rectify), untouched.astype(np.float32), light, noise)
+    renderer = Renderer(_invert_rectification(rectify), reference.astype(np.float32), light, noise)
     linear = Twin(
         name,
         lambda wave_number: bonded_layer_compliance(wave_number, gel),
@@ -77,65 +77,76 @@ def assemble_twin(
 
 def _invert_rectification(rectify: Rectification) -> PixelToSkinMap:
     """Return the inverse of the rectification: the point on the skin of each raw pixel, extrapolated smoothly beyond the grid."""
-    shape, every = rectify.source_px.shape[:2], np.s_[::EVERY_PX, ::EVERY_PX]
-    place = np.column_stack([axis[every].ravel() for axis in skin_grid_mm(shape, rectify.mm_per_px)])
-    source = rectify.source_px[every].reshape(-1, 2).astype(float)
-    unit_px, known = max(rectify.raw_shape) / 2, (source != OUT_OF_VIEW_PX).any(axis=1)
-    backwards = RBFInterpolator(source[known] / unit_px, place[known], kernel="cubic", degree=2)
-    return interpolate_pixel_map(backwards(coarse_pixel_grid(rectify.raw_shape) / unit_px), rectify.raw_shape)
+    samples = np.s_[::INVERSION_STRIDE_PX, ::INVERSION_STRIDE_PX]
+    grid_mm = skin_grid_mm(rectify.source_px.shape[:2], rectify.mm_per_px)
+    skin_mm = np.column_stack([axis[samples].ravel() for axis in grid_mm])
+    raw_px = rectify.source_px[samples].reshape(-1, 2).astype(float)
+    is_in_view = (raw_px != OUT_OF_VIEW_PX).any(axis=1)
+    unit_px = max(rectify.raw_shape) / 2
+    inverse = RBFInterpolator(raw_px[is_in_view] / unit_px, skin_mm[is_in_view], kernel="cubic", degree=2)
+    return interpolate_pixel_map(inverse(coarse_pixel_grid(rectify.raw_shape) / unit_px), rectify.raw_shape)
 
 
-def make_twin_table(fit: TwinFit, noise_grey_levels: float, told: BoardPressFit | None) -> TwinTable:
+def make_twin_table(fit: TwinFit, noise_grey_levels: float, board_press_fit: BoardPressFit | None) -> TwinTable:
     """Return the twin from the ball press, and from the board where its image agrees with the prediction."""
     return TwinTable(
         fitted_gel(fit),
         fit.light,
         noise_grey_levels,
         _twin_fit_quality(fit),
-        None if told is None else _board_press_table(told, fit),
+        None if board_press_fit is None else _board_press_table(board_press_fit, fit),
     )
 
 
 def fitted_gel(fit: TwinFit) -> Gel:
     """Return the design's gel with the fitted thickness and share of finite strain."""
-    found = {name: fit.parameters[name] for name in ("thickness_mm", "finite_strain")}
-    return replace(fit.forward.design.gel, **found)
+    return replace(
+        fit.forward.design.gel,
+        thickness_mm=fit.parameters["thickness_mm"],
+        finite_strain=fit.parameters["finite_strain"],
+    )
 
 
 def _twin_fit_quality(fit: TwinFit) -> TwinFitQuality:
     """Return how the twin was fitted, and how well it explains the press."""
-    sure = fit.confidence
+    uncertainty = fit.uncertainty
     return TwinFitQuality(
         radial_rmse_grey_levels=fit.radial_rmse_grey_levels,
         image_rmse_grey_levels=fit.image_rmse_grey_levels,
         depth_mm=fit.parameters["depth_mm"],
         drag_mm=fit.drag_mm,
-        effective_observations=sure.points,
-        duration_s=fit.seconds,
+        effective_observations=uncertainty.effective_observations,
+        duration_s=fit.duration_s,
         parameters={
-            name: FittedParameterTable(value, sure.deviation.get(name), *_strongest_correlation(sure, name))
+            name: FittedParameterTable(
+                value, uncertainty.standard_deviations.get(name), *_strongest_correlation(uncertainty, name)
+            )
             for name, value in fit.parameters.items()
         },
     )
 
 
-def _board_press_table(told: BoardPressFit, fit: TwinFit) -> BoardPressFitTable:
+def _board_press_table(board_press_fit: BoardPressFit, fit: TwinFit) -> BoardPressFitTable:
     """Return the fit to the board image. The depth of the imprints is as uncertain as that of the ball, on which the brightness
     model rests.
     """
-    depth_mm, ball = told.press.depth_mm, fit.confidence.deviation["depth_mm"] / fit.parameters["depth_mm"]
+    press = board_press_fit.press
+    standard_deviations = board_press_fit.standard_deviations
+    ball_relative_std = fit.uncertainty.standard_deviations["depth_mm"] / fit.parameters["depth_mm"]
     return BoardPressFitTable(
-        accepted=told.accepted,
-        depth_mm=depth_mm,
-        depth_std_mm=float(np.hypot(told.deviation.depth_mm, ball * depth_mm)),
-        inverse_distance_per_mm=told.press.inverse_distance_per_mm,
-        inverse_distance_std_per_mm=told.deviation.inverse_distance_per_mm,
-        point_spread_mm=told.press.point_spread_mm,
-        residual_rms_grey_levels=told.rest_grey,
-        contrast_grey_levels=told.contrast_grey_levels,
+        accepted=board_press_fit.accepted,
+        depth_mm=press.depth_mm,
+        depth_std_mm=float(np.hypot(standard_deviations.depth_mm, ball_relative_std * press.depth_mm)),
+        inverse_distance_per_mm=press.inverse_distance_per_mm,
+        inverse_distance_std_per_mm=standard_deviations.inverse_distance_per_mm,
+        point_spread_mm=press.point_spread_mm,
+        residual_rms_grey_levels=board_press_fit.residual_rms_grey_levels,
+        contrast_grey_levels=board_press_fit.contrast_grey_levels,
     )
 
 
-def _strongest_correlation(sure: FitUncertainty, name: str) -> tuple[str | None, float | None]:
+def _strongest_correlation(uncertainty: FitUncertainty, name: str) -> tuple[str | None, float | None]:
     """Return the parameter with which a searched parameter is most correlated, and their correlation."""
-    return sure.closest(name) if name in sure.deviation else (None, None)
+    if name not in uncertainty.standard_deviations:
+        return None, None
+    return uncertainty.most_correlated_parameter(name)
