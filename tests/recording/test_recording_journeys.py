@@ -784,6 +784,14 @@ def test_the_screen_is_rewritten_in_place(tmp_path: Path, monkeypatch: pytest.Mo
     assert "do not touch the gel" in shown and "missing: Fx" in shown and "next object: cup" in shown
 
 
+def read_screen(terminal: int) -> str:
+    """Return what was written, up to its last line; a terminal may give it in parts."""
+    text = ""
+    while not text.endswith("q end\r\n"):
+        text += os.read(terminal, 10_000).decode()
+    return text
+
+
 def test_the_screen_is_rewritten_in_place_where_its_lines_are_wider_than_the_terminal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -796,9 +804,9 @@ def test_the_screen_is_rewritten_in_place_where_its_lines_are_wider_than_the_ter
         monkeypatch.setattr("sys.stderr", terminal)
         collector, screen = Collector(episode), CollectTerminalDisplay()
         screen.show(collector)
-        first = os.read(outer, 10_000).decode()
+        first = read_screen(outer)
         screen.show(collector, at_once=True)
-        again = os.read(outer, 10_000).decode()
+        again = read_screen(outer)
     os.close(outer)
     rows = sum(max(math.ceil(len(line) / 30), 1) for line in first.split("\r\n")[:-1])
     assert rows > 15 and again == f"\x1b[{rows}A\x1b[J{first}"
