@@ -786,10 +786,10 @@ def test_the_screen_is_rewritten_in_place(tmp_path: Path, monkeypatch: pytest.Mo
 
 def read_screen(terminal: int) -> str:
     """Return what was written, up to its last line; a terminal may give it in parts."""
-    text = ""
-    while not text.endswith("q end\r\n"):
-        text += os.read(terminal, 10_000).decode()
-    return text
+    written = b""
+    while not written.endswith(b"q end\r\n"):
+        written += os.read(terminal, 10_000)
+    return written.decode()
 
 
 def test_the_screen_is_rewritten_in_place_where_its_lines_are_wider_than_the_terminal(
