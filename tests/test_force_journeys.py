@@ -124,6 +124,18 @@ def test_known_loads_on_the_twin_find_how_stiff_its_gel_is(desk: Path, tmp_path:
     assert scale.factor == pytest.approx(stiffness, rel=0.08) and scale.error < 0.05
 
 
+@pytest.mark.parametrize("stiffness", [1.226, 1.2358, 1.2426])
+def test_loads_whose_solution_misses_its_tolerance_by_a_hair_are_pressed(
+    desk: Path, stiffness: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ninedtact.cli.calibration_page.uniform", lambda *_: stiffness)
+    camera, _ = simulated_loaded_camera(load_sensor(desk / "sensor"))
+    with camera:
+        camera.hold(ball_press_under_load(100.0))
+        camera.read()
+        assert camera.refusal == ""
+
+
 def test_a_video_that_is_cut_short_is_estimated_as_far_as_it_goes_and_is_an_error(
     desk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
