@@ -128,7 +128,9 @@ def assemble_sensor(
         faults = tuple(find_recorded_reference_faults(Path(source).expanduser(), sensor, check))
         depth_reader = load_recorded_depth_reader(source, shape)
         if isinstance(frames, RecordedFrameSource):
-            recorded_reference = partial(frames.reference_at, shape=shape, find_faults=check.find_faults, known=faults)
+            recorded_reference = partial(
+                frames.reference_at, shape=shape, find_faults=check.find_faults, rectified_faults=faults
+            )
     before = None if depth_reader is None else depth_reader.reference
     return Sensor(
         frames,

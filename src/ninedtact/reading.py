@@ -35,7 +35,8 @@ class Reading:
     stage_ms: dict[str, float] = field(default_factory=dict)
     """Duration of each stage in ms: capture, rectify, depth, force."""
     dropped: int = 0
-    """Number of frames that the source delivered since it was opened and that were never read."""
+    """Number of frames that were never read, of those that the source delivered since it was opened, or that a recording holds
+    since its first."""
     reference: Rectified | None = None
     """Rectified reference image (no contact) that the heights were computed against."""
     force: WrenchEstimate | None = None

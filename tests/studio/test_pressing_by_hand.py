@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -49,6 +50,7 @@ from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColourin
 from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
+from ninedtact.studio.sensor_panels import WrenchAndCurvesPanel
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM, THUMBNAIL_PX, TwinPressPanel, object_thumbnails
 from ninedtact.studio.viewer import ViewerPage
@@ -347,6 +349,16 @@ def test_a_drag_is_followed_where_its_callbacks_come_late_and_in_any_order(
         twin.control.move(x_mm=-2.0)
         panel.update(twin.moment)
         assert panel._handle.position[0] == pytest.approx(-2.0)
+
+
+def test_a_moment_without_wrenches_shows_none_of_the_moment_before(tmp_path: Path, twin_sensor: SensorFolder) -> None:
+    with pressed_twin(twin_sensor, tmp_path) as twin, socket_client(twin):
+        (viewer,) = twin.page.viewers
+        (panel,) = (one for one in viewer._panels if isinstance(one, WrenchAndCurvesPanel))
+        wait_until(lambda: (twin.studio.refresh(twin.page), "N·mm" in panel._table.content)[1], PATIENCE_S)
+        assert "about the skin" in panel._meaning.content
+        panel.update(replace(twin.moment, wrenches=()))  # of a recording that has none
+        assert panel._table.content == panel._meaning.content == ""
 
 
 def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor: SensorFolder) -> None:

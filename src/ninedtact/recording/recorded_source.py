@@ -97,19 +97,19 @@ class RecordedFrameSource(_RecordedTopic, FrameSource):
         stamp_ns: int,
         shape: CalibratedShape,
         find_faults: Callable[[Sequence[Frame]], Sequence[str]],
-        known: tuple[str, ...] = (),
+        rectified_faults: tuple[str, ...] = (),
     ) -> CheckedReference | None:
         """Return the reference image that held at a stamp; None where the recording has none.
 
-        find_faults: returns why raw images cannot be reference images of the calibrated sensor. known: why rectified ones
-        cannot be.
+        find_faults: returns why raw images cannot be reference images of the calibrated sensor. rectified_faults: why
+        rectified ones cannot be.
         Raises `SourceNotOpen` and what `RecordedReferences.reference_at` raises.
         """
         with self._lock:
             if self._recording is None:
                 raise SourceNotOpen(self.name)
             if self._references is None or self._references.recording is not self._recording:
-                self._references = RecordedReferences(self._recording, shape, find_faults, known)
+                self._references = RecordedReferences(self._recording, shape, find_faults, rectified_faults)
             return self._references.reference_at(stamp_ns)
 
     def read(self) -> Frame:
@@ -136,12 +136,12 @@ class RecordedReferences:
         recording: Recording,
         shape: CalibratedShape,
         find_faults: Callable[[Sequence[Frame]], Sequence[str]] = lambda _: (),
-        known: tuple[str, ...] = (),
+        rectified_faults: tuple[str, ...] = (),
     ) -> None:
-        """find_faults: returns why raw images cannot be reference images of the calibrated sensor. known: why rectified ones cannot
-        be."""
+        """find_faults: returns why raw images cannot be reference images of the calibrated sensor. rectified_faults: why
+        rectified ones cannot be."""
         self.recording, self._shape = recording, shape
-        self._find_faults, self._known = find_faults, known
+        self._find_faults, self._rectified_faults = find_faults, rectified_faults
         positions = {topic: recording.positions(topic) for topic in (Topic.REFERENCE_GREY, Topic.REFERENCE)}
         self._topic = next((topic for topic, found in positions.items() if len(found)), None)
         self._positions: Array = np.empty(0) if self._topic is None else positions[self._topic]
@@ -192,7 +192,7 @@ class RecordedReferences:
                 f"{grey.shape[1]} x {grey.shape[0]}; name the recorded sensor, or none"
             )
         reference = Rectified(grey, self._shape.rectify.mm_per_px, message.stamp_ns)
-        return CheckedReference(self._shape.reader_against(reference), self._known)
+        return CheckedReference(self._shape.reader_against(reference), self._rectified_faults)
 
 
 def find_recorded_reference_faults(path: Path | str, sensor: SensorFolder, check: ReferenceImageChecker) -> list[str]:

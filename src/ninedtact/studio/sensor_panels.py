@@ -136,9 +136,9 @@ class WrenchAndCurvesPanel:
 
     def update(self, moment: PageMoment) -> None:
         """Show the wrenches of this moment; redraw the curves from time to time, and not while they are frozen."""
-        if moment.wrenches and not self._viewer.is_narrow:
-            self._table.content = wrench_table_html(moment.wrenches, moment.status.is_past)
-            self._meaning.content = wrench_meaning_html(moment.wrenches)
+        if not self._viewer.is_narrow:  # a recording may have no wrenches
+            self._table.content = wrench_table_html(moment.wrenches, moment.status.is_past) if moment.wrenches else ""
+            self._meaning.content = wrench_meaning_html(moment.wrenches) if moment.wrenches else ""
         self._moments += 1
         if is_curve_redraw_due(self._viewer, moment, self._moments) and moment.wrenches:
             self._curves.draw(moment.wrenches[: len(self._viewer.controller.wrenches)])
