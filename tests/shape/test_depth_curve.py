@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
@@ -20,6 +21,8 @@ from ninedtact.shape.depth import (
     deconvolve_gaussian_blur,
     look_up_heights,
     mean_view_darkening,
+    upsample,
+    wiener_deconvolution_filter,
 )
 
 BEYOND = CurveContinuation((0.35, 0.6), (1.3, 1.8), (0.06, 0.16))
@@ -95,11 +98,13 @@ def test_deblurred_heights_equal_those_looked_up_at_every_pixel() -> None:
     assert not beyond[:, 300:].any() and (read.source == HeightSource.MEASURED).all()
 
 
-@pytest.mark.parametrize("shape", [(4, 5), (2, 2)])
-def test_exactly_the_darkest_calibrated_value_is_still_measured(shape: tuple[int, int]) -> None:
-    last = CURVE.darkest_index
+@pytest.mark.parametrize(("shape", "deblurring"), [((4, 5), None), ((2, 3), Deblurring(0.25))])
+def test_exactly_the_darkest_calibrated_value_is_still_measured(
+    shape: tuple[int, int], deblurring: Deblurring | None
+) -> None:
+    last, on_grid = CURVE.darkest_index, replace(reader(CURVE), deblurring=deblurring)
     for index, source in ((last, HeightSource.MEASURED), (last - 1, HeightSource.EXTRAPOLATED)):
-        assert (reader(CURVE).height_source(np.full(shape, index, np.uint16)) == source).all()
+        assert (on_grid.height_source(np.full(shape, index, np.uint16)) == source).all()
     assert last == pytest.approx(0.8 * 32768, abs=1)
 
 
@@ -148,9 +153,22 @@ def test_a_point_spread_is_undone_up_to_the_noise_floor() -> None:
         spread = np.exp(-((np.pi * waves / cols * sigma) ** 2) / 2)
         gain = spread * (1 + floor) / (spread**2 + floor)
         inside = np.s_[:, 10:-10]
-        np.testing.assert_allclose(
-            deconvolve_gaussian_blur(field, sigma, floor)[inside], (1 + (field - 1) * gain)[inside], atol=0.004
-        )
+        for image, where in ((field, inside), (np.ascontiguousarray(field.T), inside[::-1])):
+            sharp = deconvolve_gaussian_blur(image, sigma, floor)
+            np.testing.assert_allclose(sharp[where], (1 + (image - 1) * gain)[where], atol=0.004)
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(16, 16), (48, 60), (115, 154), (173, 230)])
+def test_the_packed_filter_is_that_of_the_frequencies(rows: int, cols: int) -> None:
+    sigma, floor = 2.4, 0.03
+    factor = wiener_deconvolution_filter(rows, cols, sigma, floor)
+    tall, wide = factor.shape
+    field = np.random.default_rng(1).normal(size=factor.shape)
+    ky, kx = np.fft.fftfreq(tall)[:, None], np.fft.fftfreq(wide)[None]
+    spread = np.exp(-2 * (np.pi * sigma) ** 2 * (kx**2 + ky**2))
+    expected = np.fft.ifft2(np.fft.fft2(field) * spread * (1 + floor) / (spread**2 + floor)).real
+    flags = cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT
+    np.testing.assert_allclose(cv2.dft(cv2.dft(field) * factor, flags=flags), expected, atol=1e-6)
 
 
 def test_a_curve_without_bulges_goes_on_a_little_above_zero_and_hides_it() -> None:
@@ -180,4 +198,16 @@ def test_a_blurred_field_is_sharpened_on_a_grid_that_still_resolves_the_blur(mm_
     assert Deblurring(0.55).floor == 0.03
     field = np.ones((60, 90), np.float32)
     assert Deblurring(0.55).on_coarser_grid(field, mm_per_px).shape == (60 // coarser, 90 // coarser)
+    assert Deblurring(0.55).coarseness(mm_per_px) == coarser
     np.testing.assert_allclose(Deblurring(0.55)(field, mm_per_px), 1, atol=1e-5)
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(240, 270), (241, 272), (242, 271)])
+def test_the_coarser_grid_lies_where_the_image_does(rows: int, cols: int) -> None:
+    slope = np.add.outer(np.arange(rows), 2 * np.arange(cols)).astype(np.float32)
+    few = Deblurring(0.55).on_coarser_grid(slope, 0.05)
+    assert few.shape == (-(-rows // 3), -(-cols // 3))
+    again = upsample(few, slope.shape, 3)
+    assert again.shape == slope.shape and again.flags.c_contiguous
+    inside = np.s_[90:-90, 90:-90]
+    np.testing.assert_allclose(again[inside], slope[inside], atol=0.6)

@@ -8,7 +8,6 @@ import, so it is imported when an image is drawn; its global state is never chan
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -163,11 +162,18 @@ def round_up_to_1_2_5(at_least: float) -> float:
     return float(next(factor * power for factor in (1, 2, 5, 10) if factor * power >= at_least))
 
 
+PNG_COMPRESSION = [cv2.IMWRITE_PNG_COMPRESSION, 4, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_DEFAULT]
+"""Higher levels take up to twice the time for files that are 5 % smaller."""
+
+
 def figure_to_png(figure: "Figure") -> bytes:
-    """Return the page as a PNG."""
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI)
-    return buffer.getvalue()
+    """Return the figure, whose background must be opaque, as a PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    drawn = cv2.cvtColor(np.asarray(canvas.buffer_rgba()), cv2.COLOR_RGBA2BGR)
+    return cv2.imencode(".png", drawn, PNG_COMPRESSION)[1].tobytes()
 
 
 LONGEST_PX = 840

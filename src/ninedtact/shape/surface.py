@@ -39,9 +39,8 @@ def point_cloud(height: HeightMap, every: int = 1) -> PointCloud:
         raise SpacingUnusable(f"expected every={every} to be at least 1, which keeps all rows and columns; correct it")
     u, v = _plane_coordinates_mm(height.z_mm.shape, height.mm_per_px, every)
     slope_x, slope_y = (_thin(slope, every) for slope in surface_slope(height))
-    z_mm = _thin(height.z_mm, every)
-    scale = z_mm * np.float32(1 / height.camera_distance_mm) + 1
-    points = cv2.merge([u * scale, v * scale, z_mm])
+    scale = sightline_scale(height, every)
+    points = cv2.merge([u * scale, v * scale, _thin(height.z_mm, every)])
     directions = cv2.merge(_unit_normals(height, slope_x, slope_y, every))
     return PointCloud(
         _triples_in_view(points, height, every), _triples_in_view(directions, height, every), height.stamp_ns
@@ -102,9 +101,10 @@ def pixel_footprint_mm2(height: HeightMap) -> Grid:
     return np.asarray(sightline_scale(height) * n * np.float32(height.mm_per_px**2))
 
 
-def sightline_scale(height: HeightMap) -> Grid:
-    """Return k = 1 + z/D, the factor from the (u, v) of each pixel to the (x, y) of the skin seen there."""
-    scale = height.z_mm * np.float32(1 / height.camera_distance_mm)
+def sightline_scale(height: HeightMap, every: int = 1) -> Grid:
+    """Return k = 1 + z/D, the factor from the (u, v) of each pixel to the (x, y) of the skin seen there, at every so many rows and
+    columns."""
+    scale = _thin(height.z_mm, every) * np.float32(1 / height.camera_distance_mm)
     scale += 1
     return np.asarray(scale)
 
@@ -116,11 +116,12 @@ def _thin(field: Grid, every: int) -> Float32[Array, "fewer_rows fewer_cols"]:
 
 def _normal_z_component(height: HeightMap, slope_x: Grid, slope_y: Grid, every: int = 1) -> Grid:
     """Return n: the third component of a normal along (−dz/du, −dz/dv, n), at every so many rows and columns."""
-    u, v = _plane_coordinates_mm(height.z_mm.shape, height.mm_per_px, every)
-    rise = u * slope_x
-    cv2.accumulateProduct(v, slope_y, rise)
-    inverse_distance = 1 / height.camera_distance_mm
-    return np.asarray(cv2.addWeighted(rise, inverse_distance, _thin(height.z_mm, every), inverse_distance, 1))
+    in_distances = height.mm_per_px / height.camera_distance_mm
+    u, v = _plane_coordinates_mm(height.z_mm.shape, in_distances, every)
+    n = sightline_scale(height, every)
+    cv2.accumulateProduct(u, slope_x, n)
+    cv2.accumulateProduct(v, slope_y, n)
+    return n
 
 
 def _unit_normals(height: HeightMap, x: Grid, y: Grid, every: int) -> list[Grid]:
@@ -157,7 +158,7 @@ def _boundary_edges(faces: Int32[Array, "m 3"]) -> Int32[Array, "k 2"]:
 @lru_cache(maxsize=8)
 def _plane_coordinates_mm(shape: tuple[int, int], mm_per_px: float, every: int = 1) -> tuple[Grid, Grid]:
     """Return x and y of every pixel, or of every so many rows and columns, on the untouched plane; read-only, as every caller gets
-    the same two arrays."""
+    the same two arrays. With another unit per pixel they have that unit."""
     x, y = (_thin(plane, every) for plane in skin_grid_mm(shape, mm_per_px))
     for plane in (x, y):
         plane.flags.writeable = False

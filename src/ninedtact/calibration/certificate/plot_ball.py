@@ -15,7 +15,6 @@ from ninedtact.calibration.certificate.plot_style import (
     PALE_INK,
     add_colour_bar,
     add_labelled_axes,
-    figure_to_png,
     new_certificate_figure,
     stretch_contrast,
 )
@@ -23,6 +22,7 @@ from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.sensor_toml_schema import BoardPressFitTable, TwinTable
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.quantities import Rectified
+from ninedtact.shape.coloured_height_map import figure_to_png
 from ninedtact.shape.depth import BrightnessSignal, DepthCurve
 
 if TYPE_CHECKING:

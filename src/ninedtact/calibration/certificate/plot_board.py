@@ -20,7 +20,6 @@ from ninedtact.calibration.certificate.plot_style import (
     PALE_INK,
     add_colour_bar,
     add_labelled_axes,
-    figure_to_png,
     new_certificate_figure,
     stretch_contrast,
 )
@@ -28,6 +27,7 @@ from ninedtact.calibration.press_brightness import smooth_gaussian
 from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.sensor_toml_schema import PinMapTable
 from ninedtact.quantities import centred_axis_mm
+from ninedtact.shape.coloured_height_map import figure_to_png
 from ninedtact.shape.lens import Points
 
 if TYPE_CHECKING:

@@ -4,7 +4,6 @@ The image of the board is drawn with OpenCV, which is immediate. The figures of 
 slow to import, so it is imported when a figure is drawn; its global state is never changed.
 """
 
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,8 +34,6 @@ FRACTION_BITS = 4
 
 WIDTH_IN, DPI = 4.5, 220
 """On half a page of A4, a figure has about three quarters of this width and is sharp in print."""
-PNG_COMPRESSION = 5
-"""Level of the lossless compression: with 2 it takes half the time, but a certificate becomes larger than 2 MB."""
 INK, PALE_INK = "#22262b", "#6b7280"
 
 
@@ -111,10 +108,3 @@ def add_colour_bar(figure: "Figure", shown: "ScalarMappable", box: Box, words: s
     bar = figure.colorbar(shown, cax=figure.add_axes(box))
     _label_axis(bar.ax.yaxis, words)
     bar.outline.set_visible(False)
-
-
-def figure_to_png(figure: "Figure") -> bytes:
-    """Return the figure as a PNG."""
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI, pil_kwargs={"compress_level": PNG_COMPRESSION})
-    return buffer.getvalue()
