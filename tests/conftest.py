@@ -7,7 +7,12 @@ run by themselves (`make test`), and unchecked in all others.
 import os
 from pathlib import Path
 
-from jaxtyping import install_import_hook
+# Two workers with two threads each hinder each other: the tests of calibration take half as long again. Libraries read this when
+# they are first imported.
+for _library in ("OPENBLAS", "OMP"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
+from jaxtyping import install_import_hook  # noqa: E402
 
 _SOURCES = Path(__file__).parents[1] / "src" / "ninedtact"
 _UNCHECKED = set() if os.environ.get("NINEDTACT_CHECK_MECHANICS") else {"mechanics"}
