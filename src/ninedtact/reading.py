@@ -1,6 +1,5 @@
 """The result of one frame: the image, the shape of the gel surface and, where an estimator runs, the wrench."""
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -117,16 +116,6 @@ class Reading:
         return (now_ns - self.frame.stamp_ns) / 1e6
 
 
-@dataclass(frozen=True)
-class CheckedReference:
-    """A reference image (no contact) that was compared with that of the calibration."""
-
-    reader: DepthReader
-    """Computes heights against this image."""
-    faults: tuple[str, ...] = ()
-    """Why it cannot be that of the calibrated sensor."""
-
-
 class Stopwatch:
     """Durations in ms between successive marks."""
 
@@ -144,20 +133,19 @@ def read_frame(
     frame: Frame,
     shape: CalibratedShape,
     depth_reader: DepthReader,
-    reference_faults: Sequence[str] = (),
     watch: Stopwatch | None = None,
     dropped: int = 0,
 ) -> Reading:
     """Return the reading of a frame: its shape against a reference image, still without a wrench.
 
-    depth_reader: of the same calibration, with the reference image. reference_faults: why this image cannot be that of the
-    calibrated sensor. watch: measures the stages. dropped: number of frames that were never read. Raises `WrongImageSize`.
+    depth_reader: of the same calibration, with the reference image. watch: measures the stages. dropped: number of frames that
+    were never read. Raises `WrongImageSize`.
     """
     watch = Stopwatch() if watch is None else watch
     rectified = shape.rectify(frame)
     watch.mark("rectify")
     height = depth_reader(rectified)
     watch.mark("depth")
-    doubts = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if reference_faults else ()
+    doubts = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if depth_reader.reference_faults else ()
     reference = depth_reader.reference
     return Reading(frame, rectified, height, watch.stage_ms, dropped, reference, None, (*shape.warnings, *doubts))

@@ -28,6 +28,7 @@ from ninedtact.interop.ros2_messages import (
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate, skin_grid_mm
 from ninedtact.reading import Reading
 from ninedtact.recording.topics_and_messages import Topic, decode_height, type_store
+from ninedtact.reference_images import ReferenceImages
 from ninedtact.sensor import Sensor
 from ninedtact.shape.surface import point_cloud
 
@@ -41,7 +42,7 @@ MESSAGES = SensorMessages(SensorFolder(Path(), RECORDED), "left-hand", points_ev
 @pytest.fixture(scope="module")
 def reading() -> Reading:
     camera = SkinCamera()
-    sensor = Sensor(camera, SHAPE, depth_reader=SHAPE.depth_reader(Frame(skin(100))))
+    sensor = Sensor(camera, SHAPE, ReferenceImages(SHAPE.depth_reader(Frame(skin(100)))))
     with sensor:
         camera.level = 60
         return sensor.read().with_force(WRENCH)
