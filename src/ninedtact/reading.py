@@ -31,13 +31,13 @@ class Reading:
     frame: Frame
     rectified: Rectified
     height: HeightMap
+    reference: Rectified
+    """Rectified reference image (no contact) that the heights were computed against."""
     stage_ms: dict[str, float] = field(default_factory=dict)
     """Duration of each stage in ms: capture, rectify, depth, force."""
     dropped: int = 0
     """Number of frames that were never read, of those that the source delivered since it was opened, or that a recording holds
     since its first."""
-    reference: Rectified | None = None
-    """Rectified reference image (no contact) that the heights were computed against."""
     force: WrenchEstimate | None = None
     """The estimate with all its parts; None where the sensor has no estimator."""
     reference_warnings: tuple[EstimateWarning, ...] = ()
@@ -82,7 +82,7 @@ class Reading:
     @cached_property
     def image_warnings(self) -> tuple[EstimateWarning, ...]:
         """Reasons why the image cannot be a press on this sensor, for example a failed LED; empty for a plausible image."""
-        return () if self.reference is None else find_image_warnings(self.rectified, self.reference, self.height)
+        return find_image_warnings(self.rectified, self.reference, self.height)
 
     @cached_property
     def summary(self) -> ShapeSummary:
@@ -147,5 +147,5 @@ def read_frame(
     height = depth_reader(rectified)
     watch.mark("depth")
     doubts = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if depth_reader.reference_faults else ()
-    reference = depth_reader.reference
-    return Reading(frame, rectified, height, watch.stage_ms, dropped, reference, None, (*shape.warnings, *doubts))
+    reference, warnings = depth_reader.reference, (*shape.warnings, *doubts)
+    return Reading(frame, rectified, height, reference, watch.stage_ms, dropped, reference_warnings=warnings)

@@ -96,7 +96,7 @@ def test_lengths_are_metres_and_forces_newtons(reading: Reading) -> None:
 
 
 def test_nothing_is_sent_where_there_is_nothing_to_say(reading: Reading) -> None:
-    silent = replace(reading, force=None, reference=None)
+    silent = replace(reading, force=None)
     assert set(MESSAGES.encode(silent, WALL_NS, {Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS})) == set()
     assert set(MESSAGES.encode(reading, WALL_NS, {POINTS})) == {POINTS}
 
