@@ -39,7 +39,7 @@ def reading(number: int) -> Reading:
     z_mm = noise.normal(0, 0.05, GRID).astype(np.float32)
     height = HeightMap(z_mm, np.full(GRID, 2, np.uint8), 0.05, camera_distance_mm=14.0, stamp_ns=now_ns)
     estimate = WrenchEstimate(Wrench(noise.normal(size=3), noise.normal(size=3)), np.eye(6), True)
-    return Reading(Frame(image, now_ns, number), Rectified(z_mm, 0.05), height, force=estimate)
+    return Reading(Frame(image, now_ns, number), (grey := Rectified(z_mm, 0.05)), height, grey, force=estimate)
 
 
 def publish(profile: QosProfile, seconds: float, folder: Path) -> None:

@@ -29,7 +29,7 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorder import record
-from ninedtact.reference_following import FollowingSettings
+from ninedtact.reference_images import FollowingSettings, ReferenceImages
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
@@ -90,8 +90,8 @@ def soak(minutes: float = 30.0, images: int = 1000, recorded: int = 100, json: b
 
 def watch_page(sensor: SensorFolder, camera: FastCamera, folder: Path, images: int) -> None:
     """Read as fast as possible while three browsers watch."""
-    read = Sensor(LatestFrameSource(camera), sensor.shape, estimator=load_estimator("physics", sensor))
-    read.following = FollowingSettings()
+    references = ReferenceImages(following=FollowingSettings())
+    read = Sensor(LatestFrameSource(camera), sensor.shape, references, load_estimator("physics", sensor))
     estimates = WrenchHistory("estimated", "force by physics", states_errors=True)
 
     def keep(reading) -> None:  # type: ignore[no-untyped-def]

@@ -145,8 +145,8 @@ def reading(case: Case, contact: Contact, rng: np.random.Generator) -> Reading:
     true: HeightMap = true_height_map(contact, SHAPE, PX_MM)
     noise = rng.normal(0, case.noise_mm, SHAPE)
     z_mm = np.asarray(case.seen(true.z_mm) + noise, np.float32)
-    grey = np.full(SHAPE, 150, np.float32)
-    return Reading(Frame(np.zeros((1, 1, 3), np.uint8)), Rectified(grey, PX_MM), replace(true, z_mm=z_mm))
+    grey = Rectified(np.full(SHAPE, 150, np.float32), PX_MM)
+    return Reading(Frame(np.zeros((1, 1, 3), np.uint8)), grey, replace(true, z_mm=z_mm), grey)
 
 
 if __name__ == "__main__":

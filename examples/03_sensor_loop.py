@@ -5,7 +5,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from ninedtact import Frame, Sensor, load_sensor, read_image, source_for, summarise_shape
+from ninedtact import Frame, ReferenceImages, Sensor, load_sensor, read_image, source_for, summarise_shape
 
 REAL = Path(os.environ.get("NINEDTACT_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "real"))
 RESULTS = Path(tempfile.gettempdir()) / "ninedtact_examples"
@@ -19,7 +19,7 @@ options = parser.parse_args()
 shape = load_sensor(options.sensor).shape
 untouched = shape.depth_reader(Frame(read_image(options.reference)))  # left out, the first ten images are it
 # With a camera, put LatestFrameSource(...) around the source: a slow loop then misses images instead of lagging behind.
-with Sensor(source_for(options.source), shape, depth_reader=untouched) as sensor:
+with Sensor(source_for(options.source), shape, ReferenceImages(untouched)) as sensor:
     for reading in sensor:  # a recording has an end, a camera has none
         touch = summarise_shape(reading.height)
         cost_ms = reading.stage_ms["rectify"] + reading.stage_ms["depth"]

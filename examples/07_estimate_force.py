@@ -10,6 +10,7 @@ from ninedtact import (
     ObjectTrajectory,
     Pose,
     PressSequence,
+    ReferenceImages,
     Sensor,
     SimulatedCamera,
     calibrate,
@@ -42,7 +43,7 @@ stage = PressSequence(
 )
 untouched = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-8, 0)))
 
-with Sensor(SimulatedCamera(stage), shape, depth_reader=untouched, estimator=estimator) as sensor:
+with Sensor(SimulatedCamera(stage), shape, ReferenceImages(untouched), estimator) as sensor:
     for reading in sensor:
         if reading.frame.index % 10 == 0:
             found, true = reading.force, stage.contact(reading.frame.index).wrench()

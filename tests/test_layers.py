@@ -18,7 +18,7 @@ LAYERS = [
     {"mechanics", "capture", "shape"},
     {"reading"},
     {"force", "simulation"},
-    {"calibration", "reference_following"},
+    {"calibration", "reference_images"},
     {"recording", "sensor"},
     {"dataset", "open_sensor"},
     {"studio", "hardware", "workflows"},

@@ -4,9 +4,7 @@ import doctest
 import json
 import re
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from shutil import copytree, rmtree
 from typing import Any
@@ -30,17 +28,19 @@ from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.cli import main
 from ninedtact.cli.estimate import Estimate
+from ninedtact.cli.live import Live
 from ninedtact.force.contact_detection import detect_contact
+from ninedtact.force.estimator_interface import NoForceEstimator
 from ninedtact.force.traction.estimator import _on_one_blas_thread
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.quantities import HeightSource, Rectified
+from ninedtact.quantities import HeightSource, Rectified, WrenchEstimate
+from ninedtact.reading import Reading
 from ninedtact.recording.errors import ReferenceMomentRefused, SensorNotGiven
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
 from ninedtact.recording.recorded_source import RecordedFrameSource
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact.sensor import Sensor
 from ninedtact.simulation.trajectory import ScriptedPress
 
 README = Path(__file__).parents[1] / "README.md"
@@ -153,7 +153,7 @@ def test_only_the_reference_of_live_sources_follows_unless_told_otherwise(
 
     def follows(source: str, follow_reference: bool | None = None) -> bool:
         opened = ninedtact.open(physical_sensor, source, force="none", follow_reference=follow_reference)
-        return opened.following is not None
+        return opened.references.following is not None
 
     assert all(map(follows, ("0", "http://127.0.0.1/stream.mjpg", "sim")))
     assert not any(map(follows, (str(recording), str(tmp_path), str(tmp_path / "video.avi"))))
@@ -245,7 +245,7 @@ def test_a_moment_outside_of_the_recording_or_under_contact_is_refused(
 
 def test_only_a_recording_has_moments(physical_sensor: SensorFolder) -> None:
     with pytest.raises(
-        ReferenceMomentRefused, match=r"expected a recording \(\.mcap\) .*, got sim; .* take_reference\(\)"
+        ReferenceMomentRefused, match=r"expected a recording \(\.mcap\) .*, got twin my_sensor; .* take_reference\(\)"
     ):
         ninedtact.open(physical_sensor, source="sim", force="none", reference_at_s=1.0)
 
@@ -265,14 +265,16 @@ def test_a_light_contact_is_found_against_the_session_and_a_release_is_none(phys
     assert describe_new_contact(deep, light, seen) is not None
 
 
-def reference_recording(folder: Path, path: Path, rectified: bool) -> SensorFolder:
+def reference_recording(
+    folder: Path, path: Path, rectified: bool, lamps: tuple[float, float] = (1.0, 0.8)
+) -> SensorFolder:
     """Write two references, each with three pressed images after it, and no image without contact (as `collect` does)."""
     sensor = load_sensor(sensor_folder(folder))
     topics = [Topic.IMAGES, Topic.REFERENCE_GREY if rectified else Topic.REFERENCE]
     attached = sensor_folder_attachments(sensor.path)
     with RecordingWriter(path, RecordingMetadata(sensor.id), topics, attached) as writer:
         number = 0
-        for tare, lamp in enumerate((1.0, 0.8)):
+        for tare, lamp in enumerate(lamps):
             at_ns = FRAME_NS * (number + 1) + FRAME_NS // 2
             frames = [Frame(dimmed(UNTOUCHED, lamp), at_ns, number) for _ in range(10)]
             if rectified:
@@ -297,7 +299,7 @@ def test_a_recording_is_measured_against_the_references_that_it_holds(tmp_path: 
     reader = folder.shape.depth_reader(Frame(skin(UNTOUCHED)))
     deep_mm = -float(reader(folder.shape.rectify(Frame(skin(60)))).z_mm.min())
     assert deep_mm > 1
-    for source in (path, str(path)):
+    for source in (path, str(path), RecordedFrameSource(path)):
         with ninedtact.open(source=source, force="none") as sensor:
             readings = list(sensor)
         assert [one.max_indentation_mm for one in readings] == pytest.approx([deep_mm] * 6, abs=0.03)
@@ -308,17 +310,30 @@ def test_a_recording_is_measured_against_the_references_that_it_holds(tmp_path: 
 
 def test_only_readings_against_a_faulty_reference_of_a_recording_are_warned_of(tmp_path: Path) -> None:
     path = tmp_path / "pairs.mcap"
-    shape = reference_recording(tmp_path / "small", path, rectified=False).shape
-    source = RecordedFrameSource(path)
+    reference_recording(tmp_path / "small", path, rectified=False, lamps=(1.0, 2.55))  # the second one is overexposed
+    with ninedtact.open(source=path, force="none") as sensor, Recording(path) as recording:
+        for readings in (sensor, recording.readings()):
+            warned = [EstimateWarning.REFERENCE_UNLIKE_CALIBRATION in reading.warnings for reading in readings]
+            assert warned == [False] * 3 + [True] * 3
 
-    def find_faults(frames: Sequence[Frame]) -> Sequence[str]:
-        return ("another lamp",) if frames[0].image.mean() < 0.9 * UNTOUCHED else ()
 
-    given = shape.depth_reader(Frame(skin(UNTOUCHED)))
-    references = partial(source.reference_at, shape=shape, find_faults=find_faults)
-    with Sensor(source, shape, depth_reader=given, recorded_reference=references) as sensor:
-        warned = [EstimateWarning.REFERENCE_UNLIKE_CALIBRATION in reading.warnings for reading in sensor]
-    assert warned == [False] * 3 + [True] * 3
+def test_every_reference_of_a_recording_ends_what_the_estimator_remembers(tmp_path: Path) -> None:
+    class CountingEstimator(NoForceEstimator):
+        estimated, forgotten_at = 0, list[int]()
+
+        def estimate(self, reading: Reading) -> WrenchEstimate:
+            self.estimated += 1
+            return super().estimate(reading)
+
+        def forget(self) -> None:
+            self.forgotten_at.append(self.estimated)
+
+    path = tmp_path / "pairs.mcap"
+    reference_recording(tmp_path / "small", path, rectified=False)
+    with ninedtact.open(source=path, force="none") as sensor:
+        sensor.estimator = estimator = CountingEstimator()
+        assert len(list(sensor)) == 6
+    assert estimator.forgotten_at == [0, 3]
 
 
 def test_the_twin_of_the_sensor_is_estimated_and_not_that_of_the_published_design(
@@ -353,6 +368,8 @@ def test_a_rectified_reference_of_another_calibration_is_a_warning_on_every_read
     text = (other / "sensor.toml").read_text()
     (other / "sensor.toml").write_text(text.replace("noise_mm = 0.001", "noise_mm = 0.002"))
     for sensor, expected in ((own.path, 0), (other, 6)):
+        shown = Live((str(path),)).sensor_and_wrenches(load_sensor(sensor))[0]
+        assert len(shown.reference_faults) == (expected > 0)
         with ninedtact.open(sensor, source=path, force="none") as opened:
             warned = [EstimateWarning.REFERENCE_UNLIKE_CALIBRATION in reading.warnings for reading in opened]
         assert (len(warned), sum(warned)) == (6, expected)

@@ -29,6 +29,7 @@ from .quantities import (
 from .reading import Reading
 from .recording.reader import Recording
 from .recording.recorder import record
+from .reference_images import ReferenceImages
 from .sensor import Sensor
 from .shape.coloured_height_map import draw_height_map_figure
 from .shape.export import export_shape, read_height_png
@@ -64,6 +65,7 @@ __all__ = [
     "Reading",
     "Recording",
     "Rectified",
+    "ReferenceImages",
     "ScriptedPress",
     "Sensor",
     "SensorDesign",

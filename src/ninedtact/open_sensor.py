@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import CameraSettings, FrameSource
     from ninedtact.force.estimator_interface import ForceEstimator
-    from ninedtact.quantities import Frame, Rectified
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
     from ninedtact.shape.depth import DepthReader
@@ -63,7 +62,7 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     settings
         Exposure and white balance of a camera on this computer; fixed by default.
     follow_reference
-        Whether the reference image follows slow changes of light and gel while nothing touches (`reference_following`). By
+        Whether the reference image follows slow changes of light and gel while nothing touches (`reference_images`). By
         default it follows on live sources (cameras, streams, the twin), and stays as it was taken on recordings, videos and images.
     reference_at_s
         Moment or moments of a recording, in seconds after its first image, at which the reference is taken anew. The readings from
@@ -108,41 +107,32 @@ def assemble_sensor(
 ) -> "Sensor":
     """Return a sensor on frames, not yet opened, with the reference images that are given or that its source brings.
 
-    source: where the frames come from, as `open` takes it: a recording or the twin brings its reference. The other parameters, and
-    what is raised, are those of `open`.
+    source: where the frames come from, as `open` takes it. A recording and the twin bring their reference. The other parameters,
+    and what is raised, are those of `open`.
     """
     from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
-    from ninedtact.reference_following import following_settings_for
+    from ninedtact.reference_images import ReferenceImages, following_settings_for
     from ninedtact.sensor import Sensor
 
     shape, check = sensor.shape, load_reference_image_checker(sensor)
-    depth_reader, recorded_reference, faults = None, None, tuple[str, ...]()
+    given, recorded = None, None
     if references:
-        depth_reader = shape.depth_reader(*check.read_images([Path(path) for path in references]))
+        given = shape.depth_reader(*check.read_images([Path(path) for path in references]))
     elif source == SIMULATED:
-        depth_reader = _twin_reference(sensor)
-    elif isinstance(source, str) and is_recording_address(source):
-        require_recording_libraries()
-        from ninedtact.recording.recorded_source import RecordedFrameSource, find_recorded_reference_faults
+        given = _twin_reference(sensor)
+    elif frames.recording is not None:
+        from ninedtact.recording.recorded_source import RecordedFrameSource
 
-        faults = tuple(find_recorded_reference_faults(Path(source).expanduser(), sensor, check))
-        depth_reader = load_recorded_depth_reader(source, shape)
-        if isinstance(frames, RecordedFrameSource):
-            recorded_reference = partial(
-                frames.reference_at, shape=shape, find_faults=check.find_faults, rectified_faults=faults
+        assert isinstance(frames, RecordedFrameSource)
+        given = load_recorded_reference(frames.recording, sensor, check)
+        if given is not None:
+            faults = given.reference_faults
+            recorded = partial(
+                frames.depth_reader_at, shape=shape, find_faults=check.find_faults, rectified_faults=faults
             )
-    before = None if depth_reader is None else depth_reader.reference
-    return Sensor(
-        frames,
-        shape,
-        depth_reader=depth_reader,
-        later_references=later_references(source, reference_at_s, shape, check, before),
-        recorded_reference=recorded_reference,
-        given_reference_faults=faults,
-        estimator=estimator,
-        find_reference_faults=check.find_faults,
-        following=following_settings_for(frames, follow_reference),
-    )
+    at_moments = _references_at_moments(frames, reference_at_s, shape, check, given)
+    following = following_settings_for(frames, follow_reference)
+    return Sensor(frames, shape, ReferenceImages(given, recorded, at_moments, check.find_faults, following), estimator)
 
 
 def source_for(
@@ -172,38 +162,14 @@ def source_for(
     return source_from_address.camera_or_file_source(text, settings or DEFAULT_CAMERA)
 
 
-def later_references(
-    source: "str | FrameSource",
-    moments_s: Sequence[float],
-    shape: "CalibratedShape",
-    check: "ReferenceImageChecker",
-    before: "Rectified | None" = None,
-) -> "Sequence[Sequence[Frame]]":
-    """Return the references that a recording gives at moments, in s after its first image (`Sensor.later_references`).
-
-    before: the reference image until the first moment, where it is not that of the recording's first images. Raises
-    `ReferenceMomentRefused`, also where the source is not a recording.
-    """
-    if not moments_s:
-        return ()
-    if not isinstance(source, str) or not is_recording_address(source):
-        name = source if isinstance(source, str) else source.name
-        raise ReferenceMomentRefused(
-            f"expected a recording ({RECORDING_SUFFIX}) with a moment for the reference, got {name}; drop the moment, or call "
-            "take_reference() of the sensor while nothing touches"
-        )
-    require_recording_libraries()
-    from ninedtact.recording.recorded_source import read_references_at_moments
-
-    return read_references_at_moments(Path(source).expanduser(), moments_s, shape, check, before)
-
-
-def load_recorded_depth_reader(source: str, shape: "CalibratedShape") -> "DepthReader | None":
+def load_recorded_reference(
+    address: str, sensor: "SensorFolder", check: "ReferenceImageChecker"
+) -> "DepthReader | None":
     """Return a depth reader for the reference image that a recording starts with; None where it starts with none."""
     require_recording_libraries()
-    from ninedtact.recording.recorded_source import depth_reader_from_recording
+    from ninedtact.recording.recorded_source import read_first_reference
 
-    return depth_reader_from_recording(Path(source).expanduser(), shape)
+    return read_first_reference(Path(address).expanduser(), sensor, check)
 
 
 def source_in_real_time(text: str, settings: "CameraSettings | None" = None) -> "FrameSource":
@@ -251,7 +217,8 @@ def load_given_or_recorded_sensor(
     if sensor is not None:
         yield load_sensor(sensor)
         return
-    if not isinstance(source, str) or not is_recording_address(source):
+    recording = source.recording if not isinstance(source, str) else source if is_recording_address(source) else None
+    if recording is None:
         name = source if isinstance(source, str) else source.name
         raise SensorNotGiven(
             f"expected --sensor with --source {name}, got none; name the folder that 'ninedtact calibrate --out' wrote"
@@ -260,7 +227,7 @@ def load_given_or_recorded_sensor(
     from ninedtact.recording.reader import extract_sensor_folder
 
     with TemporaryDirectory(prefix="ninedtact_") as folder:
-        yield load_sensor(extract_sensor_folder(Path(source).expanduser(), Path(folder) / "sensor"))
+        yield load_sensor(extract_sensor_folder(Path(recording).expanduser(), Path(folder) / "sensor"))
 
 
 def _twin_reference(sensor: "SensorFolder") -> "DepthReader":
@@ -271,3 +238,28 @@ def _twin_reference(sensor: "SensorFolder") -> "DepthReader":
     render = sensor.twin().renderer
     frames = [Frame(render(None, -number)) for number in range(1, REFERENCE_FRAMES + 1)]
     return sensor.shape.depth_reader(*frames)
+
+
+def _references_at_moments(
+    frames: "FrameSource",
+    moments_s: Sequence[float],
+    shape: "CalibratedShape",
+    check: "ReferenceImageChecker",
+    first: "DepthReader | None",
+) -> "Sequence[tuple[int, DepthReader]]":
+    """Return the reference images that a recording gives at moments, in s after its first image (`ReferenceImages.at_moments`).
+
+    first: in use until the first moment, where it is not that of the recording's first images. Raises `ReferenceMomentRefused`,
+    also where the source is not a recording.
+    """
+    if not moments_s:
+        return ()
+    if frames.recording is None:
+        raise ReferenceMomentRefused(
+            f"expected a recording ({RECORDING_SUFFIX}) with a moment for the reference, got {frames.name}; drop the moment, or "
+            "call take_reference() of the sensor while nothing touches"
+        )
+    from ninedtact.recording.recorded_source import read_references_at_moments
+
+    before = None if first is None else first.reference
+    return read_references_at_moments(frames.recording, moments_s, shape, check, before)

@@ -1,6 +1,5 @@
 """The result of one frame: the image, the shape of the gel surface and, where an estimator runs, the wrench."""
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -32,13 +31,13 @@ class Reading:
     frame: Frame
     rectified: Rectified
     height: HeightMap
+    reference: Rectified
+    """Rectified reference image (no contact) that the heights were computed against."""
     stage_ms: dict[str, float] = field(default_factory=dict)
     """Duration of each stage in ms: capture, rectify, depth, force."""
     dropped: int = 0
     """Number of frames that were never read, of those that the source delivered since it was opened, or that a recording holds
     since its first."""
-    reference: Rectified | None = None
-    """Rectified reference image (no contact) that the heights were computed against."""
     force: WrenchEstimate | None = None
     """The estimate with all its parts; None where the sensor has no estimator."""
     reference_warnings: tuple[EstimateWarning, ...] = ()
@@ -83,7 +82,7 @@ class Reading:
     @cached_property
     def image_warnings(self) -> tuple[EstimateWarning, ...]:
         """Reasons why the image cannot be a press on this sensor, for example a failed LED; empty for a plausible image."""
-        return () if self.reference is None else find_image_warnings(self.rectified, self.reference, self.height)
+        return find_image_warnings(self.rectified, self.reference, self.height)
 
     @cached_property
     def summary(self) -> ShapeSummary:
@@ -117,16 +116,6 @@ class Reading:
         return (now_ns - self.frame.stamp_ns) / 1e6
 
 
-@dataclass(frozen=True)
-class CheckedReference:
-    """A reference image (no contact) that was compared with that of the calibration."""
-
-    reader: DepthReader
-    """Computes heights against this image."""
-    faults: tuple[str, ...] = ()
-    """Why it cannot be that of the calibrated sensor."""
-
-
 class Stopwatch:
     """Durations in ms between successive marks."""
 
@@ -144,20 +133,19 @@ def read_frame(
     frame: Frame,
     shape: CalibratedShape,
     depth_reader: DepthReader,
-    reference_faults: Sequence[str] = (),
     watch: Stopwatch | None = None,
     dropped: int = 0,
 ) -> Reading:
     """Return the reading of a frame: its shape against a reference image, still without a wrench.
 
-    depth_reader: of the same calibration, with the reference image. reference_faults: why this image cannot be that of the
-    calibrated sensor. watch: measures the stages. dropped: number of frames that were never read. Raises `WrongImageSize`.
+    depth_reader: of the same calibration, with the reference image. watch: measures the stages. dropped: number of frames that
+    were never read. Raises `WrongImageSize`.
     """
     watch = Stopwatch() if watch is None else watch
     rectified = shape.rectify(frame)
     watch.mark("rectify")
     height = depth_reader(rectified)
     watch.mark("depth")
-    doubts = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if reference_faults else ()
-    reference = depth_reader.reference
-    return Reading(frame, rectified, height, watch.stage_ms, dropped, reference, None, (*shape.warnings, *doubts))
+    doubts = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if depth_reader.reference_faults else ()
+    reference, warnings = depth_reader.reference, (*shape.warnings, *doubts)
+    return Reading(frame, rectified, height, reference, watch.stage_ms, dropped, reference_warnings=warnings)

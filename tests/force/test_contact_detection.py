@@ -1,4 +1,4 @@
-"""The gate: noise and lamps are no touch, whatever the image's size; a shallow dent is one, with or without a reference."""
+"""The gate: noise and lamps are no touch, whatever the image's size; a shallow dent is one."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -73,11 +73,6 @@ def test_the_board_of_a_real_sensor_touches(
     read = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
     assert detect_contact(read)
     assert build_traction_force(sensor.shape, sensor.gel).estimate(read).wrench.force_n[2] < -1
-
-
-def test_without_a_reference_heights_decide() -> None:
-    for dent, touched in ((0.0, False), (0.1, True)):
-        assert detect_contact(replace(reading(*FULL, 1, dent=dent), reference=None)) == touched
 
 
 SETTINGS = ContactRegionSettings()

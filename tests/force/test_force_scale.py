@@ -80,6 +80,7 @@ def reading() -> Reading:
         Frame(np.zeros((4, 6, 3), np.uint8)),
         Rectified(flat, 0.5),
         HeightMap(flat, np.zeros((4, 6), np.uint8), 0.5),
+        Rectified(flat, 0.5),
     )
 
 

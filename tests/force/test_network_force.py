@@ -27,7 +27,8 @@ def reading(depth_mm: float, noise_mm: float = 0.003) -> Reading:
     z_mm[25:35, 35:45] -= np.float32(depth_mm)
     height = HeightMap(z_mm, np.full(z_mm.shape, HeightSource.MEASURED, np.uint8), MM_PER_PX, noise_mm, stamp_ns=7)
     frame = Frame(np.zeros((4, 4, 3), np.uint8), stamp_ns=7)
-    return Reading(frame, Rectified(np.full_like(z_mm, 128), MM_PER_PX, 7), height)
+    grey = np.float32(128) * (1 + np.float32(0.1) * z_mm)
+    return Reading(frame, Rectified(grey, MM_PER_PX, 7), height, Rectified(np.full_like(z_mm, 128), MM_PER_PX))
 
 
 def estimator(about_mm: tuple[float, float, float] = (0.0, 0.0, 0.0), gel: Gel = Gel()) -> NetworkForce:
@@ -65,7 +66,7 @@ def test_torques_are_told_about_the_centre_of_the_skin() -> None:
 
 def test_what_training_did_not_see_is_doubted() -> None:
     assert estimator().estimate(reading(0.5)).warnings == ()
-    unlike = replace(reading(0.0), height=reading(2.4).height)
+    unlike = reading(2.4)
     assert EstimateWarning.UNLIKE_TRAINING in estimator().estimate(unlike).warnings
     stiff = estimator()
     per_input = np.full((SMALL.rows * SMALL.cols, 6), 100.0)

@@ -77,10 +77,6 @@ def test_images_live_and_in_batches_of_torch_are_alike(channels: InputChannels) 
     np.testing.assert_array_equal(batch[0].numpy(), live)
 
 
-def test_a_reading_without_its_reference_is_refused() -> None:
-    height = bumpy(np.inf)
-    reading = Reading(Frame(np.zeros((4, 4, 3), np.uint8)), Rectified(height.z_mm, MM_PER_PX), height)
-    with pytest.raises(NetworkInputImpossible, match="reference image"):
-        NetworkInputBuilder(NetworkInputSettings(InputChannels.DEFORMATION))(reading)
+def test_an_input_without_columns_is_refused() -> None:
     with pytest.raises(NetworkInputImpossible, match="0 x 60"):
         NetworkInputSettings(cols=0)

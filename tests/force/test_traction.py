@@ -53,7 +53,7 @@ def dragged(x_mm: float = 1.0, y_mm: float = -0.6, drag_mm: float = 0.5) -> Cont
 def reading(z_mm: np.ndarray, source: np.ndarray | None = None) -> Reading:
     seen = np.full(z_mm.shape, HeightSource.MEASURED, np.uint8) if source is None else source
     grey = Rectified(np.full(z_mm.shape, 150, np.float32), PX_MM)
-    return Reading(FRAME, grey, HeightMap(z_mm.astype(np.float32), seen, PX_MM))
+    return Reading(FRAME, grey, HeightMap(z_mm.astype(np.float32), seen, PX_MM), grey)
 
 
 def noisy(shape: tuple[int, int] = WIDE, seed: int = 0, contact: Contact | None = None) -> np.ndarray:
@@ -238,7 +238,6 @@ OTHER_WORK: list[Callable[[], object]] = []
 
 def test_two_threads_that_share_an_estimator_get_the_answers_of_their_own_images() -> None:
     one = lit(dragged())
-    assert one.reference is not None
     dim = replace(one, reference=replace(one.reference, grey=one.reference.grey * np.float32(0.7)))
     model = BrightnessObservationModel(CURVE, OverlappedLoss(), 0.5)
     cells = cell_grid_over_image(WIDE, PX_MM, GEL.thickness_mm)
@@ -321,13 +320,6 @@ def test_a_curve_without_bulges_is_refused() -> None:
     blind = replace(CURVE, brightening=(0.0,), bulge_mm=(0.0,))
     with pytest.raises(TractionImpossible, match="expected a depth curve that knows bulges"):
         BrightnessObservationModel(blind, GlobalDimmingModel(), 0.5)
-
-
-def test_a_reading_without_reference_is_refused() -> None:
-    with pytest.raises(TractionImpossible, match="its reference image"):
-        TractionForce(BrightnessObservationModel(CURVE, GlobalDimmingModel(), 0.5), GEL).estimate(
-            replace(lit(dragged()), reference=None)
-        )
 
 
 def test_a_map_that_is_out_of_view_is_refused() -> None:

@@ -150,7 +150,7 @@ def sensor_on_ros2(
     with DdsParticipant(DOMAIN, INTERFACE) as participant:
         messages = SensorMessages(folder, "small", points_every=1)
         sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
-        sensor.estimator, sensor.find_reference_faults = estimator, lambda _: ["unlike the calibration"]
+        sensor.estimator, sensor.references.find_faults = estimator, lambda _: ["unlike the calibration"]
         profiles, sentences = parse_qos(()), list[str]()
         shared = SensorOnRos2(sensor, messages, participant, profiles, out, measured, "of the bench", sentences.append)
         thread = Thread(target=shared.run, args=(over.is_set,))

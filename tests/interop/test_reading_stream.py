@@ -30,6 +30,7 @@ from ninedtact.interop.reading_broadcast import StreamPortRefused, publish_readi
 from ninedtact.interop.reading_stream import ReadingServer, StreamedReading, StreamedStatus, reading_stream_json_schema
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
+from ninedtact.reference_images import ReferenceImages
 from ninedtact.sensor import Sensor
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -96,7 +97,7 @@ def client_of_the_page(language: str, served: Served) -> str:
 def camera_reading() -> Reading:
     """A reading with an image of noise, which compresses badly."""
     camera = SkinCamera()
-    with Sensor(camera, SHAPE, depth_reader=SHAPE.depth_reader(Frame(skin(100)))) as sensor:
+    with Sensor(camera, SHAPE, ReferenceImages(SHAPE.depth_reader(Frame(skin(100))))) as sensor:
         reading = sensor.read()
     image = np.random.default_rng(0).integers(0, 255, (480, 640, 3), np.uint8)
     return replace(reading, frame=replace(reading.frame, image=image))

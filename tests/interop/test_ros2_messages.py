@@ -28,6 +28,7 @@ from ninedtact.interop.ros2_messages import (
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate, skin_grid_mm
 from ninedtact.reading import Reading
 from ninedtact.recording.topics_and_messages import Topic, decode_height, type_store
+from ninedtact.reference_images import ReferenceImages
 from ninedtact.sensor import Sensor
 from ninedtact.shape.surface import point_cloud
 
@@ -41,7 +42,7 @@ MESSAGES = SensorMessages(SensorFolder(Path(), RECORDED), "left-hand", points_ev
 @pytest.fixture(scope="module")
 def reading() -> Reading:
     camera = SkinCamera()
-    sensor = Sensor(camera, SHAPE, depth_reader=SHAPE.depth_reader(Frame(skin(100))))
+    sensor = Sensor(camera, SHAPE, ReferenceImages(SHAPE.depth_reader(Frame(skin(100)))))
     with sensor:
         camera.level = 60
         return sensor.read().with_force(WRENCH)
@@ -95,7 +96,7 @@ def test_lengths_are_metres_and_forces_newtons(reading: Reading) -> None:
 
 
 def test_nothing_is_sent_where_there_is_nothing_to_say(reading: Reading) -> None:
-    silent = replace(reading, force=None, reference=None)
+    silent = replace(reading, force=None)
     assert set(MESSAGES.encode(silent, WALL_NS, {Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS})) == set()
     assert set(MESSAGES.encode(reading, WALL_NS, {POINTS})) == {POINTS}
 

@@ -469,7 +469,6 @@ class Guessing(ForceEstimator):
     name = "guess"
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
-        assert reading.reference is not None
         force_n = np.array([0.0, 0.0, float((reading.rectified.grey - reading.reference.grey).mean())])
         return WrenchEstimate(
             Wrench(force_n, np.zeros(3), stamp_ns=reading.frame.stamp_ns),

@@ -62,7 +62,9 @@ def sensor_folder(path: Path) -> Path:
 
 def sensor_on(source: FrameSource, reference_frames: int = 2) -> Sensor:
     """The sensor on a source, patient enough for a busy machine."""
-    return Sensor(LatestFrameSource(source, max_age_ms=LONG_MS, timeout_ms=1000.0), SHAPE, reference_frames)
+    return Sensor(
+        LatestFrameSource(source, max_age_ms=LONG_MS, timeout_ms=1000.0), SHAPE, reference_frames=reference_frames
+    )
 
 
 class SkinCamera(FrameSource):

@@ -107,7 +107,7 @@ def test_only_a_live_source_is_followed(tmp_path: Path, images: Path) -> None:
     folder = load_sensor(sensor_folder(tmp_path / "small"))
 
     def follows(live: Live) -> bool:
-        return live.sensor_and_wrenches(folder)[0].following is not None
+        return live.sensor_and_wrenches(folder)[0].references.following is not None
 
     assert follows(Live(("0",))) and not follows(Live(("0",), follow_reference=False))
     assert not follows(Live((str(images),))) and not follows(Live((str(images),), loop=True))

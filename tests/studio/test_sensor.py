@@ -8,6 +8,7 @@ from ninedtact.capture.frame_source import CameraLost
 from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
+from ninedtact.reference_images import ReferenceImages
 from ninedtact.sensor import ReferenceMissing, Sensor
 
 STD = np.array([0.1, 0.1, 0.2, 1e-3, 1e-3, 1e-4])
@@ -44,7 +45,7 @@ def test_every_opening_takes_a_new_reference() -> None:
     with sensor:
         assert sensor.read().max_indentation_mm == pytest.approx(0.0, abs=0.01), "the reference of the last session"
     given = SHAPE.depth_reader(Frame(skin(UNTOUCHED)))
-    kept = Sensor(camera, SHAPE, depth_reader=given)
+    kept = Sensor(camera, SHAPE, ReferenceImages(given))
     for _ in range(2):
         with kept:
             assert kept.read().max_indentation_mm == pytest.approx(1.0, abs=0.01), "not the reference that was given"

@@ -37,7 +37,7 @@ def sentence(loop: SensorPoller) -> str:
 def test_the_newest_reading_wins_and_the_rest_is_counted() -> None:
     fed = HandFed()
     sensor = sensor_on(fed, reference_frames=1)
-    sensor.depth_reader = SHAPE.depth_reader(Frame(skin(UNTOUCHED)))
+    sensor.references.given = SHAPE.depth_reader(Frame(skin(UNTOUCHED)))
 
     def feed(*levels: int) -> None:
         for level in levels:
@@ -124,7 +124,7 @@ def test_a_simulation_or_a_recording_is_late_and_not_unplugged(kind: str) -> Non
     wrapped = ReconnectingFrameSource(fed, on_lost=lambda loss: None)
     sensor = sensor_on(LivePlayback(RepeatingSource(DelayCorrectedSource(wrapped, 0.0))))
     assert sensor.source.is_simulated is (kind == "a simulation") and SimulatedCamera.is_simulated
-    sensor.depth_reader = SHAPE.depth_reader(Frame(skin(UNTOUCHED)))
+    sensor.references.given = SHAPE.depth_reader(Frame(skin(UNTOUCHED)))
     with SensorPoller(sensor) as loop:
         fed.queue.put(Frame(skin(UNTOUCHED), time.monotonic_ns(), 0))
         wait_until(lambda: sentence(loop).startswith("this computer is "))

@@ -86,6 +86,8 @@ class FrameSource(Openable):
     """Whether this computer renders the images, which are late where it is slow, but never unplugged."""
     recorded_hz: float | None = None
     """Images per second at which a recording was made, known once it is open; None for a live source, which paces itself."""
+    recording: str | None = None
+    """Address of the recording (.mcap) whose frames and stamps these are; None for any other source."""
 
     @abstractmethod
     def read(self) -> Frame:

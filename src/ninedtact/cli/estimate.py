@@ -119,7 +119,7 @@ class Estimate:
             for fault in sensor.reference_faults:
                 print_notice(f"the reference image is doubtful; {fault}")
             for name, reading in _iterate_named_readings(self.source, frames, sensor):
-                if self.images_are_separate and reading.reference is not None:
+                if self.images_are_separate:
                     require_plausible_image(name, reading.rectified, reading.reference, reading.height)
                 yield name, reading
                 if self.images_are_separate:

@@ -27,7 +27,7 @@ from ninedtact.open_sensor import (
     RECORDING_SUFFIX,
     SIMULATED,
     is_recording_address,
-    load_recorded_depth_reader,
+    load_recorded_reference,
     source_in_real_time,
 )
 from ninedtact.recording.errors import RecordingUnreadable, require_recording_libraries
@@ -35,9 +35,9 @@ from ninedtact.recording.errors import RecordingUnreadable, require_recording_li
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
-    from ninedtact.quantities import Frame
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
+    from ninedtact.shape.depth import DepthReader
     from ninedtact.simulation.press_sequence import PressSequence
     from ninedtact.studio.wrench_history import WrenchPoller
 
@@ -132,28 +132,33 @@ class Live:
         name: of the sensor among several.
         """
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
-        from ninedtact.reference_following import following_settings_for
+        from ninedtact.reference_images import following_settings_for
 
         check, pressed, source = load_reference_image_checker(folder), None, self.parse_named_sources()[name][0]
+        references = check.read_images(self.reference)
         if source == SIMULATED:
             from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
             from ninedtact.simulation.simulated_sources import demo_sources
 
             twin = build_twin_from_folder(folder).with_noise_of(name)
-            shown, references = demo_sources(twin), check.read_images(self.reference)
+            shown = demo_sources(twin)
             (sensor, wrenches), pressed = twin_sensor_and_true_wrench(folder.shape, shown, references), shown.simulation
         else:
-            sensor, wrenches = self.sensor_at_source(source, folder.shape, check.read_images(self.reference), name), []
-        sensor.find_reference_faults = check.find_faults
-        sensor.following = following_settings_for(sensor.source) if self.follow_reference else None
+            given = folder.shape.depth_reader(*references) if references else None
+            if given is None and is_recording_address(source):
+                given = load_recorded_reference(source, folder, check)
+            sensor, wrenches = self.sensor_at_source(source, folder.shape, given, name), []
+        sensor.references.find_faults = check.find_faults
+        sensor.references.following = following_settings_for(sensor.source) if self.follow_reference else None
         return sensor, wrenches, pressed
 
     def sensor_at_source(
-        self, address: str, shape: "CalibratedShape", references: "Sequence[Frame]", name: str
+        self, address: str, shape: "CalibratedShape", given: "DepthReader | None", name: str
     ) -> "Sensor":
         """Return the sensor on a camera or a recording, not yet opened."""
         from ninedtact.capture.frame_pacing import LatestFrameSource
         from ninedtact.capture.reconnecting import ReconnectingFrameSource
+        from ninedtact.reference_images import ReferenceImages
         from ninedtact.sensor import Sensor
 
         of = f"{name}: " if name else ""
@@ -162,10 +167,7 @@ class Live:
             on_lost=lambda loss: print_notice(f"{of}{loss}; waiting for it"),
             on_back=lambda: print_notice(f"{of}it is back"),
         )
-        depth_reader = shape.depth_reader(*references) if references else None
-        if depth_reader is None and is_recording_address(address):
-            depth_reader = load_recorded_depth_reader(address, shape)
-        return Sensor(LatestFrameSource(source), shape, depth_reader=depth_reader)
+        return Sensor(LatestFrameSource(source), shape, ReferenceImages(given))
 
     def source_at(self, address: str) -> "FrameSource":
         """Return the source at an address, which repeats if --loop is given."""

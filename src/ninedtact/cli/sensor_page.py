@@ -226,12 +226,13 @@ def twin_sensor_and_true_wrench(
 ) -> "tuple[Sensor, list[WrenchPoller]]":
     """Return a sensor on the simulated camera, and a poller of the true wrench."""
     from ninedtact.capture.frame_pacing import LatestFrameSource
+    from ninedtact.reference_images import ReferenceImages
     from ninedtact.sensor import Sensor
     from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
     from ninedtact.studio.wrench_history import WrenchPoller
 
-    depth = shape.depth_reader(*(references or shown.reference_frames))
-    return Sensor(LatestFrameSource(shown.camera), shape, depth_reader=depth), [
+    untouched = shape.depth_reader(*(references or shown.reference_frames))
+    return Sensor(LatestFrameSource(shown.camera), shape, ReferenceImages(untouched)), [
         WrenchPoller(shown.force_torque, "true", TRUE_WRENCH_MEANING)
     ]
 

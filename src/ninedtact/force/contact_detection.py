@@ -33,8 +33,6 @@ class ContactThreshold:
     a hundred of stronger ones."""
     min_darkening: float = 1e-3
     """Relative darkening below which no contact is detected, because a reference image is no more accurate than that."""
-    min_depth_mm: float = 0.03
-    """Indentation below which no contact is detected, for readings without a reference image, whose heights are compared."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +54,8 @@ class ContactRegionSettings:
 
 _CELL_MM = 0.53
 _SMOOTHING_CELLS = 2.0
-_MIN_NOISE, _MIN_NOISE_MM = 2e-4, 2e-3
-"""Smallest noise (standard deviation) that is assumed for one cell: relative brightness, and mm of height."""
+_MIN_NOISE = 2e-4
+"""Smallest noise (standard deviation of the relative brightness) that is assumed for one cell."""
 _MAX_NOISE, _MAX_NOISE_PER_PIXEL_NOISE = 5e-3, 25.0
 """Relative brightness noise of one cell that is not doubted, and its largest ratio to that of independent pixels (6 to 12 in images
 of real sensors, whose cameras sharpen and compress). What exceeds both is structure, such as pins all over the view."""
@@ -81,25 +79,18 @@ def detect_contact(reading: Reading, threshold: ContactThreshold = ContactThresh
 def measure_darkening_and_limit(
     reading: Reading, threshold: ContactThreshold = ContactThreshold()
 ) -> tuple[float, float]:
-    """Return the largest relative darkening, smoothed over about a millimetre, and the limit above which it is a contact.
-
-    For a reading without a reference image, heights in mm are compared instead of brightness.
-    """
-    if reading.reference is None:
-        signal = _average_over_cells(reading.height.z_mm, reading.height.mm_per_px)
-        min_noise, min_change = _MIN_NOISE_MM, threshold.min_depth_mm
-    else:
-        image, reference = (
-            _average_over_cells(rectified.grey, reading.rectified.mm_per_px)
-            for rectified in (reading.rectified, reading.reference)
-        )
-        signal = image / np.maximum(reference, np.float32(1))
-        min_noise, min_change = _MIN_NOISE, threshold.min_darkening
-    noise = max(estimate_cell_noise(signal), min_noise)
-    if reading.reference is not None:
-        noise = min(noise, cell_noise_upper_bound(reading.rectified.grey, reading.reference.grey, signal.size))
+    """Return the largest relative darkening, smoothed over about a millimetre, and the limit above which it is a contact."""
+    image, reference = (
+        _average_over_cells(rectified.grey, reading.rectified.mm_per_px)
+        for rectified in (reading.rectified, reading.reference)
+    )
+    signal = image / np.maximum(reference, np.float32(1))
+    noise = max(estimate_cell_noise(signal), _MIN_NOISE)
+    noise = min(noise, cell_noise_upper_bound(reading.rectified.grey, reading.reference.grey, signal.size))
     darkening = _smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
-    return float(darkening.max()), float(_noise_limit(noise, threshold.noise_stds, min_change, _SMOOTHING_CELLS))
+    return float(darkening.max()), float(
+        _noise_limit(noise, threshold.noise_stds, threshold.min_darkening, _SMOOTHING_CELLS)
+    )
 
 
 def find_contact_region(

@@ -99,8 +99,7 @@ class NetworkForce(ForceEstimator):
         std = self._no_contact_std
         if std is None:
             flat = replace(reading.height, z_mm=np.zeros_like(reading.height.z_mm))
-            rectified = reading.rectified if reading.reference is None else reading.reference
-            inputs = self.input(replace(reading, height=flat, rectified=rectified))
+            inputs = self.input(replace(reading, height=flat, rectified=reading.reference))
             self._no_contact_std = std = STD_PER_LAPLACE_SCALE * self.estimate_many(inputs[None]).scale[0]
         return std.copy()
 

@@ -198,10 +198,6 @@ class NetworkInputBuilder:
             )
         if self.settings.channels.of_heights:
             return self.of_height(reading.height)
-        if reading.reference is None:
-            raise NetworkInputImpossible(
-                "expected a reading that carries the reference image of its session, got none; read with a Sensor"
-            )
         return self.of_image(reading.rectified, reading.reference)
 
     def of_height(self, height: HeightMap) -> Float32[Array, "channels rows cols"]:

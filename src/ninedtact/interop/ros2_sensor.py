@@ -227,7 +227,7 @@ class SensorOnRos2:
         wanted = {topic for topic, writer in self._writers.items() if writer.has_subscribers}
         for topic, message in self.messages.encode(reading, wall_ns, wanted).items():
             self._writers[topic].write(message)
-        if reading.reference is not None and reading.reference is not self._reference:
+        if reading.reference is not self._reference:
             self._publish_reference(reading.reference, wall_ns)
         self.published += 1
 

@@ -182,8 +182,9 @@ class Recording:
 
         with TemporaryDirectory(prefix="ninedtact_") as folder:
             sensor = load_sensor(self.save_sensor_folder(Path(folder) / "sensor"))
-            references = RecordedReferences(self, sensor.shape)
-            computer = ReadingComputer(sensor.shape, load_reference_image_checker(sensor).find_faults)
+            find_faults = load_reference_image_checker(sensor).find_faults
+            references = RecordedReferences(self, sensor.shape, find_faults)
+            computer = ReadingComputer(sensor.shape, find_faults)
             for frame in self.frames():
                 computer.depth_reader = references.depth_reader_at(frame.stamp_ns) or computer.depth_reader
                 yield from computer.readings(frame)

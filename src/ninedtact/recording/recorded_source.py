@@ -17,12 +17,16 @@ from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.capture.frame_source import FrameSource, Openable, SourceEnded, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, HeightSource, Rectified, Wrench
-from ninedtact.reading import CheckedReference
 from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefused
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import Topic, decode_reference_grey
-from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, mean_rectified_image
+from ninedtact.shape.calibrated_shape import (
+    REFERENCE_FRAMES,
+    CalibratedShape,
+    FindReferenceFaults,
+    mean_rectified_image,
+)
 from ninedtact.shape.depth import DepthReader
 
 Item = TypeVar("Item")
@@ -87,30 +91,33 @@ class RecordedFrameSource(_RecordedTopic, FrameSource):
     is_live = False
     _references: "RecordedReferences | None" = None
 
+    def __init__(self, path: Path | str) -> None:
+        super().__init__(path)
+        self.recording = str(path)
+
     def open(self) -> None:
         """Open the recording at its first image; raises `CameraNotFound` or `RecordingUnreadable`."""
         super().open()
         self.recorded_hz = median_rate_hz(self._positions["stamp_ns"])
 
-    def reference_at(
+    def depth_reader_at(
         self,
         stamp_ns: int,
         shape: CalibratedShape,
-        find_faults: Callable[[Sequence[Frame]], Sequence[str]],
+        find_faults: FindReferenceFaults,
         rectified_faults: tuple[str, ...] = (),
-    ) -> CheckedReference | None:
-        """Return the reference image that held at a stamp; None where the recording has none.
+    ) -> DepthReader | None:
+        """Return a depth reader for the reference image that held at a stamp; None where the recording has none.
 
-        find_faults: returns why raw images cannot be reference images of the calibrated sensor. rectified_faults: why
-        rectified ones cannot be.
-        Raises `SourceNotOpen` and what `RecordedReferences.reference_at` raises.
+        rectified_faults: why images that were recorded rectified cannot be reference images of the calibrated sensor.
+        Raises `SourceNotOpen` and what `RecordedReferences.depth_reader_at` raises.
         """
         with self._lock:
             if self._recording is None:
                 raise SourceNotOpen(self.name)
             if self._references is None or self._references.recording is not self._recording:
                 self._references = RecordedReferences(self._recording, shape, find_faults, rectified_faults)
-            return self._references.reference_at(stamp_ns)
+            return self._references.depth_reader_at(stamp_ns)
 
     def read(self) -> Frame:
         """Return the next frame; raises `SourceEnded` after the last."""
@@ -135,30 +142,19 @@ class RecordedReferences:
         self,
         recording: Recording,
         shape: CalibratedShape,
-        find_faults: Callable[[Sequence[Frame]], Sequence[str]] = lambda _: (),
+        find_faults: FindReferenceFaults = lambda _: (),
         rectified_faults: tuple[str, ...] = (),
     ) -> None:
-        """find_faults: returns why raw images cannot be reference images of the calibrated sensor. rectified_faults: why
-        rectified ones cannot be."""
+        """rectified_faults: why images that were recorded rectified cannot be reference images of the calibrated sensor."""
         self.recording, self._shape = recording, shape
         self._find_faults, self._rectified_faults = find_faults, rectified_faults
         positions = {topic: recording.positions(topic) for topic in (Topic.REFERENCE_GREY, Topic.REFERENCE)}
         self._topic = next((topic for topic, found in positions.items() if len(found)), None)
         self._positions: Array = np.empty(0) if self._topic is None else positions[self._topic]
-        self._last: tuple[int, CheckedReference] | None = None
-
-    @property
-    def are_rectified(self) -> bool:
-        """Whether the images are rectified ones, which belong to the calibration that rectified them."""
-        return self._topic is Topic.REFERENCE_GREY
+        self._last: tuple[int, DepthReader] | None = None
 
     def depth_reader_at(self, stamp_ns: int) -> DepthReader | None:
-        """Return the depth reader of `reference_at`."""
-        found = self.reference_at(stamp_ns)
-        return None if found is None else found.reader
-
-    def reference_at(self, stamp_ns: int) -> CheckedReference | None:
-        """Return the reference image that held at a stamp, the same object until it changes; None without one.
+        """Return a depth reader for the reference image that held at a stamp, the same object until it changes; None without one.
 
         Raises what reading a recording raises, and `RecordingUnreadable` where the image is not that of the sensor.
         """
@@ -169,7 +165,7 @@ class RecordedReferences:
             self._last = number, self._read(number)
         return self._last[1]
 
-    def frames_at(self, number: int) -> list[Frame]:
+    def _frames_at(self, number: int) -> list[Frame]:
         """Return all raw reference images that belong to one of them."""
         frames = [self.recording.frame(self._positions[number])]
         for numbers in (range(number - 1, -1, -1), range(number + 1, len(self._positions))):
@@ -180,10 +176,9 @@ class RecordedReferences:
                 frames.append(frame)
         return frames
 
-    def _read(self, number: int) -> CheckedReference:
-        if not self.are_rectified:
-            frames = self.frames_at(number)
-            return CheckedReference(self._shape.depth_reader(*frames), tuple(self._find_faults(frames)))
+    def _read(self, number: int) -> DepthReader:
+        if self._topic is not Topic.REFERENCE_GREY:
+            return self._shape.depth_reader(*self._frames_at(number), find_faults=self._find_faults)
         message, wanted = self.recording.message(self._positions[number]), self._shape.rectify.height_source.shape
         grey = decode_reference_grey(message.data)
         if grey.shape != wanted:
@@ -192,18 +187,27 @@ class RecordedReferences:
                 f"{grey.shape[1]} x {grey.shape[0]}; name the recorded sensor, or none"
             )
         reference = Rectified(grey, self._shape.rectify.mm_per_px, message.stamp_ns)
-        return CheckedReference(self._shape.reader_against(reference), self._rectified_faults)
+        return self._shape.reader_against(reference, self._rectified_faults)
 
 
-def find_recorded_reference_faults(path: Path | str, sensor: SensorFolder, check: ReferenceImageChecker) -> list[str]:
-    """Return why the first reference image of a recording cannot be that of a sensor; empty where it can or there is none."""
+def read_first_reference(path: Path | str, sensor: SensorFolder, check: ReferenceImageChecker) -> DepthReader | None:
+    """Return a depth reader for the reference image that a recording starts with; None without one (`ninedtact record`).
+
+    Raises what `RecordedReferences.depth_reader_at` raises.
+    """
     with Recording(path) as recording:
-        references = RecordedReferences(recording, sensor.shape)
-        if references.are_rectified:
-            own = recording.sensor_files().get(SENSOR_FILE)
-            is_own = recording.sensor == sensor.id if own is None else own == (sensor.path / SENSOR_FILE).read_bytes()
-            return [] if is_own else [f"{path} was rectified with another calibration than that of {sensor.path}"]
-        return list(check.find_faults(references.frames_at(0))) if len(recording.positions(Topic.REFERENCE)) else []
+        is_rectified = len(recording.positions(Topic.REFERENCE_GREY)) > 0
+        faults = _find_rectified_faults(recording, path, sensor) if is_rectified else ()
+        references = RecordedReferences(recording, sensor.shape, check.find_faults, faults)
+        stamps_ns = recording.stamps_ns(Topic.IMAGES)
+        return references.depth_reader_at(int(stamps_ns[0])) if len(stamps_ns) else None
+
+
+def _find_rectified_faults(recording: Recording, path: Path | str, sensor: SensorFolder) -> tuple[str, ...]:
+    """Return why images that were recorded rectified cannot be reference images of a sensor; empty where they can."""
+    own = recording.sensor_files().get(SENSOR_FILE)
+    is_own = recording.sensor == sensor.id if own is None else own == (sensor.path / SENSOR_FILE).read_bytes()
+    return () if is_own else (f"{path} was rectified with another calibration than that of {sensor.path}",)
 
 
 def read_references_at_moments(
@@ -212,12 +216,12 @@ def read_references_at_moments(
     shape: CalibratedShape,
     check: ReferenceImageChecker,
     before: Rectified | None = None,
-) -> list[list[Frame]]:
-    """Read the reference images (no contact) at moments of a recording, ten at each, for `Sensor.later_references`.
+) -> list[tuple[int, DepthReader]]:
+    """Return depth readers for the reference images (no contact) at moments of a recording, with the stamp of each moment.
 
-    moments_s: seconds after the first image. before: rectified reference image until the first moment; without it, that of the
-    first ten images. Raises `ReferenceMomentRefused` for a moment that is not in the recording or at which something touches the
-    gel, and what reading a recording raises.
+    Each is the mean of ten images. moments_s: seconds after the first image. before: rectified reference image until the first
+    moment; without it, that of the first ten images. Raises `ReferenceMomentRefused` for a moment that is not in the recording or
+    at which something touches the gel, and what reading a recording raises.
     """
     with Recording(path) as recording:
         positions = recording.positions(Topic.IMAGES)
@@ -229,18 +233,8 @@ def read_references_at_moments(
                 first_frames = _read_frames(recording, positions[:REFERENCE_FRAMES])
                 before = mean_rectified_image([shape.rectify(frame) for frame in first_frames])
             before = _require_no_contact(f"{path} from {at_s:g} s on", frames, before, shape, check)
-            found.append(frames)
+            found.append((frames[0].stamp_ns, shape.reader_against(before)))
     return found
-
-
-def depth_reader_from_recording(path: Path | str, shape: CalibratedShape) -> DepthReader | None:
-    """Return a depth reader for the reference image that a recording starts with; None without one (`ninedtact record`).
-
-    Raises what `RecordedReferences.depth_reader_at` raises.
-    """
-    with Recording(path) as recording:
-        stamps_ns = recording.stamps_ns(Topic.IMAGES)
-        return RecordedReferences(recording, shape).depth_reader_at(int(stamps_ns[0])) if len(stamps_ns) else None
 
 
 def _first_image_at(recording: Recording, positions: Array, at_s: float) -> int:

@@ -1,6 +1,6 @@
 """Records a sensor: reads its sources in the background, so that slow writing delays no source, and counts lost items."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -26,7 +26,7 @@ from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape
+from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, FindReferenceFaults
 from ninedtact.shape.depth import DepthReader
 
 _BUFFERED_IMAGES = 128
@@ -230,12 +230,9 @@ class ReadingComputer:
     """Computes readings from frames, against a known reference image (no contact) or that of the first ten frames."""
 
     shape: CalibratedShape
-    find_reference_faults: Callable[[Sequence[Frame]], Sequence[str]] = lambda _: ()
-    """Returns why reference images cannot be those of the calibrated sensor."""
+    find_reference_faults: FindReferenceFaults = lambda _: ()
     depth_reader: DepthReader | None = None
     """Computes heights against a reference image that is known; None takes that of the first ten frames."""
-    reference_faults: tuple[str, ...] = field(default=(), init=False)
-    """What it returned for the first ten frames."""
     _first: list[Frame] = field(default_factory=list, init=False)
 
     def require_reference(self) -> None:
@@ -249,7 +246,7 @@ class ReadingComputer:
     def readings(self, frame: Frame) -> Iterator[Reading]:
         """Yield the readings that this frame completes: none for the first nine frames, ten for the tenth, then one."""
         for waiting, depth_reader in self._readable(frame):
-            yield read_frame(waiting, self.shape, depth_reader, self.reference_faults)
+            yield read_frame(waiting, self.shape, depth_reader)
 
     def _readable(self, frame: Frame) -> Iterator[tuple[Frame, DepthReader]]:
         if self.depth_reader is not None:
@@ -257,9 +254,8 @@ class ReadingComputer:
             return
         self._first.append(frame)
         if len(self._first) == REFERENCE_FRAMES:
-            depth_reader = self.depth_reader = self.shape.depth_reader(*self._first)
-            self.reference_faults = tuple(self.find_reference_faults(self._first))
-            yield from ((waiting, depth_reader) for waiting in self._first)
+            reader = self.depth_reader = self.shape.depth_reader(*self._first, find_faults=self.find_reference_faults)
+            yield from ((waiting, reader) for waiting in self._first)
             self._first.clear()
 
 
@@ -270,8 +266,7 @@ class EstimateRecorder:
     shape: CalibratedShape
     estimator: ForceEstimator = field(default_factory=NoForceEstimator)
     heights: bool = True
-    find_reference_faults: Callable[[Sequence[Frame]], Sequence[str]] = lambda _: ()
-    """Returns why reference images cannot be those of the calibrated sensor."""
+    find_reference_faults: FindReferenceFaults = lambda _: ()
     notify: Callable[[str], None] = lambda sentence: None
     """Receives a sentence about every fault of the reference."""
 
@@ -304,10 +299,10 @@ class EstimateRecorder:
 
     def _report_faults(self, stamp_ns: int, writer: RecordingWriter) -> None:
         """Report the faults of the reference once, as remarks in the recording and to the person who records."""
-        if self._has_reported:
+        if self._has_reported or self._computer.depth_reader is None:
             return
         self._has_reported = True
-        for fault in self._computer.reference_faults:
+        for fault in self._computer.depth_reader.reference_faults:
             writer.write_event(RecordingEvent(stamp_ns, RecordingEventKind.REMARK, "reference image", fault))
             self.notify(f"the reference image is doubtful; {fault}")
 

@@ -113,7 +113,7 @@ class RecordingWriter:
     def write_reading(self, reading: Reading) -> None:
         """Write a reading: its reference image where that is a new one, its image, and its heights and its estimate with all
         warnings where the file has topics for them."""
-        if reading.reference is not None and reading.reference is not self._reference:
+        if reading.reference is not self._reference:
             self._reference = reading.reference
             self.write_reference_grey(reading.reference, reading.stamp_ns)
         self.write_image(reading.frame)

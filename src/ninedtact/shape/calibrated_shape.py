@@ -2,6 +2,7 @@
 only other input is the reference image of the session (no contact), which `CalibratedShape.depth_reader` binds.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -21,6 +22,9 @@ _MAX_UNSTEADINESS = 0.1
 by more."""
 _KEPT_BYTES = 31 << 20
 """Size in bytes, just below the 32 MiB above which glibc no longer adapts its threshold (mallopt(3), M_MMAP_THRESHOLD)."""
+
+FindReferenceFaults = Callable[[Sequence[Frame]], Sequence[str]]
+"""Returns why raw images cannot be reference images of the calibrated sensor; nothing where they can."""
 
 
 class ReferenceUnusable(CalibrationError):
@@ -46,15 +50,16 @@ class CalibratedShape:
         """Return the same sensor without deblurring: faster, and three times less accurate (docs/accuracy.md)."""
         return replace(self, deblurring=None)
 
-    def depth_reader(self, *references: Frame) -> DepthReader:
-        """Return a depth reader for the reference image of this session, the mean of one or more frames; raises
+    def depth_reader(self, *references: Frame, find_faults: FindReferenceFaults = lambda _: ()) -> DepthReader:
+        """Return a depth reader for the reference image of this session, the mean of one or more frames, with its faults; raises
         `ReferenceUnusable`.
         """
         retain_freed_memory()
-        return self.reader_against(mean_rectified_image([self.rectify(frame) for frame in references]))
+        mean = mean_rectified_image([self.rectify(frame) for frame in references])
+        return self.reader_against(mean, tuple(find_faults(references)))
 
-    def reader_against(self, reference: Rectified) -> DepthReader:
-        """Return a depth reader for a reference image that is already rectified."""
+    def reader_against(self, reference: Rectified, faults: tuple[str, ...] = ()) -> DepthReader:
+        """Return a depth reader for a reference image that is already rectified, and the faults of this image."""
         return DepthReader(
             self.curve,
             reference,
@@ -64,6 +69,7 @@ class CalibratedShape:
             self.camera_distance_mm,
             self.loss,
             self.deblurring,
+            faults,
         )
 
 

@@ -323,6 +323,8 @@ class DepthReader:
     loss: GlobalDimmingModel = GlobalDimmingModel()
     deblurring: Deblurring | None = None
     """Given for `fine` reading; without it, reading is `fast`."""
+    reference_faults: tuple[str, ...] = ()
+    """Why the reference image cannot be that of the calibrated sensor; empty where it can, or where this was not checked."""
 
     def __call__(self, rectified: Rectified) -> HeightMap:
         """Return the signed height of the skin, with the `HeightSource` of every pixel.

@@ -269,7 +269,7 @@ class ReadingView:
         if kind is ImageKind.HEIGHT:
             return self._draw(("colours", kind), lambda: colourise_heights(self.reading.height, self.scale))
         tractions = self.tractions(ShownTraction.TRUE if kind is ImageKind.STICKING else source)
-        if kind in (ImageKind.GEL_FLOW, ImageKind.GEL_FLOW_SAFE) and self.reading.reference is not None:
+        if kind in (ImageKind.GEL_FLOW, ImageKind.GEL_FLOW_SAFE):
             flow = render_deformation(compute_image_deformation(self.reading.rectified, self.reading.reference))
             return flow if kind is ImageKind.GEL_FLOW else _to_orange_and_blue(flow)
         if tractions is not None and kind is ImageKind.STICKING:

@@ -27,6 +27,7 @@ from ninedtact.force.training.settings import CORRECTOR_TRAINING, ComputeSetting
 from ninedtact.force.training.train import MODEL_FILE
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
+from ninedtact.reference_images import ReferenceImages
 from ninedtact.sensor import Sensor
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names, indenter_from_name
@@ -204,7 +205,7 @@ def _demonstrate_force_model(
         *(Frame(twin.renderer(None, number)) for number in range(-REFERENCE_FRAMES, 0))
     )
     estimator = build_estimator(str(model), folder.shape, gel)
-    with Sensor(SimulatedCamera(simulation), folder.shape, depth_reader=reference, estimator=estimator) as sensor:
+    with Sensor(SimulatedCamera(simulation), folder.shape, ReferenceImages(reference), estimator) as sensor:
         for reading in sensor:
             if reading.frame.index % _EVERY == 0 and reading.force is not None:
                 true = simulation.contact(reading.frame.index).wrench().six

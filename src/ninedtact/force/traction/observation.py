@@ -123,11 +123,7 @@ class BrightnessObservationModel(ObservationModel):
         object.__setattr__(self, "law", brightness_law_of_curve(self.curve))
 
     def observe(self, reading: Reading, cells: CellGrid) -> ObservationOnCells:
-        """Return the relative change of brightness; raises `TractionImpossible` for a reading without its reference."""
-        if reading.reference is None:
-            raise TractionImpossible(
-                "expected a reading with its reference image, got none; take a reference image first, or observe heights"
-            )
+        """Return the relative change of brightness."""
         below, pixel, beyond = _orthorectify_onto_cells(reading.height, cells)
         change = _at_pixels(self._relative_change(reading.rectified, reading.reference, cells), pixel)
         largest = cell_noise_upper_bound(

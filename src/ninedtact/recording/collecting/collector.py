@@ -7,7 +7,7 @@ Only stamps count, never the time of processing: live devices, simulated sensors
 
 from bisect import bisect_left
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import count
 
@@ -33,6 +33,7 @@ from ninedtact.recording.collecting.tare_and_reference import TareInProgress, Ta
 from ninedtact.recording.merge_streams import Arrival
 from ninedtact.recording.topics_and_messages import PairLabel, RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
+from ninedtact.shape.calibrated_shape import FindReferenceFaults
 
 COLLECTED_TOPICS = (Topic.IMAGES, Topic.REFERENCE, Topic.MEASURED, Topic.LABELS)
 _HISTORY_NS = 5_000_000_000
@@ -97,8 +98,7 @@ class Collector:
     objects: Iterator[str] = field(default_factory=lambda: (f"object_{number:03d}" for number in count(1)))
     """Names of the objects, in turn."""
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
-    find_reference_faults: Callable[[Sequence[Frame]], Sequence[str]] = lambda _: ()
-    """Returns why reference images cannot be those of the calibrated sensor."""
+    find_reference_faults: FindReferenceFaults = lambda _: ()
     notify: Callable[[str], None] = lambda _: None
     """Receives a sentence for the person who collects."""
 

@@ -1,4 +1,4 @@
-"""A reference image that follows slow changes of light and gel while nothing touches, so that zero stays zero for hours.
+"""The reference images (no contact) of an open sensor: the one in use, what replaces it, and how it follows slow changes.
 
 LEDs warm up, lamps change and gel creeps after a long press: the image without contact changes by some parts in a thousand within
 minutes, which would be read as a light touch. While nothing touches, the reference image is therefore an exponential average of the
@@ -10,6 +10,7 @@ still settling then, and a part of the largest force of the contact is added to 
 """
 
 import logging
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,8 +19,10 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import FrameSource
 from ninedtact.force.contact_detection import measure_darkening_and_limit
-from ninedtact.quantities import Rectified, WrenchEstimate, diagonal_covariance
+from ninedtact.quantities import Frame, Rectified, WrenchEstimate, diagonal_covariance
 from ninedtact.reading import Reading
+from ninedtact.shape.calibrated_shape import CalibratedShape, FindReferenceFaults
+from ninedtact.shape.depth import DepthReader
 
 _LOG = logging.getLogger(__name__)
 _NS_PER_S = 1e9
@@ -29,7 +32,7 @@ _LOGGED_STEP = 0.01
 
 @dataclass(frozen=True)
 class FollowingSettings:
-    """How the reference image follows."""
+    """How the reference image follows slow changes of light and gel while nothing touches, so that zero stays zero for hours."""
 
     look_every_s: float = 0.1
     """Time between two images in which contact is looked for; those in between only add to the largest force."""
@@ -57,6 +60,80 @@ def following_settings_for(source: FrameSource, follow: bool | None = None) -> F
     The images of a recording may be separate in time, and the same recording should give the same readings from any image on.
     """
     return FollowingSettings() if (source.is_live if follow is None else follow) else None
+
+
+@dataclass
+class ReferenceImages:
+    """The reference images (no contact) of a sensor, each bound to a depth reader: the one in use, and what replaces it.
+
+    Every opening begins with the given one. One that is taken ends the use of those that a recording holds; those of given moments
+    are used from their moment on all the same. Between these, the one in use follows slow changes.
+    """
+
+    given: DepthReader | None = None
+    """The one with which every opening begins; None takes a new one at every opening."""
+    recorded: Callable[[int], DepthReader | None] | None = None
+    """Returns the one that a recording holds for a stamp, the same object until it changes; None where there is no recording."""
+    at_moments: Sequence[tuple[int, DepthReader]] = ()
+    """Those of given moments of a recording, with the stamp from which on each is used, in order of time."""
+    find_faults: FindReferenceFaults = lambda _: ()
+    """Called once for every reference that is taken."""
+    following: FollowingSettings | None = None
+    """How the one in use follows slow changes while nothing touches; None keeps it as it was taken."""
+    in_use: DepthReader | None = field(init=False)
+    """Computes heights against the reference image in use; None before one was taken."""
+    _scheduled: DepthReader | None = field(init=False, repr=False)
+    """The one of a recording or of a moment that came into use last."""
+    _is_taken: bool = field(init=False, repr=False)
+    """Whether one was taken since the opening."""
+    _follower: "ReferenceFollower | None" = field(init=False, repr=False)
+    """Moves the one in use; None before the first reading that may move it."""
+
+    def __post_init__(self) -> None:
+        self.begin()
+
+    @property
+    def drift(self) -> float:
+        """Relative change of the mean brightness of the one in use since it was taken; zero where it does not follow."""
+        return 0.0 if self._follower is None else self._follower.drift
+
+    def begin(self) -> None:
+        """Begin a new opening with the given one, or none, and with nothing of the opening before."""
+        self._scheduled, self._is_taken = None, False
+        self._use(self.given)
+
+    def take(self, frames: Sequence[Frame], shape: CalibratedShape) -> None:
+        """Use the mean of frames without contact; raises `ReferenceUnusable` and leaves the one in use."""
+        self._use(shape.depth_reader(*frames, find_faults=self.find_faults))
+        self._is_taken = True
+
+    def replace_at(self, stamp_ns: int) -> bool:
+        """Use what is to be used from a stamp on; return whether this is another one than before."""
+        due = [reader for from_ns, reader in self.at_moments if from_ns <= stamp_ns]
+        found = due[-1] if due else None
+        if found is None and self.recorded is not None and not self._is_taken:
+            found = self.recorded(stamp_ns)
+        if found is None or found is self._scheduled:
+            return False
+        self._scheduled = found
+        self._use(found)
+        return True
+
+    def follow(self, reading: Reading) -> Reading:
+        """Let the one in use follow for the next reading; return this reading with the error of gel that is still settling."""
+        if self.in_use is None or self.following is None:
+            return reading
+        if self._follower is None:
+            self._follower = ReferenceFollower(self.in_use.reference, self.following)
+        moved = self._follower.follow(reading)
+        if moved is not None:
+            self.in_use = replace(self.in_use, reference=moved)
+        return (
+            reading if reading.force is None else reading.with_force(self._follower.with_settling_error(reading.force))
+        )
+
+    def _use(self, reader: DepthReader | None) -> None:
+        self.in_use, self._follower = reader, None
 
 
 @dataclass
@@ -93,10 +170,10 @@ class ReferenceFollower:
         """Relative change of the mean brightness since the reference image was taken."""
         return float(self._mean.mean() / max(float(self.taken.grey.mean()), 1.0)) - 1
 
-    def follow(self, reading: Reading, estimate: WrenchEstimate | None = None) -> Rectified | None:
-        """Take notice of a reading and its estimate; return the new reference image where it has moved, None where it has not."""
+    def follow(self, reading: Reading) -> Rectified | None:
+        """Take notice of a reading and its force; return the new reference image where it has moved, None where it has not."""
         now_ns = reading.stamp_ns
-        self._add_force(estimate)
+        self._add_force(reading.force)
         if self._seconds_since(self._looked_ns, now_ns) < self.settings.look_every_s:
             return None
         self._looked_ns = now_ns

@@ -1,14 +1,19 @@
 """A reference image that follows slow changes: an hour of drifting light, a long press, and gel that creeps after it."""
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parent / "studio"))
+from small_sensor import SHAPE, skin
+
 from ninedtact.force.contact_detection import detect_contact, measure_darkening_and_limit
 from ninedtact.quantities import Frame, HeightMap, HeightSource, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
-from ninedtact.reference_following import FollowingSettings, ReferenceFollower
+from ninedtact.reference_images import FollowingSettings, ReferenceFollower, ReferenceImages
 
 ROWS, COLS, MM_PER_PX = 86, 115, 0.209
 Y, X = np.mgrid[0:ROWS, 0:COLS].astype(np.float32)
@@ -89,7 +94,7 @@ def test_the_error_of_settling_gel_decays_after_a_release() -> None:
     follower = ReferenceFollower(taken, settings)
     wrench = Wrench(np.array([0.0, 1.0, -8.0]), np.zeros(3), stamp_ns=0)
     touched = WrenchEstimate(wrench, np.eye(6), touching=True)
-    follower.follow(reading_of(SKIN * (1 - 0.2 * DENT), taken, 0), touched)
+    follower.follow(reading_of(SKIN * (1 - 0.2 * DENT), taken, 0).with_force(touched))
     stds = []
     for second in (1, 11, 200):
         nothing = WrenchEstimate(
@@ -112,20 +117,22 @@ def test_the_settling_error_is_that_of_the_largest_force_of_the_contact_between_
     # 50 images a second: the force rises to 8 N in an image that is not looked at, and is 1 N in the last one with contact.
     for number, force_z_n in enumerate([-1.0, -4.0, -8.0, -4.0, -3.0, -2.0, -1.0, -1.0]):
         reading = replace(reading_of(pressed, taken, 0), frame=frame_at(20_000_000 * number))
-        assert follower.follow(reading, pressing(force_z_n, 20_000_000 * number)) is None
+        assert follower.follow(reading.with_force(pressing(force_z_n, 20_000_000 * number))) is None
     released_ns = 200_000_000
-    follower.follow(replace(reading_of(SKIN, taken, 0), frame=frame_at(released_ns)), nothing_at(released_ns))
+    released = replace(reading_of(SKIN, taken, 0), frame=frame_at(released_ns))
+    follower.follow(released.with_force(nothing_at(released_ns)))
     assert follower.with_settling_error(nothing_at(released_ns)).std[2] == pytest.approx(0.05 * 8, rel=0.02)
     # A light touch after that does not hide that the gel is still settling from the strong one.
     later_ns = 1_200_000_000
-    follower.follow(replace(reading_of(pressed, taken, 0), frame=frame_at(later_ns)), pressing(-0.5, later_ns))
+    later = replace(reading_of(pressed, taken, 0), frame=frame_at(later_ns))
+    follower.follow(later.with_force(pressing(-0.5, later_ns)))
     assert follower.with_settling_error(nothing_at(later_ns)).std[2] == pytest.approx(0.05 * 8 * np.exp(-0.1), rel=0.02)
 
 
 def test_contact_is_looked_for_ten_times_a_second_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
     looks = []
     monkeypatch.setattr(
-        "ninedtact.reference_following.measure_darkening_and_limit",
+        "ninedtact.reference_images.measure_darkening_and_limit",
         lambda reading: looks.append(reading.stamp_ns) or measure_darkening_and_limit(reading),
     )
     taken = Rectified(SKIN, MM_PER_PX)
@@ -141,3 +148,19 @@ def frame_at(stamp_ns: int) -> Frame:
 
 def nothing_at(stamp_ns: int) -> WrenchEstimate:
     return WrenchEstimate(Wrench(np.zeros(3), np.zeros(3), stamp_ns=stamp_ns), np.zeros((6, 6)), False)
+
+
+def test_what_replaces_a_reference_depends_on_the_stamp_and_on_what_was_taken() -> None:
+    given, first, second, at_7 = (SHAPE.depth_reader(Frame(skin(100), number)) for number in range(4))
+    references = ReferenceImages(given, lambda stamp_ns: first if stamp_ns < 5 else second, [(7, at_7)])
+    assert references.in_use is given
+    changes = [references.replace_at(stamp_ns) for stamp_ns in (1, 2, 5, 6, 7, 9)]
+    assert changes == [True, False, True, False, True, False] and references.in_use is at_7
+    references.take([Frame(skin(100), 10)], SHAPE)
+    taken = references.in_use
+    assert not references.replace_at(11) and references.in_use is taken
+
+    references.begin()
+    assert references.in_use is given and references.replace_at(1)
+    references.take([Frame(skin(100), 2)], SHAPE)  # ends the use of recorded ones, not of those at given moments
+    assert not references.replace_at(5) and references.replace_at(7) and references.in_use is at_7
