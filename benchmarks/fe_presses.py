@@ -90,6 +90,7 @@ def fe_presses(
         + " ".join(f"{name:>7s}" for name in columns)
         + "    ± |    F_xy  finite  physics | µm"
     )
+    deviations = []
     for number, press in enumerate(read_presses(presses)):
         linear = press_twin(twin, press)
         finite = correct_for_finite_strain(linear, FE_THICKNESS_MM)
@@ -99,6 +100,9 @@ def fe_presses(
         estimator.forget()
         read = estimator.estimate(Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference))
         print(row(press, linear, finite, read, drawn))
+        deviations.append(abs(read.wrench.six[2] - press.wrench[2]) / read.std[2])
+    within = [sum(deviation < limit for deviation in deviations) for limit in (1, 2)]
+    print(f"F_z of {within[0]} and {within[1]} of {len(deviations)} presses is within one and two standard deviations")
 
 
 def calibrate_on_elements(member: SampledSensor, press: FePress, folder: Path) -> None:

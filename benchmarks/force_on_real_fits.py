@@ -6,7 +6,8 @@ are kept in out/force_on_real_fits and made once.
 
 `--wrong` shows what a mistake does to the calibration: a board of 3.1 mm pitch stated as 2.5 mm, a ball of 5 mm stated as 4 mm, a
 gel 20 % thinner or thicker than stated, a compliant substrate, a gel of finite strain. It also prints the warnings of the
-certificate.
+certificate. `--perfect-calibration` estimates with the light and gel of the twin itself, which shows what is lost by the inversion
+and the noise of one image alone.
 """
 
 import json
@@ -31,9 +32,12 @@ from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
+from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.shape.depth import GlobalDimmingModel
 from ninedtact.shape.image_check import ImageImplausible, require_plausible_image
 from ninedtact.simulation.batched.session_requests import SimulatedSetup, run_session_on_cpu
 from ninedtact.simulation.calibration_images import simulate_calibration_images
+from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generate_object, generated_object_names
 from ninedtact.simulation.real_sensor_twins import twins_of_real_fits
 from ninedtact.simulation.rectified_renderer import rectified_renderer
@@ -55,6 +59,7 @@ def force_on_real_fits(
     estimators: tuple[str, ...] = ESTIMATORS,
     calibration: str = "",
     wrong: Wrong = "nothing",
+    perfect_calibration: bool = False,
     workers: int = 2,
 ) -> None:
     """Print a table for each sensor, and the mean and worst of all.
@@ -80,7 +85,7 @@ def force_on_real_fits(
         for warning in load_sensor(folder).record.certificate.warnings:
             print(f"{member.name}: {warning}")
     jobs = [
-        (member, folder, file, spec)
+        (member, folder, file, spec, perfect_calibration)
         for (member, folder, _), (_, file, _) in zip(folders, jobs, strict=True)
         for spec in estimators
     ]
@@ -90,7 +95,7 @@ def force_on_real_fits(
         show(spec, {name: results[name, spec] for name in members})
     if len(estimators) > 1:
         compare_with_best(results, list(members), estimators)
-    if wrong == "nothing":
+    if wrong == "nothing" and not perfect_calibration:
         show_images_without_press(members, folders, jobs)
 
 
@@ -169,20 +174,46 @@ def calibrate_twin(member: SampledSensor, folder: Path, wrong: Wrong = "nothing"
         (folder / REFUSAL_FILE).write_text(str(refusal))
 
 
-def judge(member: SampledSensor, folder: Path, file: Path, spec: str) -> Judged:
+def perfectly_calibrated_shape(shape: CalibratedShape, light: BrightnessModel) -> CalibratedShape:
+    """Return a calibrated sensor with the light of its twin; its lens and the stated error of its curve are as calibrated."""
+    curve, inverse_distance_per_mm = shape.curve, light.inverse_distance_per_mm
+    assert shape.deblurring is not None
+    true_curve = replace(
+        curve,
+        darkening=darkening_at(curve.indentation_mm, light),
+        brightening=tuple(light.brightening_per_mm * bulge_mm for bulge_mm in curve.bulge_mm),
+        beyond=replace(curve.beyond, darkening=darkening_at(curve.beyond.indentation_mm, light)),
+    )
+    return replace(
+        shape,
+        curve=true_curve,
+        loss=GlobalDimmingModel(light.global_dimming),
+        deblurring=replace(shape.deblurring, point_spread_mm=light.point_spread_mm),
+        camera_distance_mm=1 / inverse_distance_per_mm if inverse_distance_per_mm > 0 else np.inf,
+    )
+
+
+def darkening_at(indentation_mm: tuple[float, ...], light: BrightnessModel) -> tuple[float, ...]:
+    """Return the relative darkening of the twin at these indentations."""
+    return tuple(np.abs(light.brightness_change(-np.array(indentation_mm))).tolist())
+
+
+def judge(member: SampledSensor, folder: Path, file: Path, spec: str, perfect_calibration: bool = False) -> Judged:
     """Estimate every image alone."""
     sensor = load_sensor(folder)
-    gel = replace(sensor.gel, shear_modulus_mpa=member.gel.shear_modulus_mpa)
-    estimator = build_estimator(spec, sensor.shape, gel)
+    shape, gel = sensor.shape, replace(sensor.gel, shear_modulus_mpa=member.gel.shear_modulus_mpa)
+    if perfect_calibration:
+        shape, gel = perfectly_calibrated_shape(shape, member.light), member.gel
+    estimator = build_estimator(spec, shape, gel)
     with np.load(file) as stored:
         wrenches, objects = stored["wrenches"], json.loads(str(stored["objects"]))
         references = [Frame(decoded(stored[f"reference_{number}"])) for number in range(REFERENCES)]
         images = [decoded(stored[f"image_{number}"]) for number in range(len(wrenches))]
-    depth_reader = sensor.shape.depth_reader(*references)
+    depth_reader = shape.depth_reader(*references)
     read, std, warned, ms = [], [], [], []
     for image in images:
         frame = Frame(image)
-        rectified = sensor.shape.rectify(frame)
+        rectified = shape.rectify(frame)
         reading = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
         estimator.forget()
         start = process_time()

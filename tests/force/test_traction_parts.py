@@ -54,14 +54,6 @@ def test_the_view_and_its_cells() -> None:
     assert cell_grid_over_image((40, 300), 0.1, 3.0).image_shape == (8, 43)
 
 
-def test_bins_hold_the_mean_of_their_cells() -> None:
-    assert FORWARD.bin(drawn(*CELLS.shape)).shape == (15, 19)  # of 0.7 mm, where cells are of 0.5 mm
-    assert CELLS.cells_per_bin == pytest.approx(20 * 26 / (15 * 19))
-    field = drawn(*CELLS.shape)
-    assert FORWARD.bin(field).mean() == pytest.approx(field.mean(), abs=1e-6)
-    np.testing.assert_allclose(FORWARD.bin(np.ones(CELLS.shape, np.float32)), 1, atol=1e-6)
-
-
 def test_cells_are_means_of_their_pixels() -> None:
     assert _averaging_weights(6, 3)[1:-1] @ np.arange(6) == pytest.approx([0.5, 2.5, 4.5])
     assert _averaging_weights(5, 2)[1:-1] @ np.arange(5) == pytest.approx([0.8, 3.2])
@@ -131,7 +123,7 @@ def linearised() -> LinearisedBrightnessProblem:
     """A touch on a sloping law, its errors uneven."""
     touched = np.zeros(CELLS.shape, np.float32)
     touched[6:13, 8:17] = 1
-    slope, weigh = np.abs(drawn(*CELLS.patch.shape)), Whitener(1 + np.abs(drawn(15, 19)), 0.3)
+    slope, weigh = np.abs(drawn(*CELLS.patch.shape)), Whitener(1 + np.abs(drawn(*CELLS.shape)), 0.3)
     return LinearisedBrightnessProblem(
         InfluenceKernels(FORWARD),
         DiscretePrior(CELLS, TractionPrior()),
@@ -318,15 +310,14 @@ def test_the_skin_around_the_view_is_wide_enough_and_wraps_around() -> None:
     assert down[-1] == -1 and -down.min() == pytest.approx((rows - CELLS.rows) / 2, abs=0.5)
 
 
-def test_light_scatters_into_the_bins_with_the_variance_of_the_point_spread_a_cell_and_a_bin() -> None:
+def test_light_scatters_into_the_cells_with_the_variance_of_the_point_spread_and_a_cell() -> None:
     down, across = ForwardModel(CELLS, 2.5, 0.5, 0.6).point_spread
-    for axis, weights, bins in ((0, down, 15), (1, across.T, 19)):
-        middle, bin_mm = bins // 2, CELLS.shape[axis] * CELLS.pitch_mm / bins
-        place_mm = (CELLS.offsets(axis) + 0.5) * CELLS.pitch_mm - (middle + 0.5) * bin_mm
-        blurred = 0.6**2 + CELLS.pitch_mm**2 / 6 + bin_mm**2 / 12  # a bin holds whole and partial cells
+    for axis, weights in ((0, down), (1, across.T)):
+        middle = CELLS.shape[axis] // 2
+        place_mm = (CELLS.offsets(axis) - middle) * CELLS.pitch_mm
         assert weights[middle].sum() == pytest.approx(1, abs=1e-4)
         assert weights[middle] @ place_mm == pytest.approx(0, abs=1e-3)
-        assert weights[middle] @ place_mm**2 == pytest.approx(blurred, rel=0.03)
+        assert weights[middle] @ place_mm**2 == pytest.approx(0.6**2 + CELLS.pitch_mm**2 / 12, rel=0.03)
 
 
 def test_the_wrench_is_linear_in_the_unknowns() -> None:

@@ -28,7 +28,6 @@ from ninedtact.mechanics.surface_displacement import Skin
 from ninedtact.shape.depth import TYPICAL_GLOBAL_DIMMING, TYPICAL_POINT_SPREAD_MM, DepthCurve, GlobalDimmingModel
 
 View = Float32[Array, "rows cols"]
-Bins = Float32[Array, "bin_rows bin_cols"]
 SkinField = Float32[Array, "skin_rows skin_cols"]
 Tractions = Float32[Array, "3 rows cols"]
 """Pressure, and shear along x and along y, over the shear modulus."""
@@ -64,12 +63,12 @@ class ForwardModel:
         return (up * np.sinc(wave_x * turns) * np.sinc(wave_y * turns)).astype(np.complex64)
 
     @cached_property
-    def point_spread(self) -> tuple[Float32[Array, "bin_rows skin_rows"], Float32[Array, "skin_cols bin_cols"]]:
-        """Weights with which light scatters from the skin into the bins of the view, one axis at a time."""
+    def point_spread(self) -> tuple[Float32[Array, "rows skin_rows"], Float32[Array, "skin_cols cols"]]:
+        """Weights with which light scatters from the skin into the cells of the view, one axis at a time."""
         # The signal of a cell is the mean over a cell, which is a point spread of variance pitch²/12 on each axis.
         sigma_mm = float(np.hypot(self.point_spread_mm, self.cells.pitch_mm / np.sqrt(12)))
         down, across = (_gaussian_weights(self.cells, axis, sigma_mm) for axis in (0, 1))
-        return self.cells.binning[0] @ down, np.ascontiguousarray(across.T @ self.cells.binning[1])
+        return down, np.ascontiguousarray(across.T)
 
     def heights(self, tractions: Tractions) -> SkinField:
         """Return the height in mm of all skin under tractions on the view."""
@@ -77,12 +76,7 @@ class ForwardModel:
         waves = forward_transform(tractions, shape)
         return inverse_transform((waves * self.compliance).sum(axis=0), shape, shape)
 
-    def bin(self, field: View) -> Bins:
-        """Return the means of a field of the view over the bins."""
-        down, across = self.cells.binning
-        return down @ field @ across
-
-    def scatter(self, change: SkinField) -> Bins:
+    def scatter(self, change: SkinField) -> View:
         """Return the change of brightness that the camera observes, after scattering, for a change on all skin."""
         down, across = self.point_spread
         return down @ change @ across
@@ -125,8 +119,8 @@ class InfluenceKernels:
         return [windows[at] for windows in self._height_windows]
 
     @cached_property
-    def point_spread(self) -> tuple[Float32[Array, "bin_rows skin_rows"], Float32[Array, "skin_cols bin_cols"]]:
-        """Weights with which light scatters from that skin into the bins of the view, one axis at a time."""
+    def point_spread(self) -> tuple[Float32[Array, "rows skin_rows"], Float32[Array, "skin_cols cols"]]:
+        """Weights with which light scatters from that skin into the cells of the view, one axis at a time."""
         (down, across), (rows, cols) = self.forward.point_spread, self.skin_indices
         return np.ascontiguousarray(down[:, rows]), np.ascontiguousarray(across[cols])
 

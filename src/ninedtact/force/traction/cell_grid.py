@@ -1,7 +1,7 @@
 """The grid that tractions are inverted on: square cells of about half a millimetre over the image and some skin around it.
 
 The cells follow the gel: a thin gel transmits finer structure of a contact than a thick one. The observed signal is compared with
-the predicted one on coarser bins, because scattered light leaves nothing finer in it.
+the predicted one on the same cells.
 
 Fields of the view have the shape (rows, cols). Fields of the skin are larger and periodic: their first rows and columns are the
 view, the next ones are skin below (right of) it, and the last ones, wrapped around, are skin above (left of) it.
@@ -25,8 +25,6 @@ _PITCH_PER_THICKNESS = 0.35
 """Pitch of the cells over the gel's thickness."""
 _PITCH_LIMITS_MM = 0.5, 0.7
 """Smallest and largest pitch of the cells: the time of an inversion grows with their number."""
-_BIN_MM = 0.7
-"""Largest pitch of the bins on which the signal is compared: light scatters over about this distance."""
 _SURROUNDINGS_MM = 3.3
 """Width of the skin beyond the view that is modelled, because it scatters light into the view and separates the contact from its
 periodic images."""
@@ -81,19 +79,6 @@ class CellGrid:
         view, skin = self.shape[axis], self.patch.shape[axis]
         index = np.arange(skin)
         return np.where(index < view + (skin - view) // 2, index, index - skin).astype(float)
-
-    @cached_property
-    def binning(self) -> tuple[Float32[Array, "bin_rows rows"], Float32[Array, "cols bin_cols"]]:
-        """Weights of the mean over each bin of the view, one axis at a time."""
-        down, across = (
-            _mean_weights(side, int(np.ceil(side * self.pitch_mm / _BIN_MM))).astype(np.float32) for side in self.shape
-        )
-        return down, np.ascontiguousarray(across.T)
-
-    @property
-    def cells_per_bin(self) -> float:
-        """Mean number of cells in a bin."""
-        return float(np.prod(self.shape) / (len(self.binning[0]) * self.binning[1].shape[1]))
 
     def average(self, field: Float32[Array, "a b"]) -> Float32[Array, "rows cols"]:
         """Return the means of an image's field over the cells; on the margin the border of the image is repeated."""

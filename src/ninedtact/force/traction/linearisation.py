@@ -15,7 +15,6 @@ from jaxtyping import Bool, Float, Float32, Float64, Int
 from numpy import ndarray as Array
 
 from ninedtact.force.traction.brightness_from_traction import (
-    Bins,
     Indices,
     InfluenceKernels,
     SkinField,
@@ -80,25 +79,25 @@ class DiscretePrior:
 
 @dataclass(frozen=True)
 class Whitener:
-    """The inverse covariance of the residual: independent errors of the bins, and one of the brightness level that they share."""
+    """The inverse covariance of the residual: independent errors of the cells, and one of the brightness level that they share."""
 
-    per_error: Bins
-    """One over the standard deviation of every bin; zero where nothing is seen."""
+    per_error: View
+    """One over the standard deviation of every cell; zero where nothing is seen."""
     level_std: float
     """Standard deviation of the common level."""
 
-    def __call__(self, residual: Bins) -> Bins:
+    def __call__(self, residual: View) -> View:
         """Return the inverse covariance times a residual."""
         return self.whiten(residual) * self.per_error
 
-    def whiten(self, residual: Bins) -> Bins:
-        """Return a residual over its errors; what is common to all bins is subtracted as far as the level's error allows."""
+    def whiten(self, residual: View) -> View:
+        """Return a residual over its errors; what is common to all cells is subtracted as far as the level's error allows."""
         weighted = residual * self.per_error
         common = self.level_std * self.per_error
         weighted -= common * (float(np.vdot(common, weighted)) * self._level_gain)
         return weighted
 
-    def gram(self, columns: Float32[Array, "n bins"]) -> Float32[Array, "n n"]:
+    def gram(self, columns: Float32[Array, "n cells"]) -> Float32[Array, "n n"]:
         """Return the products of fields that are divided by their errors already."""
         from scipy.linalg.blas import ssyrk
 
@@ -149,7 +148,7 @@ class LinearisedBrightnessProblem:
         return np.ascontiguousarray(carried[:, power > _MIN_MODE_POWER * max(float(power.max()), 1e-12)])
 
     @cached_property
-    def jacobian(self) -> Float32[Array, "unknowns bins"]:
+    def jacobian(self) -> Float32[Array, "unknowns cells"]:
         """J: the derivative of the observed signal by each unknown, over the signal's standard deviation."""
         count, modes = self.carried_shear.shape
         jacobian = np.empty((count + 2 * modes, self.whitener.per_error.size), np.float32)
@@ -174,11 +173,11 @@ class LinearisedBrightnessProblem:
         curvature[weights, weights] += 1
         return curvature
 
-    def negative_gradient(self, residual: Bins) -> Float64[Array, " unknowns"]:
+    def negative_gradient(self, residual: View) -> Float64[Array, " unknowns"]:
         """Return b for a residual (r): Jᵀ times the whitened residual."""
         return (self.jacobian @ self.whitener.whiten(residual).ravel()).astype(float)
 
-    def quadratic_programme(self, target: Bins) -> NonNegativeQP:
+    def quadratic_programme(self, target: View) -> NonNegativeQP:
         """Return the programme whose solution explains this change of the signal in the linearised law."""
         return NonNegativeQP(self.curvature, self.negative_gradient(target), len(self.contact_cells[0]))
 
@@ -195,7 +194,7 @@ class LinearisedBrightnessProblem:
         tractions[1:, row, col] = unknowns[len(row) :].reshape(2, modes) @ self.carried_shear.T
         return tractions
 
-    def newton_decrement(self, solution: QPSolution, residual: Bins) -> float:
+    def newton_decrement(self, solution: QPSolution, residual: View) -> float:
         """Return how far the solution would move to explain this residual as well.
 
         By the Cauchy–Schwarz inequality no linear combination of the unknowns moves by more of its own standard deviations.
@@ -207,7 +206,7 @@ class LinearisedBrightnessProblem:
         count = len(self.contact_cells[0])
         return [slice(first, min(first + _CELLS_PER_BATCH, count)) for first in range(0, count, _CELLS_PER_BATCH)]
 
-    def _signal_of_heights(self, heights: Float32[Array, "n skin_rows skin_cols"]) -> Float32[Array, "n bins"]:
+    def _signal_of_heights(self, heights: Float32[Array, "n skin_rows skin_cols"]) -> Float32[Array, "n cells"]:
         """Return the change of the observed signal over its standard deviation; overwrites the heights."""
         down, across = self.kernels.point_spread
         heights *= self._slope_on_skin

@@ -33,7 +33,7 @@ _MIN_BRIGHTNESS_NOISE = 2e-4
 _MIN_HEIGHT_NOISE_MM = 0.002
 _LOCAL_FRACTION = 0.4
 """Fraction of the depth curve's error that differs from place to place. The rest scales the whole contact, which the stated error
-of the wrench contains; were it assumed in every bin, the inversion would shrink forces. Found on simulated sensors."""
+of the wrench contains; were it assumed in every cell, the inversion would shrink forces. Found on simulated sensors."""
 
 
 class TractionImpossible(ForceEstimationError):

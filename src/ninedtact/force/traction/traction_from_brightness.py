@@ -138,7 +138,7 @@ class TractionInversion:
         """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
         problem = self._linearise(observation, region, guess)
         offset = self.law(guess.skin_mm) - problem.slope * guess.skin_mm
-        programme = problem.quadratic_programme(self.forward.bin(observation.change) - self.forward.scatter(offset))
+        programme = problem.quadratic_programme(observation.change - self.forward.scatter(offset))
         free = problem.initially_free(guess.tractions[0])
         solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves)
         tractions = problem.tractions(solution.x)
@@ -172,15 +172,14 @@ class TractionInversion:
 
     def _misfit(self, observation: ObservationOnCells, skin_mm: SkinField) -> float:
         """Return the root mean square of the residual over its standard deviation; at least one."""
-        residual = self.forward.bin(observation.change) - self.forward.scatter(self.law(skin_mm))
+        residual = observation.change - self.forward.scatter(self.law(skin_mm))
         square = float(np.vdot(residual, self._whitener(observation, 1.0)(residual)))
-        return float(np.sqrt(max(square / max(float(self.forward.bin(observation.in_view).sum()), 1.0), 1.0)))
+        return float(np.sqrt(max(square / max(float(observation.in_view.sum()), 1.0), 1.0)))
 
     def _whitener(self, observation: ObservationOnCells, misfit: float) -> Whitener:
         """Return the inverse covariance of noise and calibration error combined, scaled to the misfit."""
-        noise = observation.noise * self.forward.cells.cells_per_bin**-0.5
-        std = np.float32(np.hypot(observation.error, noise) * misfit)
-        return Whitener(self.forward.bin(observation.in_view) / std, _LEVEL_STD)
+        std = np.float32(np.hypot(observation.error, observation.noise) * misfit)
+        return Whitener(observation.in_view / std, _LEVEL_STD)
 
     def _extend_to_skin(self, z_mm: View) -> SkinField:
         """Extend heights of the view to all skin by repeating those of its border."""
