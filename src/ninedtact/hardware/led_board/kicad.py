@@ -18,9 +18,8 @@ from ninedtact.hardware.led_board.complete_layout import SIDES, BoardLayout, mer
 from ninedtact.hardware.led_board.components import GROUND, BoardPad, BoardSide, PlacedComponent
 from ninedtact.hardware.led_board.gerber_and_drill import (
     THERMAL_PASTE_MM,
-    FlashedPolygon,
-    flashed_pad_shape,
-    thermal_pad_paste_openings,
+    pad_contour,
+    thermal_pad_paste_windows,
 )
 from ninedtact.hardware.led_board.routing import Routes
 from ninedtact.hardware.led_board.silkscreen import PEN_MM, place_designators
@@ -154,9 +153,7 @@ def _footprint_pad(pad: BoardPad, origin: PointMm, letter: str, names: _NetNumbe
 
 def _custom_pad_shape(pad: BoardPad) -> tuple[Expression, ...]:
     """Return the shape of a pad with cutouts."""
-    shape = flashed_pad_shape(pad, 0.0)
-    assert isinstance(shape, FlashedPolygon)
-    points: Expression = ("pts", *(("xy", x, -y) for x, y in shape.points))
+    points: Expression = ("pts", *(("xy", x, -y) for x, y in pad_contour(pad)))
     polygon: Expression = ("gr_poly", points, ("width", 0), ("fill", True))
     return ("options", ("clearance", "outline"), ("anchor", "circle")), ("primitives", polygon)
 
@@ -164,7 +161,7 @@ def _custom_pad_shape(pad: BoardPad) -> tuple[Expression, ...]:
 def _paste_pads(pad: BoardPad, part: PlacedComponent, letter: str) -> list[Expression]:
     """Return the windows of paste on the thermal pad."""
     layers, size = ("layers", _quote(f"{letter}.Paste")), ("size", THERMAL_PASTE_MM, THERMAL_PASTE_MM)
-    places = [_relative_point("at", window.at_mm, part.at_mm) for window in thermal_pad_paste_openings(pad)]
+    places = [_relative_point("at", window, part.at_mm) for window in thermal_pad_paste_windows(pad)]
     return [("pad", _quote(""), "smd", "rect", place, size, layers) for place in places]
 
 
