@@ -214,7 +214,9 @@ def test_the_guide_in_the_docs_is_that_of_the_default(default: BuildableDesign) 
 def test_the_guide_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, found = told(capsys, "guide", "--variant", "original", "--out", str(tmp_path))
     assert code == 0 and len(found["files"]) == 13
-    assert "original design" in (tmp_path / "fabrication.md").read_text(encoding="utf-8")
+    page = (tmp_path / "fabrication.md").read_text(encoding="utf-8")
+    assert "original design" in page
+    assert re.findall(r"\(images/(.*?)\)", page) == sorted(path.name for path in (tmp_path / "images").iterdir())
 
 
 def test_an_interrupted_guide_leaves_an_earlier_one_whole(default: BuildableDesign, tmp_path: Path) -> None:
