@@ -320,7 +320,7 @@ def ends_of_ranges() -> list[tuple[str, str, object]]:
         hints = get_type_hints(type(part), include_extras=True)
         for field in fields(part):
             (limits,), value = hints[field.name].__metadata__, getattr(part, field.name)
-            for end in (limits.smallest, limits.largest):
+            for end in (limits.least, limits.most):
                 several = value if isinstance(value, tuple) else (value,)
                 ends = [(*several[:at], end, *several[at + 1 :]) for at in range(len(several))]
                 found += [(name, field.name, each if isinstance(value, tuple) else end) for each in ends]

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated
 
-from ninedtact.design import DesignImpossible
+from ninedtact.design import Bounds, DesignImpossible
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, LedBoardImpossible, PointMm
 from ninedtact.hardware.led_board.footprints import led_2835_footprint, micro_usb_footprint, soic_8_ep_footprint
-from ninedtact.hardware.part_dimensions import BoundedDimensions, Bounds, LedBoardDimensions
+from ninedtact.hardware.part_dimensions import BoundedDimensions, LedBoardDimensions
 
 
 @dataclass(frozen=True)
