@@ -5,7 +5,7 @@ breaks; and the comparison of these designs as a text table, as CSV and as a plo
 import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from io import BytesIO, StringIO
+from io import StringIO
 from itertools import product
 from math import ceil, prod
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ from ninedtact.hardware.performance_prediction import (
     validate_simulated_calibration,
 )
 from ninedtact.parallel_jobs import Workers, run_jobs
+from ninedtact.shape.coloured_height_map import figure_to_png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -260,9 +261,7 @@ def plot_design_comparison(found: Sequence[ExploredDesign]) -> bytes:
     panels[0].invert_yaxis()
     for spare in panels[len(shown) :]:
         spare.axis("off")
-    buffer = BytesIO()
-    drawn.savefig(buffer, format="png")
-    return buffer.getvalue()
+    return figure_to_png(drawn)
 
 
 def _draw_bars(axes: "Axes", names: list[str], values: list[float], title: str) -> None:

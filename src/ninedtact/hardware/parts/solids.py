@@ -11,8 +11,8 @@ from build123d import (
     Axis,
     Box,
     Circle,
+    Cone,
     Face,
-    Location,
     Part,
     Plane,
     Polygon,
@@ -20,7 +20,6 @@ from build123d import (
     Rectangle,
     RectangleRounded,
     Sketch,
-    Solid,
     Sphere,
     Vertex,
     extrude,
@@ -83,12 +82,6 @@ def _filleted_polygon(corners: list[XY], rounds: dict[XY, float]) -> Face:
 def _nearest_vertex(vertices: Iterable[Vertex], place: XY) -> Vertex:
     """Return the vertex that is nearest to a position."""
     return min(vertices, key=lambda vertex: hypot(vertex.X - place[0], vertex.Y - place[1]))
-
-
-def _make_cone(below_mm: float, above_mm: float, heights: ZRange) -> Part:
-    """Return a truncated cone along z, given by its lower and upper diameter."""
-    made = Solid.make_cone(below_mm / 2, above_mm / 2, heights[1] - heights[0])
-    return Part() + made.moved(Location((0, 0, heights[0])))
 
 
 def single_solid_of_part(part: Part) -> Part:
@@ -211,7 +204,7 @@ def build_isolation_ring(design: HardwareDesign) -> Part:
     mouth = side - 2 * ring.land_mm
     opens = top - (mouth - ring.bore_mm) / 2 / tan(radians(ring.cone_deg))
     body = make_plate((side, side), (bottom, top)) - _make_cylinder(ring.bore_mm, (bottom - CUT_MARGIN_MM, opens))
-    return single_solid_of_part(body - _make_cone(ring.bore_mm, mouth, (opens, top)))
+    return single_solid_of_part(body - Pos(0, 0, (opens + top) / 2) * Cone(ring.bore_mm / 2, mouth / 2, top - opens))
 
 
 def build_acrylic_window(design: HardwareDesign) -> Part:
