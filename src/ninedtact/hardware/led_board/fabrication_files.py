@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
-import numpy as np
-from shapely import Polygon, union_all
+from shapely import union_all
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.atomic_write import write_file_atomically
@@ -24,7 +23,6 @@ from ninedtact.hardware.led_board.complete_layout import (
     hole_polygon,
     milled_board_polygon,
     pad_polygon,
-    split_polygons,
     track_polygon,
     via_polygon,
 )
@@ -36,7 +34,6 @@ from ninedtact.hardware.led_board.silkscreen import place_designators
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.path import Path as PlotPath
 
 MASK, METAL, SOLDERED, BODY, INK = "#1f6b45", "#2f9a63", "#d9b65d", "#f4f1e6", "#22262b"
 DARK_BODY = "#3b3f46"
@@ -116,19 +113,9 @@ def _draw_component(axes: "Axes", part: PlacedComponent) -> None:
 
 def _fill_shape(axes: "Axes", shape: BaseGeometry, colour: str, alpha: float = 1.0) -> None:
     """Fill a shape with one colour, its holes left open."""
-    from matplotlib.patches import PathPatch
+    from shapely.plotting import patch_from_polygon
 
-    for polygon in split_polygons(shape):
-        axes.add_patch(PathPatch(_polygon_path(polygon), facecolor=colour, edgecolor="none", alpha=alpha))
-
-
-def _polygon_path(polygon: Polygon) -> "PlotPath":
-    """Return outer contour and holes as one path."""
-    from matplotlib.path import Path as PlotPath
-
-    return PlotPath.make_compound_path(
-        *(PlotPath(np.asarray(ring.coords), closed=True) for ring in (polygon.exterior, *polygon.interiors))
-    )
+    axes.add_patch(patch_from_polygon(shape, facecolor=colour, edgecolor="none", alpha=alpha))
 
 
 def _format_parts_list(layout: BoardLayout) -> str:

@@ -79,6 +79,11 @@ def _filleted_polygon(corners: list[XY], rounds: dict[XY, float]) -> Face:
     return Face(outline.face().wrapped)
 
 
+def _add_mirror_image(right: list[XY]) -> list[XY]:
+    """Return the closed outline of which these corners are the half at positive x, in their order."""
+    return [*right, *((-x, other) for x, other in reversed(right))]
+
+
 def _nearest_vertex(vertices: Iterable[Vertex], place: XY) -> Vertex:
     """Return the vertex that is nearest to a position."""
     return min(vertices, key=lambda vertex: hypot(vertex.X - place[0], vertex.Y - place[1]))
@@ -125,17 +130,14 @@ def _camera_pocket(design: HardwareDesign) -> Part:
     return room - _extrude_along_x(*_cable_ramp(design))
 
 
-def _pocket_outline(design: HardwareDesign) -> Sketch:
+def _pocket_outline(design: HardwareDesign) -> Face:
     """Return the outline of pocket and channel, seen from above."""
     base, side = design.base, design.horizontal_dimensions.outer[1] / 2 + CUT_MARGIN_MM
     pocket, channel = base.pocket_wide_mm / 2, base.channel_wide_mm / 2
     front, back = base.pocket_front_mm, -base.pocket_back_mm
     right = [(channel, -side), (channel, back), (pocket, back), (pocket, front)]
-    outline = Polygon(*right, *[(-x, y) for x, y in reversed(right)], align=None)
-    if not base.channel_round_mm:
-        return outline
-    corners = [_nearest_vertex(outline.vertices(), (x, back)) for x in (channel, -channel)]
-    return fillet(corners, base.channel_round_mm)
+    entry = (channel, back), (-channel, back)
+    return _filleted_polygon(_add_mirror_image(right), dict.fromkeys(entry, base.channel_round_mm))
 
 
 def _cable_ramp(design: HardwareDesign) -> tuple[list[tuple[float, float]], float, dict[tuple[float, float], float]]:
@@ -187,7 +189,7 @@ def _usb_slot(design: HardwareDesign) -> list[Part]:
     shell, plan, bottom = design.shell, design.horizontal_dimensions, design.heights.plate_top
     half, low, high, slant = shell.slot_wide_mm / 2, shell.slot_from_mm, shell.slot_to_mm, shell.slot_chamfer_mm
     right = [(half, bottom + low), (half, bottom + high - slant), (half - slant, bottom + high)]
-    outline = [*right, *[(-x, z) for x, z in reversed(right)]]
+    outline = _add_mirror_image(right)
     inside, outside = -plan.cavity[1] / 2 + CUT_MARGIN_MM, -plan.outer[1] / 2 - CUT_MARGIN_MM
     slot = _extrude_along_y(outline, (inside, outside), dict.fromkeys(outline, shell.slot_round_mm))
     if shell.relief_deep_mm < _COINCIDENT_MM:
@@ -283,7 +285,7 @@ def _usb_receptacle(design: HardwareDesign) -> Part:
     (wide, deep, _), mouth = design.board.usb_mm, -design.horizontal_dimensions.usb_mouth
     half, low, high = wide / 2, design.heights.usb_bottom, design.heights.board_bottom
     right = [(half, low), (half, high - USB_SLANT_MM), (half - USB_SLANT_MM, high)]
-    return _extrude_along_y([*right, *[(-x, z) for x, z in reversed(right)]], (mouth + deep, mouth))
+    return _extrude_along_y(_add_mirror_image(right), (mouth + deep, mouth))
 
 
 def _driver_position(design: HardwareDesign) -> XY:
