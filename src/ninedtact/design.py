@@ -32,7 +32,9 @@ def require_positive(name: str, value: float) -> None:
 class Bounds:
     """The least and greatest value of a dimension: what moulds, silicones, lenses, printers and a computer's memory can do.
 
-    They stand beside the type of a field, `Annotated[float, Bounds(0.3, 15.0)]`; each of several numbers keeps them.
+    They stand beside the type of a field, `Annotated[float, Bounds(0.3, 15.0)]`; each of several numbers keeps them. Every part of
+    a `SensorDesign` keeps its own. Gels that belong to no sensor, as those of closed forms, are free; a camera very far away is one
+    whose lines of sight are parallel.
     """
 
     least: float
@@ -56,10 +58,7 @@ def require_within_bounds(table: str, part: object) -> None:
 
 @dataclass(frozen=True)
 class Gel:
-    """The translucent layer that is pressed, bonded to a stiffer transparent one.
-
-    A gel that belongs to no sensor, as those of closed forms, need not keep the bounds.
-    """
+    """The translucent layer that is pressed, bonded to a stiffer transparent one."""
 
     thickness_mm: Annotated[float, Bounds(0.3, 15.0)] = 2.5
     shear_modulus_mpa: Annotated[float, Bounds(0.003, 3.0)] = 0.093
@@ -121,8 +120,7 @@ class CameraGeometry:
     """The wide-angle camera under the gel, which looks straight up through the middle of the skin."""
 
     distance_mm: Annotated[float, Bounds(2.0, 1e7)] = 14.05
-    """From the lens front to the untouched skin. So near, pressed skin is seen displaced outwards, see docs/accuracy.md. A camera
-    very far away is one whose lines of sight are parallel."""
+    """From the lens front to the untouched skin. So near, pressed skin is seen displaced outwards, see docs/accuracy.md."""
 
     lens_angle_deg: float = 160.0
     """Angle that the lens sees in air, from side to side along the image's diagonal."""
