@@ -21,6 +21,8 @@ NOT_CODE = (
     "ninedtact/calibration/certificate/certificate.html.jinja",
     "ninedtact/force/evaluation/evaluation.html.jinja",
     "ninedtact/hardware/bill_of_materials.html.jinja",
+    "ninedtact/hardware/fabrication.md.jinja",
+    "ninedtact/hardware/led_board/led_board.kicad_pcb.jinja",
 )
 """Files of the package besides its Python source."""
 _FOREIGN = re.compile(r"(^|/)(tests|benchmarks|out|\.venv[^/]*|__pycache__)/|\.(mcap|png|jpg|pyc|onnx\.data)$")

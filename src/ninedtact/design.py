@@ -5,9 +5,8 @@ only what differs from the published sensor. The defaults are the published 9DTa
 import tomllib
 from dataclasses import asdict, dataclass, fields, is_dataclass
 from math import isfinite
-from operator import attrgetter
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, get_type_hints
 
 import msgspec
 import tomli_w
@@ -30,11 +29,39 @@ def require_positive(name: str, value: float) -> None:
 
 
 @dataclass(frozen=True)
+class Bounds:
+    """The least and greatest value of a dimension: what moulds, silicones, lenses, printers and a computer's memory can do.
+
+    They stand beside the type of a field, `Annotated[float, Bounds(0.3, 15.0)]`; each of several numbers keeps them. Every part of
+    a `SensorDesign` keeps its own. Gels that belong to no sensor, as those of closed forms, are free; a camera very far away is one
+    whose lines of sight are parallel.
+    """
+
+    least: float
+    most: float
+
+
+def require_within_bounds(table: str, part: object) -> None:
+    """Refuse a part of which a dimension is out of its bounds; raises `DesignImpossible`.
+
+    table: name of the part in the design file, for the message.
+    """
+    hints = get_type_hints(type(part), include_extras=True)
+    for name, value in vars(part).items():
+        for bounds in getattr(hints[name], "__metadata__", ()):
+            for number in value if isinstance(value, tuple) else (value,):
+                if not bounds.least <= number <= bounds.most:
+                    raise DesignImpossible(
+                        f"expected {table}.{name} from {bounds.least:g} to {bounds.most:g}, got {number:g}; correct the design"
+                    )
+
+
+@dataclass(frozen=True)
 class Gel:
     """The translucent layer that is pressed, bonded to a stiffer transparent one."""
 
-    thickness_mm: float = 2.5
-    shear_modulus_mpa: float = 0.093
+    thickness_mm: Annotated[float, Bounds(0.3, 15.0)] = 2.5
+    shear_modulus_mpa: Annotated[float, Bounds(0.003, 3.0)] = 0.093
     """That of Shore A 5 by Gent's relation (docs/references.md); a calibration with known loads measures it far better."""
     poisson_ratio: float = 0.5
     """Silicone keeps its volume: 0.5 is exact, not a limit."""
@@ -78,9 +105,9 @@ def shear_modulus_mpa_to_shore_a(shear_modulus_mpa: float) -> float:
 class RectifiedImageSize:
     """The rectified image: its size in pixels, and the raw image for which one pixel there is one pixel here."""
 
-    rows: int = 345
-    cols: int = 460
-    raw_long_side_px: int = 640
+    rows: Annotated[int, Bounds(16, 4000)] = 345
+    cols: Annotated[int, Bounds(16, 4000)] = 460
+    raw_long_side_px: Annotated[int, Bounds(64, 10_000)] = 640
     """A raw image of another size is rectified to the same number of mm, in the same number of pixels."""
 
     def __post_init__(self) -> None:
@@ -92,7 +119,7 @@ class RectifiedImageSize:
 class CameraGeometry:
     """The wide-angle camera under the gel, which looks straight up through the middle of the skin."""
 
-    distance_mm: float = 14.05
+    distance_mm: Annotated[float, Bounds(2.0, 1e7)] = 14.05
     """From the lens front to the untouched skin. So near, pressed skin is seen displaced outwards, see docs/accuracy.md."""
 
     lens_angle_deg: float = 160.0
@@ -110,13 +137,13 @@ class CameraGeometry:
 class SensingArea:
     """The part of the skin that is evaluated, in the middle of a larger gel."""
 
-    width_mm: float = 24.0
+    width_mm: Annotated[float, Bounds(4.0, 200.0)] = 24.0
     """Along x, the image's columns."""
-    height_mm: float = 18.0
+    height_mm: Annotated[float, Bounds(4.0, 200.0)] = 18.0
     """Along y, the image's rows."""
-    margin_mm: tuple[float, float] = (2.25, 1.75)
+    margin_mm: Annotated[tuple[float, float], Bounds(0.0, 50.0)] = (2.25, 1.75)
     """Distance of the area from the wall of the gel's opening, x and y: near a wall the gel is stiffer."""
-    overlap_mm: float = 0.5
+    overlap_mm: Annotated[float, Bounds(0.0, 20.0)] = 0.5
     """How far the pressed gel lies on the rim around the opening, on each side."""
 
     def __post_init__(self) -> None:
@@ -153,10 +180,10 @@ class SensingArea:
 class PinBoard:
     """The calibration board: coplanar pins on a square lattice, long side along x."""
 
-    rows: int = 7
-    cols: int = 9
-    pitch_mm: float = 2.5
-    pin_diameter_mm: float = 1.2
+    rows: Annotated[int, Bounds(3, 60)] = 7
+    cols: Annotated[int, Bounds(3, 60)] = 9
+    pitch_mm: Annotated[float, Bounds(0.5, 30.0)] = 2.5
+    pin_diameter_mm: Annotated[float, Bounds(0.2, 15.0)] = 1.2
 
     def __post_init__(self) -> None:
         require_positive("pin_board.pitch_mm", self.pitch_mm)
@@ -176,7 +203,7 @@ class PinBoard:
 class BallGauge:
     """The ball with which depth is calibrated."""
 
-    radius_mm: float = 4.0
+    radius_mm: Annotated[float, Bounds(0.5, 60.0)] = 4.0
 
     def __post_init__(self) -> None:
         require_positive("ball.radius_mm", self.radius_mm)
@@ -186,9 +213,9 @@ class BallGauge:
 class ForceTorqueMount:
     """Position and orientation of a force/torque sensor under the tactile sensor: its own frame in the sensor frame."""
 
-    origin_mm: tuple[float, float, float] = (0.0, 0.0, -35.0)
+    origin_mm: Annotated[tuple[float, float, float], Bounds(-1000.0, 1000.0)] = (0.0, 0.0, -35.0)
     """Origin of its frame; that of the paper lies 35 mm below the skin."""
-    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation_deg: Annotated[tuple[float, float, float], Bounds(-360.0, 360.0)] = (0.0, 0.0, 0.0)
     """Rotation of its frame about the sensor's x axis, then y, then z. With none, its z points out of the skin as the
     sensor's does."""
     sign: Literal[1, -1] = 1
@@ -201,42 +228,6 @@ class ForceTorqueMount:
                 raise DesignImpossible(
                     f"expected force_torque.{name} of three numbers, got {getattr(self, name)}; correct the design"
                 )
-
-
-DIMENSION_RANGES = {
-    "gel.thickness_mm": (0.3, 15.0),
-    "gel.shear_modulus_mpa": (0.003, 3.0),
-    "sensing_area.width_mm": (4.0, 200.0),
-    "sensing_area.height_mm": (4.0, 200.0),
-    "camera.distance_mm": (2.0, 1e7),
-    "field_of_view.rows": (16, 4000),
-    "field_of_view.cols": (16, 4000),
-    "field_of_view.raw_long_side_px": (64, 10_000),
-    "pin_board.rows": (3, 60),
-    "pin_board.cols": (3, 60),
-    "pin_board.pitch_mm": (0.5, 30.0),
-    "pin_board.pin_diameter_mm": (0.2, 15.0),
-    "ball.radius_mm": (0.5, 60.0),
-}
-"""Least and greatest value of a sensor's dimensions: what moulds, silicones, lenses, printers and a computer's memory
-can do. Gels that belong to no sensor, as those of closed forms, are free; a camera very far away is one whose lines
-of sight are parallel."""
-
-
-_PLACEMENT_RANGES = {
-    "sensing_area.margin_mm": (0.0, 50.0),
-    "sensing_area.overlap_mm": (0.0, 20.0),
-    "force_torque.origin_mm": (-1000.0, 1000.0),
-    "force_torque.rotation_deg": (-360.0, 360.0),
-}
-"""Least and greatest value of distances and angles that may be zero; each of several numbers keeps the range."""
-
-
-def require_possible_dimension(name: str, value: float) -> None:
-    """Refuse a value beyond the range of this dimension; raises `DesignImpossible`."""
-    least, most = (DIMENSION_RANGES | _PLACEMENT_RANGES)[name]
-    if not least <= value <= most:
-        raise DesignImpossible(f"expected {name} from {least:g} to {most:g}, got {value:g}; correct the design")
 
 
 @dataclass(frozen=True)
@@ -252,10 +243,8 @@ class SensorDesign:
     force_torque: ForceTorqueMount = ForceTorqueMount()
 
     def __post_init__(self) -> None:
-        for name in (*DIMENSION_RANGES, *_PLACEMENT_RANGES):
-            value = attrgetter(name)(self)
-            for number in value if isinstance(value, tuple) else (value,):
-                require_possible_dimension(name, number)
+        for table, part in vars(self).items():
+            require_within_bounds(table, part)
 
 
 HARDWARE_TABLE = "hardware"

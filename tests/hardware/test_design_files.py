@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
+from typing import Annotated, get_origin
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from ninedtact.cli.calibrate import CalibrateCommand
 from ninedtact.cli.demo import Demo
 from ninedtact.cli.option_parser import DesignGivenTwice
 from ninedtact.design import (
-    DIMENSION_RANGES,
     DesignFileUnreadable,
     DesignImpossible,
     Gel,
@@ -99,7 +99,19 @@ def test_hardware_that_no_sensor_has_is_refused(tmp_path: Path, text: str, words
         read_hardware_design(written(tmp_path, text), "default")
 
 
-@pytest.mark.parametrize("name", DIMENSION_RANGES)
+def positive_dimensions() -> list[str]:
+    """Such as `gel.thickness_mm`."""
+    parts = vars(SensorDesign()).items()
+    hints = {f"{table}.{name}": hint for table, part in parts for name, hint in part.__annotations__.items()}
+    bounds = {name: hint.__metadata__[0] for name, hint in hints.items() if get_origin(hint) is Annotated}
+    return [name for name, bounds in bounds.items() if bounds.least > 0]
+
+
+def test_thirteen_dimensions_are_positive() -> None:
+    assert len(positive_dimensions()) == 13
+
+
+@pytest.mark.parametrize("name", positive_dimensions())
 @pytest.mark.parametrize("value", ["inf", "nan", "1e12", "1e-12"])
 def test_dimensions_beyond_what_can_be_made_are_refused_by_name(tmp_path: Path, name: str, value: str) -> None:
     part, field = name.split(".")

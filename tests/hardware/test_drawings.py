@@ -11,7 +11,8 @@ from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import default_hardware_design
 from ninedtact.hardware.drawings.drawing_sheet import INK, DrawingSheet, NoteLine, build_drawing_notes
 from ninedtact.hardware.drawings.part_geometry import Polyline, project_section
-from ninedtact.hardware.parts.part_catalogue import BuiltPart, build_first_mould, build_second_mould
+from ninedtact.hardware.parts.part_catalogue import BuiltPart
+from ninedtact.hardware.parts.solids import build_first_mould, build_second_mould
 
 BARE_MM2 = {
     "acrylic_window": 14.0 * 2.0,

@@ -130,7 +130,7 @@ from ninedtact.hardware.design import default_hardware_design
 from ninedtact.hardware.drawings.drawing_sheet import DrawingSheet, build_drawing_notes
 from ninedtact.hardware.export.part_files import part_to_dxf
 from ninedtact.hardware.export.part_files import part_to_step
-from ninedtact.hardware.parts.part_catalogue import build_first_mould
+from ninedtact.hardware.parts.solids import build_first_mould
 from ninedtact.hardware.parts.part_catalogue import BuiltPart
 
 design = default_hardware_design()

@@ -20,7 +20,7 @@ from ninedtact.hardware.design import (
     hardware_design_of_variant,
     read_hardware_design,
 )
-from ninedtact.hardware.design_sweep import SweepCombination, explore_designs
+from ninedtact.hardware.design_sweep import DesignSweep, change_design, explore_designs
 from ninedtact.hardware.fabrication_guide import format_fabrication_guide, write_fabrication_guide
 from ninedtact.hardware.materials import TRANSLUCENT_SILICONE, translucent_silicone_of_modulus
 from ninedtact.hardware.part_dimensions import FastenerDimensions, WindowDimensions
@@ -130,7 +130,7 @@ def test_bill_and_guide_name_what_the_design_asks_for(default: BuildableDesign) 
     assert what["camera"].startswith("camera with a lens of 120°") and "(M2-3-5)" not in what["insert"]
     assert "of about Shore A 15 " in what["translucent_gel"] and "1 : 1" not in what["translucent_gel"]
     assert "of about Shore A 15 " in format_fabrication_guide(other)
-    explored = SweepCombination(default_hardware_design(), shore_a=5.0).hardware.sensor.gel.shear_modulus_mpa
+    explored = change_design(default_hardware_design(), shore_a=5.0).sensor.gel.shear_modulus_mpa
     assert translucent_silicone_of_modulus(explored) == TRANSLUCENT_SILICONE
     assert "less than Shore A 1 " in translucent_silicone_of_modulus(0.003).product
 
@@ -159,20 +159,19 @@ def test_a_comparison_leaves_no_design_of_an_earlier_one(tmp_path: Path) -> None
 
 def test_a_value_that_no_sensor_has_is_refused_before_any_design_is_built() -> None:
     built: list[object] = []
-    choices = [SweepCombination(default_hardware_design(), gel_mm=gel) for gel in (2.5, 40.0)]
     with pytest.raises(DesignImpossible, match=r"gel\.thickness_mm"):
-        built.extend(explore_designs(choices))
+        built.extend(explore_designs([*DesignSweep(gel_mm=(2.5, 40.0)).designs(default_hardware_design())]))
     assert not built
 
 
 def test_explore_without_values_compares_the_usual_gels() -> None:
     """`test_explore` builds designs; here only what would be built."""
     usual = [*ExploreDesignsCommand().design_sweep.designs(default_hardware_design())]
-    assert {(choice.gel_mm, choice.shore_a) for choice in usual} == {
+    assert {(each.design.sensor.gel.thickness_mm, each.shore_a) for each in usual} == {
         (gel, shore) for gel in (1.5, 2.5, 4.0) for shore in (5.0, 15.0)
     }
     given = [*ExploreDesignsCommand(gel_mm=(2.0,)).design_sweep.designs(default_hardware_design())]
-    assert [(choice.gel_mm, choice.shore_a) for choice in given] == [(2.0, None)]
+    assert [(each.design.sensor.gel.thickness_mm, each.shore_a) for each in given] == [(2.0, None)]
 
 
 def test_a_wider_area_takes_a_taller_sensor(capsys: pytest.CaptureFixture[str]) -> None:
@@ -214,7 +213,9 @@ def test_the_guide_in_the_docs_is_that_of_the_default(default: BuildableDesign) 
 def test_the_guide_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, found = told(capsys, "guide", "--variant", "original", "--out", str(tmp_path))
     assert code == 0 and len(found["files"]) == 13
-    assert "original design" in (tmp_path / "fabrication.md").read_text(encoding="utf-8")
+    page = (tmp_path / "fabrication.md").read_text(encoding="utf-8")
+    assert "original design" in page
+    assert re.findall(r"\(images/(.*?)\)", page) == sorted(path.name for path in (tmp_path / "images").iterdir())
 
 
 def test_an_interrupted_guide_leaves_an_earlier_one_whole(default: BuildableDesign, tmp_path: Path) -> None:

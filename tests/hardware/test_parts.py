@@ -9,7 +9,8 @@ from build123d import Plane
 from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import default_hardware_design
 from ninedtact.hardware.part_dimensions import ShellDimensions, WindowDimensions
-from ninedtact.hardware.parts.part_catalogue import PART_CATALOGUE, build_transparent_gel
+from ninedtact.hardware.parts.part_catalogue import PART_CATALOGUE
+from ninedtact.hardware.parts.solids import build_transparent_gel
 
 REFERENCE = {
     "sensor_base": ((32.5, 25.5, 8.5), 2419.59, 2748.67),

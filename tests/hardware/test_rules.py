@@ -23,7 +23,7 @@ from ninedtact.hardware.design import (
     original_hardware_design,
     required_camera_distance_mm,
 )
-from ninedtact.hardware.design_sweep import SweepCombination
+from ninedtact.hardware.design_sweep import change_design
 from ninedtact.hardware.drawings.part_geometry import find_round_features
 from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
 from ninedtact.hardware.led_board.design_rule_check import find_violations
@@ -281,7 +281,7 @@ swept = st.builds(
 @settings(max_examples=100, deadline=None)
 @given(swept, st.booleans())
 def test_rules_answer_for_every_design(design: SensorDesign, far: bool) -> None:
-    hardware = SweepCombination(default_hardware_design(design)).hardware if far else default_hardware_design(design)
+    hardware = change_design(default_hardware_design(design)) if far else default_hardware_design(design)
     for broken in find_broken_rules(hardware):
         assert broken.rule and broken.message.startswith("expected") and "got" in broken.message
     if far:
@@ -293,11 +293,11 @@ def test_rules_answer_for_every_design(design: SensorDesign, far: bool) -> None:
 def test_a_swept_area_is_given_all_the_pins_that_it_shows(width: float, height: float, pitch_mm: float) -> None:
     """Also one that ends just at its last pins, as 11 gaps of 2.2 mm and a pin of 1.2 mm do."""
     basis = default_hardware_design(SensorDesign(pin_board=PinBoard(pitch_mm=pitch_mm)))
-    choice = SweepCombination(basis, area_mm=(width, height))
-    pins = choice.sensor.pin_board
-    assert "pins_out_of_view" not in names(choice.hardware)
+    wider = change_design(basis, area_mm=(width, height))
+    pins = wider.sensor.pin_board
+    assert "pins_out_of_view" not in names(wider)
     for more in (replace(pins, cols=pins.cols + 1), replace(pins, rows=pins.rows + 1)):
-        assert "pins_out_of_view" in names(default_hardware_design(replace(choice.sensor, pin_board=more)))
+        assert "pins_out_of_view" in names(default_hardware_design(replace(wider.sensor, pin_board=more)))
 
 
 def built_or_refused(design: HardwareDesign) -> None:
@@ -320,7 +320,7 @@ def ends_of_ranges() -> list[tuple[str, str, object]]:
         hints = get_type_hints(type(part), include_extras=True)
         for field in fields(part):
             (limits,), value = hints[field.name].__metadata__, getattr(part, field.name)
-            for end in (limits.smallest, limits.largest):
+            for end in (limits.least, limits.most):
                 several = value if isinstance(value, tuple) else (value,)
                 ends = [(*several[:at], end, *several[at + 1 :]) for at in range(len(several))]
                 found += [(name, field.name, each if isinstance(value, tuple) else end) for each in ends]
@@ -345,7 +345,7 @@ def test_a_dimension_at_the_end_of_its_range_is_built_or_refused(end: tuple[str,
 @settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(swept)
 def test_any_design_is_a_valid_assembly_or_refused(design: SensorDesign) -> None:
-    far = SweepCombination(default_hardware_design(design)).hardware
+    far = change_design(default_hardware_design(design))
     area = far.sensor.sensing_area
     pins = far.sensor.pin_board
     pitch = min((area.width_mm - 1.2) / (pins.cols - 1), (area.height_mm - 1.2) / (pins.rows - 1), 2.5)
@@ -360,6 +360,6 @@ def test_any_design_is_a_valid_assembly_or_refused(design: SensorDesign) -> None
 def test_the_corners_of_the_sweep_are_built(width: float, height: float, gel: float, cols: int, rows: int) -> None:
     pitch = min(2.5, (width - 1.2) / (cols - 1), (height - 1.2) / (rows - 1))
     design = replace(sensor(width, height, gel), pin_board=PinBoard(rows, cols, pitch))
-    far = SweepCombination(default_hardware_design(design)).hardware
+    far = change_design(default_hardware_design(design))
     assert find_broken_rules(far) == []
     built_or_refused(far)

@@ -5,12 +5,11 @@ standard deviation.
 """
 
 from datetime import datetime
-from operator import attrgetter
 from typing import Annotated
 
 from msgspec import Meta, Struct, field
 
-from ninedtact.design import Gel, SensorDesign, require_possible_dimension
+from ninedtact.design import Gel, SensorDesign, require_within_bounds
 from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
 from ninedtact.shape.lens import LensModelCorrection
 from ninedtact.shape.rectification import CameraRotation
@@ -250,8 +249,7 @@ class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=T
     board_press: BoardPressFitTable | None = None
 
     def __post_init__(self) -> None:
-        for name in ("gel.thickness_mm", "gel.shear_modulus_mpa"):
-            require_possible_dimension(name, attrgetter(name)(self))
+        require_within_bounds("gel", self.gel)
 
 
 class SensorTomlRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

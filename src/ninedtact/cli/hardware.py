@@ -187,11 +187,11 @@ class ExploreDesignsCommand:
         from ninedtact.parallel_jobs import connect_workers
 
         basis = self.design_options.read_hardware()
-        choices = [*self.design_sweep.designs(basis)]
+        candidates = [*self.design_sweep.designs(basis)]
         self._create_folder()
         with connect_workers(self.workers, self.cluster) as workers:
-            explored = explore_designs(choices, self.calibrated, workers)
-            found = list(tqdm(explored, total=len(choices), unit="design", disable=None, leave=False))
+            explored = explore_designs(candidates, self.calibrated, workers)
+            found = list(tqdm(explored, total=len(candidates), unit="design", disable=None, leave=False))
         table: dict[str, Any] = {"designs": [each.to_json_dict() for each in found], "files": self._write_files(found)}
         return print_result(self.json, table, format_design_comparison(found))
 

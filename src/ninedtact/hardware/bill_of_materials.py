@@ -66,51 +66,35 @@ def build_bill_of_materials(design: HardwareDesign, volumes_mm3: Mapping[str, fl
     volumes_mm3: volumes of the parts that are made, by name.
     """
     cm3 = {name: volume / 1000 for name, volume in volumes_mm3.items()}
-    items = (
-        *_printed_items(cm3),
-        *_cut_items(design, cm3),
-        *_gel_items(design, volumes_mm3),
-        *_bought_items(design),
-        *_connection_items(),
-        *_tool_items(design, cm3),
-    )
+    items = *_sensor_items(design, cm3), *_connection_items(), *_tool_items(design, cm3)
     return [replace(item, each_usd=round(item.each_usd, 2)) for item in items]
 
 
-def _printed_items(cm3: Mapping[str, float]) -> Iterator[BillItem]:
-    """Yield the parts that are printed from STEP or STL."""
+def _sensor_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[BillItem]:
+    """Yield what is printed, cut, cast (silicones by mass, waste included) and bought for one sensor."""
     for name, price in SENSOR_USD_PER_CM3.items():
         yield BillItem("sensor", name, 1, f"{MATERIAL_OF_PART[name].name}, {cm3[name]:.2f} cm³", price * cm3[name])
-
-
-def _cut_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[BillItem]:
-    """Yield the parts that are cut from DXF."""
-    thick = design.window.thick_mm
-    price = CUT_USD + ACRYLIC_USD_PER_CM3 * cm3["acrylic_window"]
-    yield BillItem("sensor", "acrylic_window", 1, f"clear acrylic, {thick:g} mm, laser-cut", price)
-
-
-def _gel_items(design: HardwareDesign, volumes_mm3: Mapping[str, float]) -> Iterator[BillItem]:
-    """Yield the silicones by mass, waste included."""
+    yield _cut_item("sensor", "acrylic_window", f"{design.window.thick_mm:g}", cm3)
     translucent = translucent_silicone_of_modulus(design.sensor.gel.shear_modulus_mpa)
     for silicone in (TRANSPARENT_SILICONE, translucent, BLACK_GEL_SILICONE):
-        grams = silicone.grams(volumes_mm3[silicone.part])
+        grams = silicone.grams(cm3[silicone.part])
         what = f"{silicone.product}, {silicone.ratio}; mix {grams:.1f} g"
         yield BillItem("sensor", silicone.part, 1, what, grams * SILICONE_USD_PER_G)
-
-
-def _bought_items(design: HardwareDesign) -> Iterator[BillItem]:
-    """Yield the parts that are bought."""
-    wide, deep = design.horizontal_dimensions.led_board
-    diameter, long = design.fasteners.insert_mm
     yield BillItem("sensor", "camera", 1, _describe_camera(design), CAMERA_USD)
+    wide, deep = design.horizontal_dimensions.led_board
     outline = f"{wide:g} x {deep:g} mm, FR4 {design.board.thick_mm:.2f} mm thick, two layers; see led_board/"
     yield BillItem("sensor", "led_board", 1, outline, BOARD_USD * max(1.0, wide * deep / PUBLISHED_BOARD_MM2))
+    diameter, long = design.fasteners.insert_mm
     trade_name = " (M2-3-5)" if (diameter, long) == FastenerDimensions.insert_mm else ""
     yield BillItem("sensor", "insert", 8, f"M2 heat-set insert, about d{diameter:g} x {long:g} mm{trade_name}", 0.04)
-    yield BillItem(
-        "sensor", "screw", 4, f"M2 x {design.fasteners.screw_mm:g}, pan head d{design.fasteners.head_mm[0]:g}", 0.02
-    )
+    screw = f"M2 x {design.fasteners.screw_mm:g}, pan head d{design.fasteners.head_mm[0]:g}"
+    yield BillItem("sensor", "screw", 4, screw, 0.02)
+
+
+def _cut_item(kind: BillItemKind, name: str, thick_mm: str, cm3: Mapping[str, float]) -> BillItem:
+    """Return a part that is cut from a sheet of acrylic."""
+    price = CUT_USD + ACRYLIC_USD_PER_CM3 * cm3[name]
+    return BillItem(kind, name, 1, f"clear acrylic, {thick_mm} mm, laser-cut", price)
 
 
 def _describe_camera(design: HardwareDesign) -> str:
@@ -140,22 +124,14 @@ def _tool_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[Bi
         ("first_mould", design.heights.first_mould),
         ("second_mould", design.heights.second_mould),
     ):
-        price = CUT_USD + ACRYLIC_USD_PER_CM3 * cm3[name]
-        yield BillItem("tool", name, 1, f"clear acrylic, {thick:.2f} mm, laser-cut", price)
-    yield BillItem(
-        "tool",
-        "calibration_board",
-        1,
-        MATERIAL_OF_PART["calibration_board"].name,
-        TRAY_USD_PER_CM3 * cm3["calibration_board"],
-    )
+        yield _cut_item("tool", name, f"{thick:.2f}", cm3)
+    tray_usd = TRAY_USD_PER_CM3 * cm3["calibration_board"]
+    yield BillItem("tool", "calibration_board", 1, MATERIAL_OF_PART["calibration_board"].name, tray_usd)
     yield BillItem("tool", "clamp screw and nut", 8, f"M3 x {mould_clamp_screw_length_mm(design)}, with nut", 0.05)
-    yield BillItem(
-        "tool", "ball", 1, f"steel ball, diameter {2 * design.sensor.ball.radius_mm:g} mm, to calibrate with", 0.5
-    )
-    yield BillItem(
-        "tool", "glue", 1, "clear silicone glue or UV glue for the window; release agent for the moulds", 4.0
-    )
+    ball = f"steel ball, diameter {2 * design.sensor.ball.radius_mm:g} mm, to calibrate with"
+    yield BillItem("tool", "ball", 1, ball, 0.5)
+    glue = "clear silicone glue or UV glue for the window; release agent for the moulds"
+    yield BillItem("tool", "glue", 1, glue, 4.0)
 
 
 def mould_clamp_screw_length_mm(design: HardwareDesign) -> int:

@@ -5,7 +5,7 @@ breaks; and the comparison of these designs as a text table, as CSV and as a plo
 import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from io import BytesIO, StringIO
+from io import StringIO
 from itertools import product
 from math import ceil, prod
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ from ninedtact.hardware.performance_prediction import (
     validate_simulated_calibration,
 )
 from ninedtact.parallel_jobs import Workers, run_jobs
+from ninedtact.shape.coloured_height_map import figure_to_png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,58 +51,48 @@ class DesignSweep:
     lens_deg: tuple[float, ...] = ()
     """Angles that the lens sees in air."""
 
-    def designs(self, basis: HardwareDesign) -> "Iterator[SweepCombination]":
-        """Yield every combination; raises `SweepTooLarge` on the first iteration."""
+    def designs(self, basis: HardwareDesign) -> "Iterator[ExploredDesign]":
+        """Yield every combination as a design that has yet to be explored; raises `SweepTooLarge`, `DesignImpossible`."""
         many = prod(max(len(values), 1) for values in vars(self).values())
         if many > MAX_DESIGNS:
             raise SweepTooLarge(f"expected at most {MAX_DESIGNS} designs, got {many}; give fewer values")
         gels, shores, lenses = self.gel_mm or (None,), self.shore_a or (None,), self.lens_deg or (None,)
         for gel, shore, area, lens in product(gels, shores, self.area_mm or (None,), lenses):
-            yield SweepCombination(basis, gel, shore, area, lens)
+            yield ExploredDesign(change_design(basis, gel, shore, area, lens), shore)
 
 
 USUAL_SWEEP = DesignSweep(gel_mm=(1.5, 2.5, 4.0), shore_a=(5.0, 15.0))
 """The designs that are compared where no value is given: the gel decides most, and needs no other camera."""
 
 
-@dataclass(frozen=True)
-class SweepCombination:
-    """One combination applied to a base design; `None` keeps the base design's value."""
+def change_design(
+    basis: HardwareDesign,
+    gel_mm: float | None = None,
+    shore_a: float | None = None,
+    area_mm: AreaSize | None = None,
+    lens_deg: float | None = None,
+) -> HardwareDesign:
+    """Return a design with the choices that are given, its pins within the area, and its camera as far away as it must be to see
+    the corner.
 
-    basis: HardwareDesign
-    gel_mm: float | None = None
-    shore_a: float | None = None
-    area_mm: AreaSize | None = None
-    lens_deg: float | None = None
-
-    @property
-    def hardware(self) -> HardwareDesign:
-        """The hardware design with its camera as far away as it must be to see the corner, and its pins within the
-        area.
-
-        Raises `DesignImpossible`.
-        """
-        design = replace(self.basis, sensor=self.sensor)
-        needed = required_camera_distance_mm(design)
-        if needed <= design.sensor.camera.distance_mm:
-            return design
-        camera = replace(design.sensor.camera, distance_mm=round(needed + SPARE_MM, 2))
-        return replace(design, sensor=replace(design.sensor, camera=camera))
-
-    @property
-    def sensor(self) -> SensorDesign:
-        """The sensor design with gel, area and lens as chosen."""
-        sensor = self.basis.sensor
-        gel, area, camera = sensor.gel, sensor.sensing_area, sensor.camera
-        if self.gel_mm is not None:
-            gel = replace(gel, thickness_mm=self.gel_mm)
-        if self.shore_a is not None:
-            gel = replace(gel, shear_modulus_mpa=shore_a_to_shear_modulus_mpa(self.shore_a))
-        if self.area_mm is not None:
-            area = replace(area, width_mm=self.area_mm[0], height_mm=self.area_mm[1])
-        if self.lens_deg is not None:
-            camera = replace(camera, lens_angle_deg=self.lens_deg)
-        return replace(_fit_pin_board(sensor, area), gel=gel, sensing_area=area, camera=camera)
+    Raises `DesignImpossible`.
+    """
+    sensor = basis.sensor
+    gel, area, camera = sensor.gel, sensor.sensing_area, sensor.camera
+    if gel_mm is not None:
+        gel = replace(gel, thickness_mm=gel_mm)
+    if shore_a is not None:
+        gel = replace(gel, shear_modulus_mpa=shore_a_to_shear_modulus_mpa(shore_a))
+    if area_mm is not None:
+        area = replace(area, width_mm=area_mm[0], height_mm=area_mm[1])
+    if lens_deg is not None:
+        camera = replace(camera, lens_angle_deg=lens_deg)
+    sensor = replace(_fit_pin_board(sensor, area), gel=gel, sensing_area=area, camera=camera)
+    design = replace(basis, sensor=sensor)
+    needed = required_camera_distance_mm(design)
+    if needed <= camera.distance_mm:
+        return design
+    return replace(design, sensor=replace(sensor, camera=replace(camera, distance_mm=round(needed + SPARE_MM, 2))))
 
 
 def _fit_pin_board(sensor: SensorDesign, area: SensingArea) -> SensorDesign:
@@ -115,7 +106,7 @@ def _fit_pin_board(sensor: SensorDesign, area: SensingArea) -> SensorDesign:
 
 @dataclass(frozen=True)
 class ExploredDesign:
-    """One design of a sweep with its prediction or the reason why there is none."""
+    """One design of a sweep, and once it is explored its prediction or the reason why there is none."""
 
     design: HardwareDesign
     """The design, its camera moved away if the lens would not see the corner."""
@@ -156,41 +147,28 @@ class ExploredDesign:
 
 
 def explore_designs(
-    choices: Sequence[SweepCombination], calibrated: bool = False, workers: Workers = 1
+    candidates: Sequence[ExploredDesign], calibrated: bool = False, workers: Workers = 1
 ) -> Iterator[ExploredDesign]:
-    """Yield the results in the order of the designs; raises `DesignImpossible` for values that no sensor has, before any is built.
+    """Yield the designs with their predictions, in the order of the candidates.
 
     calibrated: whether the twin of each is calibrated and read as well. workers: number of processes, or a cluster.
     """
-    for choice in choices:
-        _ = choice.hardware
     early: dict[int, ExploredDesign] = {}
     expected = 0
-    for number, found in run_jobs(_explore_design, [(choice, calibrated) for choice in choices], workers):
+    for number, found in run_jobs(_explore_design, [(candidate, calibrated) for candidate in candidates], workers):
         early[number] = found
         while expected in early:
             yield early.pop(expected)
             expected += 1
 
 
-def _explore_design(choice: SweepCombination, calibrated: bool) -> ExploredDesign:
-    """Return the prediction for a design, and with `calibrated` the errors after a simulated calibration."""
-    found = _predict_design(choice)
-    return _simulate_calibration(found) if calibrated else found
-
-
-def _predict_design(choice: SweepCombination) -> ExploredDesign:
-    """Return the predicted performance of a design, or why there is none."""
-    design = choice.hardware
+def _explore_design(candidate: ExploredDesign, calibrated: bool) -> ExploredDesign:
+    """Return a design with its prediction, and with `calibrated` the errors after a simulated calibration, or why there is none."""
     try:
-        return ExploredDesign(design, choice.shore_a, predict_performance(design))
+        found = replace(candidate, prediction=predict_performance(candidate.design))
     except NinedtactError as refusal:
-        return ExploredDesign(design, choice.shore_a, refusal=str(refusal))
-
-
-def _simulate_calibration(found: ExploredDesign) -> ExploredDesign:
-    """Add the errors after a simulated calibration, or why it failed."""
-    if found.prediction is None:
+        return replace(candidate, refusal=str(refusal))
+    if not calibrated:
         return found
     try:
         return replace(found, calibration_errors=validate_simulated_calibration(found.design.sensor))
@@ -220,11 +198,8 @@ NAME_WIDE = 34
 
 def _columns_of(found: Sequence[ExploredDesign]) -> tuple[tuple[str, str, str], ...]:
     """Return the columns for which any of the designs has a value."""
-    return (
-        (*PREDICTION_COLUMNS, *CALIBRATION_COLUMNS)
-        if any(each.calibration_errors for each in found)
-        else PREDICTION_COLUMNS
-    )
+    calibrated = any(each.calibration_errors for each in found)
+    return PREDICTION_COLUMNS + CALIBRATION_COLUMNS if calibrated else PREDICTION_COLUMNS
 
 
 def format_design_comparison(found: Sequence[ExploredDesign]) -> Iterator[str]:
@@ -286,9 +261,7 @@ def plot_design_comparison(found: Sequence[ExploredDesign]) -> bytes:
     panels[0].invert_yaxis()
     for spare in panels[len(shown) :]:
         spare.axis("off")
-    buffer = BytesIO()
-    drawn.savefig(buffer, format="png")
-    return buffer.getvalue()
+    return figure_to_png(drawn)
 
 
 def _draw_bars(axes: "Axes", names: list[str], values: list[float], title: str) -> None:

@@ -68,9 +68,9 @@ class GelSilicone:
     """How its two components are mixed."""
     cure: str
 
-    def grams(self, volume_mm3: float) -> float:
+    def grams(self, volume_cm3: float) -> float:
         """Return the mass in g to mix for a layer of this volume, waste included."""
-        return volume_mm3 / 1000 * MATERIAL_OF_PART[self.part].g_per_cm3 * WASTE_FACTOR
+        return volume_cm3 * MATERIAL_OF_PART[self.part].g_per_cm3 * WASTE_FACTOR
 
 
 TRANSPARENT_SILICONE = GelSilicone(

@@ -1,6 +1,6 @@
 """Images of the parts and of the assembled sensor: whole, exploded and cut open.
 
-They are drawn by a software renderer of solids in parallel projection: a depth buffer per body, shaded by the slope of the depth.
+They are drawn by a software renderer of solids in parallel projection: a depth buffer, shaded by the slope of the depth.
 Image axes are x right and y down; depth grows away from the viewer.
 """
 
@@ -75,10 +75,15 @@ def render_solids(
     cols, rows = (side * SUPERSAMPLING for side in size_px)
     seen = [body.triangles @ eye.axes.T for body in bodies]
     scale, shift = _fit_to_image(seen, cols, rows)
-    nearest, image = np.full((rows, cols), np.inf), np.full((rows, cols, 3), 255.0)
+    depth, colours = np.full((rows, cols), np.inf), np.full((rows, cols, 3), 255.0)
     for body, places in zip(bodies, seen, strict=True):
-        _draw_mesh(image, nearest, _ProjectedMesh(places, scale, shift), body.colour)
-    image = _darken_edges(image, nearest * scale)
+        before = depth.copy()
+        placed = np.concatenate([places[..., :2] * scale + shift, places[..., 2:]], axis=-1)
+        for portion in split_triangles_into_batches(placed):
+            lower_to_triangles(depth, portion)
+        colours[depth < before - COINCIDENT_DEPTH_MM] = np.minimum(np.array(body.colour[::-1]) + BLACK_LIFT, 255)
+    depth *= scale
+    image = _darken_edges(colours * _brightness(depth)[..., None], depth)
     return cv2.resize(image, size_px, interpolation=cv2.INTER_AREA).astype(np.uint8)
 
 
@@ -91,49 +96,13 @@ def _fit_to_image(seen: Sequence[Triangles], cols: int, rows: int) -> tuple[floa
     return scale, np.array([cols, rows]) / 2 - scale * (low + high) / 2
 
 
-@dataclass(frozen=True)
-class _ProjectedMesh:
-    """The projected triangles of one body with their scale and shift to pixels."""
-
-    places: Triangles
-    scale: float
-    shift: Float[Array, "2"]
-
-    def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
-        """Return the rows and columns that it covers, with one more on every side."""
-        places = self.places[..., :2].reshape(-1, 2) * self.scale + self.shift
-        (left, top), (right, bottom) = np.floor(places.min(axis=0)) - 1, np.ceil(places.max(axis=0)) + 2
-        return (
-            slice(max(int(top), 0), min(int(bottom), shape[0])),
-            slice(max(int(left), 0), min(int(right), shape[1])),
-        )
-
-    def depth(self, window: tuple[slice, slice]) -> DepthImage:
-        """Return the depth of the nearest face per pixel of the window, infinite outside of the body."""
-        rows, cols = window
-        placed = self.places.copy()
-        placed[..., :2] = placed[..., :2] * self.scale + self.shift - (cols.start, rows.start)
-        table = np.full((rows.stop - rows.start, cols.stop - cols.start), np.inf)
-        for portion in split_triangles_into_batches(placed):
-            lower_to_triangles(table, portion)
-        return table
-
-
-def _draw_mesh(image: Float[Array, "rows cols 3"], nearest: DepthImage, body: _ProjectedMesh, colour: Colour) -> None:
-    """Draw a body into the image where nothing is nearer."""
-    window = body.window((nearest.shape[0], nearest.shape[1]))
-    depth = body.depth(window)
-    front = depth < nearest[window] - COINCIDENT_DEPTH_MM
-    image[window][front] = _shade_colour([_depth_slope(depth, axis)[front] * body.scale for axis in (0, 1)], colour)
-    nearest[window] = np.minimum(nearest[window], depth)
-
-
-def _shade_colour(slopes: Sequence[Float[Array, " pixels"]], colour: Colour) -> Float[Array, "pixels 3"]:
-    """Return the body's colour under the light, from its slopes down and to the right."""
-    (down, right), lamp = slopes, _LIGHT_DIRECTION / np.linalg.norm(_LIGHT_DIRECTION)
+def _brightness(depth_px: DepthImage) -> DepthImage:
+    """Return the brightness of every pixel under the light, from the slopes of the depth; 1 beside the bodies."""
+    down, right = (_depth_slope(depth_px, axis) for axis in (0, 1))
+    lamp = _LIGHT_DIRECTION / np.linalg.norm(_LIGHT_DIRECTION)
     towards = (right * lamp[0] + down * lamp[1] - lamp[2]) / np.sqrt(right**2 + down**2 + 1)
     light = AMBIENT_LIGHT + (1 - AMBIENT_LIGHT) * np.clip(towards, 0, 1)
-    return np.outer(light, np.clip(np.array(colour[::-1], float) + BLACK_LIFT, 0, 255))
+    return np.where(np.isfinite(depth_px), light, 1.0)
 
 
 def _depth_slope(depth: DepthImage, axis: int) -> DepthImage:

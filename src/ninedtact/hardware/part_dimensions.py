@@ -6,17 +6,9 @@ the silicone layers above it and their moulds). Bounds stand beside the type: `A
 """
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, get_type_hints
+from typing import Annotated, ClassVar
 
-from ninedtact.design import DesignImpossible
-
-
-@dataclass(frozen=True)
-class Bounds:
-    """The smallest and the largest value of a dimension that can be manufactured."""
-
-    smallest: float
-    largest: float
+from ninedtact.design import Bounds, DesignImpossible, require_within_bounds
 
 
 class BoundedDimensions:
@@ -31,16 +23,7 @@ class BoundedDimensions:
         cls._table = table
 
     def __post_init__(self) -> None:
-        """Refuse a dimension, or one of several in a tuple, that is out of its bounds."""
-        hints = get_type_hints(type(self), include_extras=True)
-        for name, value in vars(self).items():
-            for bounds in getattr(hints[name], "__metadata__", ()):
-                for number in value if isinstance(value, tuple) else (value,):
-                    if not bounds.smallest <= number <= bounds.largest:
-                        raise DesignImpossible(
-                            f"expected {self._table}.{name} from {bounds.smallest:g} to {bounds.largest:g}, got {number:g}; "
-                            "correct the design"
-                        )
+        require_within_bounds(self._table, self)
 
 
 @dataclass(frozen=True)

@@ -181,7 +181,7 @@ class DepthCurveImpossible(InputError):
 
 _Signal = Annotated[float, Meta(ge=0, le=255)]
 _KnotMm = Annotated[float, Meta(ge=0, le=15)]
-"""Height or error at a knot; no gel is thicker (`design.DIMENSION_RANGES`)."""
+"""Height or error at a knot; no gel is thicker (`design.Gel`)."""
 
 
 @dataclass(frozen=True)

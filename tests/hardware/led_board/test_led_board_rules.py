@@ -129,6 +129,11 @@ def test_eight_leds_fit_every_larger_board(width: float, height: float) -> None:
     require_no_violations(lay_out_board(LedBoardDesign.for_size(width, height)))
 
 
+def test_the_middle_row_of_leds_lies_at_zero() -> None:
+    """Not at minus zero, which the placement list would have."""
+    assert str(LedBoardDesign.for_size(64, 48).leds.rows_mm[1]) == "0.0"
+
+
 @settings(deadline=None, max_examples=30)
 @given(led=st.floats(0.2, 0.6), ground=st.floats(0.2, 0.6), supply=st.floats(0.34, 0.8), neck=st.floats(0.15, 0.34))
 def test_narrower_tracks_are_sound(led: float, ground: float, supply: float, neck: float) -> None:

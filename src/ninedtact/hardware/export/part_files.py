@@ -3,17 +3,15 @@ outlines at 1:1, each line once, holes on a layer of their own. Lengths in mm.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import BytesIO, StringIO
 from itertools import pairwise
-from math import hypot
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from build123d import Axis, Compound, Edge, GeomType, Part, Solid, Wire, export_step
+from build123d import Axis, Compound, Edge, GeomType, Part, Solid, Vector, Wire, export_step
 from jaxtyping import Float, Shaped
 from numpy import ndarray as Array
 
@@ -117,111 +115,37 @@ def part_to_stl(solid: Part) -> bytes:
     return _solid_to_stl(solid, PRINT_DEVIATION_MM, PRINT_ANGLE_RAD)
 
 
-SAME_POINT_MM = 1e-4
-"""Distance below which two ends are the same point."""
-
-
 class OutlineNotCuttable(InputError):
     """Raised for a part that cannot be cut from a sheet."""
-
-
-@dataclass(frozen=True)
-class _CircleOutline:
-    """The outline of a round hole."""
-
-    centre: XY
-    radius_mm: float
-
-    @property
-    def first(self) -> XY:
-        """The centre, by which outlines are sorted."""
-        return _round_point(self.centre)
-
-
-@dataclass(frozen=True)
-class _PolylineOutline:
-    """A closed outline of lines and arcs."""
-
-    corners: tuple[XY, ...]
-    bulges: tuple[float, ...]
-    """Bulge of the side that begins at each corner: tangent of a quarter of its arc, positive for left turns, zero for
-    a line."""
-
-    @property
-    def first(self) -> XY:
-        """The corner with the lowest x, then y, by which outlines are sorted."""
-        return min(map(_round_point, self.corners))
-
-    def from_first(self) -> "_PolylineOutline":
-        """Return the same outline from its first corner on towards the lower neighbour: the modelling library may begin
-        anywhere."""
-        at = [*map(_round_point, self.corners)].index(self.first)
-        corners, bulges = (*self.corners[at:], *self.corners[:at]), (*self.bulges[at:], *self.bulges[:at])
-        if _round_point(corners[-1]) < _round_point(corners[1]):
-            corners, bulges = (corners[0], *corners[:0:-1]), tuple(0.0 - bulge for bulge in reversed(bulges))
-        return _PolylineOutline(corners, bulges)
-
-
-def _part_outlines(part: Part) -> list[_CircleOutline | _PolylineOutline]:
-    """Return the outer outline first, then every hole, each once; raises `OutlineNotCuttable`."""
-    top = part.faces().filter_by(Axis.Z).sort_by(Axis.Z)[-1]
-    inside = sorted((_wire_outline(wire) for wire in top.inner_wires()), key=lambda found: found.first)
-    return [_wire_outline(top.outer_wire()), *inside]
-
-
-def _wire_outline(wire: Wire) -> _CircleOutline | _PolylineOutline:
-    """Return the outline of one closed wire."""
-    edges = [*wire.order_edges()]
-    if len(edges) == 1 and edges[0].geom_type == GeomType.CIRCLE:
-        centre = edges[0].arc_center
-        return _CircleOutline((float(centre.X), float(centre.Y)), float(edges[0].radius))
-    sides = [_edge_to_side(edge) for edge in edges]
-    for (_, end, _), (start, _, _) in pairwise([*sides, sides[0]]):
-        if hypot(end[0] - start[0], end[1] - start[1]) > SAME_POINT_MM:
-            raise OutlineNotCuttable(f"expected an outline that continues at {end}, got a gap; report this part")
-    return _PolylineOutline(tuple(start for start, _, _ in sides), tuple(bulge for _, _, bulge in sides)).from_first()
-
-
-def _round_point(place: XY) -> XY:
-    """Return a point rounded so that coincident points are equal."""
-    return round(place[0], 4) + 0.0, round(place[1], 4) + 0.0
-
-
-Side = tuple[XY, XY, float]
-"""A side of an outline: start, end, bulge."""
-
-
-def _edge_to_side(edge: Edge) -> Side:
-    """Return the side of a line or an arc; raises `OutlineNotCuttable` for other curves."""
-    if edge.geom_type not in (GeomType.LINE, GeomType.CIRCLE):
-        raise OutlineNotCuttable(
-            f"expected lines and arcs to cut along, got {edge.geom_type}; cut this part another way"
-        )
-    start, middle, end = ((float(place.X), float(place.Y)) for place in (edge @ 0, edge @ 0.5, edge @ 1))
-    along, across = (end[0] - start[0], end[1] - start[1]), (middle[0] - start[0], middle[1] - start[1])
-    left = along[0] * across[1] - along[1] * across[0]
-    return start, end, 0.0 - 2 * left / hypot(*along) ** 2
 
 
 MILLIMETRES = 4
 """Value of $INSUNITS for millimetres."""
 OUTSIDE_LAYER, INSIDE_LAYER = "outside", "inside"
 """Layers: holes are cut first, or the plate falls out before them."""
+SAME_POINT_MM = 1e-4
+"""Distance below which two ends are the same point."""
 
 
 def part_to_dxf(part: Part) -> bytes:
-    """Return a flat part as DXF R2010. The kerf is not compensated, because it depends on the laser of the shop."""
+    """Return a flat part as DXF R2010: the outer outline, then every hole.
+
+    The kerf is not compensated, because it depends on the laser of the shop. Raises `OutlineNotCuttable`.
+    """
     from ezdxf._options import options
     from ezdxf.filemanagement import new
 
     # These replace today's date and a new identifier, so that the same design gives the same file.
     options.write_fixed_meta_data_for_testing = True
     drawing = new("R2010", units=MILLIMETRES)
-    for number, outline in enumerate(_part_outlines(part)):
-        layer = INSIDE_LAYER if number else OUTSIDE_LAYER
-        if layer not in drawing.layers:
-            drawing.layers.add(layer, color=1 if number else 7)
-        _add_outline(drawing.modelspace(), outline, layer)
+    top = part.faces().filter_by(Axis.Z).sort_by(Axis.Z)[-1]
+    holes = sorted(top.inner_wires(), key=lambda wire: _round_point(wire.center()))
+    drawing.layers.add(OUTSIDE_LAYER, color=7)
+    _add_outline(drawing.modelspace(), top.outer_wire(), OUTSIDE_LAYER)
+    if holes:
+        drawing.layers.add(INSIDE_LAYER, color=1)
+    for hole in holes:
+        _add_outline(drawing.modelspace(), hole, INSIDE_LAYER)
     # ezdxf would list them in the order of a set, which differs between processes.
     for kind in sorted(drawing.entitydb.dxf_types_in_use()):
         drawing.classes.add_class(kind)
@@ -230,10 +154,44 @@ def part_to_dxf(part: Part) -> bytes:
     return text.getvalue().encode()
 
 
-def _add_outline(space: Any, outline: _CircleOutline | _PolylineOutline, layer: str) -> None:
-    """Add one outline as one entity."""
-    if isinstance(outline, _CircleOutline):
-        space.add_circle(outline.centre, outline.radius_mm, dxfattribs={"layer": layer})
-        return
-    points = [(x, y, bulge) for (x, y), bulge in zip(outline.corners, outline.bulges, strict=True)]
-    space.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": layer})
+def _add_outline(space: Any, wire: Wire, layer: str) -> None:
+    """Add one closed wire as one entity: a circle, or a polyline of lines and arcs."""
+    edges = [*wire.order_edges()]
+    if len(edges) == 1 and edges[0].geom_type == GeomType.CIRCLE:
+        centre = edges[0].arc_center
+        space.add_circle((centre.X, centre.Y), edges[0].radius, dxfattribs={"layer": layer})
+    else:
+        space.add_lwpolyline(_polyline_corners(edges), format="xyb", close=True, dxfattribs={"layer": layer})
+
+
+def _polyline_corners(edges: Sequence[Edge]) -> list[tuple[float, float, float]]:
+    """Return x, y and bulge of every corner of a closed outline; raises `OutlineNotCuttable`.
+
+    The modelling library may begin anywhere: here the lowest corner is first, and its lower neighbour is next.
+    """
+    for edge, following in pairwise([*edges, edges[0]]):
+        if (edge @ 1 - following @ 0).length > SAME_POINT_MM:
+            raise OutlineNotCuttable(f"expected an outline that continues at {edge @ 1}, got a gap; report this part")
+    corners, bulges = [edge @ 0 for edge in edges], [_bulge_of_edge(edge) for edge in edges]
+    first = min(range(len(corners)), key=lambda number: _round_point(corners[number]))
+    corners, bulges = corners[first:] + corners[:first], bulges[first:] + bulges[:first]
+    if _round_point(corners[-1]) < _round_point(corners[1]):
+        corners, bulges = [corners[0], *corners[:0:-1]], [0.0 - bulge for bulge in reversed(bulges)]
+    return [(corner.X, corner.Y, bulge) for corner, bulge in zip(corners, bulges, strict=True)]
+
+
+def _bulge_of_edge(edge: Edge) -> float:
+    """Return the tangent of a quarter of an arc, positive for left turns; 0 for a line; raises `OutlineNotCuttable` for others."""
+    from ezdxf.math import bulge_3_points
+
+    if edge.geom_type == GeomType.LINE:
+        return 0.0
+    if edge.geom_type == GeomType.CIRCLE:
+        start, end, middle = ((place.X, place.Y) for place in (edge @ 0, edge @ 1, edge @ 0.5))
+        return bulge_3_points(start, end, middle)
+    raise OutlineNotCuttable(f"expected lines and arcs to cut along, got {edge.geom_type}; cut this part another way")
+
+
+def _round_point(place: Vector) -> XY:
+    """Return x and y rounded so that coincident points are equal."""
+    return round(place.X, 4) + 0.0, round(place.Y, 4) + 0.0

@@ -5,8 +5,8 @@ from itertools import pairwise
 from math import atan2, cos, hypot, pi, sin
 from typing import Annotated
 
-from ninedtact.design import DesignImpossible
-from ninedtact.hardware.part_dimensions import BoundedDimensions, Bounds
+from ninedtact.design import Bounds, DesignImpossible
+from ninedtact.hardware.part_dimensions import BoundedDimensions
 
 
 class LedBoardImpossible(DesignImpossible):

@@ -10,11 +10,13 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated
 
-from ninedtact.design import DesignImpossible
+import numpy as np
+
+from ninedtact.design import Bounds, DesignImpossible
 from ninedtact.hardware.design import HardwareDesign
 from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, LedBoardImpossible, PointMm
 from ninedtact.hardware.led_board.footprints import led_2835_footprint, micro_usb_footprint, soic_8_ep_footprint
-from ninedtact.hardware.part_dimensions import BoundedDimensions, Bounds, LedBoardDimensions
+from ninedtact.hardware.part_dimensions import BoundedDimensions, LedBoardDimensions
 
 
 @dataclass(frozen=True)
@@ -95,14 +97,6 @@ class LedPositions:
         return tuple((x, y) for y in self.rows_mm for x in self.columns_mm if y in rim or x in ends)
 
 
-def _evenly_spaced(half_span_mm: float, count: int) -> tuple[float, ...]:
-    """Return this many positions, evenly spaced from minus to plus half the span; fewer than two, which `LedPositions` refuses, as
-    they are."""
-    if count < 2:
-        return (half_span_mm,) * count
-    return tuple(half_span_mm * (2 * number / (count - 1) - 1) for number in range(count))
-
-
 LED_INSET_MM = LedBoardDimensions.led_inset_mm
 """Distance of the outer LEDs' centres from the edges."""
 
@@ -165,7 +159,8 @@ class LedBoardDesign(BoundedDimensions, table="led_board"):
         """Return the improved board on another outline: holes and outer LEDs keep their distances from the edges."""
         outline = BoardOutline(width_mm, height_mm)
         x, y = outline.half[0] - LED_INSET_MM[0], outline.half[1] - LED_INSET_MM[1]
-        return cls(outline, LedPositions(_evenly_spaced(x, columns), _evenly_spaced(-y, rows)))
+        columns_mm, rows_mm = np.linspace(-x, x, columns).tolist(), np.linspace(y, -y, rows).tolist()
+        return cls(outline, LedPositions(tuple(columns_mm), tuple(rows_mm)))
 
     @classmethod
     def original(cls) -> "LedBoardDesign":
@@ -298,32 +293,25 @@ class LedOperatingPoint:
 def compute_operating_point(resistor_ohm: float, leds: int = REFERENCE_LED_COUNT) -> LedOperatingPoint:
     """Return current, brightness and heat; raises `LedBoardImpossible` beyond the limits of driver, LEDs and USB."""
     if not 1_200 <= resistor_ohm <= 30_000:
-        raise _refusal("a resistor from 1200 to 30000 ohm, which the driver can follow", f"{resistor_ohm:g}")
+        raise LedBoardImpossible(
+            f"expected a resistor from 1200 to 30000 ohm, which the driver can follow, got {resistor_ohm:g}; take one in that range"
+        )
     total_ma = SETTING_V / resistor_ohm * 1000
-    light = LedOperatingPoint(
+    if total_ma > USB_MA:
+        raise LedBoardImpossible(
+            f"expected at most {USB_MA:g} mA from USB, got {total_ma:.0f} mA; take a larger resistor"
+        )
+    if total_ma / leds > LED_MA:
+        raise LedBoardImpossible(
+            f"expected at most {LED_MA:g} mA in each LED, got {total_ma / leds:.1f} mA; take a larger resistor or more LEDs"
+        )
+    return LedOperatingPoint(
         total_ma,
         total_ma / leds,
         REFERENCE_RESISTOR_OHM / resistor_ohm,
         (SUPPLY_V - LED_V) * total_ma / 1000,
         total_ma > USB_DEFAULT_MA,
     )
-    _require_within_limits(light)
-    return light
-
-
-def _require_within_limits(light: LedOperatingPoint) -> None:
-    """Refuse currents beyond the limits of the LEDs or of USB."""
-    if light.total_ma > USB_MA:
-        raise _refusal(f"at most {USB_MA:g} mA from USB", f"{light.total_ma:.0f} mA", "take a larger resistor")
-    if light.led_ma > LED_MA:
-        raise _refusal(
-            f"at most {LED_MA:g} mA in each LED", f"{light.led_ma:.1f} mA", "take a larger resistor or more LEDs"
-        )
-
-
-def _refusal(expected: str, got: str, remedy: str = "take one in that range") -> LedBoardImpossible:
-    """Return the error with expected, got and remedy."""
-    return LedBoardImpossible(f"expected {expected}, got {got}; {remedy}")
 
 
 def operating_point_of_board(board: LedBoardDesign) -> LedOperatingPoint:

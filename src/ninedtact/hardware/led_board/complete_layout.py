@@ -23,7 +23,7 @@ from ninedtact.hardware.led_board.components import (
     place_components,
     place_pads,
 )
-from ninedtact.hardware.led_board.routing import Routes, Track, Via, _route_connector, _route_driver, _route_led_ring
+from ninedtact.hardware.led_board.routing import Routes, Track, Via, route_board
 
 SEGMENTS_PER_QUARTER = 16
 """Straight pieces that approximate a quarter of a circle."""
@@ -182,7 +182,7 @@ class BoardLayout:
 def lay_out_board(board: LedBoardDesign) -> BoardLayout:
     """Place the components of a board, route its nets and pour its ground."""
     found = place_pads(board)
-    routes = _route_led_ring(board) + _route_driver(board, found) + _route_connector(board, found)
+    routes = route_board(board, found)
     holes = _all_holes(board, found, routes)
     pours = {side: _pour_ground(board, side, found, routes, holes) if board.copper.pour else () for side in SIDES}
     return BoardLayout(board, build_netlist(board), place_components(board), found, routes, holes, pours)

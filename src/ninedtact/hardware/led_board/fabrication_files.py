@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
-import numpy as np
-from shapely import Polygon, union_all
+from shapely import union_all
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, PointMm, outline_segments
+from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, PointMm
 from ninedtact.hardware.led_board.board_parameters import LedBoardDesign, operating_point_of_board
 from ninedtact.hardware.led_board.complete_layout import (
     SIDES,
@@ -24,25 +23,17 @@ from ninedtact.hardware.led_board.complete_layout import (
     hole_polygon,
     milled_board_polygon,
     pad_polygon,
-    split_polygons,
     track_polygon,
     via_polygon,
 )
 from ninedtact.hardware.led_board.components import BoardSide, PlacedComponent
 from ninedtact.hardware.led_board.design_rule_check import find_violations, lay_out_checked_board
-from ninedtact.hardware.led_board.gerber_and_drill import (
-    BoardLayer,
-    format_drill_file,
-    format_gerber_layer,
-    format_gerber_outline,
-    list_layer_shapes,
-)
+from ninedtact.hardware.led_board.gerber_and_drill import format_gerber_and_drill_files
 from ninedtact.hardware.led_board.kicad import format_kicad_board, format_kicad_project
 from ninedtact.hardware.led_board.silkscreen import place_designators
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.path import Path as PlotPath
 
 MASK, METAL, SOLDERED, BODY, INK = "#1f6b45", "#2f9a63", "#d9b65d", "#f4f1e6", "#22262b"
 DARK_BODY = "#3b3f46"
@@ -122,19 +113,9 @@ def _draw_component(axes: "Axes", part: PlacedComponent) -> None:
 
 def _fill_shape(axes: "Axes", shape: BaseGeometry, colour: str, alpha: float = 1.0) -> None:
     """Fill a shape with one colour, its holes left open."""
-    from matplotlib.patches import PathPatch
+    from shapely.plotting import patch_from_polygon
 
-    for polygon in split_polygons(shape):
-        axes.add_patch(PathPatch(_polygon_path(polygon), facecolor=colour, edgecolor="none", alpha=alpha))
-
-
-def _polygon_path(polygon: Polygon) -> "PlotPath":
-    """Return outer contour and holes as one path."""
-    from matplotlib.path import Path as PlotPath
-
-    return PlotPath.make_compound_path(
-        *(PlotPath(np.asarray(ring.coords), closed=True) for ring in (polygon.exterior, *polygon.interiors))
-    )
+    axes.add_patch(patch_from_polygon(shape, facecolor=colour, edgecolor="none", alpha=alpha))
 
 
 def _format_parts_list(layout: BoardLayout) -> str:
@@ -210,14 +191,6 @@ def format_fabrication_notes(layout: BoardLayout) -> str:
 
 
 BOARD_FILE_NAME = "led_board"
-LAYER_PREFIX: dict[BoardSide, str] = {"top": "F", "bottom": "B"}
-GERBER_LAYERS: tuple[tuple[BoardLayer, str, str, str], ...] = (
-    ("copper", "Cu", "Copper,L{number},{side}", "Positive"),
-    ("mask", "Mask", "Soldermask,{side}", "Negative"),
-    ("paste", "Paste", "Paste,{side}", "Positive"),
-    ("silk", "Silkscreen", "Legend,{side}", "Positive"),
-)
-"""For each layer: our name, the file's name, the Gerber function and the polarity."""
 ZIP_TIMESTAMP = 1980, 1, 1, 0, 0, 0
 """Date of all files in the archive, so that the same board gives the same archive."""
 
@@ -238,7 +211,9 @@ def write_board_files(layout: BoardLayout, out: Path) -> list[Path]:
 
 def build_board_files(layout: BoardLayout) -> dict[str, bytes]:
     """Return the content of every file by its name."""
-    fabrication = {name: text.encode() for name, text in _gerber_and_drill_files(layout).items()}
+    fabrication = {
+        f"{BOARD_FILE_NAME}-{name}": text.encode() for name, text in format_gerber_and_drill_files(layout).items()
+    }
     texts = {
         f"{BOARD_FILE_NAME}.kicad_pcb": format_kicad_board(layout),
         f"{BOARD_FILE_NAME}.kicad_pro": format_kicad_project(layout.board, BOARD_FILE_NAME),
@@ -255,21 +230,6 @@ def build_board_files(layout: BoardLayout) -> dict[str, bytes]:
             {**fabrication, f"{BOARD_FILE_NAME}_notes.txt": texts[f"{BOARD_FILE_NAME}_notes.txt"].encode()}
         ),
     }
-
-
-def _gerber_and_drill_files(layout: BoardLayout) -> dict[str, str]:
-    """Return Gerbers and drill files by their names."""
-    files = {}
-    for number, side in enumerate(SIDES, start=1):
-        for layer, suffix, function, polarity in GERBER_LAYERS:
-            layer_function = function.format(number=number, side="Top" if side == "top" else "Bot")
-            files[f"{BOARD_FILE_NAME}-{LAYER_PREFIX[side]}_{suffix}.gbr"] = format_gerber_layer(
-                list_layer_shapes(layout, layer, side), layer_function, polarity
-            )
-    files[f"{BOARD_FILE_NAME}-Edge_Cuts.gbr"] = format_gerber_outline(outline_segments(layout.board.outline))
-    files[f"{BOARD_FILE_NAME}-PTH.drl"] = format_drill_file(layout.holes, plated=True)
-    files[f"{BOARD_FILE_NAME}-NPTH.drl"] = format_drill_file(layout.holes, plated=False)
-    return files
 
 
 def _zip_files(files: dict[str, bytes]) -> bytes:

@@ -4,14 +4,14 @@ A layer consists of flashes, strokes and filled areas. Gerber files are in milli
 Format Specification). One drill file has the plated holes, another the unplated ones; slots are milled from end to end.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 from shapely import affinity
-from shapely.geometry.base import BaseGeometry
 
-from ninedtact.hardware.led_board.board_outline_and_holes import OutlineSegment, PointMm
+from ninedtact.hardware.led_board.board_outline_and_holes import OutlineSegment, PointMm, outline_segments
 from ninedtact.hardware.led_board.complete_layout import (
+    SIDES,
     BoardLayout,
     distinct_ring_vertices,
     merge_polygon_holes,
@@ -21,106 +21,22 @@ from ninedtact.hardware.led_board.complete_layout import (
 from ninedtact.hardware.led_board.components import BoardPad, BoardSide, DrilledHole
 from ninedtact.hardware.led_board.silkscreen import PEN_MM, place_designators
 
-BoardLayer = Literal["copper", "mask", "paste", "silk"]
 THERMAL_PASTE_MM = 0.55
 """Side of the five paste windows on the driver's thermal pad: with paste on the whole pad, the driver floats."""
 THERMAL_WINDOWS = (0.0, 0.0), (0.7, 0.0), (0.0, 0.7), (-0.7, 0.0), (0.0, -0.7)
 """Offsets of the windows from the pad's middle: between the vias, which would draw off the solder."""
 
 
-@dataclass(frozen=True)
-class _FlashedDisc:
-    """A flashed circle."""
-
-    at_mm: PointMm
-    diameter_mm: float
+def thermal_pad_paste_windows(pad: BoardPad) -> list[PointMm]:
+    """Return the centres of the stencil's windows on the driver's large thermal pad."""
+    return [(pad.at_mm[0] + dx, pad.at_mm[1] + dy) for dx, dy in THERMAL_WINDOWS]
 
 
-@dataclass(frozen=True)
-class _FlashedRectangle:
-    """A flashed rectangle."""
-
-    at_mm: PointMm
-    size_mm: PointMm
-
-
-@dataclass(frozen=True)
-class FlashedPolygon:
-    """A flashed polygon; its points are relative to where it is flashed."""
-
-    at_mm: PointMm
-    points: tuple[PointMm, ...]
-
-
-@dataclass(frozen=True)
-class _DrawnStroke:
-    """A line drawn with a round pen."""
-
-    width_mm: float
-    points: tuple[PointMm, ...]
-
-
-@dataclass(frozen=True)
-class _FilledArea:
-    """A filled contour; holes are reached through cuts of no width."""
-
-    points: tuple[PointMm, ...]
-
-
-PlottedShape = _FlashedDisc | _FlashedRectangle | FlashedPolygon | _DrawnStroke | _FilledArea
-
-
-def list_layer_shapes(layout: BoardLayout, layer: BoardLayer, side: BoardSide) -> tuple[PlottedShape, ...]:
-    """Return the shapes of one layer of one side."""
-    return {"copper": _copper_shapes, "mask": _mask_shapes, "paste": _paste_shapes, "silk": _silkscreen_shapes}[layer](
-        layout, side
-    )
-
-
-def _copper_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, ...]:
-    """Return the shapes of pour, tracks, pads and vias."""
-    areas = [_FilledArea(merge_polygon_holes(piece)) for piece in layout.pours[side]]
-    strokes = [_DrawnStroke(track.width_mm, track.points) for track in layout.routes.tracks if track.side == side]
-    flashes = [flashed_pad_shape(pad, 0.0) for pad in layout.pads if side in pad.sides]
-    return (*areas, *strokes, *flashes, *(_FlashedDisc(via.at_mm, via.diameter_mm) for via in layout.routes.vias))
-
-
-def _mask_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, ...]:
-    """Return the openings of the solder mask: all pads, a little larger; vias stay covered."""
-    margin = layout.board.rules.mask_margin_mm
-    return tuple(flashed_pad_shape(pad, margin) for pad in layout.pads if side in pad.sides)
-
-
-def _paste_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, ...]:
-    """Return the openings of the stencil."""
-    whole = [flashed_pad_shape(pad, 0.0) for pad in layout.pads if pad.sides == (side,) and pad.land.paste]
-    split = [pad for pad in layout.pads if pad.sides == (side,) and not pad.land.paste]
-    return (*whole, *(window for pad in split for window in thermal_pad_paste_openings(pad)))
-
-
-def thermal_pad_paste_openings(pad: BoardPad) -> tuple[_FlashedRectangle, ...]:
-    """Return the openings of the stencil for the driver's large thermal pad."""
-    x, y = pad.at_mm
-    return tuple(
-        _FlashedRectangle((x + dx, y + dy), (THERMAL_PASTE_MM, THERMAL_PASTE_MM)) for dx, dy in THERMAL_WINDOWS
-    )
-
-
-def _silkscreen_shapes(layout: BoardLayout, side: BoardSide) -> tuple[PlottedShape, ...]:
-    """Return a bar at each cathode and at pin 1 of the driver, and the designators for which there is space."""
-    marks = [(part, part.part.footprint.mark_mm) for part in layout.parts if part.side == side]
-    bars = [_DrawnStroke(PEN_MM, tuple(part.to_board_frame(end) for end in mark)) for part, mark in marks if mark]
-    return (*bars, *(_DrawnStroke(PEN_MM, line) for word in place_designators(layout, side) for line in word.lines))
-
-
-def flashed_pad_shape(pad: BoardPad, margin_mm: float) -> _FlashedRectangle | FlashedPolygon:
-    """Return a pad, enlarged by a margin, as a flashed shape."""
-    if not pad.land.corner_mm and not pad.cutouts:
-        return _FlashedRectangle(pad.at_mm, (pad.size_mm[0] + 2 * margin_mm, pad.size_mm[1] + 2 * margin_mm))
-    shape: BaseGeometry = pad_polygon(pad)
+def pad_contour(pad: BoardPad, margin_mm: float = 0.0) -> list[PointMm]:
+    """Return the contour of a pad, enlarged by a margin, relative to the pad's centre."""
+    shape = pad_polygon(pad)
     (outer,) = split_polygons(shape.buffer(margin_mm) if margin_mm else shape)
-    at_origin = affinity.translate(outer, -pad.at_mm[0], -pad.at_mm[1])
-    return FlashedPolygon(pad.at_mm, tuple(distinct_ring_vertices(at_origin.exterior)))
+    return distinct_ring_vertices(affinity.translate(outer, -pad.at_mm[0], -pad.at_mm[1]).exterior)
 
 
 FIRST_APERTURE = 10
@@ -136,50 +52,44 @@ class _GerberPlot:
     apertures: list[str] = field(default_factory=list)
     macros: list[str] = field(default_factory=list)
 
-    def choose(self, template: str) -> None:
-        """Select an aperture, which is defined once."""
-        if template not in self.apertures:
-            self.apertures.append(template)
-        self.commands.append(f"D{FIRST_APERTURE + self.apertures.index(template)}*")
+    def flash_circle(self, at: PointMm, diameter_mm: float) -> None:
+        """Flash a circle."""
+        self._flash(f"C,{diameter_mm:.6f}", at)
 
-    def macro(self, points: tuple[PointMm, ...]) -> str:
-        """Return the name of the aperture of a shape, which is defined once."""
-        corners = ",".join(f"{x:.6f},{y:.6f}" for x, y in (*points, points[0]))
-        body = f"4,1,{len(points)},{corners},0*"
-        if body not in self.macros:
-            self.macros.append(body)
-        return f"SHAPE{self.macros.index(body)}"
+    def flash_rectangle(self, at: PointMm, width_mm: float, height_mm: float) -> None:
+        """Flash a rectangle."""
+        self._flash(f"R,{width_mm:.6f}X{height_mm:.6f}", at)
 
-    def draw(self, shape: PlottedShape) -> None:
-        """Add the commands of one shape."""
-        match shape:
-            case _FlashedDisc(at, diameter):
-                self.choose(f"C,{diameter:.6f}")
-                self.commands.append(f"{_gerber_coordinates(at)}D03*")
-            case _FlashedRectangle(at, (width, height)):
-                self.choose(f"R,{width:.6f}X{height:.6f}")
-                self.commands.append(f"{_gerber_coordinates(at)}D03*")
-            case FlashedPolygon(at, points):
-                self.choose(self.macro(points))
-                self.commands.append(f"{_gerber_coordinates(at)}D03*")
-            case _DrawnStroke(width, points):
-                self.choose(f"C,{width:.6f}")
-                self.commands += _path_commands(points)
-            case _FilledArea(points):
-                self.commands += ["G36*", *_path_commands((*points, points[0])), "G37*"]
+    def flash_pad(self, pad: BoardPad, margin_mm: float = 0.0) -> None:
+        """Flash a pad, enlarged by a margin: a rectangle, or a polygon if it has rounded corners or cutouts."""
+        if pad.land.corner_mm or pad.cutouts:
+            self._flash(self._polygon_aperture(pad_contour(pad, margin_mm)), pad.at_mm)
+        else:
+            self.flash_rectangle(pad.at_mm, pad.size_mm[0] + 2 * margin_mm, pad.size_mm[1] + 2 * margin_mm)
 
-    def trace(self, edge: OutlineSegment) -> None:
-        """Add the commands of a segment of the outline."""
-        self.choose(f"C,{OUTLINE_PEN_MM:.6f}")
-        self.commands.append(f"{_gerber_coordinates(edge.start_mm)}D02*")
+    def draw_stroke(self, width_mm: float, points: Sequence[PointMm]) -> None:
+        """Draw a line with a round pen."""
+        self._choose(f"C,{width_mm:.6f}")
+        self._draw_path(points)
+
+    def fill_area(self, contour: Sequence[PointMm]) -> None:
+        """Fill a contour, whose holes are reached through cuts of no width."""
+        self.commands.append("G36*")
+        self._draw_path((*contour, contour[0]))
+        self.commands.append("G37*")
+
+    def draw_outline_segment(self, edge: OutlineSegment) -> None:
+        """Draw a segment of the outline."""
         if edge.centre_mm is None:
-            self.commands.append(f"{_gerber_coordinates(edge.end_mm)}D01*")
+            self.draw_stroke(OUTLINE_PEN_MM, (edge.start_mm, edge.end_mm))
             return
+        self._choose(f"C,{OUTLINE_PEN_MM:.6f}")
         i, j = (centre - start for centre, start in zip(edge.centre_mm, edge.start_mm, strict=True))
-        self.commands += ["G02*", f"{_gerber_coordinates(edge.end_mm)}I{_nanometres(i)}J{_nanometres(j)}D01*", "G01*"]
+        arc = f"{_gerber_coordinates(edge.end_mm)}I{_nanometres(i)}J{_nanometres(j)}D01*"
+        self.commands += [f"{_gerber_coordinates(edge.start_mm)}D02*", "G02*", arc, "G01*"]
 
-    def text(self, function: str, polarity: str = "Positive") -> str:
-        """Return the Gerber file."""
+    def to_text(self, function: str, polarity: str) -> str:
+        """Return the Gerber file of a layer with this function and polarity."""
         shapes = [f"%AMSHAPE{number}*{body}%" for number, body in enumerate(self.macros)]
         apertures = [f"%ADD{FIRST_APERTURE + number}{template}*%" for number, template in enumerate(self.apertures)]
         head = [
@@ -190,26 +100,28 @@ class _GerberPlot:
         setup = ["%FSLAX46Y46*%", "%MOMM*%", "%LPD*%"]
         return "\n".join([*head, *setup, *shapes, *apertures, "G75*", "G01*", *self.commands, "M02*", ""])
 
+    def _flash(self, template: str, at: PointMm) -> None:
+        self._choose(template)
+        self.commands.append(f"{_gerber_coordinates(at)}D03*")
 
-def format_gerber_layer(shapes: tuple[PlottedShape, ...], function: str, polarity: str = "Positive") -> str:
-    """Return a layer as a Gerber file."""
-    plot = _GerberPlot()
-    for shape in shapes:
-        plot.draw(shape)
-    return plot.text(function, polarity)
+    def _choose(self, template: str) -> None:
+        """Select an aperture, which is defined once."""
+        if template not in self.apertures:
+            self.apertures.append(template)
+        self.commands.append(f"D{FIRST_APERTURE + self.apertures.index(template)}*")
 
+    def _polygon_aperture(self, contour: Sequence[PointMm]) -> str:
+        """Return the name of the aperture of a polygon, which is defined once."""
+        corners = ",".join(f"{x:.6f},{y:.6f}" for x, y in (*contour, contour[0]))
+        body = f"4,1,{len(contour)},{corners},0*"
+        if body not in self.macros:
+            self.macros.append(body)
+        return f"SHAPE{self.macros.index(body)}"
 
-def format_gerber_outline(edges: tuple[OutlineSegment, ...]) -> str:
-    """Return the milled edge as a Gerber file."""
-    plot = _GerberPlot()
-    for edge in edges:
-        plot.trace(edge)
-    return plot.text("Profile,NP")
-
-
-def _path_commands(points: tuple[PointMm, ...]) -> list[str]:
-    """Return the commands that move to the first point and draw through the others."""
-    return [f"{_gerber_coordinates(points[0])}D02*", *(f"{_gerber_coordinates(point)}D01*" for point in points[1:])]
+    def _draw_path(self, points: Sequence[PointMm]) -> None:
+        """Move to the first point and draw through the others."""
+        first, *others = map(_gerber_coordinates, points)
+        self.commands += [f"{first}D02*", *(f"{place}D01*" for place in others)]
 
 
 def _gerber_coordinates(place: PointMm) -> str:
@@ -222,7 +134,80 @@ def _nanometres(length_mm: float) -> int:
     return round(length_mm * 1e6)
 
 
-def format_drill_file(holes: tuple[DrilledHole, ...], plated: bool) -> str:
+def _plot_copper(plot: _GerberPlot, layout: BoardLayout, side: BoardSide) -> None:
+    """Plot pour, tracks, pads and vias."""
+    for piece in layout.pours[side]:
+        plot.fill_area(merge_polygon_holes(piece))
+    for track in layout.routes.tracks:
+        if track.side == side:
+            plot.draw_stroke(track.width_mm, track.points)
+    for pad in layout.pads:
+        if side in pad.sides:
+            plot.flash_pad(pad)
+    for via in layout.routes.vias:
+        plot.flash_circle(via.at_mm, via.diameter_mm)
+
+
+def _plot_mask(plot: _GerberPlot, layout: BoardLayout, side: BoardSide) -> None:
+    """Plot the openings of the solder mask: all pads, a little larger; vias stay covered."""
+    for pad in layout.pads:
+        if side in pad.sides:
+            plot.flash_pad(pad, layout.board.rules.mask_margin_mm)
+
+
+def _plot_paste(plot: _GerberPlot, layout: BoardLayout, side: BoardSide) -> None:
+    """Plot the openings of the stencil: whole pads, then the windows of the thermal pad."""
+    soldered = [pad for pad in layout.pads if pad.sides == (side,)]
+    for pad in soldered:
+        if pad.land.paste:
+            plot.flash_pad(pad)
+    for window in (window for pad in soldered if not pad.land.paste for window in thermal_pad_paste_windows(pad)):
+        plot.flash_rectangle(window, THERMAL_PASTE_MM, THERMAL_PASTE_MM)
+
+
+def _plot_silkscreen(plot: _GerberPlot, layout: BoardLayout, side: BoardSide) -> None:
+    """Plot a bar at each cathode and at pin 1 of the driver, and the designators for which there is space."""
+    for part in layout.parts:
+        if part.side == side and part.part.footprint.mark_mm:
+            plot.draw_stroke(PEN_MM, [part.to_board_frame(end) for end in part.part.footprint.mark_mm])
+    for line in (line for word in place_designators(layout, side) for line in word.lines):
+        plot.draw_stroke(PEN_MM, line)
+
+
+LAYER_PREFIX: dict[BoardSide, str] = {"top": "F", "bottom": "B"}
+GERBER_LAYERS: tuple[tuple[str, str, str, Callable[[_GerberPlot, BoardLayout, BoardSide], None]], ...] = (
+    ("Cu", "Copper,L{number},{side}", "Positive", _plot_copper),
+    ("Mask", "Soldermask,{side}", "Negative", _plot_mask),
+    ("Paste", "Paste,{side}", "Positive", _plot_paste),
+    ("Silkscreen", "Legend,{side}", "Positive", _plot_silkscreen),
+)
+"""For each layer: the file's name, the Gerber function, the polarity, and what plots it."""
+
+
+def format_gerber_and_drill_files(layout: BoardLayout) -> dict[str, str]:
+    """Return Gerbers and drill files by the end of their names."""
+    files = {}
+    for number, side in enumerate(SIDES, start=1):
+        for suffix, function, polarity, plot_layer in GERBER_LAYERS:
+            plot = _GerberPlot()
+            plot_layer(plot, layout, side)
+            layer_function = function.format(number=number, side="Top" if side == "top" else "Bot")
+            files[f"{LAYER_PREFIX[side]}_{suffix}.gbr"] = plot.to_text(layer_function, polarity)
+    files["Edge_Cuts.gbr"] = format_gerber_outline(outline_segments(layout.board.outline))
+    files["PTH.drl"] = _format_drill_file(layout.holes, plated=True)
+    files["NPTH.drl"] = _format_drill_file(layout.holes, plated=False)
+    return files
+
+
+def format_gerber_outline(edges: Sequence[OutlineSegment]) -> str:
+    """Return the milled edge as a Gerber file."""
+    plot = _GerberPlot()
+    for edge in edges:
+        plot.draw_outline_segment(edge)
+    return plot.to_text("Profile,NP", "Positive")
+
+
+def _format_drill_file(holes: tuple[DrilledHole, ...], plated: bool) -> str:
     """Return the drill file of the plated or the unplated holes, tools in order of size."""
     chosen = [hole for hole in holes if hole.plated == plated]
     sizes = sorted({hole.width_mm for hole in chosen})

@@ -61,9 +61,10 @@ def _rim_line_y(board: LedBoardDesign) -> float:
     return board.outline.half[1] - RIM_MM - board.copper.ground_mm / 2
 
 
-def _route_led_ring(board: LedBoardDesign) -> Routes:
-    """Return all tracks of the upper side but those to the driver and the connector."""
-    return _route_anodes(board) + _route_cathodes(board)
+def route_board(board: LedBoardDesign, pads: tuple[BoardPad, ...]) -> Routes:
+    """Return all tracks and vias of a board with these pads."""
+    ring = _route_anodes(board) + _route_cathodes(board)
+    return ring + _route_driver(board, pads) + _route_connector(board, pads)
 
 
 def _route_anodes(board: LedBoardDesign) -> Routes:
