@@ -117,7 +117,7 @@ def test_places_where_a_lens_folds_the_image_are_not_looked_at(together: Calibra
 
 def test_a_fit_whose_lens_folds_is_not_accepted(together: Calibration, monkeypatch: pytest.MonkeyPatch) -> None:
     """It ends without an answer, and the calibration keeps the lens of the pins."""
-    assert together.ball.physical is not None
+    assert together.fits.twin is not None
     board = together.board
     before, after = (
         together.rectify(Frame(image)) for image in (together.images.board_reference, together.images.board)
@@ -126,7 +126,7 @@ def test_a_fit_whose_lens_folds_is_not_accepted(together: Calibration, monkeypat
     monkeypatch.setattr(
         "ninedtact.calibration.twin.lens_refinement.refine_lens", lambda *_: SimpleNamespace(lens=astray)
     )
-    board_press_fit = fit_board_press_and_lens(ObservedBoardPress(before, after, board), together.ball.physical.fit)
+    board_press_fit = fit_board_press_and_lens(ObservedBoardPress(before, after, board), together.fits.twin)
     assert not board_press_fit.converged and not board_press_fit.accepted
 
 

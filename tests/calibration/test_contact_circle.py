@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ninedtact.calibration.ball.ball_press import anchor_depth_curve_at_zero
+from ninedtact.calibration.ball.ball_fit import anchor_depth_curve_at_zero
 from ninedtact.calibration.ball.contact_circle import (
     BallPressUnusable,
     ContactCircle,

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ninedtact.calibration.board.board_fit import calibrated_area_mm
 from ninedtact.calibration.original_9dtact import folder_format
 from ninedtact.calibration.original_9dtact.folder_format import (
     OriginalCalibration,
@@ -14,7 +15,6 @@ from ninedtact.calibration.original_9dtact.folder_format import (
     write_original_calibration,
 )
 from ninedtact.calibration.original_9dtact.import_export import _calibrated_area_mm, _extend_source_px, _grid_start
-from ninedtact.calibration.procedure import calibrated_area_mm
 from ninedtact.calibration.sensor_folder import build_projection
 from ninedtact.calibration.sensor_toml_schema import LensModelTable
 from ninedtact.design import RectifiedImageSize, SensorDesign

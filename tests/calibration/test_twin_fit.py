@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from ninedtact.calibration.ball.ball_fit import fit_ball, rectified_flat_fielded_change
-from ninedtact.calibration.ball.contact_circle import BallPressUnusable, find_contact_circle
-from ninedtact.calibration.board.board_fit import fit_board
-from ninedtact.calibration.procedure import Calibration, CalibrationImages, build_rectification
+from ninedtact.calibration.ball.ball_fit import fit_ball
+from ninedtact.calibration.ball.ball_press import BallPress, find_usable_contact_circle
+from ninedtact.calibration.ball.contact_circle import BallPressUnusable
+from ninedtact.calibration.board.board_fit import build_rectification, fit_board
+from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
 from ninedtact.calibration.twin.sensor_twin import assemble_twin, fitted_gel
@@ -19,7 +20,7 @@ from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import finite_strain_ball_change_mm
 from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
 from ninedtact.mechanics.pose import Pose
-from ninedtact.quantities import Frame, skin_grid_mm
+from ninedtact.quantities import Frame, Rectified, skin_grid_mm
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 from ninedtact.simulation.twin import Twin
@@ -50,6 +51,10 @@ def pressed(twin: Twin, indenter: Indenter, at: Pose, drag_mm: tuple[float, floa
     return contact
 
 
+def press_in(before: Rectified, after: Rectified) -> BallPress:
+    return BallPress(before, after, find_usable_contact_circle(before, after, DESIGN.ball, "physics"))
+
+
 @pytest.fixture(scope="module")
 def known_press(twin: Twin) -> Contact:
     return pressed(twin, Ball(4.0), Pose(0.5, 0.4, 1.8), (0.4, -0.2))
@@ -60,9 +65,7 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
         calibrated_a.rectify(Frame(twin.renderer(contact, number)))
         for number, contact in enumerate((None, known_press))
     )
-    fit = fit_twin_to_ball_press(
-        before, after, find_contact_circle(rectified_flat_fielded_change(before, after)), DESIGN
-    )
+    fit = fit_twin_to_ball_press(press_in(before, after), DESIGN)
     assert fit.parameters["depth_mm"] == pytest.approx(1.8, abs=0.03)
     assert fit.drag_mm == pytest.approx((0.4, -0.2), abs=0.03)
     assert (fit.parameters["x_mm"], fit.parameters["y_mm"]) == pytest.approx((0.5, 0.4), abs=0.02)
@@ -85,9 +88,7 @@ def test_gel_at_finite_strain_is_not_taken_for_thinner_gel(twin: Twin, calibrate
     added_mm = finite_strain_ball_change_mm(np.hypot(x, y), 4.0, 1.5, GEL.thickness_mm)
     contact = replace(linear, height_mm=(linear.height_mm + added_mm).astype(np.float32))
     before, after = (calibrated_a.rectify(Frame(twin.renderer(one, n))) for n, one in enumerate((None, contact)))
-    fit = fit_twin_to_ball_press(
-        before, after, find_contact_circle(rectified_flat_fielded_change(before, after)), DESIGN
-    )
+    fit = fit_twin_to_ball_press(press_in(before, after), DESIGN)
     assert fit.parameters["finite_strain"] > 0.7
     assert fit.parameters["depth_mm"] == pytest.approx(1.5, abs=0.04)
     assert fit.parameters["thickness_mm"] == pytest.approx(2.3, rel=0.05)
@@ -124,13 +125,9 @@ def fits(real_images: dict[str, CalibrationImages]) -> dict[str, TwinFit]:
     found = {}
     for letter in "ai":
         images = real_images[letter]
-        rectify = build_rectification(
-            fit_board(images.board_reference, images.board, DESIGN.pin_board), DESIGN, "model"
-        )
+        rectify = build_rectification(fit_board(images.board_reference, images.board, DESIGN.pin_board), DESIGN)
         before, after = (rectify(Frame(image)) for image in (images.ball_reference, images.ball))
-        found[letter] = fit_twin_to_ball_press(
-            before, after, find_contact_circle(rectified_flat_fielded_change(before, after)), DESIGN
-        )
+        found[letter] = fit_twin_to_ball_press(press_in(before, after), DESIGN)
     return found
 
 

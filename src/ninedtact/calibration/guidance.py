@@ -14,20 +14,19 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.ball.ball_fit import find_usable_contact_circle
+from ninedtact.calibration.ball.ball_press import find_usable_contact_circle
 from ninedtact.calibration.ball.contact_circle import MAX_ASYMMETRY, BallPressUnusable, spherical_cap_height_mm
-from ninedtact.calibration.board.board_fit import fit_board
+from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.certificate.checks import CONTRAST_TO_NOISE
 from ninedtact.calibration.press_brightness import (
     OVEREXPOSED,
     BgrImage,
-    estimate_camera_noise,
     flat_fielded_brightness_change,
     smooth_gaussian,
     to_grey_float,
 )
-from ninedtact.calibration.procedure import CalibrationSettings, build_rectification
+from ninedtact.calibration.procedure import CalibrationSettings
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
@@ -88,7 +87,7 @@ def search_board_pins(
         return PinSearchResult(expected, found_px, missing_px, has_lens=False, side=side)
     missing_px = fit.points_px[~fit.found]
     side = _side_in_words(missing_px.mean(axis=0) / half - 1) if len(missing_px) else ""
-    contrast, noise = float(np.median(fit.contrast)), estimate_camera_noise(fit.change)
+    contrast, noise = float(np.median(fit.contrast)), fit.camera_noise_grey_levels
     return PinSearchResult(expected, fit.points_px[fit.found], missing_px, True, side, contrast, noise)
 
 

@@ -1,6 +1,6 @@
 """The fit of the digital twin to one ball press: the pose of the press, the thickness of the gel and the brightness model that
-explain the whole image, with their uncertainties. In: the rectified images before and after the press, and the contact circle in
-them. Out: `TwinFit`, from `fit_twin_to_ball_press`.
+explain the whole image, with their uncertainties. In: a `BallPress`, the rectified images and the contact circle in them. Out:
+`TwinFit`, from `fit_twin_to_ball_press`.
 
 The residual is not noise but a model error, smooth over millimetres. The number of independent observations is therefore estimated
 from the residual itself, and the design's gel thickness is added as one more observation. Where the residual is plain noise, that
@@ -16,7 +16,8 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from scipy.optimize import least_squares, lsq_linear
 
-from ninedtact.calibration.ball.contact_circle import ContactCircle
+from ninedtact.calibration.ball.ball_press import BallPress
+from ninedtact.calibration.ball.contact_circle import spherical_cap_height_mm
 from ninedtact.calibration.twin.ball_press_model import (
     COARSE_PATCH,
     FIT_PARAMETERS,
@@ -31,7 +32,6 @@ from ninedtact.calibration.twin.ball_press_model import (
 )
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.quantities import Rectified
 from ninedtact.shape.depth import mean_view_darkening
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
@@ -162,6 +162,24 @@ class TwinFit:
         return {**nonlinear, **linear}
 
     @property
+    def centre_mm(self) -> tuple[float, float]:
+        """x and y of the centre of the contact on the skin."""
+        return self.parameters["x_mm"], self.parameters["y_mm"]
+
+    @property
+    def centre_px(self) -> Float[Array, "2"]:
+        """The centre of the contact, (x, y) in the rectified image."""
+        before = self.forward.observed.before
+        rows, cols = before.grey.shape
+        middle_px = np.array([(cols - 1) / 2, (rows - 1) / 2])
+        return np.asarray(np.array(self.centre_mm) / before.mm_per_px + middle_px)
+
+    @property
+    def relative_depth_std(self) -> float:
+        """Standard deviation of the depth of the press, relative to the depth."""
+        return self.uncertainty.standard_deviations["depth_mm"] / self.parameters["depth_mm"]
+
+    @property
     def drag_mm(self) -> tuple[float, float]:
         """Displacement of the ball along the skin after the press."""
         return self.parameters["drag_x_mm"], self.parameters["drag_y_mm"]
@@ -240,22 +258,19 @@ class _PriorTerms:
 
 
 def fit_twin_to_ball_press(
-    before: Rectified,
-    after: Rectified,
-    circle: ContactCircle,
+    press: BallPress,
     design: SensorDesign,
     priors: tuple[ParameterPrior, ...] = (),
     initial: ParameterVector | None = None,
 ) -> TwinFit:
-    """Fit mechanics and light to one press of the design's ball, found at `circle`.
+    """Fit mechanics and light to one press of the design's ball.
 
     priors: prior terms from other images. initial: initial parameters, where approximate values are known.
     """
     start_s = perf_counter()
-    centre_mm = _pixel_to_skin_mm(before, circle.centre_px)
-    forward = BallPressModel(ObservedBallPress(before, after, centre_mm), design)
+    forward = BallPressModel(ObservedBallPress(press.before, press.after, press.centre_mm), design)
     if initial is None:
-        initial = _fit_coarsely(replace(forward, patch=COARSE_PATCH), _initial_guess(forward, circle))
+        initial = _fit_coarsely(replace(forward, patch=COARSE_PATCH), _initial_guess(press, design))
     _, initial_residual = forward.fit_linear_terms(initial)
     observations = effective_observation_count(forward.observed.image(initial_residual))
     prior_terms = _make_prior_terms(forward, initial_residual, observations, priors)
@@ -265,19 +280,19 @@ def fit_twin_to_ball_press(
     return TwinFit(forward, vector, coefficients, residual, uncertainty, perf_counter() - start_s)
 
 
-def _initial_guess(forward: BallPressModel, circle: ContactCircle) -> ParameterVector:
+def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:
     """Return the initial guess from the disc: its centre, the depth by the rule of its edge, the drag by the asymmetry
     of its bulge.
     """
-    ball_mm = forward.design.ball.radius_mm
-    radius_mm = circle.radius_px * forward.observed.before.mm_per_px
+    ball_mm = design.ball.radius_mm
+    radius_mm = press.edge_radius_mm
     if radius_mm >= ball_mm:
         radius_mm = WIDE_DISC_RADIUS * ball_mm
-    depth_mm = ball_mm - np.sqrt(ball_mm**2 - radius_mm**2) - EDGE_RULE_BIAS_MM
-    x, y = forward.observed.centre_mm
-    drag = dict(zip(("drag_x_mm", "drag_y_mm"), DRAG_PER_ASYMMETRY_MM * np.array(circle.leaning), strict=True))
+    depth_mm = spherical_cap_height_mm(ball_mm, radius_mm) - EDGE_RULE_BIAS_MM
+    x, y = press.centre_mm
+    drag = dict(zip(("drag_x_mm", "drag_y_mm"), DRAG_PER_ASYMMETRY_MM * np.array(press.circle.leaning), strict=True))
     guess = {"x_mm": x, "y_mm": y, "depth_mm": depth_mm, **drag, **TYPICAL_PARAMETERS}
-    guess["thickness_mm"] *= forward.design.gel.thickness_mm / SensorDesign().gel.thickness_mm
+    guess["thickness_mm"] *= design.gel.thickness_mm / SensorDesign().gel.thickness_mm
     lower, upper = parameter_bounds()
     return np.clip([guess[name] for name in PARAMETER_NAMES], lower + 1e-3, upper - 1e-3)
 
@@ -388,9 +403,3 @@ def _image_jacobian(
         perturbed, step = perturb_parameter(vector, index)
         columns.append((forward.fit_linear_terms(perturbed)[1] - residual) / step)
     return np.column_stack(columns)
-
-
-def _pixel_to_skin_mm(image: Rectified, px: tuple[float, float]) -> tuple[float, float]:
-    """Return the position on the skin in mm of a pixel (x, y) of a rectified image."""
-    rows, cols = image.grey.shape
-    return (px[0] - (cols - 1) / 2) * image.mm_per_px, (px[1] - (rows - 1) / 2) * image.mm_per_px

@@ -132,11 +132,10 @@ def _board_press_table(board_press_fit: BoardPressFit, fit: TwinFit) -> BoardPre
     """
     press = board_press_fit.press
     standard_deviations = board_press_fit.standard_deviations
-    ball_relative_std = fit.uncertainty.standard_deviations["depth_mm"] / fit.parameters["depth_mm"]
     return BoardPressFitTable(
         accepted=board_press_fit.accepted,
         depth_mm=press.depth_mm,
-        depth_std_mm=float(np.hypot(standard_deviations.depth_mm, ball_relative_std * press.depth_mm)),
+        depth_std_mm=float(np.hypot(standard_deviations.depth_mm, fit.relative_depth_std * press.depth_mm)),
         inverse_distance_per_mm=press.inverse_distance_per_mm,
         inverse_distance_std_per_mm=standard_deviations.inverse_distance_per_mm,
         point_spread_mm=press.point_spread_mm,
