@@ -64,7 +64,7 @@ def compare(depth_mm: float, found: TwinFit, linear: TwinFit) -> list[Figure]:
     off = [{name: 100 * (fit.parameters[name] / value - 1) for name, value in true.items()} for fit in (found, linear)]
     name = f"{depth_mm:g} mm deep: "
     return [
-        Figure(name + "share of finite strain", found.parameters["finite_strain"]),
+        Figure(name + "share of finite strain", found.press.finite_strain),
         *(
             at_most(
                 f"{name}{each.removesuffix('_mm')}, error of the fit, %",

@@ -191,7 +191,7 @@ def test_a_correction_removes_a_tenth_of_the_error_or_is_not_used(
     correction = LensModelCorrection(POINTS_MM, np.zeros((63, 2)), 3.0)
     tried = []
 
-    def fitted(fit: LensFit, left_out_px: np.ndarray, width_mm: float, noise: float) -> LensCorrectionFit:
+    def fitted(fit: LensFit, width_mm: float, noise: float) -> LensCorrectionFit:
         tried.append((width_mm, noise))
         share = left if (width_mm, noise) == (5.0, 0.03) else 2.0
         return LensCorrectionFit(correction, share * fit.leave_one_out_errors_mm)

@@ -44,8 +44,14 @@ def images(twin: Twin) -> CalibrationImages:
 
 
 @pytest.fixture(scope="module")
-def together(images: CalibrationImages) -> Calibration:
-    return calibrate(images)
+def steps() -> list[str]:
+    """What the calibration `together` announced."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def together(images: CalibrationImages, steps: list[str]) -> Calibration:
+    return calibrate(images, on_step=steps.append)
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +75,15 @@ def test_the_depth_of_imprints_is_found(together: Calibration) -> None:
     assert board_press.accepted
     assert board_press.depth_mm == pytest.approx(IMPRINT_MM, abs=max(3 * board_press.depth_std_mm, 0.05))
     assert board_press.inverse_distance_per_mm == pytest.approx(NEARNESS, abs=0.01)
+
+
+def test_board_and_ball_are_announced_in_turn(together: Calibration, steps: list[str]) -> None:
+    pins, ball, board = (
+        "finding the pins of the board and fitting the lens to them",
+        "fitting gel and light to the image of the ball",
+        "fitting the depth of the pins and the lens to the image of the board",
+    )
+    assert steps == [pins, ball, board, ball, board, ball]
 
 
 def test_the_lens_is_not_magnified_by_imprints(together: Calibration, apart: Calibration, twin: Twin) -> None:

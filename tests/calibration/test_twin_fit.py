@@ -66,14 +66,14 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
         for number, contact in enumerate((None, known_press))
     )
     fit = fit_twin_to_ball_press(press_in(before, after), DESIGN)
-    assert fit.parameters["depth_mm"] == pytest.approx(1.8, abs=0.03)
-    assert fit.drag_mm == pytest.approx((0.4, -0.2), abs=0.03)
-    assert (fit.parameters["x_mm"], fit.parameters["y_mm"]) == pytest.approx((0.5, 0.4), abs=0.02)
-    assert fit.parameters["thickness_mm"] == pytest.approx(2.3, abs=0.15)
-    assert fit.parameters["point_spread_mm"] == pytest.approx(np.hypot(0.5, fit.forward.observed.blur_mm), abs=0.04)
+    assert fit.press.depth_mm == pytest.approx(1.8, abs=0.03)
+    assert fit.press.drag_mm == pytest.approx((0.4, -0.2), abs=0.03)
+    assert fit.press.centre_mm == pytest.approx((0.5, 0.4), abs=0.02)
+    assert fit.press.thickness_mm == pytest.approx(2.3, abs=0.15)
+    assert fit.press.point_spread_mm == pytest.approx(np.hypot(0.5, fit.forward.observed.blur_mm), abs=0.04)
     assert fit.parameters["brightening_per_mm"] == pytest.approx(0.33, rel=0.1)
     assert fit.image_rmse_grey_levels < 0.3 and fit.radial_rmse_grey_levels < 0.1
-    assert fit.parameters["finite_strain"] < 0.2, "the gel of the twin is a linear layer"
+    assert fit.press.finite_strain < 0.2, "the gel of the twin is a linear layer"
     true = {"depth_mm": 1.8, "drag_x_mm": 0.4, "drag_y_mm": -0.2, "thickness_mm": 2.3, "inverse_distance_per_mm": 0.05}
     off = {
         name: abs(fit.parameters[name] - value) / fit.uncertainty.standard_deviations[name]
@@ -89,10 +89,10 @@ def test_gel_at_finite_strain_is_not_taken_for_thinner_gel(twin: Twin, calibrate
     contact = replace(linear, height_mm=(linear.height_mm + added_mm).astype(np.float32))
     before, after = (calibrated_a.rectify(Frame(twin.renderer(one, n))) for n, one in enumerate((None, contact)))
     fit = fit_twin_to_ball_press(press_in(before, after), DESIGN)
-    assert fit.parameters["finite_strain"] > 0.7
-    assert fit.parameters["depth_mm"] == pytest.approx(1.5, abs=0.04)
-    assert fit.parameters["thickness_mm"] == pytest.approx(2.3, rel=0.05)
-    assert fitted_gel(fit).finite_strain == fit.parameters["finite_strain"]
+    assert fit.press.finite_strain > 0.7
+    assert fit.press.depth_mm == pytest.approx(1.5, abs=0.04)
+    assert fit.press.thickness_mm == pytest.approx(2.3, rel=0.05)
+    assert fitted_gel(fit).finite_strain == fit.press.finite_strain
     deepest = np.array(-1.5)
     assert fit.light.brightness_change(deepest) == pytest.approx(LIGHT.brightness_change(deepest), rel=0.03)
 
@@ -137,8 +137,8 @@ def test_real_presses_are_explained(fits: dict[str, TwinFit]) -> None:
 
 
 def test_a_real_sheared_press_tells_its_drag(fits: dict[str, TwinFit]) -> None:
-    assert np.hypot(*fits["a"].drag_mm) < 0.2
-    x, y = fits["i"].drag_mm
+    assert np.hypot(*fits["a"].press.drag_mm) < 0.2
+    x, y = fits["i"].press.drag_mm
     assert x > 0.2 and y > 0.5, "the bulge of sensor I is brighter at +x and +y"
 
 

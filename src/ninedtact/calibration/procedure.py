@@ -233,7 +233,7 @@ def _alternate_board_and_ball(
         on_step("fitting gel and light to the image of the ball")
         try:
             press = find_ball_press(rectify, *ball_pair, design.ball, "physics")
-            ball = fit_ball_by_physics(press, design, board_press.priors, twin.vector)
+            ball = fit_ball_by_physics(press, design, board_press.priors, twin.press)
         except BallPressUnusable:
             return fits
         fits = CalibrationFits(refined, rectify, ball, board_press)

@@ -28,7 +28,7 @@ from ninedtact.calibration.ball.ball_press import BallFit, BallPress, find_ball_
 from ninedtact.calibration.ball.contact_circle import require_explained_by_ball, spherical_cap_height_mm
 from ninedtact.calibration.press_brightness import BgrImage, smooth_gaussian
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin_to_ball_press
-from ninedtact.calibration.twin.ball_press_model import PATCH, ParameterVector
+from ninedtact.calibration.twin.ball_press_model import PATCH, BallPressParameters
 from ninedtact.design import SensorDesign
 from ninedtact.shape.depth import (
     FINE_SMOOTHING,
@@ -69,7 +69,7 @@ def fit_ball_by_physics(
     press: BallPress,
     design: SensorDesign,
     priors: tuple[ParameterPrior, ...] = (),
-    initial: ParameterVector | None = None,
+    initial: BallPressParameters | None = None,
 ) -> "TwinBallFit":
     """Fit contact mechanics and light to a press, with priors and initial parameters as for `fit_twin_to_ball_press`.
 
@@ -225,7 +225,7 @@ class TwinBallFit(BallFit):
         x, y = self.twin_fit.forward.observed.positions_mm
         contact_height_mm = np.asarray(self.twin_fit.contact.height_mm, np.float32)
         sightlines = SightlineGrid(x, y, self.twin_fit.light.inverse_distance_per_mm)
-        return sightlines.height_mm(PATCH, self.twin_fit.centre_mm, contact_height_mm, fine=True)
+        return sightlines.height_mm(PATCH, self.twin_fit.press.centre_mm, contact_height_mm, fine=True)
 
     @cached_property
     def disc(self) -> Bool[Array, "rows cols"]:
@@ -240,7 +240,7 @@ class TwinBallFit(BallFit):
     @property
     def max_indentation_mm(self) -> float:
         """Depth of the ball's lowest point."""
-        return self.twin_fit.parameters["depth_mm"]
+        return self.twin_fit.press.depth_mm
 
     @property
     def loss(self) -> GlobalDimmingModel:
@@ -303,7 +303,7 @@ class TwinBallFit(BallFit):
         press that left little of the gel."""
         light = self.twin_fit.light
         start_mm = self._calibrated_depth_mm
-        end_mm = _MAX_DEPTH_PER_THICKNESS * min(self.twin_fit.parameters["thickness_mm"], light.thickness_mm)
+        end_mm = _MAX_DEPTH_PER_THICKNESS * min(self.twin_fit.press.thickness_mm, light.thickness_mm)
         if end_mm < start_mm + _MIN_CONTINUATION_MM:
             return CurveContinuation()
         depth_mm = np.linspace(start_mm, end_mm, _CONTINUATION_KNOT_COUNT + 1)

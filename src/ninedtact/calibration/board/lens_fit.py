@@ -42,10 +42,35 @@ class LensFit:
         The errors follow from the exact update of the linearised fit (PRESS, Allen 1974): residual / (1 − leverage), with a 2×2
         block per pin. They agree with n refits to within two per cent (tests/calibration/test_board.py).
         """
-        blocks = self.derivative.reshape(len(self.points_mm), 2, -1)
-        leverage = blocks @ np.linalg.pinv(self.derivative.T @ self.derivative) @ blocks.transpose(0, 2, 1)
-        left_out_px = np.linalg.solve(np.eye(2) - leverage, self.residual_px[..., None])
-        return np.asarray(np.linalg.solve(self.lens.px_per_mm(self.points_mm), left_out_px)[..., 0])
+        return np.asarray(
+            np.linalg.solve(self.lens.px_per_mm(self.points_mm), self._left_out_residual_px[..., None])[..., 0]
+        )
+
+    @cached_property
+    def _inverse_normal_matrix(self) -> Float[Array, "k k"]:
+        """The parameters' covariance for residuals of unit variance."""
+        return np.linalg.pinv(self.derivative.T @ self.derivative)
+
+    @property
+    def _pin_derivatives(self) -> Float[Array, "n 2 k"]:
+        """The Jacobian of every pin."""
+        return self.derivative.reshape(len(self.points_mm), 2, -1)
+
+    @cached_property
+    def _left_out_residual_px(self) -> Points:
+        """The residual of every pin for the lens that is fitted to all others: (1 − leverage)⁻¹ residual."""
+        blocks = self._pin_derivatives
+        leverage = blocks @ self._inverse_normal_matrix @ blocks.transpose(0, 2, 1)
+        return np.asarray(np.linalg.solve(np.eye(2) - leverage, self.residual_px[..., None])[..., 0])
+
+    @cached_property
+    def residuals_without_each_pin_px(self) -> Float[Array, "n n 2"]:
+        """The residuals at all pins (second axis) of the lens that is fitted without each pin (first axis)."""
+        blocks = self._pin_derivatives
+        change_px = np.einsum(
+            "jak,kl,ibl,ib->ija", blocks, self._inverse_normal_matrix, blocks, self._left_out_residual_px, optimize=True
+        )
+        return np.asarray(self.residual_px + change_px)
 
     @property
     def leave_one_out_rms_mm(self) -> float:
@@ -57,7 +82,7 @@ class LensFit:
         freedom = max(self.residual_px.size - self.derivative.shape[1], 1)
         variance = (self.residual_px**2).sum() / freedom
         gradient = _scale_gradient(self.lens, reach_mm)
-        covariance = np.linalg.pinv(self.derivative.T @ self.derivative) * variance
+        covariance = self._inverse_normal_matrix * variance
         return float(np.sqrt(gradient @ covariance @ gradient))
 
 
@@ -151,33 +176,20 @@ def fit_smooth_lens_residual(fit: LensFit, pitch_mm: float) -> LensCorrectionFit
     The residuals of the lens are regressed by a Gaussian process (Rasmussen & Williams 2006, algorithm 2.1). Each pin is left out
     of the lens, by the linearised update, and of the regression.
     """
-    left_out_px = _residuals_without_each_pin(fit)
     found = [
-        _fit_correction(fit, left_out_px, width * pitch_mm, noise)
-        for width in CORRECTION_WIDTHS
-        for noise in CORRECTION_NOISES
+        _fit_correction(fit, width * pitch_mm, noise) for width in CORRECTION_WIDTHS for noise in CORRECTION_NOISES
     ]
     best = min(found, key=lambda one: rms_vector_length(one.leave_one_out_errors_mm))
     gain = 1 - rms_vector_length(best.leave_one_out_errors_mm) / max(fit.leave_one_out_rms_mm, 1e-12)
     return best if gain >= MIN_CORRECTION_GAIN else None
 
 
-def _residuals_without_each_pin(fit: LensFit) -> Float[Array, "n n 2"]:
-    """Return the residuals in pixels at all pins (second axis) of the lens that is fitted without each pin (first axis)."""
-    blocks = fit.derivative.reshape(len(fit.points_mm), 2, -1)
-    inverse = np.linalg.pinv(fit.derivative.T @ fit.derivative)
-    leverage = blocks @ inverse @ blocks.transpose(0, 2, 1)
-    missed = np.linalg.solve(np.eye(2) - leverage, fit.residual_px[..., None])[..., 0]
-    return fit.residual_px + np.einsum("jak,kl,ibl,ib->ija", blocks, inverse, blocks, missed, optimize=True)
-
-
-def _fit_correction(
-    fit: LensFit, left_out_px: Float[Array, "n n 2"], width_mm: float, noise: float
-) -> LensCorrectionFit:
+def _fit_correction(fit: LensFit, width_mm: float, noise: float) -> LensCorrectionFit:
     """Return the correction of this width and relative variance of a pin's own error."""
     kernel, pins = gaussian_basis_matrix(fit.points_mm, fit.points_mm, width_mm), np.arange(len(fit.points_mm))
     smoothed = kernel + noise * np.eye(len(pins))
     weights = np.linalg.solve(smoothed, -fit.residual_px)
+    left_out_px = fit.residuals_without_each_pin_px
     errors_px = np.array(
         [
             left_out_px[pin, pin]

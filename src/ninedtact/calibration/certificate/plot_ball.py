@@ -186,7 +186,7 @@ def plot_twin_residual(fit: TwinFit) -> bytes:
     axes = add_labelled_axes(figure, (0.13, 0.135, 0.665, 0.84), "x (mm)", "y (mm)")
     extent_mm = _image_extent_mm(observed.before)
     image = axes.imshow(residual, cmap="RdBu_r", vmin=-scale, vmax=scale, extent=extent_mm)
-    _plot_drag_arrow(axes, fit.centre_mm, fit.drag_mm)
+    _plot_drag_arrow(axes, fit.press.centre_mm, fit.press.drag_mm)
     add_colour_bar(figure, image, (0.82, 0.135, 0.025, 0.84), "darker < 0 < brighter than predicted (grey levels)")
     return figure_to_png(figure)
 
@@ -220,7 +220,7 @@ def plot_radial_profile(fit: TwinFit) -> bytes:
 def _radial_mean(fit: TwinFit, values: Float[Array, " n"]) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
     """Return the mean of values at the observed points by their distance from the contact's centre."""
     x, y = fit.forward.observed.points_mm
-    ring = (np.hypot(x - fit.parameters["x_mm"], y - fit.parameters["y_mm"]).ravel() / RING_WIDTH_MM).astype(int)
+    ring = (np.hypot(x - fit.press.x_mm, y - fit.press.y_mm).ravel() / RING_WIDTH_MM).astype(int)
     count = np.bincount(ring)
     known = np.flatnonzero(count)
     return (known + 0.5) * RING_WIDTH_MM, np.bincount(ring, values)[known] / count[known]

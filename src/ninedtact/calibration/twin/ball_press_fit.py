@@ -7,7 +7,7 @@ from the residual itself, and the design's gel thickness is added as one more ob
 observation has no weight.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from time import perf_counter
 
@@ -23,9 +23,9 @@ from ninedtact.calibration.twin.ball_press_model import (
     FIT_PARAMETERS,
     PARAMETER_NAMES,
     BallPressModel,
+    BallPressParameters,
     ObservedBallPress,
     ParameterVector,
-    extract_press_parameters,
     parameter_bounds,
     parameter_scales,
     perturb_parameter,
@@ -145,7 +145,7 @@ class TwinFit:
     """The best parameters, their residual and their uncertainties."""
 
     forward: BallPressModel
-    vector: ParameterVector
+    press: BallPressParameters
     brightness_coefficients: Float[Array, "3"]
     """Level, slope of darkening and slope of brightening, solved linearly."""
     residual_grey_levels: Float[Array, " n"]
@@ -157,14 +157,8 @@ class TwinFit:
     def parameters(self) -> dict[str, float]:
         """All parameters by name, the searched ones and those solved linearly."""
         level, darkening, brightening = self.brightness_coefficients.tolist()
-        nonlinear = dict(zip(PARAMETER_NAMES, self.vector.tolist(), strict=True))
         linear = {"loss": level - 1, "darkening_per_mm": darkening / level, "brightening_per_mm": brightening / level}
-        return {**nonlinear, **linear}
-
-    @property
-    def centre_mm(self) -> tuple[float, float]:
-        """x and y of the centre of the contact on the skin."""
-        return self.parameters["x_mm"], self.parameters["y_mm"]
+        return {**asdict(self.press), **linear}
 
     @property
     def centre_px(self) -> Float[Array, "2"]:
@@ -172,22 +166,17 @@ class TwinFit:
         before = self.forward.observed.before
         rows, cols = before.grey.shape
         middle_px = np.array([(cols - 1) / 2, (rows - 1) / 2])
-        return np.asarray(np.array(self.centre_mm) / before.mm_per_px + middle_px)
+        return np.asarray(np.array(self.press.centre_mm) / before.mm_per_px + middle_px)
 
     @property
     def relative_depth_std(self) -> float:
         """Standard deviation of the depth of the press, relative to the depth."""
-        return self.uncertainty.standard_deviations["depth_mm"] / self.parameters["depth_mm"]
-
-    @property
-    def drag_mm(self) -> tuple[float, float]:
-        """Displacement of the ball along the skin after the press."""
-        return self.parameters["drag_x_mm"], self.parameters["drag_y_mm"]
+        return self.uncertainty.standard_deviations["depth_mm"] / self.press.depth_mm
 
     @property
     def contact(self) -> Contact:
         """The solved contact of the skin under the ball, with pressures in shear moduli."""
-        return self.forward.contact(extract_press_parameters(self.parameters))
+        return self.forward.contact(self.press)
 
     @property
     def image_rmse_grey_levels(self) -> float:
@@ -198,7 +187,7 @@ class TwinFit:
     def radial_rmse_grey_levels(self) -> float:
         """Root mean square of the mean residuals of rings of 0.05 mm, 0.1 to 8 mm from the contact's centre."""
         x, y = self.forward.observed.points_mm
-        radius = np.hypot(x - self.parameters["x_mm"], y - self.parameters["y_mm"]).ravel()
+        radius = np.hypot(x - self.press.x_mm, y - self.press.y_mm).ravel()
         ring = (radius / RING_WIDTH_MM).astype(int)
         count = np.bincount(ring)
         mean = np.bincount(ring, self.residual_grey_levels) / np.maximum(count, 1)
@@ -208,24 +197,18 @@ class TwinFit:
 
     @cached_property
     def light(self) -> BrightnessModel:
-        """The fitted brightness model of the sensor."""
-        parameters = self.parameters
-        darkening = self.mean_view_darkening
+        """The fitted brightness model of the sensor. The loss of light is proportional to the mean darkening of the whole view."""
+        observed, parameters = self.forward.observed, self.parameters
+        darkening = mean_view_darkening(observed.after.grey, observed.before.grey, parameters["loss"])
         return BrightnessModel(
             darkening_per_mm=max(parameters["darkening_per_mm"], 0.0),
-            saturation=parameters["saturation"],
+            saturation=self.press.saturation,
             brightening_per_mm=max(parameters["brightening_per_mm"], 0.0),
-            point_spread_mm=parameters["point_spread_mm"],
+            point_spread_mm=self.press.point_spread_mm,
             global_dimming=max(-parameters["loss"], 0.0) / darkening if darkening > 0 else 0.0,
-            inverse_distance_per_mm=parameters["inverse_distance_per_mm"],
+            inverse_distance_per_mm=self.press.inverse_distance_per_mm,
             thickness_mm=self.forward.design.gel.thickness_mm,
         )
-
-    @cached_property
-    def mean_view_darkening(self) -> float:
-        """Mean darkening of the whole view, to which the loss of light is proportional."""
-        observed = self.forward.observed
-        return mean_view_darkening(observed.after.grey, observed.before.grey, self.parameters["loss"])
 
 
 @dataclass(frozen=True)
@@ -261,7 +244,7 @@ def fit_twin_to_ball_press(
     press: BallPress,
     design: SensorDesign,
     priors: tuple[ParameterPrior, ...] = (),
-    initial: ParameterVector | None = None,
+    initial: BallPressParameters | None = None,
 ) -> TwinFit:
     """Fit mechanics and light to one press of the design's ball.
 
@@ -270,14 +253,18 @@ def fit_twin_to_ball_press(
     start_s = perf_counter()
     forward = BallPressModel(ObservedBallPress(press.before, press.after, press.centre_mm), design)
     if initial is None:
-        initial = _fit_coarsely(replace(forward, patch=COARSE_PATCH), _initial_guess(press, design))
-    _, initial_residual = forward.fit_linear_terms(initial)
+        start = _fit_coarsely(replace(forward, patch=COARSE_PATCH), _initial_guess(press, design))
+    else:
+        start = initial.vector
+    _, initial_residual = forward.fit_linear_terms(start)
     observations = effective_observation_count(forward.observed.image(initial_residual))
     prior_terms = _make_prior_terms(forward, initial_residual, observations, priors)
-    vector, jacobian = _fit_finely(forward, initial, prior_terms)
+    vector, jacobian = _fit_finely(forward, start, prior_terms)
     coefficients, residual = forward.fit_linear_terms(vector)
     uncertainty = _estimate_uncertainty(jacobian, residual, observations)
-    return TwinFit(forward, vector, coefficients, residual, uncertainty, perf_counter() - start_s)
+    return TwinFit(
+        forward, BallPressParameters.from_vector(vector), coefficients, residual, uncertainty, perf_counter() - start_s
+    )
 
 
 def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:

@@ -172,7 +172,7 @@ class BoardPressModel:
         """Solve the contact and return the height of the skin under the board."""
         gel = replace(
             self.twin_fit.forward.design.gel,
-            thickness_mm=self.twin_fit.parameters["thickness_mm"],
+            thickness_mm=self.twin_fit.press.thickness_mm,
             shear_modulus_mpa=1.0,
             poisson_ratio=press.poisson_ratio,
         )

@@ -227,7 +227,7 @@ class _BoardPressSolver:
 
     def bounded_step(self, press: BoardPressParameters, step: Float[Array, "6"]) -> BoardPressParameters:
         """Return the press after a step of limited length, within its bounds."""
-        max_depth_mm = MAX_DEPTH_PER_THICKNESS * self.model.twin_fit.parameters["thickness_mm"]
+        max_depth_mm = MAX_DEPTH_PER_THICKNESS * self.model.twin_fit.press.thickness_mm
         upper_bounds = replace(UPPER_BOUNDS, depth_mm=max_depth_mm)
         limited = np.clip(step, -MAX_STEP.vector, MAX_STEP.vector)
         return BoardPressParameters.from_vector(

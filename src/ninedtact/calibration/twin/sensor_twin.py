@@ -102,8 +102,8 @@ def fitted_gel(fit: TwinFit) -> Gel:
     """Return the design's gel with the fitted thickness and share of finite strain."""
     return replace(
         fit.forward.design.gel,
-        thickness_mm=fit.parameters["thickness_mm"],
-        finite_strain=fit.parameters["finite_strain"],
+        thickness_mm=fit.press.thickness_mm,
+        finite_strain=fit.press.finite_strain,
     )
 
 
@@ -113,8 +113,8 @@ def _twin_fit_quality(fit: TwinFit) -> TwinFitQuality:
     return TwinFitQuality(
         radial_rmse_grey_levels=fit.radial_rmse_grey_levels,
         image_rmse_grey_levels=fit.image_rmse_grey_levels,
-        depth_mm=fit.parameters["depth_mm"],
-        drag_mm=fit.drag_mm,
+        depth_mm=fit.press.depth_mm,
+        drag_mm=fit.press.drag_mm,
         effective_observations=uncertainty.effective_observations,
         duration_s=fit.duration_s,
         parameters={
