@@ -349,7 +349,7 @@ def _ball_quality(reference: BgrImage, ball: BallFit, design: SensorDesign, nois
         cross_validation_mae_mm=ball.cross_validation_mae_mm,
         range_mm=ball.curve.max_indentation_mm,
         noise_mm=noise_mm,
-        darkening_grey_levels=circle.drop,
+        darkening_grey_levels=circle.darkening_grey_levels,
         asymmetry=circle.asymmetry,
         overexposed_fraction=float((to_grey_float(reference) >= OVEREXPOSED).mean()),
     )

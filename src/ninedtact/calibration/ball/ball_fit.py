@@ -26,7 +26,7 @@ from scipy.optimize import isotonic_regression, minimize
 
 from ninedtact.calibration.ball.ball_press import BallFit, BallPress, find_ball_press
 from ninedtact.calibration.ball.contact_circle import require_explained_by_ball, spherical_cap_height_mm
-from ninedtact.calibration.press_brightness import BgrImage, smooth_gaussian
+from ninedtact.calibration.press_brightness import BgrImage, relative_brightness, smooth_gaussian
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin_to_ball_press
 from ninedtact.calibration.twin.ball_press_model import PATCH, BallPressParameters
 from ninedtact.design import SensorDesign
@@ -146,7 +146,7 @@ def _refine_centre(press: BallPress, design: SensorDesign) -> BallPress:
 
     The edge determines the disc's size well but its centre only roughly, because the bulge around it is never quite even.
     """
-    darkening = smooth_gaussian(1 - press.after.grey / np.maximum(press.before.grey, 1), _CENTRING_SMOOTHING_PX)
+    darkening = smooth_gaussian(1 - relative_brightness(press.after, press.before), _CENTRING_SMOOTHING_PX)
 
     def scatter(centre_px: Float[Array, "2"]) -> float:
         depth_mm = _rigid_ball_depth_mm(press.about(centre_px), design)

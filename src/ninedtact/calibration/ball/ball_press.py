@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Float32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.contact_circle import (
-    WIDEST_BY_PHYSICS,
+    MAX_RADIUS_BY_PHYSICS,
     ContactCircle,
     asymmetry_warnings,
     find_contact_circle,
@@ -24,6 +24,7 @@ from ninedtact.calibration.ball.contact_circle import (
 )
 from ninedtact.calibration.press_brightness import (
     BgrImage,
+    relative_brightness,
     require_same_image_size,
     require_usable_exposure,
     to_grey_float,
@@ -123,14 +124,14 @@ def find_usable_contact_circle(
 ) -> ContactCircle:
     """Return the contact circle of a ball that can calibrate depth by this method; raises `BallPressUnusable`."""
     circle = find_contact_circle(rectified_flat_fielded_change(before, after))
-    require_usable_depth(ball, circle, before.mm_per_px, WIDEST_BY_PHYSICS if method == "physics" else 1.0)
+    require_usable_depth(ball, circle, before.mm_per_px, MAX_RADIUS_BY_PHYSICS if method == "physics" else 1.0)
     require_disc_above_black(after.grey, circle)
     return circle
 
 
 def rectified_flat_fielded_change(before: Rectified, after: Rectified) -> Float32[Array, "rows cols"]:
     """Return the relative change of brightness of two rectified images, times the mean of the first, in grey levels."""
-    return (after.grey / np.maximum(before.grey, 1) - 1) * before.grey.mean()
+    return (relative_brightness(after, before) - 1) * before.grey.mean()
 
 
 @dataclass(frozen=True)

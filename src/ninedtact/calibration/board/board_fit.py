@@ -59,7 +59,7 @@ LensKind = Literal["model", "paper"]
 
 MAX_MISSING_FRACTION = 0.10
 """Largest fraction of the pins that may be predicted instead of detected."""
-REFINEMENTS = 4
+_REFINEMENT_ITERATIONS = 4
 SMOOTHING_PX = 1.0
 
 
@@ -162,30 +162,30 @@ def fit_board(
     require_usable_exposure("board reference", reference)
     require_usable_exposure("board image", press)
     change = flat_fielded_brightness_change(reference, press)
-    sighting = find_board_candidate(change, board, mounting)
-    if sighting is None or not is_plausible_board(sighting, board):
+    candidate = find_board_candidate(change, board, mounting)
+    if candidate is None or not is_plausible_board(candidate, board):
         raise make_board_not_found_error(
-            change, board, sighting.agreeing_px if sighting else np.empty((0, 2)), sighting
+            change, board, candidate.consistent_spots_px if candidate else np.empty((0, 2)), candidate
         )
-    return _refine_pins_and_lens(change, board, sighting)
+    return _refine_pins_and_lens(change, board, candidate)
 
 
-def _refine_pins_and_lens(change: Float32[Array, "rows cols"], board: PinBoard, sighting: BoardCandidate) -> BoardFit:
+def _refine_pins_and_lens(change: Float32[Array, "rows cols"], board: PinBoard, candidate: BoardCandidate) -> BoardFit:
     """Refine imprint centres and lens in turn, and search for undetected pins where the lens predicts them."""
-    cols, rows = lattice_size(board, sighting.mounting)
+    cols, rows = lattice_size(board, candidate.mounting)
     nodes = np.array([(column, row) for row in range(rows) for column in range(cols)])
-    points_mm = lattice_to_skin_mm(nodes, board, sighting.mounting)
-    image, noise, fit = smooth_gaussian(change, SMOOTHING_PX), estimate_pixel_noise(change), sighting.fit
+    points_mm = lattice_to_skin_mm(nodes, board, candidate.mounting)
+    image, noise, fit = smooth_gaussian(change, SMOOTHING_PX), estimate_pixel_noise(change), candidate.fit
     strays = np.zeros(len(nodes), bool)
-    for _ in range(REFINEMENTS):
+    for _ in range(_REFINEMENT_ITERATIONS):
         points_px, contrast, found = measure_pins(image, fit.lens, points_mm, noise, board)
         found &= ~strays
-        _require_enough_pins(change, board, nodes, found, points_px, sighting)
+        _require_enough_pins(change, board, nodes, found, points_px, candidate)
         fit = fit_lens(points_mm[found], points_px[found], fit.lens)
         strays[np.flatnonzero(found)[find_stray_pins(fit, board)]] = True
     where = np.where(found[:, None], points_px, fit.lens.to_px(points_mm))
     return _add_correction(
-        BoardFit(board, sighting.mounting, fit, nodes, points_mm, where, found, contrast, noise, change)
+        BoardFit(board, candidate.mounting, fit, nodes, points_mm, where, found, contrast, noise, change)
     )
 
 
@@ -207,13 +207,15 @@ def _require_enough_pins(
     nodes: Int[Array, "n 2"],
     found: Bool[Array, " n"],
     points_px: Points,
-    sighting: BoardCandidate,
+    candidate: BoardCandidate,
 ) -> None:
     """Refuse a board with too many pins missing, or with a whole side missing, which leaves its row or column ambiguous."""
     last = nodes.max(axis=0)
     sides = [found[nodes[:, axis] == end].any() for axis in (0, 1) for end in (0, last[axis])]
     if (~found).sum() > MAX_MISSING_FRACTION * board.count or not all(sides):
-        raise make_board_not_found_error(change, board, max(points_px[found], sighting.agreeing_px, key=len), sighting)
+        raise make_board_not_found_error(
+            change, board, max(points_px[found], candidate.consistent_spots_px, key=len), candidate
+        )
 
 
 def build_rectification(board: BoardFit, design: SensorDesign, kind: LensKind = "model") -> Rectification:

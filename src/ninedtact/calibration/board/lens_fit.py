@@ -10,11 +10,11 @@ from scipy.optimize import least_squares
 
 from ninedtact.shape.lens import LensModel, LensModelCorrection, Points, central_mm_per_px, gaussian_basis_matrix
 
-RADIAL_TERMS = (1, 2, 3)
-OUTLIER_PX = 1.5
+_RADIAL_TERM_COUNTS = (1, 2, 3)
+_HUBER_SCALE_PX = 1.5
 """Residual above which the loss is linear, so that one wrong spot does not bend the lens."""
 
-MOST_STEPS = 60
+_MAX_ITERATIONS = 60
 """Largest number of iterations. Real lenses take 20 to 30; one without distortion has no defined centre and would take thousands.
 """
 
@@ -91,10 +91,12 @@ def fit_lens(points_mm: Points, points_px: Points, near: LensModel) -> LensFit:
 
     near: a lens to start from.
     """
-    affordable = [terms for terms in RADIAL_TERMS if len(points_mm) > len(near.parameters) - len(near.radial) + terms]
+    affordable = [
+        terms for terms in _RADIAL_TERM_COUNTS if len(points_mm) > len(near.parameters) - len(near.radial) + terms
+    ]
     fits = [
         refine_lens(points_mm, points_px, with_radial_term_count(near, terms))
-        for terms in affordable or RADIAL_TERMS[:1]
+        for terms in affordable or _RADIAL_TERM_COUNTS[:1]
     ]
     return min(fits, key=lambda fit: fit.leave_one_out_rms_mm)
 
@@ -114,7 +116,13 @@ def refine_lens(points_mm: Points, points_px: Points, start: LensModel) -> LensF
         return start.with_parameters(parameters).px_per_parameter(points_mm).reshape(2 * len(points_mm), -1)
 
     solution = least_squares(
-        residual, start.parameters, derivative, x_scale="jac", loss="huber", f_scale=OUTLIER_PX, max_nfev=MOST_STEPS
+        residual,
+        start.parameters,
+        derivative,
+        x_scale="jac",
+        loss="huber",
+        f_scale=_HUBER_SCALE_PX,
+        max_nfev=_MAX_ITERATIONS,
     )
     return LensFit(start.with_parameters(solution.x), points_mm, points_px, derivative(solution.x))
 
@@ -147,11 +155,11 @@ def _scale_gradient(lens: LensModel, reach_mm: float, step: float = 1e-6) -> Flo
     )
 
 
-CORRECTION_WIDTHS = (1.5, 2.0, 3.0)
+_CORRECTION_WIDTHS = (1.5, 2.0, 3.0)
 """Widths of the smooth correction that are tried, in pitches of the pins."""
-CORRECTION_NOISES = (0.3, 0.03, 0.003, 0.0003)
+_CORRECTION_NOISES = (0.3, 0.03, 0.003, 0.0003)
 """Variances of a pin's own error that are tried, relative to that of the correction."""
-MIN_CORRECTION_GAIN = 0.1
+_MIN_CORRECTION_GAIN = 0.1
 """Part of the leave-one-out error that a correction must remove to be used. Where the lens model fits, the best of all candidates
 removes up to 0.03 by chance (three real boards).
 """
@@ -177,11 +185,11 @@ def fit_smooth_lens_residual(fit: LensFit, pitch_mm: float) -> LensCorrectionFit
     of the lens, by the linearised update, and of the regression.
     """
     found = [
-        _fit_correction(fit, width * pitch_mm, noise) for width in CORRECTION_WIDTHS for noise in CORRECTION_NOISES
+        _fit_correction(fit, width * pitch_mm, noise) for width in _CORRECTION_WIDTHS for noise in _CORRECTION_NOISES
     ]
     best = min(found, key=lambda one: rms_vector_length(one.leave_one_out_errors_mm))
     gain = 1 - rms_vector_length(best.leave_one_out_errors_mm) / max(fit.leave_one_out_rms_mm, 1e-12)
-    return best if gain >= MIN_CORRECTION_GAIN else None
+    return best if gain >= _MIN_CORRECTION_GAIN else None
 
 
 def _fit_correction(fit: LensFit, width_mm: float, noise: float) -> LensCorrectionFit:

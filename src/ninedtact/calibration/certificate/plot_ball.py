@@ -208,22 +208,13 @@ def plot_radial_profile(fit: TwinFit) -> bytes:
     observed = (fit.forward.observed.relative_brightness - 1) * fit.forward.observed.mean_grey
     predicted = observed - fit.residual_grey_levels
     for values, colour, label in ((observed, OBSERVED, "observed"), (predicted, PREDICTED, "predicted")):
-        upper.plot(*_radial_mean(fit, values), color=colour, linewidth=1.4, label=label)
+        upper.plot(*fit.radial_profile(values, RING_WIDTH_MM), color=colour, linewidth=1.4, label=label)
     upper.legend(loc="lower right", fontsize=8, frameon=False, labelcolor=INK)
     lower.plot(*_skin_cross_section(fit), color=INK, linewidth=1.2)
     for axes in (upper, lower):
         axes.axhline(0, color=PALE_INK, linewidth=0.6)
         axes.set_xlim(0, 8)
     return figure_to_png(figure)
-
-
-def _radial_mean(fit: TwinFit, values: Float[Array, " n"]) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
-    """Return the mean of values at the observed points by their distance from the contact's centre."""
-    x, y = fit.forward.observed.points_mm
-    ring = (np.hypot(x - fit.press.x_mm, y - fit.press.y_mm).ravel() / RING_WIDTH_MM).astype(int)
-    count = np.bincount(ring)
-    known = np.flatnonzero(count)
-    return (known + 0.5) * RING_WIDTH_MM, np.bincount(ring, values)[known] / count[known]
 
 
 def _skin_cross_section(fit: TwinFit) -> tuple[Float[Array, " n"], Float[Array, " n"]]:

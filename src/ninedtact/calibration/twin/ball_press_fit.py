@@ -135,7 +135,6 @@ FINE_TOLERANCE = 5e-5
 DERIVATIVE_REUSE_REDUCTION = 1e-2
 """Predicted relative reduction of the sum of squares below which the derivatives by the parameters of the contact, which need a
 contact solution each, are reused in the next iteration."""
-RING_WIDTH_MM = 0.05
 STEP_LENGTHS = (1.0, 0.4)
 """Fractions of a step (the step lengths of a line search) that are tried until one reduces the sum of squares."""
 
@@ -186,14 +185,18 @@ class TwinFit:
     @cached_property
     def radial_rmse_grey_levels(self) -> float:
         """Root mean square of the mean residuals of rings of 0.05 mm, 0.1 to 8 mm from the contact's centre."""
+        radius_mm, residual = self.radial_profile(self.residual_grey_levels, 0.05)
+        return float(np.sqrt(np.mean(residual[(radius_mm > 0.1) & (radius_mm < 8.0)] ** 2)))
+
+    def radial_profile(
+        self, values: Float[Array, " n"], ring_width_mm: float
+    ) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
+        """Return the radii in mm of rings about the contact's centre, and the mean of values at the observed points in each."""
         x, y = self.forward.observed.points_mm
-        radius = np.hypot(x - self.press.x_mm, y - self.press.y_mm).ravel()
-        ring = (radius / RING_WIDTH_MM).astype(int)
+        ring = (np.hypot(x - self.press.x_mm, y - self.press.y_mm).ravel() / ring_width_mm).astype(int)
         count = np.bincount(ring)
-        mean = np.bincount(ring, self.residual_grey_levels) / np.maximum(count, 1)
-        ring_radius_mm = (np.arange(count.size) + 0.5) * RING_WIDTH_MM
-        is_used = (count > 0) & (ring_radius_mm > 0.1) & (ring_radius_mm < 8.0)
-        return float(np.sqrt(np.mean(mean[is_used] ** 2)))
+        occupied = np.flatnonzero(count)
+        return (occupied + 0.5) * ring_width_mm, np.bincount(ring, values)[occupied] / count[occupied]
 
     @cached_property
     def light(self) -> BrightnessModel:
@@ -277,7 +280,9 @@ def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:
         radius_mm = WIDE_DISC_RADIUS * ball_mm
     depth_mm = spherical_cap_height_mm(ball_mm, radius_mm) - EDGE_RULE_BIAS_MM
     x, y = press.centre_mm
-    drag = dict(zip(("drag_x_mm", "drag_y_mm"), DRAG_PER_ASYMMETRY_MM * np.array(press.circle.leaning), strict=True))
+    drag = dict(
+        zip(("drag_x_mm", "drag_y_mm"), DRAG_PER_ASYMMETRY_MM * np.array(press.circle.asymmetry_vector), strict=True)
+    )
     guess = {"x_mm": x, "y_mm": y, "depth_mm": depth_mm, **drag, **TYPICAL_PARAMETERS}
     guess["thickness_mm"] *= design.gel.thickness_mm / SensorDesign().gel.thickness_mm
     lower, upper = parameter_bounds()

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.press_brightness import smooth_gaussian
+from ninedtact.calibration.press_brightness import relative_brightness, smooth_gaussian
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_model import ContactModel
@@ -144,8 +144,7 @@ def perturb_parameter(vector: ParameterVector, index: int) -> tuple[ParameterVec
     return perturbed, step
 
 
-SMOOTHING_PX = 1.5
-MIN_REFERENCE_GREY = 1.0
+_SMOOTHING_PX = 1.5
 
 
 @dataclass(frozen=True)
@@ -166,7 +165,7 @@ class ObservedPress(ABC):
     @cached_property
     def ratio(self) -> Float32[Array, "rows cols"]:
         """Smoothed brightness relative to the reference image."""
-        return smooth_gaussian(self.after.grey / np.maximum(self.before.grey, MIN_REFERENCE_GREY), SMOOTHING_PX)
+        return smooth_gaussian(relative_brightness(self.after, self.before), _SMOOTHING_PX)
 
     @cached_property
     def positions_mm(self) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
@@ -228,7 +227,7 @@ class ObservedBallPress(ObservedPress):
     @property
     def blur_mm(self) -> float:
         """Standard deviation of the smoothing, which is part of the fitted point spread."""
-        return SMOOTHING_PX * self.before.mm_per_px
+        return _SMOOTHING_PX * self.before.mm_per_px
 
 
 PATCH = PeriodicGrid(128, 128, 0.2)

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.calibration.board.board_fit import BoardFit
-from ninedtact.calibration.board.pin_imprint_centres import IMPRINT_RADIUS, locate_imprints_mm
+from ninedtact.calibration.board.pin_imprint_centres import IMPRINT_RADIUS_PITCHES, locate_imprints_mm
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.calibration.twin.ball_press_model import FRICTION, ObservedPress
 from ninedtact.design import PinBoard
@@ -192,4 +192,4 @@ class BoardPressModel:
 
     def imprints_mm(self, image: PredictedBrightnessField, pins_mm: Points) -> Points:
         """Return the positions on the plane at which the imprints of these pins appear, located as in a real image."""
-        return locate_imprints_mm(image.field, image, pins_mm, IMPRINT_RADIUS * self.board.pitch_mm)
+        return locate_imprints_mm(image.field, image, pins_mm, IMPRINT_RADIUS_PITCHES * self.board.pitch_mm)
