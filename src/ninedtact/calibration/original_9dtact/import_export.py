@@ -29,7 +29,6 @@ from ninedtact.calibration.ball.ball_press import simulate_height_noise_mm
 from ninedtact.calibration.board.board_fit import calibrated_area_mm
 from ninedtact.calibration.original_9dtact.folder_format import (
     ORIGINAL_FILES,
-    OUT_OF_VIEW_PX,
     OriginalCalibration,
     OriginalFolderDamaged,
     find_original_sensor_folder,
@@ -57,7 +56,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.errors import OutputError
 from ninedtact.quantities import HeightSource
 from ninedtact.shape.depth import DepthCurve, DepthReader, Smoothing
-from ninedtact.shape.rectification import Area, Rectification
+from ninedtact.shape.rectification import OUT_OF_VIEW_PX, Area, Rectification
 
 PUBLISHED_SCATTER_MM = 0.0304
 """Standard deviation of the scatter about the list. The folder does not contain it; this is the paper's value on balls."""

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
-from ninedtact.calibration.original_9dtact.folder_format import OUT_OF_VIEW_PX
 from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import (
@@ -26,7 +25,7 @@ from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.quantities import skin_grid_mm
-from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.rectification import OUT_OF_VIEW_PX, Rectification
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, coarse_pixel_grid, interpolate_pixel_map
 from ninedtact.simulation.renderer import CameraNoise, Renderer
