@@ -21,6 +21,7 @@ from ninedtact.mechanics.finite_strain import finite_strain_ball_change_mm
 from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, Rectified, skin_grid_mm
+from ninedtact.shape.depth import DepthMethod
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 from ninedtact.simulation.twin import Twin
@@ -163,6 +164,25 @@ def test_physics_reads_another_ball_better_than_the_rule(
         read = fit_ball(rectify, *images, DESIGN, method).reader(before, rectify.height_source)(after)
         off[method] = float(np.abs(read.indentation_mm + np.minimum(true, 0))[true < -0.05].mean())
     assert off["physics"] < 0.03 < 0.06 < off["ratio"]
+
+
+@pytest.mark.parametrize("method", ["physics", "ratio", "table"])
+def test_every_fit_of_a_ball_knows_the_skin_and_reads_it_back(
+    method: DepthMethod, twin: Twin, known_press: Contact, calibrated_a: Calibration
+) -> None:
+    fit = fit_ball(calibrated_a.rectify, twin.renderer(None, 1), twin.renderer(known_press, 2), DESIGN, method)
+    assert fit.method == method
+    assert fit.depth_mm.max() == pytest.approx(fit.max_indentation_mm, abs=0.02)
+    assert (fit.depth_mm[fit.disc] > 0).all()
+    assert np.array_equal(fit.depth_mm, np.maximum(-fit.height_mm, 0))
+    read = fit.reader(fit.press.before, calibrated_a.rectify.height_source)(fit.press.after)
+    in_view = fit.disc & read.in_view
+    error_mm = np.abs(read.indentation_mm - fit.depth_mm)[in_view].mean()
+    assert error_mm == pytest.approx(fit.reconstruction_mae_mm, abs=1e-3)
+    assert min(fit.curve.error_mm) >= fit.cross_validation_mae_mm > 0
+    assert (fit.deblurring is not None, fit.loss.global_dimming > 0, fit.curve.knows_bulges) == (
+        method == "physics",
+    ) * 3
 
 
 def test_bulges_are_read_and_nothing_is_read_from_nothing(

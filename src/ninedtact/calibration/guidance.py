@@ -238,10 +238,10 @@ class _BoardPressWatcher:
         return (
             CalibrationStepAdvice(f"{self.count}hold still {len(self.still)}/{AVERAGED}")
             if mean is None
-            else self._judge_press(mean)
+            else self._evaluate_press(mean)
         )
 
-    def _judge_press(self, mean: BgrImage) -> CalibrationStepAdvice:
+    def _evaluate_press(self, mean: BgrImage) -> CalibrationStepAdvice:
         """Return the advice about a still press, and the image where it is good enough."""
         pins = search_board_pins(self.reference, mean, self.design, self.settings)
         self.patience -= pins.has_lens
@@ -281,16 +281,16 @@ class _BallPressWatcher:
             return CalibrationStepAdvice(str(refusal).partition(", got ")[2])
         radius_mm = min(circle.radius_px * self.rectify.mm_per_px, self.design.ball.radius_mm)
         depth_mm = spherical_cap_height_mm(self.design.ball.radius_mm, radius_mm)
-        wish = _ball_press_advice(depth_mm, circle.asymmetry)
+        advice = _ball_press_advice(depth_mm, circle.asymmetry)
         mean = self.still.add(image)
-        if mean is None or (wish and self.waits()):
+        if mean is None or (advice and self._awaits_better_press()):
             return CalibrationStepAdvice(
-                f"{depth_mm:.2f} mm deep, {wish or f'hold still {len(self.still)}/{AVERAGED}'}"
+                f"{depth_mm:.2f} mm deep, {advice or f'hold still {len(self.still)}/{AVERAGED}'}"
             )
         return CalibrationStepAdvice(f"ball taken: {depth_mm:.2f} mm deep, uneven by {circle.asymmetry:.0%}", mean)
 
-    def waits(self) -> bool:
-        """Whether a better press is still awaited."""
+    def _awaits_better_press(self) -> bool:
+        """Return whether a better press is still awaited; this one counts, and the next must be held still again."""
         self.still.images.clear()
         self.patience -= 1
         return self.patience > 0

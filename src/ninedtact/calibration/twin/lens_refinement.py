@@ -201,19 +201,12 @@ class _BoardPressSolver:
         """
         image = self.model.predict_image(press)
         change = image.at(points_mm)
-
-        def derivative(name: str, step: float) -> Float[Array, " n"]:
-            perturbed = replace(press, **{name: getattr(press, name) + step})
-            return (self.model.predict_image(perturbed).at(points_mm) - change) / step
-
-        by_inverse_distance, by_point_spread = (derivative(*step) for step in VIEW_DIFFERENCE_STEPS.items())
+        view_derivatives = self.differentiate(press, points_mm, change, VIEW_DIFFERENCE_STEPS)
         if contact_derivatives is None:
-            contact_derivatives = np.array([derivative(*step) for step in CONTACT_DIFFERENCE_STEPS.items()])
+            contact_derivatives = self.differentiate(press, points_mm, change, CONTACT_DIFFERENCE_STEPS)
         by_depth, by_poisson_ratio = contact_derivatives
         x, y = points_mm.T
-        by_press = np.column_stack(
-            [by_depth, -y * by_depth, x * by_depth, by_poisson_ratio, by_inverse_distance, by_point_spread]
-        )
+        by_press = np.column_stack([by_depth, -y * by_depth, x * by_depth, by_poisson_ratio, *view_derivatives])
         by_lens = np.einsum("ni,nik->nk", _image_gradient(image, points_mm), modes)
         plane = np.column_stack([np.ones(len(x)), x / LIGHT_LENGTH_SCALE_MM, y / LIGHT_LENGTH_SCALE_MM])
         by_light = plane * (1 + change)[:, None]
@@ -224,6 +217,14 @@ class _BoardPressSolver:
         residual = self.observed.relative_brightness - predicted
         grey = self.observed.mean_grey
         return _LinearisedProblem(residual * grey, jacobian * grey, contact_derivatives)
+
+    def differentiate(
+        self, press: BoardPressParameters, points_mm: Points, change: Float[Array, " n"], steps: dict[str, float]
+    ) -> Float[Array, "k n"]:
+        """Return the difference quotients of the predicted brightness, `change` at this press, by some of its parameters."""
+        perturbed = [replace(press, **{name: getattr(press, name) + step}) for name, step in steps.items()]
+        images = [self.model.predict_image(one).at(points_mm) for one in perturbed]
+        return np.array([(image - change) / step for image, step in zip(images, steps.values(), strict=True)])
 
     def bounded_step(self, press: BoardPressParameters, step: Float[Array, "6"]) -> BoardPressParameters:
         """Return the press after a step of limited length, within its bounds."""
