@@ -18,10 +18,10 @@ from figures import Figure, answer, at_most, holds
 from real_images import sensor_folder
 
 from ninedtact import SensorDesign, read_image
-from ninedtact.calibration.ball.ball_fit import BallFit, fit_ball
+from ninedtact.calibration.ball.ball_fit import fit_ball
+from ninedtact.calibration.ball.ball_press import BallFit
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
-from ninedtact.calibration.board.board_fit import fit_board
-from ninedtact.calibration.procedure import build_rectification
+from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.shape.depth import DepthMethod
 from ninedtact.shape.rectification import Rectification
 
@@ -52,7 +52,7 @@ def ball_accuracy(json: bool = False) -> None:
 def grid(folder: Path) -> Rectification:
     """The sensor's rectification, from its board."""
     reference, press = (read_image(folder / f"{name}.png") for name in ("board_reference", "board"))
-    return build_rectification(fit_board(reference, press, SensorDesign().pin_board), SensorDesign(), "lens")
+    return build_rectification(fit_board(reference, press, SensorDesign().pin_board), SensorDesign())
 
 
 def fitted(folder: Path, rectify: Rectification, method: DepthMethod, distance_mm: float) -> BallFit:

@@ -16,11 +16,7 @@ from figures import Figure, answer, at_most, holds
 from real_images import sensor_folders
 
 from ninedtact import SensorDesign, read_image
-from ninedtact.calibration.board.board_fit import (
-    BoardFit,
-    fit_board,
-    pin_map_leave_one_out_rms_mm,
-)
+from ninedtact.calibration.board.board_fit import BoardFit, fit_board
 from ninedtact.calibration.board.lens_fit import LensFit, fit_lens_with_terms, rms_vector_length
 
 SENSOR_A_MM = 0.05
@@ -70,7 +66,7 @@ def dented(image: np.ndarray, dent: tuple[float, float, float, float]) -> np.nda
 
 def original_mm(board: BoardFit) -> float:
     """The original's way on the same board, and on the same pins."""
-    return pin_map_leave_one_out_rms_mm(board)
+    return board.published_map.leave_one_out_rms_mm
 
 
 def refitted_mm(fit: LensFit) -> np.ndarray:

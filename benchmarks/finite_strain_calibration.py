@@ -13,15 +13,12 @@ from ball_in_layer import Press, RigidBall, follow
 from figures import Figure, answer, at_most
 from neo_hookean import Layer, Parts
 
-from ninedtact.calibration.ball.ball_fit import rectified_flat_fielded_change
-from ninedtact.calibration.ball.contact_circle import find_contact_circle
-from ninedtact.calibration.board.board_fit import fit_board
-from ninedtact.calibration.procedure import build_rectification
+from ninedtact.calibration.ball.ball_press import find_ball_press
+from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin_to_ball_press
 from ninedtact.design import Gel
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.real_sensor_twins import twins_of_real_fits
 from ninedtact.simulation.trajectory import ScriptedPress
@@ -38,17 +35,16 @@ def finite_strain_calibration(json: bool = False, element_mm: float = 0.12) -> N
     member = replace(twins_of_real_fits()[SENSOR], gel=GEL)
     twin, design = member.twin(), member.design
     images = simulate_calibration_images(twin, design, presses=member.presses)
-    rectify = build_rectification(fit_board(images.board_reference, images.board, design.pin_board), design, "model")
-    before = rectify(Frame(images.ball_reference))
+    rectify = build_rectification(fit_board(images.board_reference, images.board, design.pin_board), design)
     figures: list[Figure] = []
     steps_mm = np.arange(1, round(DEPTHS_MM[-1] / 0.1) + 1) * 0.1
     layer = Layer(thickness_mm=GEL.thickness_mm, element_mm=element_mm)
     for press in follow(Parts(layer), RigidBall(BALL_MM, sticks=True), steps_mm.round(3).tolist()):
         if press.depth_mm not in DEPTHS_MM:
             continue
-        after = rectify(Frame(twin.renderer(draw_press(twin, press), 1)))
-        circle = find_contact_circle(rectified_flat_fielded_change(before, after))
-        found, linear = (fit_twin_to_ball_press(before, after, circle, design, priors) for priors in ((), LINEAR))
+        image = twin.renderer(draw_press(twin, press), 1)
+        seen = find_ball_press(rectify, images.ball_reference, image, design.ball, "physics")
+        found, linear = (fit_twin_to_ball_press(seen, design, priors) for priors in ((), LINEAR))
         figures += compare(press.depth_mm, found, linear)
     answer("A ball on finite elements: fitted (peer: held at a linear layer)", figures, json)
 
@@ -68,7 +64,7 @@ def compare(depth_mm: float, found: TwinFit, linear: TwinFit) -> list[Figure]:
     off = [{name: 100 * (fit.parameters[name] / value - 1) for name, value in true.items()} for fit in (found, linear)]
     name = f"{depth_mm:g} mm deep: "
     return [
-        Figure(name + "share of finite strain", found.parameters["finite_strain"]),
+        Figure(name + "share of finite strain", found.press.finite_strain),
         *(
             at_most(
                 f"{name}{each.removesuffix('_mm')}, error of the fit, %",

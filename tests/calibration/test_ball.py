@@ -10,16 +10,16 @@ from hypothesis.extra import numpy as arrays
 from known_sensor import DARK_PER_MM, LENS, KnownSensor, with_board
 from scipy import ndimage
 
-from ninedtact.calibration.ball.ball_fit import BallFit, fit_ball
-from ninedtact.calibration.ball.ball_press import fit_monotone_depth_curve
+from ninedtact.calibration.ball.ball_fit import fit_ball, fit_monotone_depth_curve
+from ninedtact.calibration.ball.ball_press import BallFit
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
+from ninedtact.calibration.board.board_fit import calibrated_area_mm
 from ninedtact.calibration.guidance import guided_capture_steps
 from ninedtact.calibration.procedure import (
     Calibration,
     CalibrationImages,
     CalibrationSettings,
     calibrate,
-    calibrated_area_mm,
 )
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.quantities import Frame

@@ -10,10 +10,6 @@ from known_sensor import KnownSensor, with_board
 
 from ninedtact.calibration.board.board_fit import (
     fit_board,
-    fit_published_projection,
-    pin_map_leave_one_out_rms_mm,
-    published_leave_one_out_errors_mm,
-    truncated_spot_centroids_px,
 )
 from ninedtact.calibration.board.detection import BoardNotFound, find_board_candidate
 from ninedtact.calibration.board.lens_fit import fit_lens_with_terms, rms_vector_length
@@ -120,8 +116,7 @@ def test_real_boards_with_the_defaults(letter: str, real_images: dict[str, Calib
     images = real_images[letter]
     fit = fit_board(images.board_reference, images.board, BOARD)
     assert fit.found.sum() == 63
-    original = rms_vector_length(published_leave_one_out_errors_mm(fit.points_mm, truncated_spot_centroids_px(fit)))
-    assert fit.lens_fit.leave_one_out_rms_mm < 0.8 * original
+    assert fit.lens_fit.leave_one_out_rms_mm < 0.8 * fit.published_map.leave_one_out_rms_mm
 
 
 def test_left_out_errors_equal_those_of_refitting(real_images: dict[str, CalibrationImages]) -> None:
@@ -206,9 +201,9 @@ def test_dark_and_burnt_images_are_refused(level: int, word: str) -> None:
 def test_the_papers_way_passes_through_its_pins(real_images: dict[str, CalibrationImages]) -> None:
     images = real_images["a"]
     fit = fit_board(images.board_reference, images.board, BOARD)
-    projection, mm_per_px = fit_published_projection(fit)
-    assert np.allclose(projection.to_px(fit.points_mm), truncated_spot_centroids_px(fit), atol=1e-6)
-    assert mm_per_px == pytest.approx(0.0510150969, rel=2e-3)  # what the original code stored for this sensor
+    pin_map = fit.published_map
+    assert np.allclose(pin_map.projection.to_px(fit.points_mm), pin_map.points_px, atol=1e-6)
+    assert pin_map.mm_per_px == pytest.approx(0.0510150969, rel=2e-3)  # what the original code stored for this sensor
 
 
 def test_noise_hardly_moves_the_lens() -> None:
@@ -243,7 +238,9 @@ def test_a_smooth_correction_follows_what_no_lens_model_does(tmp_path: Path) -> 
     fit, folder = made.board, save_sensor(tmp_path / "sensor", made)
     assert fit.correction is not None
     left_out_mm = rms_vector_length(fit.leave_one_out_errors_mm)
-    assert left_out_mm < pin_map_leave_one_out_rms_mm(fit) and left_out_mm < 0.6 * fit.lens_fit.leave_one_out_rms_mm
+    assert (
+        left_out_mm < fit.published_map.leave_one_out_rms_mm and left_out_mm < 0.6 * fit.lens_fit.leave_one_out_rms_mm
+    )
     # Between the pins as well, the corrected lens is nearer to what is known.
     points_mm = np.stack(np.meshgrid(np.linspace(-9, 9, 25), np.linspace(-7, 7, 25)), axis=-1).reshape(-1, 2)
     straight_px = sensor.lens.to_px(points_mm)
@@ -266,7 +263,7 @@ def test_real_boards_need_no_correction_until_they_are_dented(
     plain = fit_board(images.board_reference, images.board, BOARD)
     assert plain.correction is None
     fit = fit_board(dented(images.board_reference), dented(images.board), BOARD)
-    original_mm, left_out_mm = pin_map_leave_one_out_rms_mm(fit), rms_vector_length(fit.leave_one_out_errors_mm)
+    original_mm, left_out_mm = fit.published_map.leave_one_out_rms_mm, rms_vector_length(fit.leave_one_out_errors_mm)
     assert left_out_mm < 0.95 * original_mm < original_mm < fit.lens_fit.leave_one_out_rms_mm
 
 

@@ -7,7 +7,7 @@ import pytest
 from known_sensor import LENS
 
 from ninedtact.calibration.board import lens_fit
-from ninedtact.calibration.board.board_fit import _integer_spot_centre, published_mm_per_px_std
+from ninedtact.calibration.board.board_fit import PublishedPinMap, _integer_spot_centre
 from ninedtact.calibration.board.detection import (
     BoardCandidate,
     DarkSpots,
@@ -191,7 +191,7 @@ def test_a_correction_removes_a_tenth_of_the_error_or_is_not_used(
     correction = LensModelCorrection(POINTS_MM, np.zeros((63, 2)), 3.0)
     tried = []
 
-    def fitted(fit: LensFit, left_out_px: np.ndarray, width_mm: float, noise: float) -> LensCorrectionFit:
+    def fitted(fit: LensFit, width_mm: float, noise: float) -> LensCorrectionFit:
         tried.append((width_mm, noise))
         share = left if (width_mm, noise) == (5.0, 0.03) else 2.0
         return LensCorrectionFit(correction, share * fit.leave_one_out_errors_mm)
@@ -248,7 +248,10 @@ def test_the_papers_pin_centre_is_that_of_the_half_dark_pixels_rounded_down() ->
 
 def test_the_error_of_the_papers_scale_is_that_of_the_mean_of_four() -> None:
     points_px = STRAIGHT.to_px(POINTS_MM)
-    assert published_mm_per_px_std(POINTS_MM, points_px, 2.5) == pytest.approx(0, abs=1e-12)
+    every = np.ones(len(POINTS_MM), bool)
+    assert PublishedPinMap(BOARD, POINTS_MM, points_px, every).relative_scale_std == pytest.approx(0, abs=1e-12)
     right = np.flatnonzero((POINTS_MM == [2.5, 0]).all(axis=1))
     points_px[right] += [50.0, 0.0]  # a distance of 100 pixels and three of 50
-    assert published_mm_per_px_std(POINTS_MM, points_px, 2.5) == pytest.approx(0.0125 / 2)
+    pin_map = PublishedPinMap(BOARD, POINTS_MM, points_px, every)
+    assert pin_map.mm_per_px == pytest.approx(2.5 / 62.5)
+    assert pin_map.relative_scale_std * pin_map.mm_per_px == pytest.approx(0.0125 / 2)

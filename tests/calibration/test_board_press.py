@@ -44,8 +44,14 @@ def images(twin: Twin) -> CalibrationImages:
 
 
 @pytest.fixture(scope="module")
-def together(images: CalibrationImages) -> Calibration:
-    return calibrate(images)
+def steps() -> list[str]:
+    """What the calibration `together` announced."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def together(images: CalibrationImages, steps: list[str]) -> Calibration:
+    return calibrate(images, on_step=steps.append)
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +75,15 @@ def test_the_depth_of_imprints_is_found(together: Calibration) -> None:
     assert board_press.accepted
     assert board_press.depth_mm == pytest.approx(IMPRINT_MM, abs=max(3 * board_press.depth_std_mm, 0.05))
     assert board_press.inverse_distance_per_mm == pytest.approx(NEARNESS, abs=0.01)
+
+
+def test_board_and_ball_are_announced_in_turn(together: Calibration, steps: list[str]) -> None:
+    pins, ball, board = (
+        "finding the pins of the board and fitting the lens to them",
+        "fitting gel and light to the image of the ball",
+        "fitting the depth of the pins and the lens to the image of the board",
+    )
+    assert steps == [pins, ball, board, ball, board, ball]
 
 
 def test_the_lens_is_not_magnified_by_imprints(together: Calibration, apart: Calibration, twin: Twin) -> None:
@@ -117,7 +132,7 @@ def test_places_where_a_lens_folds_the_image_are_not_looked_at(together: Calibra
 
 def test_a_fit_whose_lens_folds_is_not_accepted(together: Calibration, monkeypatch: pytest.MonkeyPatch) -> None:
     """It ends without an answer, and the calibration keeps the lens of the pins."""
-    assert together.ball.physical is not None
+    assert together.fits.twin is not None
     board = together.board
     before, after = (
         together.rectify(Frame(image)) for image in (together.images.board_reference, together.images.board)
@@ -126,7 +141,7 @@ def test_a_fit_whose_lens_folds_is_not_accepted(together: Calibration, monkeypat
     monkeypatch.setattr(
         "ninedtact.calibration.twin.lens_refinement.refine_lens", lambda *_: SimpleNamespace(lens=astray)
     )
-    board_press_fit = fit_board_press_and_lens(ObservedBoardPress(before, after, board), together.ball.physical.fit)
+    board_press_fit = fit_board_press_and_lens(ObservedBoardPress(before, after, board), together.fits.twin)
     assert not board_press_fit.converged and not board_press_fit.accepted
 
 

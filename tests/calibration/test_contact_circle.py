@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ninedtact.calibration.ball.ball_press import anchor_depth_curve_at_zero
+from ninedtact.calibration.ball.ball_fit import anchor_depth_curve_at_zero
 from ninedtact.calibration.ball.contact_circle import (
     BallPressUnusable,
     ContactCircle,
@@ -51,7 +51,7 @@ def test_the_disc_is_found_where_it_is() -> None:
     circle = found(disc(40.0))
     assert circle.centre_px == pytest.approx((105, 72), abs=0.1)
     assert circle.radius_px == pytest.approx(RADIUS_PX, abs=0.3)
-    assert circle.drop == pytest.approx(40, rel=0.03)
+    assert circle.darkening_grey_levels == pytest.approx(40, rel=0.03)
     assert circle.edge_scatter_px < 0.3 and circle.asymmetry < 0.01
     np.testing.assert_allclose(circle.distance_px(SHAPE)[72, [105, 135]], [0, 30], atol=0.3)
 
@@ -59,9 +59,9 @@ def test_the_disc_is_found_where_it_is() -> None:
 def test_an_uneven_rim_leans_to_its_brighter_side() -> None:
     ring = (np.hypot(COL - 105, ROW - 72) > 1.1 * RADIUS_PX) & (np.hypot(COL - 105, ROW - 72) < 1.6 * RADIUS_PX)
     expected = 0.4 * disc(40.0)[ring].mean() / 40
-    assert found(disc(40.0, lean=0.4)).leaning == pytest.approx((expected, 0), abs=0.005)
-    for leaning, warned in (((0.06, 0.05), False), ((0.06, 0.06), True)):
-        assert bool(asymmetry_warnings(ContactCircle((0, 0), 9, 0, 40, leaning))) == warned
+    assert found(disc(40.0, lean=0.4)).asymmetry_vector == pytest.approx((expected, 0), abs=0.005)
+    for asymmetry_vector, warned in (((0.06, 0.05), False), ((0.06, 0.06), True)):
+        assert bool(asymmetry_warnings(ContactCircle((0, 0), 9, 0, 40, asymmetry_vector))) == warned
 
 
 def test_a_disc_whose_rim_is_dark_on_one_side_is_found_from_the_rest() -> None:
@@ -96,7 +96,7 @@ def test_three_grey_levels_are_a_contact(drop: float, enough: bool) -> None:
 
 
 def test_what_is_less_than_three_times_the_noise_is_no_contact() -> None:
-    assert found(disc(12.0), noise=3.5).drop > 10
+    assert found(disc(12.0), noise=3.5).darkening_grey_levels > 10
     with pytest.raises(BallPressUnusable, match=r"at least 1\d grey levels"):
         found(disc(12.0), noise=4.8)
 
@@ -153,7 +153,7 @@ def test_depths_between_too_shallow_and_wider_than_the_ball_are_usable() -> None
     shallowest_mm = np.sqrt(16 - 3.6**2)
     require_usable_depth(ball, circle_of(1.01 * shallowest_mm / 0.05), 0.05)
     require_usable_depth(ball, circle_of(79.9), 0.05)
-    require_usable_depth(ball, circle_of(84.0), 0.05, widest=1.06)
+    require_usable_depth(ball, circle_of(84.0), 0.05, max_relative_radius=1.06)
     with pytest.raises(BallPressUnusable, match=r"at least 0\.4 mm deep, got 0\.39"):
         require_usable_depth(ball, circle_of(0.99 * shallowest_mm / 0.05), 0.05)
     for radius_px, widest in ((80.0, 1.0), (85.0, 1.06)):

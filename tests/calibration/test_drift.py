@@ -11,6 +11,7 @@ import pytest
 from known_sensor import KnownSensor
 from upstream_folder import UpstreamFolder
 
+from ninedtact.calibration.board.board_fit import calibrated_area_mm
 from ninedtact.calibration.drift.diagnosis_and_reference_check import diagnose_drift
 from ninedtact.calibration.drift.drift_measurement import (
     CalibratedReference,
@@ -21,7 +22,7 @@ from ninedtact.calibration.drift.drift_measurement import (
 )
 from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
 from ninedtact.calibration.press_brightness import BgrImage, ImageUnusable
-from ninedtact.calibration.procedure import CalibrationImages, calibrate, calibrated_area_mm
+from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
 from ninedtact.capture.strict_image_reading import ImageSizeWrong, read_image

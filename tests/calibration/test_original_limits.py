@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ninedtact.calibration.board.board_fit import calibrated_area_mm
 from ninedtact.calibration.original_9dtact import folder_format
 from ninedtact.calibration.original_9dtact.folder_format import (
     OriginalCalibration,
@@ -14,12 +15,11 @@ from ninedtact.calibration.original_9dtact.folder_format import (
     write_original_calibration,
 )
 from ninedtact.calibration.original_9dtact.import_export import _calibrated_area_mm, _extend_source_px, _grid_start
-from ninedtact.calibration.procedure import calibrated_area_mm
 from ninedtact.calibration.sensor_folder import build_projection
 from ninedtact.calibration.sensor_toml_schema import LensModelTable
 from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.shape.lens import LensModel
-from ninedtact.shape.rectification import rectification_of_projection
+from ninedtact.shape.rectification import OUT_OF_VIEW_PX, rectification_of_projection
 
 VIEW = RectifiedImageSize(30, 40)
 ROWS, COLS = np.mgrid[:60, :80].astype(np.int32)
@@ -120,7 +120,7 @@ def test_pixels_without_a_source_are_out_of_view() -> None:
     calibration = replace(GOOD, row_index=rows, col_index=cols, position_scale=np.array([30.7, 40.2, 0.05]))
     assert calibration.start(VIEW) == (15, 20) and calibration.mm_per_px == 0.05
     source = calibration.source_px(VIEW)
-    assert source.shape == (30, 40, 2) and source[5, 5].tolist() == [folder_format.OUT_OF_VIEW_PX] * 2
+    assert source.shape == (30, 40, 2) and source[5, 5].tolist() == [OUT_OF_VIEW_PX] * 2
     assert source[0, 1].tolist() == [21, 15] and source[-1, -1].tolist() == [59, 44]
 
 

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from ninedtact.calibration.ball.ball_fit import fit_ball, rectified_flat_fielded_change
-from ninedtact.calibration.ball.contact_circle import BallPressUnusable, find_contact_circle
-from ninedtact.calibration.board.board_fit import fit_board
-from ninedtact.calibration.procedure import Calibration, CalibrationImages, build_rectification
+from ninedtact.calibration.ball.ball_fit import fit_ball
+from ninedtact.calibration.ball.ball_press import BallPress, find_usable_contact_circle
+from ninedtact.calibration.ball.contact_circle import BallPressUnusable
+from ninedtact.calibration.board.board_fit import build_rectification, fit_board
+from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
 from ninedtact.calibration.twin.sensor_twin import assemble_twin, fitted_gel
@@ -19,7 +20,8 @@ from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import finite_strain_ball_change_mm
 from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
 from ninedtact.mechanics.pose import Pose
-from ninedtact.quantities import Frame, skin_grid_mm
+from ninedtact.quantities import Frame, Rectified, skin_grid_mm
+from ninedtact.shape.depth import DepthMethod
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 from ninedtact.simulation.twin import Twin
@@ -50,6 +52,10 @@ def pressed(twin: Twin, indenter: Indenter, at: Pose, drag_mm: tuple[float, floa
     return contact
 
 
+def press_in(before: Rectified, after: Rectified) -> BallPress:
+    return BallPress(before, after, find_usable_contact_circle(before, after, DESIGN.ball, "physics"))
+
+
 @pytest.fixture(scope="module")
 def known_press(twin: Twin) -> Contact:
     return pressed(twin, Ball(4.0), Pose(0.5, 0.4, 1.8), (0.4, -0.2))
@@ -60,17 +66,15 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
         calibrated_a.rectify(Frame(twin.renderer(contact, number)))
         for number, contact in enumerate((None, known_press))
     )
-    fit = fit_twin_to_ball_press(
-        before, after, find_contact_circle(rectified_flat_fielded_change(before, after)), DESIGN
-    )
-    assert fit.parameters["depth_mm"] == pytest.approx(1.8, abs=0.03)
-    assert fit.drag_mm == pytest.approx((0.4, -0.2), abs=0.03)
-    assert (fit.parameters["x_mm"], fit.parameters["y_mm"]) == pytest.approx((0.5, 0.4), abs=0.02)
-    assert fit.parameters["thickness_mm"] == pytest.approx(2.3, abs=0.15)
-    assert fit.parameters["point_spread_mm"] == pytest.approx(np.hypot(0.5, fit.forward.observed.blur_mm), abs=0.04)
+    fit = fit_twin_to_ball_press(press_in(before, after), DESIGN)
+    assert fit.press.depth_mm == pytest.approx(1.8, abs=0.03)
+    assert fit.press.drag_mm == pytest.approx((0.4, -0.2), abs=0.03)
+    assert fit.press.centre_mm == pytest.approx((0.5, 0.4), abs=0.02)
+    assert fit.press.thickness_mm == pytest.approx(2.3, abs=0.15)
+    assert fit.press.point_spread_mm == pytest.approx(np.hypot(0.5, fit.forward.observed.blur_mm), abs=0.04)
     assert fit.parameters["brightening_per_mm"] == pytest.approx(0.33, rel=0.1)
     assert fit.image_rmse_grey_levels < 0.3 and fit.radial_rmse_grey_levels < 0.1
-    assert fit.parameters["finite_strain"] < 0.2, "the gel of the twin is a linear layer"
+    assert fit.press.finite_strain < 0.2, "the gel of the twin is a linear layer"
     true = {"depth_mm": 1.8, "drag_x_mm": 0.4, "drag_y_mm": -0.2, "thickness_mm": 2.3, "inverse_distance_per_mm": 0.05}
     off = {
         name: abs(fit.parameters[name] - value) / fit.uncertainty.standard_deviations[name]
@@ -85,13 +89,11 @@ def test_gel_at_finite_strain_is_not_taken_for_thinner_gel(twin: Twin, calibrate
     added_mm = finite_strain_ball_change_mm(np.hypot(x, y), 4.0, 1.5, GEL.thickness_mm)
     contact = replace(linear, height_mm=(linear.height_mm + added_mm).astype(np.float32))
     before, after = (calibrated_a.rectify(Frame(twin.renderer(one, n))) for n, one in enumerate((None, contact)))
-    fit = fit_twin_to_ball_press(
-        before, after, find_contact_circle(rectified_flat_fielded_change(before, after)), DESIGN
-    )
-    assert fit.parameters["finite_strain"] > 0.7
-    assert fit.parameters["depth_mm"] == pytest.approx(1.5, abs=0.04)
-    assert fit.parameters["thickness_mm"] == pytest.approx(2.3, rel=0.05)
-    assert fitted_gel(fit).finite_strain == fit.parameters["finite_strain"]
+    fit = fit_twin_to_ball_press(press_in(before, after), DESIGN)
+    assert fit.press.finite_strain > 0.7
+    assert fit.press.depth_mm == pytest.approx(1.5, abs=0.04)
+    assert fit.press.thickness_mm == pytest.approx(2.3, rel=0.05)
+    assert fitted_gel(fit).finite_strain == fit.press.finite_strain
     deepest = np.array(-1.5)
     assert fit.light.brightness_change(deepest) == pytest.approx(LIGHT.brightness_change(deepest), rel=0.03)
 
@@ -124,13 +126,9 @@ def fits(real_images: dict[str, CalibrationImages]) -> dict[str, TwinFit]:
     found = {}
     for letter in "ai":
         images = real_images[letter]
-        rectify = build_rectification(
-            fit_board(images.board_reference, images.board, DESIGN.pin_board), DESIGN, "model"
-        )
+        rectify = build_rectification(fit_board(images.board_reference, images.board, DESIGN.pin_board), DESIGN)
         before, after = (rectify(Frame(image)) for image in (images.ball_reference, images.ball))
-        found[letter] = fit_twin_to_ball_press(
-            before, after, find_contact_circle(rectified_flat_fielded_change(before, after)), DESIGN
-        )
+        found[letter] = fit_twin_to_ball_press(press_in(before, after), DESIGN)
     return found
 
 
@@ -140,8 +138,8 @@ def test_real_presses_are_explained(fits: dict[str, TwinFit]) -> None:
 
 
 def test_a_real_sheared_press_tells_its_drag(fits: dict[str, TwinFit]) -> None:
-    assert np.hypot(*fits["a"].drag_mm) < 0.2
-    x, y = fits["i"].drag_mm
+    assert np.hypot(*fits["a"].press.drag_mm) < 0.2
+    x, y = fits["i"].press.drag_mm
     assert x > 0.2 and y > 0.5, "the bulge of sensor I is brighter at +x and +y"
 
 
@@ -166,6 +164,25 @@ def test_physics_reads_another_ball_better_than_the_rule(
         read = fit_ball(rectify, *images, DESIGN, method).reader(before, rectify.height_source)(after)
         off[method] = float(np.abs(read.indentation_mm + np.minimum(true, 0))[true < -0.05].mean())
     assert off["physics"] < 0.03 < 0.06 < off["ratio"]
+
+
+@pytest.mark.parametrize("method", ["physics", "ratio", "table"])
+def test_every_fit_of_a_ball_knows_the_skin_and_reads_it_back(
+    method: DepthMethod, twin: Twin, known_press: Contact, calibrated_a: Calibration
+) -> None:
+    fit = fit_ball(calibrated_a.rectify, twin.renderer(None, 1), twin.renderer(known_press, 2), DESIGN, method)
+    assert fit.method == method
+    assert fit.depth_mm.max() == pytest.approx(fit.max_indentation_mm, abs=0.02)
+    assert (fit.depth_mm[fit.disc] > 0).all()
+    assert np.array_equal(fit.depth_mm, np.maximum(-fit.height_mm, 0))
+    read = fit.reader(fit.press.before, calibrated_a.rectify.height_source)(fit.press.after)
+    in_view = fit.disc & read.in_view
+    error_mm = np.abs(read.indentation_mm - fit.depth_mm)[in_view].mean()
+    assert error_mm == pytest.approx(fit.reconstruction_mae_mm, abs=1e-3)
+    assert min(fit.curve.error_mm) >= fit.cross_validation_mae_mm > 0
+    assert (fit.deblurring is not None, fit.loss.global_dimming > 0, fit.curve.knows_bulges) == (
+        method == "physics",
+    ) * 3
 
 
 def test_bulges_are_read_and_nothing_is_read_from_nothing(

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ninedtact.quantities import HeightSource, Rectified
 from ninedtact.shape import depth
-from ninedtact.shape.depth import BrightnessSignal, DepthCurve, DepthReader, look_up_heights
+from ninedtact.shape.depth import BrightnessSignal, DepthCurve, DepthReader
 from ninedtact.shape.rectification import Rectification
 
 SIZES = st.tuples(st.integers(2, 40), st.integers(2, 40))
@@ -53,6 +53,6 @@ def test_both_ways_to_look_up_agree(by_opencv: bool, monkeypatch: pytest.MonkeyP
     if by_opencv and not depth.OPENCV_TAKES_16_BITS:
         pytest.skip("this OpenCV looks up 8 bits only")
     monkeypatch.setattr(depth, "OPENCV_TAKES_16_BITS", by_opencv)
-    table = np.random.default_rng(0).normal(size=depth.TABLE_SIZE).astype(np.float32)
+    curve = DepthCurve("ratio", (0.0, 0.3, 1.0), (0.0, 0.8, 2.0), (0.0,) * 3, (0.0, 0.4), (0.0, 1.0))
     index = np.arange(depth.TABLE_SIZE, dtype=np.uint16).reshape(256, 256).T.copy()
-    np.testing.assert_array_equal(look_up_heights(table, index), table[index])
+    np.testing.assert_array_equal(curve.look_up_mm(index), curve.table[index])

@@ -14,20 +14,19 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.ball.ball_fit import find_usable_contact_circle
+from ninedtact.calibration.ball.ball_press import find_usable_contact_circle
 from ninedtact.calibration.ball.contact_circle import MAX_ASYMMETRY, BallPressUnusable, spherical_cap_height_mm
-from ninedtact.calibration.board.board_fit import fit_board
+from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.certificate.checks import CONTRAST_TO_NOISE
 from ninedtact.calibration.press_brightness import (
     OVEREXPOSED,
     BgrImage,
-    estimate_camera_noise,
     flat_fielded_brightness_change,
     smooth_gaussian,
     to_grey_float,
 )
-from ninedtact.calibration.procedure import CalibrationSettings, build_rectification
+from ninedtact.calibration.procedure import CalibrationSettings
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
@@ -88,7 +87,7 @@ def search_board_pins(
         return PinSearchResult(expected, found_px, missing_px, has_lens=False, side=side)
     missing_px = fit.points_px[~fit.found]
     side = _side_in_words(missing_px.mean(axis=0) / half - 1) if len(missing_px) else ""
-    contrast, noise = float(np.median(fit.contrast)), estimate_camera_noise(fit.change)
+    contrast, noise = float(np.median(fit.contrast)), fit.camera_noise_grey_levels
     return PinSearchResult(expected, fit.points_px[fit.found], missing_px, True, side, contrast, noise)
 
 
@@ -239,10 +238,10 @@ class _BoardPressWatcher:
         return (
             CalibrationStepAdvice(f"{self.count}hold still {len(self.still)}/{AVERAGED}")
             if mean is None
-            else self._judge_press(mean)
+            else self._evaluate_press(mean)
         )
 
-    def _judge_press(self, mean: BgrImage) -> CalibrationStepAdvice:
+    def _evaluate_press(self, mean: BgrImage) -> CalibrationStepAdvice:
         """Return the advice about a still press, and the image where it is good enough."""
         pins = search_board_pins(self.reference, mean, self.design, self.settings)
         self.patience -= pins.has_lens
@@ -282,16 +281,16 @@ class _BallPressWatcher:
             return CalibrationStepAdvice(str(refusal).partition(", got ")[2])
         radius_mm = min(circle.radius_px * self.rectify.mm_per_px, self.design.ball.radius_mm)
         depth_mm = spherical_cap_height_mm(self.design.ball.radius_mm, radius_mm)
-        wish = _ball_press_advice(depth_mm, circle.asymmetry)
+        advice = _ball_press_advice(depth_mm, circle.asymmetry)
         mean = self.still.add(image)
-        if mean is None or (wish and self.waits()):
+        if mean is None or (advice and self._awaits_better_press()):
             return CalibrationStepAdvice(
-                f"{depth_mm:.2f} mm deep, {wish or f'hold still {len(self.still)}/{AVERAGED}'}"
+                f"{depth_mm:.2f} mm deep, {advice or f'hold still {len(self.still)}/{AVERAGED}'}"
             )
         return CalibrationStepAdvice(f"ball taken: {depth_mm:.2f} mm deep, uneven by {circle.asymmetry:.0%}", mean)
 
-    def waits(self) -> bool:
-        """Whether a better press is still awaited."""
+    def _awaits_better_press(self) -> bool:
+        """Return whether a better press is still awaited; this one counts, and the next must be held still again."""
         self.still.images.clear()
         self.patience -= 1
         return self.patience > 0

@@ -11,6 +11,7 @@ from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.errors import CalibrationError
+from ninedtact.quantities import Rectified
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
 
 BgrImage = UInt8[Array, "_ _ 3"]
@@ -35,6 +36,11 @@ def flat_fielded_brightness_change(reference: BgrImage, press: BgrImage) -> Floa
     """Return (press − reference) / reference, times the mean grey level of the reference, as under uniform light."""
     before, after = to_grey_float(reference), to_grey_float(press)
     return (after - before) / np.maximum(before, MIN_REFERENCE_GREY) * before.mean()
+
+
+def relative_brightness(after: Rectified, before: Rectified) -> Float32[Array, "rows cols"]:
+    """Return the brightness of a rectified image relative to its reference image, whose black pixels count as one grey level."""
+    return after.grey / np.maximum(before.grey, 1)
 
 
 def estimate_pixel_noise(change: Float32[Array, "rows cols"]) -> float:

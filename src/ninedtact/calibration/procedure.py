@@ -1,27 +1,25 @@
 """The calibration procedure: four images → one calibrated sensor. `calibrate` runs the steps from top to bottom (board, lens, ball,
 refinement, certificate); `repeat_calibration` runs them on the images stored in a sensor folder, by any method, or with new images
 of a ball. Without images of a ball the result only rectifies; with an imported rectification only the ball is fitted.
+
+The refinement alternates two fits. The ball image gives light and gel, by which the twin predicts the board image; the board image
+gives the depth of its imprints, the viewing distance and so the lens; the ball is then fitted again through that lens.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from typing import Literal, get_args
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ninedtact.calibration.ball.ball_fit import BallFit, TwinDepthFit, fit_ball
-from ninedtact.calibration.ball.contact_circle import reference_mismatch_warnings
-from ninedtact.calibration.board.board_fit import (
-    BoardFit,
-    fit_board,
-    fit_published_projection,
-    published_leave_one_out_errors_mm,
-    published_mm_per_px_std,
-    truncated_spot_centroids_px,
-)
+from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball, fit_ball_by_physics
+from ninedtact.calibration.ball.ball_press import BallFit, find_ball_press, simulate_height_noise_mm
+from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
+from ninedtact.calibration.board.board_fit import BoardFit, LensKind, build_rectification, fit_board
 from ninedtact.calibration.board.lens_fit import rms_vector_length
 from ninedtact.calibration.certificate.checks import unusual_fit_warnings
 from ninedtact.calibration.press_brightness import (
@@ -41,21 +39,26 @@ from ninedtact.calibration.sensor_toml_schema import (
     GridTable,
     LensModelTable,
     PinMapTable,
+    PixelMapTable,
     SensorTomlRecord,
-    make_lens_correction_table,
+    make_lens_model_table,
+    make_pin_map_table,
 )
-from ninedtact.calibration.twin.ball_press_fit import ParameterPrior
-from ninedtact.calibration.twin.ball_press_model import ParameterVector
-from ninedtact.calibration.twin.lens_refinement import BoardPressFit, JointCalibration, refine_board_and_ball
+from ninedtact.calibration.twin.ball_press_fit import TwinFit
+from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
+from ninedtact.calibration.twin.lens_refinement import BoardPressFit, fit_board_press_and_lens, refine_board_lens
 from ninedtact.calibration.twin.sensor_twin import fitted_gel, make_twin_table
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
+from ninedtact.quantities import Frame
 from ninedtact.shape.depth import DepthMethod, Smoothing
-from ninedtact.shape.lens import Projection, central_mm_per_px
-from ninedtact.shape.rectification import Area, CameraRotation, Rectification, rectification_of_projection
+from ninedtact.shape.rectification import CameraRotation, Rectification
 from ninedtact.simulation.sensor_population import deviation_from_population
 
-LensKind = Literal["model", "paper"]
+_MAX_ALTERNATIONS = 2
+"""Number of alternations between board and ball. The first starts from the light of a preliminary lens and viewing distance; the
+second corrects the effect of that.
+"""
 
 
 @dataclass(frozen=True)
@@ -112,30 +115,49 @@ class CalibrationSettings:
 
 
 @dataclass(frozen=True)
+class CalibrationFits:
+    """The fits of board and ball, and the rectification through which the ball was fitted."""
+
+    board: BoardFit | None
+    """None where the rectification was imported."""
+    rectify: Rectification
+    ball: BallFit | None = None
+    """None where there are no images of a ball."""
+    board_press: BoardPressFit | None = None
+    """The fit of the twin to the board image; None where no twin predicts it."""
+
+    @property
+    def twin(self) -> TwinFit | None:
+        """The fit of the twin to the ball image; None where the method of the ball's fit has no twin."""
+        return self.ball.twin_fit if isinstance(self.ball, TwinBallFit) else None
+
+
+@dataclass(frozen=True)
 class Calibration:
     """A calibrated sensor, with the images and fits from which it was made."""
 
     images: CalibrationImages
-    board_fit: BoardFit | None
-    """None where the rectification was imported."""
-    ball_fit: BallFit | None
-    """None where there are no images of a ball."""
-    rectify: Rectification
+    fits: CalibrationFits
     record: SensorTomlRecord
     imported: SensorFolder | None = None
     """The imported sensor whose rectification this calibration uses."""
 
     @property
+    def rectify(self) -> Rectification:
+        """The rectification of the sensor."""
+        return self.fits.rectify
+
+    @property
     def board(self) -> BoardFit:
         """The fit of the board, of a calibration that has one."""
-        assert self.board_fit is not None, "expected a calibration with a board, got an imported rectification"
-        return self.board_fit
+        assert self.fits.board is not None, "expected a calibration with a board, got an imported rectification"
+        return self.fits.board
 
     @property
     def ball(self) -> BallFit:
         """The fit of the ball, of a calibration that has one."""
-        assert self.ball_fit is not None, "expected a calibration with a ball, got one with the board alone"
-        return self.ball_fit
+        assert self.fits.ball is not None, "expected a calibration with a ball, got one with the board alone"
+        return self.fits.ball
 
 
 def calibrate(
@@ -154,47 +176,103 @@ def calibrate(
     times the processor time.
     """
     with threadpool_limits(1):
-        return _calibrate(images, design, settings, sensor_id, on_step, imported)
+        fits = _fit_presses(images, design, settings, on_step, imported)
+        record = _make_record(images, fits, design, settings, sensor_id, imported)
+    return Calibration(images, fits, record, imported)
 
 
-def _calibrate(
+def _fit_presses(
     images: CalibrationImages,
     design: SensorDesign,
     settings: CalibrationSettings,
-    sensor_id: str,
     on_step: Callable[[str], None],
     imported: SensorFolder | None,
-) -> Calibration:
-    """Calibrate a sensor, as `calibrate` does."""
+) -> CalibrationFits:
+    """Fit the lens to the board, unless it is imported, and the depth to the ball, unless its images are missing."""
     board: BoardFit | None = None
-    ball: BallFit | None = None
-    board_press_fit: BoardPressFit | None = None
     if imported is not None and images.ball_pair is not None:
-        on_step("fitting gel and light to the image of the ball")
         rectify = imported.rectification
-        ball = fit_ball(rectify, *images.ball_pair, design, settings.method, settings.smoothing)
-        grid = imported.record.grid
-        lens = imported.record.lens
-        noise_grey_levels = estimate_camera_noise(flat_fielded_brightness_change(*images.ball_pair))
     elif imported is None and images.board_pair is not None:
         on_step("finding the pins of the board and fitting the lens to them")
         board = fit_board(*images.board_pair, design.pin_board, settings.camera_rotation_deg)
         rectify = build_rectification(board, design, settings.lens)
-        if images.ball_pair is not None:
-            joint = _fit_board_and_ball(images.board_pair, images.ball_pair, board, rectify, design, settings, on_step)
-            board = joint.board
-            rectify = joint.rectify
-            ball = joint.ball
-            board_press_fit = joint.board_press_fit
-        grid = GridTable(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting)
-        lens = _lens_table(board, settings.lens)
-        noise_grey_levels = estimate_camera_noise(board.change)
     else:
         raise CalibrationImagesMissing(
             "expected images of the board, or an imported rectification and images of the ball, got neither; give the images of one"
         )
-    physical = None if ball is None else ball.physical
-    record = SensorTomlRecord(
+    if images.ball_pair is None:
+        return CalibrationFits(board, rectify)
+    on_step("fitting gel and light to the image of the ball")
+    ball = fit_ball(rectify, *images.ball_pair, design, settings.method, settings.smoothing)
+    fits = CalibrationFits(board, rectify, ball)
+    # The twin predicts the board through a lens model alone.
+    if board is None or board.correction is not None or settings.lens == "paper":
+        return fits
+    return _alternate_board_and_ball(fits, images, design, on_step)
+
+
+def _alternate_board_and_ball(
+    fits: CalibrationFits, images: CalibrationImages, design: SensorDesign, on_step: Callable[[str], None]
+) -> CalibrationFits:
+    """Return the fits after lens and ball were fitted in turn, each with what the image of the other shows.
+
+    Where the board image disagrees with the twin's prediction, or the ball cannot be fitted through the refined lens, the fits stay
+    as they were before. Without a twin, nothing is fitted again.
+    """
+    for _ in range(_MAX_ALTERNATIONS):
+        board, twin, board_pair, ball_pair = fits.board, fits.twin, images.board_pair, images.ball_pair
+        if board is None or twin is None or board_pair is None or ball_pair is None:
+            return fits
+        on_step("fitting the depth of the pins and the lens to the image of the board")
+        before, after = (fits.rectify(Frame(image)) for image in board_pair)
+        board_press = fit_board_press_and_lens(ObservedBoardPress(before, after, board), twin, fits.board_press)
+        if not board_press.accepted:
+            return replace(fits, board_press=fits.board_press or board_press)
+        refined = refine_board_lens(board, twin, board_press)
+        rectify = build_rectification(refined, design)
+        on_step("fitting gel and light to the image of the ball")
+        try:
+            press = find_ball_press(rectify, *ball_pair, design.ball, "physics")
+            ball = fit_ball_by_physics(press, design, board_press.priors, twin.press)
+        except BallPressUnusable:
+            return fits
+        fits = CalibrationFits(refined, rectify, ball, board_press)
+    return fits
+
+
+def _make_record(
+    images: CalibrationImages,
+    fits: CalibrationFits,
+    design: SensorDesign,
+    settings: CalibrationSettings,
+    sensor_id: str,
+    imported: SensorFolder | None,
+) -> SensorTomlRecord:
+    """Return the calibration as the tables of `sensor.toml`."""
+    board, rectify = fits.board, fits.rectify
+    grid: GridTable
+    lens: LensModelTable | PinMapTable | PixelMapTable
+    if board is None:
+        assert imported is not None, "expected a fit of the board or an imported rectification, got neither"
+        grid, lens = imported.record.grid, imported.record.lens
+    else:
+        grid = GridTable(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting)
+        lens = _lens_table(board, settings.lens)
+    depth, twin, ball_quality = None, None, None
+    if fits.ball is not None and images.ball_pair is not None:
+        # A height against an averaged reference contains the noise of one image.
+        noise_grey_levels = estimate_camera_noise(flat_fielded_brightness_change(*images.ball_pair))
+        reader = partial(fits.ball.reader, source=rectify.height_source)
+        noise_mm = simulate_height_noise_mm(reader, rectify, images.ball_pair[0], noise_grey_levels)
+        depth = DepthTable(
+            settings.method, noise_mm, settings.smoothing, fits.ball.curve, fits.ball.loss, fits.ball.deblurring
+        )
+        ball_quality = _ball_quality(images.ball_pair[0], fits.ball, design, noise_mm)
+        if fits.twin is not None:
+            noise_grey_levels = noise_grey_levels if board is None else board.camera_noise_grey_levels
+            twin = make_twin_table(fits.twin, noise_grey_levels, fits.board_press)
+    board_quality = None if board is None else _board_quality(board, rectify, settings.lens)
+    return SensorTomlRecord(
         format=SENSOR_FORMAT,
         id=sensor_id,
         created=datetime.now(UTC).replace(microsecond=0),
@@ -202,102 +280,17 @@ def _calibrate(
         design=design,
         grid=grid,
         lens=lens,
-        depth=None if ball is None else _depth_table(ball, settings),
-        twin=None if physical is None else make_twin_table(physical.fit, noise_grey_levels, board_press_fit),
-        certificate=_make_certificate(images, board, ball, rectify, settings),
+        depth=depth,
+        twin=twin,
+        certificate=Certificate(board_quality, ball_quality, _warnings(images, fits, design)),
     )
-    return Calibration(images, board, ball, rectify, record, imported)
-
-
-def _fit_board_and_ball(
-    board_images: tuple[BgrImage, BgrImage],
-    ball_images: tuple[BgrImage, BgrImage],
-    board: BoardFit,
-    rectify: Rectification,
-    design: SensorDesign,
-    settings: CalibrationSettings,
-    on_step: Callable[[str], None],
-) -> JointCalibration:
-    """Fit lens and depth; by the method `physics`, board and ball are fitted together."""
-
-    # The twin predicts the board through a lens model alone, and the ball by physics alone.
-    is_refined = settings.lens != "paper" and settings.method == "physics" and board.correction is None
-
-    def rectification_of(board: BoardFit) -> Rectification:
-        return build_rectification(board, design, settings.lens)
-
-    def fit_ball_through(
-        rectify: Rectification, priors: tuple[ParameterPrior, ...] = (), initial: ParameterVector | None = None
-    ) -> BallFit:
-        on_step("fitting gel and light to the image of the ball")
-        ball = fit_ball(rectify, *ball_images, design, settings.method, settings.smoothing, priors, initial)
-        if is_refined:
-            on_step("fitting the depth of the pins and the lens to the image of the board")
-        return ball
-
-    separate = JointCalibration(board, rectify, fit_ball_through(rectify))
-    if not is_refined:
-        return separate
-    return refine_board_and_ball(separate, board_images, rectification_of, fit_ball_through)
-
-
-def build_rectification(board: BoardFit, design: SensorDesign, kind: LensKind) -> Rectification:
-    """Return the rectification of the design's grid through the lens fitted to the board."""
-    projection, raw_mm_per_px = _choose_projection(board, kind)
-    rows, cols = board.change.shape
-    mm_per_px = raw_mm_per_px * max(rows, cols) / design.field_of_view.raw_long_side_px
-    return rectification_of_projection(
-        projection, design.field_of_view, mm_per_px, (rows, cols), calibrated_area_mm(design)
-    )
-
-
-def _choose_projection(board: BoardFit, kind: LensKind) -> tuple[Projection, float]:
-    """Return the projection and its mm per raw pixel around the centre."""
-    if kind == "paper":
-        return fit_published_projection(board)
-    return board.projection, central_mm_per_px(board.projection, board.board.pitch_mm)
 
 
 def _lens_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable:
     """Return the chosen lens as a table of `sensor.toml`."""
     if kind == "paper":
-        points_px = truncated_spot_centroids_px(board)
-        return PinMapTable([(x, y) for x, y in board.points_mm.tolist()], [(x, y) for x, y in points_px.tolist()])
-    lens = board.lens
-    table = None if board.correction is None else make_lens_correction_table(board.correction.correction)
-    return LensModelTable(lens.homography, lens.centre, lens.radial, lens.tangential, table)  # type: ignore[arg-type]
-
-
-def _depth_table(ball: BallFit, settings: CalibrationSettings) -> DepthTable:
-    """Return the chosen depth curve as a table of `sensor.toml`."""
-    return DepthTable(settings.method, ball.noise_mm, settings.smoothing, ball.curve, ball.loss, ball.deblurring)
-
-
-def calibrated_area_mm(design: SensorDesign) -> Area:
-    """Return the area up to one pitch beyond the outermost pins: leaving out an outermost pin tests the lens that far."""
-    board = design.pin_board
-    half_width_mm = (board.cols + 1) / 2 * board.pitch_mm
-    half_height_mm = (board.rows + 1) / 2 * board.pitch_mm
-    return -half_width_mm, half_width_mm, -half_height_mm, half_height_mm
-
-
-def _make_certificate(
-    images: CalibrationImages,
-    board: BoardFit | None,
-    ball: BallFit | None,
-    rectify: Rectification,
-    settings: CalibrationSettings,
-) -> Certificate:
-    """Return the quality figures of both calibrations, and warnings in words."""
-    warnings = [IMPORTED_LENS_WARNING] if board is None else board.warnings
-    warnings += [BALL_MISSING_WARNING] if ball is None else [*ball.warnings, *_fit_warnings(ball.physical)]
-    if images.board_pair is not None and images.ball_pair is not None:
-        warnings += reference_mismatch_warnings(images.board_pair[0], images.ball_pair[0])
-    return Certificate(
-        None if board is None else _board_quality(board, rectify, settings.lens),
-        None if ball is None or images.ball_pair is None else _ball_quality(images.ball_pair[0], ball),
-        warnings,
-    )
+        return make_pin_map_table(board.published_map.projection)
+    return make_lens_model_table(board.lens, None if board.correction is None else board.correction.correction)
 
 
 IMPORTED_LENS_WARNING = (
@@ -310,61 +303,53 @@ BALL_MISSING_WARNING = (
 )
 
 
-def _fit_warnings(physical: TwinDepthFit | None) -> list[str]:
-    """Return the warnings about light and gel as they were fitted."""
-    if physical is None:
-        return []
-    design = physical.fit.forward.design
-    deviation = deviation_from_population(physical.fit.light, fitted_gel(physical.fit), design)
-    return unusual_fit_warnings(deviation, design)
+def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDesign) -> list[str]:
+    """Return what makes the calibration doubtful, in words."""
+    warnings = [IMPORTED_LENS_WARNING] if fits.board is None else fits.board.warnings
+    warnings += [BALL_MISSING_WARNING] if fits.ball is None else fits.ball.warnings
+    if fits.twin is not None:
+        deviation = deviation_from_population(fits.twin.light, fitted_gel(fits.twin), design)
+        warnings += unusual_fit_warnings(deviation, design)
+    if images.board_pair is not None and images.ball_pair is not None:
+        warnings += reference_mismatch_warnings(images.board_pair[0], images.ball_pair[0])
+    return warnings
 
 
-def _board_quality(board: BoardFit, rectify: Rectification, lens: LensKind) -> BoardQuality:
+def _board_quality(board: BoardFit, rectify: Rectification, kind: LensKind) -> BoardQuality:
     """Return the quality of the camera calibration."""
-    centroids_px = truncated_spot_centroids_px(board)[board.found]
-    published_errors_mm = published_leave_one_out_errors_mm(board.points_mm[board.found], centroids_px)
-    leave_one_out_errors_mm = published_errors_mm if lens == "paper" else board.leave_one_out_errors_mm
-    is_corrected = lens == "model" and board.correction is not None
+    lens = board.lens_of_kind(kind)
+    is_corrected = kind == "model" and board.correction is not None
     return BoardQuality(
         pins_found=int(board.found.sum()),
         pins_expected=board.board.count,
         missing_pins=board.missing_pins,
-        leave_one_out_rms_mm=rms_vector_length(leave_one_out_errors_mm),
-        leave_one_out_max_mm=float(np.hypot(*leave_one_out_errors_mm.T).max()),
-        published_method_rms_mm=rms_vector_length(published_errors_mm),
+        leave_one_out_rms_mm=rms_vector_length(lens.leave_one_out_errors_mm),
+        leave_one_out_max_mm=float(np.hypot(*lens.leave_one_out_errors_mm.T).max()),
+        published_method_rms_mm=board.published_map.leave_one_out_rms_mm,
         mm_per_px=rectify.mm_per_px,
-        mm_per_px_std=_relative_scale_std(board, lens) * rectify.mm_per_px,
+        mm_per_px_std=lens.relative_scale_std * rectify.mm_per_px,
         contrast_grey_levels=float(np.median(board.contrast)),
-        noise_grey_levels=estimate_camera_noise(board.change),
-        lens=lens,
+        noise_grey_levels=board.camera_noise_grey_levels,
+        lens=kind,
         camera_rotation_deg=board.mounting,
         uncorrected_rms_mm=board.lens_fit.leave_one_out_rms_mm if is_corrected else None,
     )
 
 
-def _relative_scale_std(board: BoardFit, lens: LensKind) -> float:
-    """Return the relative standard error of mm per pixel."""
-    pitch_mm = board.board.pitch_mm
-    if lens == "paper":
-        _, scale = fit_published_projection(board)
-        return published_mm_per_px_std(board.points_mm, truncated_spot_centroids_px(board), pitch_mm) / scale
-    return board.lens_fit.mm_per_px_std(pitch_mm) / central_mm_per_px(board.lens, pitch_mm)
-
-
-def _ball_quality(reference: BgrImage, ball: BallFit) -> BallQuality:
+def _ball_quality(reference: BgrImage, ball: BallFit, design: SensorDesign, noise_mm: float) -> BallQuality:
     """Return the quality of the depth calibration."""
     circle = ball.press.circle
     return BallQuality(
         method=ball.method,
         contact_radius_px=circle.radius_px,
         contact_radius_mm=ball.press.edge_radius_mm,
-        ball_radius_mm=ball.press.ball.radius_mm,
+        ball_radius_mm=design.ball.radius_mm,
         max_indentation_mm=ball.max_indentation_mm,
         reconstruction_mae_mm=ball.reconstruction_mae_mm,
         cross_validation_mae_mm=ball.cross_validation_mae_mm,
         range_mm=ball.curve.max_indentation_mm,
-        noise_mm=ball.noise_mm,
-        darkening_grey_levels=circle.drop,
+        noise_mm=noise_mm,
+        darkening_grey_levels=circle.darkening_grey_levels,
         asymmetry=circle.asymmetry,
         overexposed_fraction=float((to_grey_float(reference) >= OVEREXPOSED).mean()),
     )

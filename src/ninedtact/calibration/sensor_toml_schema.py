@@ -11,7 +11,7 @@ from msgspec import Meta, Struct, field
 
 from ninedtact.design import Gel, SensorDesign, require_within_bounds
 from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
-from ninedtact.shape.lens import LensModelCorrection
+from ninedtact.shape.lens import LensModel, LensModelCorrection, Points, RadialBasisProjection
 from ninedtact.shape.rectification import CameraRotation
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
@@ -57,14 +57,6 @@ class LensCorrectionTable(Struct, frozen=True, forbid_unknown_fields=True):
             )
 
 
-def make_lens_correction_table(correction: LensModelCorrection) -> LensCorrectionTable:
-    """Return a correction as a table of the file."""
-    points_mm, weights_px = (
-        [(x, y) for x, y in pairs.tolist()] for pairs in (correction.points_mm, correction.weights_px)
-    )
-    return LensCorrectionTable(correction.width_mm, points_mm, weights_px)
-
-
 class LensModelTable(
     Struct, tag_field="kind", tag="model", frozen=True, forbid_unknown_fields=True, omit_defaults=True
 ):
@@ -89,6 +81,24 @@ class PinMapTable(Struct, tag_field="kind", tag="paper", frozen=True, forbid_unk
             raise ValueError(
                 f"{len(self.points_mm)} points_mm and {len(self.points_px)} points_px, not as many of both"
             )
+
+
+def make_lens_model_table(lens: LensModel, correction: LensModelCorrection | None) -> LensModelTable:
+    """Return a lens model with its correction, where it has one, as a table of the file."""
+    table = correction and LensCorrectionTable(
+        correction.width_mm, _to_pairs(correction.points_mm), _to_pairs(correction.weights_px)
+    )
+    return LensModelTable(lens.homography, lens.centre, lens.radial, lens.tangential, table)  # type: ignore[arg-type]
+
+
+def make_pin_map_table(pin_map: RadialBasisProjection) -> PinMapTable:
+    """Return the paper's map as a table of the file."""
+    return PinMapTable(_to_pairs(pin_map.points_mm), _to_pairs(pin_map.points_px))
+
+
+def _to_pairs(points: Points) -> list[tuple[float, float]]:
+    """Return points as pairs of numbers."""
+    return [(x, y) for x, y in points.tolist()]
 
 
 class PixelMapTable(Struct, tag_field="kind", tag="map", frozen=True, forbid_unknown_fields=True):

@@ -26,15 +26,12 @@ TYPICAL_GLOBAL_DIMMING = 0.7
 """Relative light lost everywhere per mean darkening of the view, from eight real sensors of five laboratories."""
 TYPICAL_POINT_SPREAD_MM = 0.55
 """Standard deviation of the point spread of the same eight sensors."""
-LOSS_EVERY_PX = 5
+_SAMPLING_STRIDE_PX = 5
 """Every how many rows and columns the mean darkening is sampled; darkening is smooth enough for that."""
-NOTICED = 0.02
-"""Relative darkening above which a pixel counts as dark: three standard deviations of a pixel's noise and a little drift stay below
-it.
-"""
-ROUNDS = 4
-"""Number of iterations that subtract the loss and average the darkening again; each reduces the error by a factor of five or more.
-"""
+_MIN_DARKENING = 0.02
+"""Relative darkening above which a pixel counts as dark; three standard deviations of a pixel's noise with some drift are less."""
+_DIMMING_ITERATIONS = 4
+"""Number of times that the loss is subtracted and the darkening averaged again; each reduces the error to a fifth or less."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +46,7 @@ class GlobalDimmingModel:
         if self.global_dimming == 0:
             return 0.0
         brightness, loss = _sample_relative_brightness(grey, reference), 0.0
-        for _ in range(ROUNDS):
+        for _ in range(_DIMMING_ITERATIONS):
             loss = -self.global_dimming * _mean_noticed_darkening(brightness, loss)
         return loss
 
@@ -65,21 +62,21 @@ def _sample_relative_brightness(
     grey: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"]
 ) -> Float32[Array, "few_rows few_cols"]:
     """Return the brightness relative to the reference image at every few rows and columns."""
-    few = np.s_[::LOSS_EVERY_PX, ::LOSS_EVERY_PX]
+    few = np.s_[::_SAMPLING_STRIDE_PX, ::_SAMPLING_STRIDE_PX]
     return np.asarray(grey[few] / np.maximum(reference[few], 1))
 
 
 def _mean_noticed_darkening(brightness: Float32[Array, "few_rows few_cols"], loss: float) -> float:
     """Return the mean darkening after the loss is subtracted, of the pixels that are noticeably dark."""
     darkening = cv2.addWeighted(brightness, -1 / (1 + loss), brightness, 0, 1)
-    return float(cv2.mean(cv2.threshold(darkening, NOTICED, 0, cv2.THRESH_TOZERO, dst=darkening)[1])[0])
+    return float(cv2.mean(cv2.threshold(darkening, _MIN_DARKENING, 0, cv2.THRESH_TOZERO, dst=darkening)[1])[0])
 
 
-_EVEN = 8
-"""Sides of transformed fields are multiples of it; those of 8 are the fastest."""
-LEAST_POINTS = 2.5
+_DFT_SIDE_FACTOR = 8
+"""Sides of transformed fields are multiples of it, for which the transform is fastest."""
+_MIN_POINTS_PER_SPREAD = 2.5
 """Smallest number of points of the coarser grid in one standard deviation of the point spread."""
-COARSEST = 3
+_MAX_COARSENESS = 3
 
 
 @dataclass(frozen=True)
@@ -91,20 +88,16 @@ class Deblurring:
     floor: Annotated[float, Meta(ge=1e-4, le=1)] = 0.03
     """Power of noise relative to signal; detail that scattering has attenuated below this level is not restored."""
 
-    def __call__(self, field: Float32[Array, "rows cols"], mm_per_px: float) -> Float32[Array, "rows cols"]:
-        """Return the field as it was before scattering; beyond its border the field is taken as mirrored."""
-        return upsample(self.on_coarser_grid(field, mm_per_px), field.shape, self.coarseness(mm_per_px))
-
     def coarseness(self, mm_per_px: float) -> int:
-        """Return the pixels along one side of a point of the coarser grid, of which a point spread still spans some three points:
-        finer detail was blurred away.
-        """
-        return int(np.clip(self.point_spread_mm / mm_per_px / LEAST_POINTS, 1, COARSEST))
+        """Return the pixels along one side of a point of the coarser grid; it resolves the point spread, and nothing is finer."""
+        return int(np.clip(self.point_spread_mm / mm_per_px / _MIN_POINTS_PER_SPREAD, 1, _MAX_COARSENESS))
 
     def on_coarser_grid(
         self, field: Float32[Array, "rows cols"], mm_per_px: float
     ) -> Float32[Array, "few_rows few_cols"]:
-        """Return the same on the coarser grid; its last row and column may reach beyond the field, which is repeated there."""
+        """Return the field as it was before scattering, on the coarser grid. Its last row and column may reach beyond the field;
+        beyond its border the field is taken as mirrored.
+        """
         coarseness = self.coarseness(mm_per_px)
         few = _block_means(field, coarseness)
         return deconvolve_gaussian_blur(few, self.point_spread_mm / mm_per_px / coarseness, self.floor)
@@ -149,7 +142,9 @@ def wiener_deconvolution_filter(rows: int, cols: int, sigma_px: float, floor: fl
     frequency are neighbours in a row, and in the first and last columns, which hold the frequencies 0 and 1/2, in the column.
     """
     reach = int(np.ceil(3 * sigma_px))
-    tall, wide = (_EVEN * cv2.getOptimalDFTSize(-(-(side + reach) // _EVEN)) for side in (rows, cols))
+    tall, wide = (
+        _DFT_SIDE_FACTOR * cv2.getOptimalDFTSize(-(-(side + reach) // _DFT_SIDE_FACTOR)) for side in (rows, cols)
+    )
     ky = np.repeat(np.abs(np.fft.fftfreq(tall))[:, None], wide, axis=1)
     ky[:, [0, -1]] = ((np.arange(tall) + 1) // 2 / tall)[:, None]
     kx = (np.arange(wide) + 1) // 2 / wide
@@ -203,9 +198,7 @@ class DepthCurve:
     """Ascending from 0; in grey levels for `difference`, as a fraction of the reference brightness for `ratio`."""
     indentation_mm: tuple[_KnotMm, ...]
     error_mm: tuple[_KnotMm, ...]
-    """Standard deviation at each knot: the scatter of the pixels about the curve, combined with the cross-validation error between
-    the halves of the ball's disc.
-    """
+    """Standard deviation at each knot: scatter of the pixels about the curve, and cross-validation between halves of the disc."""
     brightening: tuple[_Signal, ...] = (0.0,)
     bulge_mm: tuple[_KnotMm, ...] = (0.0,)
     beyond: CurveContinuation = CurveContinuation()
@@ -245,6 +238,10 @@ class DepthCurve:
         signal = (np.arange(TABLE_SIZE) - ZERO_INDEX) / TABLE_STEPS[self.signal]
         return (self.height_mm(signal) + self.balance_mm(signal)).astype(np.float32)
 
+    def look_up_mm(self, index: UInt16[Array, "rows cols"]) -> Float32[Array, "rows cols"]:
+        """Return the height of every pixel, given its table index."""
+        return np.asarray(cv2.LUT(index, self.table) if OPENCV_TAKES_16_BITS else np.take(self.table, index))
+
     @property
     def knows_bulges(self) -> bool:
         """Whether the curve also covers brightening, that is, bulges."""
@@ -253,8 +250,8 @@ class DepthCurve:
     def balance_mm(self, signal: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """Return the height for brightening by continuing the first segment of the curve a little, where no bulges are calibrated.
 
-        Otherwise only the dark half of the noise would count, and skin without contact would appear indented. The continuation
-        serves the filters alone: after them, heights above zero are set to zero.
+        Otherwise only the dark half of the noise would count, and skin without contact would appear indented. After the filters,
+        heights above zero are set to zero.
         """
         if self.knows_bulges or len(self.darkening) < 2:
             return np.zeros_like(signal)
@@ -331,27 +328,18 @@ class DepthReader:
 
         After deblurring, heights are looked up and smoothed on the coarser grid, and only then brought to that of the image.
         """
-        shape = rectified.grey.shape
         index = self._index_on_computed_grid(rectified.grey)
-        z_mm = self.smoothing.on_grid(1 / self._coarseness)(look_up_heights(self.curve.table, index))
-        z_mm = z_mm if index.shape == shape else upsample(z_mm, shape, self._coarseness)
+        z_mm = self._on_image_grid(self.smoothing.on_grid(1 / self._coarseness)(self.curve.look_up_mm(index)))
         if not self.curve.knows_bulges:
             cv2.threshold(z_mm, 0, 0, cv2.THRESH_TRUNC, dst=z_mm)
         if not self.all_in_view:
             z_mm[self.lens_source == HeightSource.OUT_OF_VIEW] = 0
-        return HeightMap(
-            z_mm,
-            self.height_source(index),
-            rectified.mm_per_px,
-            self.noise_mm,
-            self.camera_distance_mm,
-            rectified.stamp_ns,
-        )
+        source = self.height_source(index)
+        return HeightMap(z_mm, source, rectified.mm_per_px, self.noise_mm, self.camera_distance_mm, rectified.stamp_ns)
 
     def index(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
         """Return the table index of every pixel; lost and scattered light is restored first where it is calibrated."""
-        index = self._index_on_computed_grid(grey)
-        return index if index.shape == grey.shape else upsample(index, grey.shape, self._coarseness)
+        return self._on_image_grid(self._index_on_computed_grid(grey))
 
     def _index_on_computed_grid(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "few_rows few_cols"]:
         """Return the table index on the grid on which heights are looked up: after deblurring a coarser one."""
@@ -363,7 +351,11 @@ class DepthReader:
         steps = TABLE_STEPS["ratio"]
         return np.asarray(cv2.addWeighted(change, steps, change, 0, ZERO_INDEX - steps, dtype=cv2.CV_16U))
 
-    @property
+    def _on_image_grid(self, field: Shaped[Array, "few_rows few_cols"]) -> Shaped[Array, "rows cols"]:
+        """Return a field of the grid on which heights are looked up on the grid of the image."""
+        return field if self._coarseness == 1 else upsample(field, self.lens_source.shape, self._coarseness)
+
+    @cached_property
     def _coarseness(self) -> int:
         """Pixels along one side of a point of the grid on which heights are looked up."""
         return 1 if self.deblurring is None else self.deblurring.coarseness(self.reference.mm_per_px)
@@ -384,36 +376,24 @@ class DepthReader:
         steps = TABLE_STEPS[self.curve.signal]
         if self.curve.signal == "difference":
             return np.asarray(cv2.addWeighted(grey, steps, self.index_offset, 1, 0, dtype=cv2.CV_16U))
-        return np.asarray(cv2.multiply(grey, self.index_gain, dtype=cv2.CV_16U))
+        return np.asarray(cv2.multiply(grey, self.per_reference, scale=steps, dtype=cv2.CV_16U))
 
     @cached_property
     def index_offset(self) -> Float32[Array, "rows cols"]:
         """The offset for the difference signal: index = grey · steps + offset."""
         return ZERO_INDEX - np.float32(TABLE_STEPS["difference"]) * self.reference.grey
 
-    @cached_property
-    def index_gain(self) -> Float32[Array, "rows cols"]:
-        """The gain for the ratio signal: index = grey · gain. Unchanged brightness has the ratio one, and one unit has `ZERO_INDEX`
-        steps.
-        """
-        return np.float32(TABLE_STEPS["ratio"]) * self.per_reference
-
     def height_source(self, index: UInt16[Array, "few_rows few_cols"]) -> UInt8[Array, "rows cols"]:
         """Return the `HeightSource` of every pixel; the height of a pixel darker than the calibrated range is extrapolated.
 
-        index: on the grid of the image, or on a coarser one.
+        index: on the grid on which heights are looked up.
         """
-        if index.shape != self.lens_source.shape and index.min() < self.curve.darkest_index:
-            index = upsample(index, self.lens_source.shape, self._coarseness)
-        beyond = (index < self.curve.darkest_index).view(np.uint8) if index.shape == self.lens_source.shape else 0
+        if index.min() >= self.curve.darkest_index:
+            return self.lens_source.copy()
+        beyond = (self._on_image_grid(index) < self.curve.darkest_index).view(np.uint8)
         return np.minimum(self.lens_source, np.uint8(HeightSource.MEASURED) - beyond)
 
     @cached_property
     def all_in_view(self) -> bool:
         """Whether the camera sees every pixel of the grid."""
         return bool((self.lens_source != HeightSource.OUT_OF_VIEW).all())
-
-
-def look_up_heights(table: Float32[Array, " size"], index: UInt16[Array, "rows cols"]) -> Float32[Array, "rows cols"]:
-    """Return the table's entry for every pixel."""
-    return np.asarray(cv2.LUT(index, table) if OPENCV_TAKES_16_BITS else np.take(table, index))

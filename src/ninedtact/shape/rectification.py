@@ -21,6 +21,8 @@ CameraRotation = Literal[0, 90, 180, 270]
 """Angle from the image's column axis to the sensor's x axis, in degrees, clockwise on the screen."""
 Area = tuple[float, float, float, float]
 """x from, x to, y from, y to, in mm on the skin."""
+OUT_OF_VIEW_PX = -1.0
+"""Both coordinates of the source pixel of a rectified pixel that an imported map declares to be outside the raw image."""
 
 
 class WrongImageSize(FileFormatError):

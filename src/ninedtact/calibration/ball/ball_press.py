@@ -1,79 +1,98 @@
-"""A ball pressed on the skin, as two rectified images and the contact disc in them: the pairs of darkening and depth, and the
-monotone depth curve through them.
+"""A ball pressed on the skin, as two rectified images and the contact circle in them, and what every fit of such a press gives.
 
-The depth of a pixel is that at which its line of sight meets the ball. The camera stands `distance_mm` below the centre of the
-skin; the line through a point of the undeformed plane is followed until it meets the sphere that cuts the plane in the contact
-circle. (Refraction on the way is included in the lens model and in the distance; docs/accuracy.md gives what remains.) The depth
-curve rises, has no gaps and starts at zero.
+`find_ball_press` checks two raw images and finds the contact circle. `BallFit` is the interface of the fits in `ball_fit`. A fit
+knows the height of the skin on every line of sight of the press, and gives the depth curve of any region of the disc. All fits are
+therefore tested in the same way: the curve of one half of the disc reads the other half.
 """
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float32, UInt8
 from numpy import ndarray as Array
-from scipy.optimize import isotonic_regression, minimize
 
-from ninedtact.calibration.ball.contact_circle import ContactCircle
-from ninedtact.calibration.press_brightness import smooth_gaussian
-from ninedtact.design import BallGauge, CameraGeometry
-from ninedtact.quantities import HeightSource, Rectified, skin_grid_mm
-from ninedtact.shape.depth import BrightnessSignal, DepthCurve, DepthReader, Smoothing
-
-LEVEL: dict[BrightnessSignal, float] = {"difference": 1.0, "ratio": 1 / 160}
-"""Width of one bin of darkening: one grey level, and its equivalent in the ratio for an image of usual brightness."""
-FIRST_LEVEL = 4
-"""Bin below which the curve is a straight line from zero. The edge of the disc is blurred, so the first bins would turn a drift of
-one grey level into a tenth of a millimetre.
-"""
-
-
-def fit_monotone_depth_curve(
-    signal: BrightnessSignal, darkening: Float[Array, " n"], depth_mm: Float[Array, " n"]
-) -> DepthCurve:
-    """Return the mean depth of every bin of darkening, made monotone by isotonic regression (weights: pixels per bin).
-
-    Empty bins are interpolated; brightening pixels near the edge count as bin zero.
-    """
-    level = np.maximum(np.round(darkening / LEVEL[signal]), 0).astype(int)
-    count = np.bincount(level)
-    known = np.flatnonzero(count)
-    known = known[known >= min(FIRST_LEVEL, known[-1])]
-    mean = np.bincount(level, depth_mm)[known] / count[known]
-    spread = np.sqrt(np.maximum(np.bincount(level, depth_mm**2)[known] / count[known] - mean**2, 0))
-    rising = np.asarray(isotonic_regression(mean, weights=count[known]).x)
-    return anchor_depth_curve_at_zero(signal, known * LEVEL[signal], rising, spread)
+from ninedtact.calibration.ball.contact_circle import (
+    MAX_RADIUS_BY_PHYSICS,
+    ContactCircle,
+    asymmetry_warnings,
+    find_contact_circle,
+    require_disc_above_black,
+    require_usable_depth,
+)
+from ninedtact.calibration.press_brightness import (
+    BgrImage,
+    relative_brightness,
+    require_same_image_size,
+    require_usable_exposure,
+    to_grey_float,
+)
+from ninedtact.design import BallGauge
+from ninedtact.quantities import Frame, HeightSource, Rectified, skin_grid_mm
+from ninedtact.shape.depth import (
+    BrightnessSignal,
+    Deblurring,
+    DepthCurve,
+    DepthMethod,
+    DepthReader,
+    GlobalDimmingModel,
+    Smoothing,
+)
+from ninedtact.shape.rectification import Rectification
 
 
-def anchor_depth_curve_at_zero(
-    signal: BrightnessSignal, darkening: Float[Array, " k"], depth_mm: Float[Array, " k"], error_mm: Float[Array, " k"]
-) -> DepthCurve:
-    """Return the depth curve with a first knot of zero depth at zero darkening."""
-    above = darkening > 0
-    return DepthCurve(
-        signal,
-        (0.0, *darkening[above].tolist()),
-        (0.0, *depth_mm[above].tolist()),
-        (float(error_mm[0]), *error_mm[above].tolist()),
-    )
+@dataclass(frozen=True)
+class BallPress:
+    """The reference image, the image of the press, and the contact circle found in them."""
 
+    before: Rectified
+    after: Rectified
+    circle: ContactCircle
 
-def _visible_ball_depth_mm(
-    shape: tuple[int, int],
-    mm_per_px: float,
-    centre_mm: tuple[float, float],
-    edge_radius_mm: float,
-    ball_radius_mm: float,
-    camera_distance_mm: float,
-) -> Float[Array, "rows cols"]:
-    """Return the depth of the ball's surface on every pixel's line of sight, zero where the line misses the disc."""
-    camera = np.array([0.0, 0.0, -camera_distance_mm])
-    ball = np.array([*centre_mm, np.sqrt(ball_radius_mm**2 - edge_radius_mm**2)])
-    x, y = skin_grid_mm(shape, mm_per_px)
-    sight = np.stack([x, y, np.full_like(x, camera_distance_mm)], axis=-1).astype(float)
-    ray_fraction = intersect_rays_with_sphere(camera - ball, sight, ball_radius_mm)
-    return np.maximum(camera_distance_mm * (1 - ray_fraction), 0)
+    def about(self, centre_px: Float[Array, "2"]) -> "BallPress":
+        """Return the same press with the centre of the contact at another pixel."""
+        return replace(self, circle=replace(self.circle, centre_px=(float(centre_px[0]), float(centre_px[1]))))
+
+    @property
+    def centre_mm(self) -> tuple[float, float]:
+        """x and y of the centre of the contact on the skin."""
+        rows, cols = self.before.grey.shape
+        x, y = self.circle.centre_px
+        return (x - (cols - 1) / 2) * self.before.mm_per_px, (y - (rows - 1) / 2) * self.before.mm_per_px
+
+    @property
+    def edge_radius_mm(self) -> float:
+        """Radius of the contact circle."""
+        return self.circle.radius_px * self.before.mm_per_px
+
+    def darkening(
+        self, signal: BrightnessSignal, where: Bool[Array, "rows cols"], loss: float = 0.0
+    ) -> Float32[Array, " n"]:
+        """Return the darkening of the pixels of a region in the unit of a signal, after a loss of light of the whole image."""
+        before, after = self.before.grey[where], self.after.grey[where] / np.float32(1 + loss)
+        return before - after if signal == "difference" else 1 - after / np.maximum(before, 1)
+
+    def rigid_ball_depth_mm(self, ball_radius_mm: float, camera_distance_mm: float) -> Float[Array, "rows cols"]:
+        """Return the depth at which every pixel's line of sight meets the ball, zero where it misses the disc.
+
+        The camera stands `camera_distance_mm` below the centre of the skin. The line through a point of the undeformed plane is
+        followed until it meets the sphere that cuts the plane in the contact circle. (Refraction on the way is included in the lens
+        model and in the distance; docs/accuracy.md gives what remains.)
+        """
+        camera = np.array([0.0, 0.0, -camera_distance_mm])
+        ball = np.array([*self.centre_mm, np.sqrt(ball_radius_mm**2 - self.edge_radius_mm**2)])
+        x, y = skin_grid_mm(self.before.grey.shape, self.before.mm_per_px)
+        sight = np.stack([x, y, np.full_like(x, camera_distance_mm)], axis=-1).astype(float)
+        ray_fraction = intersect_rays_with_sphere(camera - ball, sight, ball_radius_mm)
+        return np.maximum(camera_distance_mm * (1 - ray_fraction), 0)
+
+    def halves(self) -> list[Bool[Array, "rows cols"]]:
+        """Return the left, right, upper and lower half of the image about the centre of the contact."""
+        rows, cols = np.indices(self.before.grey.shape)
+        left, upper = cols < self.circle.centre_px[0], rows < self.circle.centre_px[1]
+        return [np.asarray(half) for half in (left, ~left, upper, ~upper)]
 
 
 def intersect_rays_with_sphere(
@@ -86,78 +105,139 @@ def intersect_rays_with_sphere(
     return np.where(discriminant > 0, (-product - np.sqrt(np.maximum(discriminant, 0))) / square, 1)
 
 
-CENTRING_PX = 1.0
-CENTRING_TERMS = 7
+def find_ball_press(
+    rectify: Rectification, reference: BgrImage, press: BgrImage, ball: BallGauge, method: DepthMethod
+) -> BallPress:
+    """Check and rectify two raw images (rows, cols, 3) of the skin, without contact and under the ball, and find the contact.
+
+    Raises `BallPressUnusable`, `ImageUnusable` and `WrongImageSize`.
+    """
+    require_same_image_size("ball image", reference, press)
+    require_usable_exposure("ball reference", reference)
+    require_usable_exposure("ball image", press)
+    before, after = rectify(Frame(reference)), rectify(Frame(press))
+    return BallPress(before, after, find_usable_contact_circle(before, after, ball, method))
+
+
+def find_usable_contact_circle(
+    before: Rectified, after: Rectified, ball: BallGauge, method: DepthMethod
+) -> ContactCircle:
+    """Return the contact circle of a ball that can calibrate depth by this method; raises `BallPressUnusable`."""
+    circle = find_contact_circle(rectified_flat_fielded_change(before, after))
+    require_usable_depth(ball, circle, before.mm_per_px, MAX_RADIUS_BY_PHYSICS if method == "physics" else 1.0)
+    require_disc_above_black(after.grey, circle)
+    return circle
+
+
+def rectified_flat_fielded_change(before: Rectified, after: Rectified) -> Float32[Array, "rows cols"]:
+    """Return the relative change of brightness of two rectified images, times the mean of the first, in grey levels."""
+    return (relative_brightness(after, before) - 1) * before.grey.mean()
 
 
 @dataclass(frozen=True)
-class BallPressImages:
-    """The reference image, the image of the press, the contact disc found in them, and the ball."""
+class BallFit(ABC):
+    """The fit of one press of a ball: the height of the skin in it, and the depth curve that follows."""
 
-    before: Rectified
-    after: Rectified
-    circle: ContactCircle
-    ball: BallGauge
-    camera: CameraGeometry
+    press: BallPress
+    """The press, with the centre of the contact as this fit found it."""
     smoothing: Smoothing
+    """The filters of a reconstruction after the look-up."""
 
-    def about(self, centre_px: Float[Array, "2"]) -> "BallPressImages":
-        """Return the same press with the ball's centre at another pixel."""
-        return replace(self, circle=replace(self.circle, centre_px=(float(centre_px[0]), float(centre_px[1]))))
+    @property
+    @abstractmethod
+    def method(self) -> DepthMethod:
+        """The method of the fit."""
+
+    @property
+    @abstractmethod
+    def height_mm(self) -> Float[Array, "rows cols"]:
+        """Height of the skin on every pixel's line of sight; zero where the fit does not determine it."""
+
+    @property
+    @abstractmethod
+    def disc(self) -> Bool[Array, "rows cols"]:
+        """The pixels whose depth and darkening are paired."""
+
+    @property
+    @abstractmethod
+    def max_indentation_mm(self) -> float:
+        """Depth of the ball's lowest point."""
+
+    @property
+    @abstractmethod
+    def loss(self) -> GlobalDimmingModel:
+        """The loss of light of the whole image; none where the method does not determine it."""
+
+    @property
+    @abstractmethod
+    def deblurring(self) -> Deblurring | None:
+        """The removal of the point spread; None where the method does not determine it."""
+
+    @abstractmethod
+    def fit_curve(self, where: Bool[Array, "rows cols"]) -> DepthCurve:
+        """Return the depth curve of a region of the disc."""
+
+    @abstractmethod
+    def with_errors(self, curve: DepthCurve) -> DepthCurve:
+        """Return the curve of the whole disc with the standard deviation at every knot."""
+
+    @cached_property
+    def curve(self) -> DepthCurve:
+        """The depth curve of the whole disc, with its errors."""
+        return self.with_errors(self.fit_curve(self.disc))
 
     @cached_property
     def depth_mm(self) -> Float[Array, "rows cols"]:
-        """Depth of the ball's surface on every pixel's line of sight, zero outside the disc."""
-        shape = self.before.grey.shape
-        mm_per_px = self.before.mm_per_px
-        x, y = self.circle.centre_px
-        centre_mm = (x - (shape[1] - 1) / 2) * mm_per_px, (y - (shape[0] - 1) / 2) * mm_per_px
-        return _visible_ball_depth_mm(
-            shape, mm_per_px, centre_mm, self.edge_radius_mm, self.ball.radius_mm, self.camera.distance_mm
-        )
-
-    @cached_property
-    def disc(self) -> Bool[Array, "rows cols"]:
-        """The pixels at which the ball touches, by the rule that the edge of the disc is at depth zero."""
-        return self.circle.distance_px(self.before.grey.shape) < self.circle.radius_px
+        """Indentation on every pixel's line of sight."""
+        return np.maximum(-self.height_mm.astype(float), 0)
 
     @property
-    def edge_radius_mm(self) -> float:
-        """Return the radius of the contact disc in mm."""
-        return self.circle.radius_px * self.before.mm_per_px
+    def reconstruction_mae_mm(self) -> float:
+        """Mean absolute error of the reconstructed height inside the disc."""
+        return self.error_mm(self.curve, self.disc)
 
-    def curve(self, signal: BrightnessSignal, where: Bool[Array, "rows cols"]) -> DepthCurve:
-        """Return the monotone curve through the pixels of a region."""
-        before, after = self.before.grey[where], self.after.grey[where]
-        darkening = before - after if signal == "difference" else 1 - after / np.maximum(before, 1)
-        return fit_monotone_depth_curve(signal, darkening, self.depth_mm[where])
+    @cached_property
+    def cross_validation_mae_mm(self) -> float:
+        """Mean absolute error of one half of the disc, reconstructed with the curve of the other half; the mean over four cuts."""
+        halves = self.press.halves()
+        return float(np.mean([self.error_mm(self.fit_curve(self.disc & half), self.disc & ~half) for half in halves]))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the press, in words."""
+        return asymmetry_warnings(self.press.circle)
+
+    def reader(self, before: Rectified, source: UInt8[Array, "rows cols"]) -> DepthReader:
+        """Return the depth reader of the calibrated sensor for this reference image."""
+        return DepthReader(self.curve, before, source, self.smoothing, loss=self.loss, deblurring=self.deblurring)
+
+    def press_reader(self, curve: DepthCurve, deblurring: Deblurring | None) -> DepthReader:
+        """Return the depth reader of this press with a curve and a deblurring that are being fitted."""
+        everywhere = np.full(self.press.before.grey.shape, HeightSource.MEASURED, np.uint8)
+        return DepthReader(curve, self.press.before, everywhere, self.smoothing, loss=self.loss, deblurring=deblurring)
 
     def error_mm(self, curve: DepthCurve, where: Bool[Array, "rows cols"]) -> float:
-        """Return the mean absolute error of the reconstructed height, filters included, over a region."""
-        everywhere = np.full(where.shape, HeightSource.MEASURED, np.uint8)
-        height = DepthReader(curve, self.before, everywhere, self.smoothing)(self.after)
-        return float(np.abs(height.indentation_mm - self.depth_mm)[where].mean())
+        """Return the mean absolute error, in a region, of the heights that this curve gives, filters included."""
+        return self.reading_error_mm(self.press_reader(curve, self.deblurring), where)
 
-    def halves(self) -> list[Bool[Array, "rows cols"]]:
-        """Return the left, right, upper and lower half of the image about the disc's centre."""
-        rows, cols = np.indices(self.before.grey.shape)
-        left, upper = cols < self.circle.centre_px[0], rows < self.circle.centre_px[1]
-        return [np.asarray(half) for half in (left, ~left, upper, ~upper)]
+    def reading_error_mm(self, reader: DepthReader, where: Bool[Array, "rows cols"]) -> float:
+        """Return the mean absolute error, in a region, of the heights that a reader of this press gives."""
+        return float(np.abs(reader(self.press.after).z_mm - self.height_mm)[where].mean())
 
 
-def refine_ball_centre(press: BallPressImages) -> BallPressImages:
-    """Return the press with its centre moved to where darkening is most nearly a function of depth alone.
+def simulate_height_noise_mm(
+    reader: Callable[[Rectified], DepthReader], rectify: Rectification, reference: BgrImage, noise: float, seed: int = 0
+) -> float:
+    """Return the standard deviation of the height when camera noise is added to a uniform darkening half-way down the range.
 
-    The edge determines the disc's size well but its centre only roughly, because the bulge around it is never quite even.
+    reader: builds a depth reader from a reference image. noise: standard deviation of one raw pixel, grey levels. The noise passes
+    through lens and filters, so that the result is the noise of a reconstruction.
     """
-    darkening = smooth_gaussian(1 - press.after.grey / np.maximum(press.before.grey, 1), CENTRING_PX)
-
-    def scatter(centre_px: Float[Array, "2"]) -> float:
-        depth_mm = press.about(centre_px).depth_mm
-        inside = depth_mm > 0
-        powers = np.vander(depth_mm[inside], CENTRING_TERMS)
-        fitted = powers @ np.linalg.lstsq(powers, darkening[inside], rcond=None)[0]
-        return float(np.std(darkening[inside] - fitted))
-
-    best = minimize(scatter, press.circle.centre_px, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 1e-7})
-    return press.about(best.x)
+    raw = to_grey_float(reference)
+    curve = reader(Rectified(rectify.resample(raw), rectify.mm_per_px)).curve
+    half_way = curve.darkening[-1] / 2
+    pressed = raw - half_way if curve.signal == "difference" else raw * (1 - half_way)
+    noisy = pressed + np.random.default_rng(seed).normal(0, noise, raw.shape).astype(np.float32)
+    before, after = (Rectified(rectify.resample(image), rectify.mm_per_px) for image in (raw, noisy))
+    height = replace(reader(before), loss=GlobalDimmingModel())(after)
+    return float(np.std(height.z_mm[height.in_view]))

@@ -17,24 +17,24 @@ from ninedtact.calibration.press_brightness import BgrImage, estimate_pixel_nois
 from ninedtact.design import BallGauge
 from ninedtact.errors import CalibrationError
 
-SMOOTHING_PX = 2.0
-EDGE_SMOOTHING_PX = 1.0
+_SMOOTHING_PX = 2.0
+_EDGE_SMOOTHING_PX = 1.0
 """Standard deviation of the Gaussian at the edge; it is smaller because smoothing moves the zero towards the flatter side."""
-RAYS = 120
-STEP_PX = 0.25
-FAINTEST_DROP = 3.0
+_RAY_COUNT = 120
+_RAY_STEP_PX = 0.25
+_MIN_DARKENING = 3.0
 """Smallest darkening of a contact in grey levels; the drift between two images without contact stays below it (real images: 0.6).
 """
-SECOND_CONTACT = 0.35
+_SECOND_CONTACT = 0.35
 """A second spot with this fraction of the largest darkening is another contact."""
-MAX_GLARE_AREA = 0.2
+_MAX_GLARE_AREA = 0.2
 """Area of a bright place, relative to that of the dark disc, up to which it is a reflection."""
-BLACK_GREY_LEVEL = 2.0
-MAX_BLACK_SHARE = 0.01
-"""Largest fraction of the disc at `BLACK_GREY_LEVEL` or below."""
-LEAST_OF_CIRCLE = 0.6
+_BLACK_LEVEL = 2.0
+_MAX_BLACK_SHARE = 0.01
+"""Largest fraction of the disc at `_BLACK_LEVEL` or below."""
+_MIN_EDGE_SHARE = 0.6
 """Smallest fraction of the rays that must reach the edge."""
-ROUNDNESS = 0.12
+_MAX_EDGE_SCATTER = 0.12
 """Largest scatter of the edge, relative to the radius: a sheared ball press has 0.03, other objects have far more."""
 
 
@@ -50,16 +50,16 @@ class ContactCircle:
     """(x, y)"""
     radius_px: float
     edge_scatter_px: float
-    drop: float
-    """Darkening at the deepest point, grey levels."""
-    leaning: tuple[float, float]
-    """Uneven brightness of the bulge around the disc, as a fraction of the drop: the first harmonic, pointing to the brighter side.
-    """
+    darkening_grey_levels: float
+    """Darkening at the deepest point."""
+    asymmetry_vector: tuple[float, float]
+    """Uneven brightness of the bulge around the disc, as a fraction of the darkening: the first harmonic, pointing to the brighter
+    side."""
 
     @property
     def asymmetry(self) -> float:
-        """Magnitude of the uneven brightness of the bulge, as a fraction of the drop."""
-        return float(np.hypot(*self.leaning))
+        """Magnitude of the uneven brightness of the bulge, as a fraction of the darkening."""
+        return float(np.hypot(*self.asymmetry_vector))
 
     def distance_px(self, shape: tuple[int, ...]) -> Float[Array, "rows cols"]:
         """Return the distance of every pixel from the disc's centre."""
@@ -69,47 +69,47 @@ class ContactCircle:
 
 def find_contact_circle(change: Float32[Array, "rows cols"]) -> ContactCircle:
     """Return the one round contact in a rectified relative change (grey levels); raises `BallPressUnusable` with the reason."""
-    calm = smooth_gaussian(change, SMOOTHING_PX)
-    calm = calm - np.median(calm)
-    _require_contact(calm, estimate_pixel_noise(change))
-    spot = _darkest_region(calm)
-    _require_single_contact(calm, spot)
+    smoothed = smooth_gaussian(change, _SMOOTHING_PX)
+    smoothed = smoothed - np.median(smoothed)
+    _require_contact(smoothed, estimate_pixel_noise(change))
+    spot = _darkest_region(smoothed)
+    _require_single_contact(smoothed, spot)
     row, column = ndimage.center_of_mass(spot)
-    sharp = smooth_gaussian(change, EDGE_SMOOTHING_PX)
+    sharp = smooth_gaussian(change, _EDGE_SMOOTHING_PX)
     edge = _find_edge_points(sharp - np.median(sharp), (column, row))
-    return _fit_circle(calm, edge)
+    return _fit_circle(smoothed, edge)
 
 
-def _require_contact(calm: Float32[Array, "rows cols"], noise: float) -> None:
+def _require_contact(smoothed: Float32[Array, "rows cols"], noise: float) -> None:
     """Refuse an image without contact and a swapped pair."""
-    drop, rise = -float(calm.min()), float(calm.max())
-    needed = max(FAINTEST_DROP, 3 * noise)
+    drop, rise = -float(smoothed.min()), float(smoothed.max())
+    needed = max(_MIN_DARKENING, 3 * noise)
     if max(drop, rise) < needed:
         raise BallPressUnusable(
             f"expected the ball's dark disc, at least {needed:.0f} grey levels darker than the reference, got no contact "
             f"(largest change {max(drop, rise):.1f} levels); press the ball while the second image is taken"
         )
-    if rise > drop and not _is_glare(calm):
+    if rise > drop and not _is_glare(smoothed):
         raise BallPressUnusable(
             f"expected a dark disc where the ball presses, got a bright one (+{rise:.0f} against −{drop:.0f} grey levels); "
             "the images look swapped: give the image without contact as the reference"
         )
 
 
-def _is_glare(calm: Float32[Array, "rows cols"]) -> bool:
+def _is_glare(smoothed: Float32[Array, "rows cols"]) -> bool:
     """Return whether the brightest place is small or at the border: a reflection, and not a ball in swapped images."""
-    bright, dark = _darkest_region(-calm), _darkest_region(calm)
+    bright, dark = _darkest_region(-smoothed), _darkest_region(smoothed)
     at_border = any(side.any() for side in (bright[0], bright[-1], bright[:, 0], bright[:, -1]))
-    return bool(at_border or bright.sum() < MAX_GLARE_AREA * dark.sum())
+    return bool(at_border or bright.sum() < _MAX_GLARE_AREA * dark.sum())
 
 
-def _darkest_region(calm: Float32[Array, "rows cols"]) -> Bool[Array, "rows cols"]:
+def _darkest_region(smoothed: Float32[Array, "rows cols"]) -> Bool[Array, "rows cols"]:
     """Return the connected region around the darkest pixel that is darker than half of it."""
-    labels, _ = ndimage.label(calm < calm.min() / 2)
-    return np.asarray(labels == labels[np.unravel_index(calm.argmin(), calm.shape)])
+    labels, _ = ndimage.label(smoothed < smoothed.min() / 2)
+    return np.asarray(labels == labels[np.unravel_index(smoothed.argmin(), smoothed.shape)])
 
 
-def _require_single_contact(calm: Float32[Array, "rows cols"], spot: Bool[Array, "rows cols"]) -> None:
+def _require_single_contact(smoothed: Float32[Array, "rows cols"], spot: Bool[Array, "rows cols"]) -> None:
     """Refuse a second contact, and a disc at the border."""
     border = np.ones_like(spot)
     border[1:-1, 1:-1] = False
@@ -117,38 +117,38 @@ def _require_single_contact(calm: Float32[Array, "rows cols"], spot: Bool[Array,
         raise BallPressUnusable(
             "expected the whole disc in view, got one cut by the image's border; press nearer to the middle"
         )
-    labels, count = ndimage.label(calm < SECOND_CONTACT * calm.min())
+    labels, count = ndimage.label(smoothed < _SECOND_CONTACT * smoothed.min())
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     rivals = int((sizes > 0.1 * sizes.max()).sum())
     if rivals > 1:
         raise BallPressUnusable(f"expected one contact, got {rivals}; press with the ball alone")
 
 
-def _find_edge_points(calm: Float32[Array, "rows cols"], centre_px: tuple[float, float]) -> Float[Array, "n 2"]:
+def _find_edge_points(smoothed: Float32[Array, "rows cols"], centre_px: tuple[float, float]) -> Float[Array, "n 2"]:
     """Return, along each ray from the centre, the first point (x, y) that is no darker than skin without contact."""
-    angles = np.arange(RAYS) * (2 * np.pi / RAYS)
-    radii = np.arange(STEP_PX, max(calm.shape), STEP_PX)
+    angles = np.arange(_RAY_COUNT) * (2 * np.pi / _RAY_COUNT)
+    radii = np.arange(_RAY_STEP_PX, max(smoothed.shape), _RAY_STEP_PX)
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
     points = centre_px + radii[:, None, None] * directions
-    seen = ndimage.map_coordinates(calm, points[..., ::-1].transpose(2, 0, 1), order=1, cval=np.nan)
+    seen = ndimage.map_coordinates(smoothed, points[..., ::-1].transpose(2, 0, 1), order=1, cval=np.nan)
     risen = seen >= 0
     first = risen.argmax(axis=0)
     reached = risen.any(axis=0) & ~np.isnan(np.take_along_axis(seen, first[None], axis=0)[0])
-    left_view = np.isnan(np.cumsum(seen, axis=0)[first, np.arange(RAYS)])
+    left_view = np.isnan(np.cumsum(seen, axis=0)[first, np.arange(_RAY_COUNT)])
     _require_whole_disc(reached & ~left_view)
-    return points[first, np.arange(RAYS)][reached & ~left_view]
+    return points[first, np.arange(_RAY_COUNT)][reached & ~left_view]
 
 
 def _require_whole_disc(reached: Bool[Array, " rays"]) -> None:
     """Refuse a disc whose edge lies outside the view for too many rays."""
-    if reached.mean() < LEAST_OF_CIRCLE:
+    if reached.mean() < _MIN_EDGE_SHARE:
         raise BallPressUnusable(
             f"expected the disc's edge all around, got it on {reached.mean():.0%} of the circle; the rest is outside the view "
             "or has no bright rim: press nearer to the middle, and with the ball alone"
         )
 
 
-def _fit_circle(calm: Float32[Array, "rows cols"], edge: Float[Array, "n 2"]) -> ContactCircle:
+def _fit_circle(smoothed: Float32[Array, "rows cols"], edge: Float[Array, "n 2"]) -> ContactCircle:
     """Return the robust least-squares circle through the edge points."""
     middle = edge.mean(axis=0)
     start = [*middle, np.hypot(*(edge - middle).T).mean()]
@@ -158,9 +158,9 @@ def _fit_circle(calm: Float32[Array, "rows cols"], edge: Float[Array, "n 2"]) ->
 
     x, y, radius = least_squares(residual, start, loss="soft_l1").x
     scatter = float(np.std(np.hypot(edge[:, 0] - x, edge[:, 1] - y)))
-    _require_round_edge(calm.shape, (x, y), radius, scatter)
-    drop = -float(calm.min())
-    harmonic = _bulge_first_harmonic(calm, (x, y), radius)
+    _require_round_edge(smoothed.shape, (x, y), radius, scatter)
+    drop = -float(smoothed.min())
+    harmonic = _bulge_first_harmonic(smoothed, (x, y), radius)
     return ContactCircle((float(x), float(y)), float(radius), scatter, drop, (harmonic[0] / drop, harmonic[1] / drop))
 
 
@@ -168,7 +168,7 @@ def _require_round_edge(
     shape: tuple[int, ...], centre_px: tuple[float, float], radius_px: float, scatter_px: float
 ) -> None:
     """Refuse a contact that is not round, or not wholly in view."""
-    if scatter_px > ROUNDNESS * radius_px:
+    if scatter_px > _MAX_EDGE_SCATTER * radius_px:
         raise BallPressUnusable(
             f"expected a round disc, got an edge that strays {scatter_px / radius_px:.0%} of its radius from a circle; "
             "press with a ball, straight down"
@@ -181,65 +181,67 @@ def _require_round_edge(
 
 
 def _bulge_first_harmonic(
-    calm: Float32[Array, "rows cols"], centre_px: tuple[float, float], radius_px: float
+    smoothed: Float32[Array, "rows cols"], centre_px: tuple[float, float], radius_px: float
 ) -> tuple[float, float]:
     """Return the amplitudes of cos θ and sin θ in the brightness just outside the disc."""
-    rows, cols = np.indices(calm.shape)
+    rows, cols = np.indices(smoothed.shape)
     x, y = np.asarray(cols - centre_px[0]), np.asarray(rows - centre_px[1])
     distance = np.hypot(x, y)
     ring = (distance > 1.1 * radius_px) & (distance < 1.6 * radius_px)
     columns = np.column_stack([np.ones(ring.sum()), x[ring] / distance[ring], y[ring] / distance[ring]])
-    amplitudes = np.linalg.pinv(columns) @ calm[ring]
+    amplitudes = np.linalg.pinv(columns) @ smoothed[ring]
     return float(amplitudes[1]), float(amplitudes[2])
 
 
-WIDEST_BY_PHYSICS = 1.06
+MAX_RADIUS_BY_PHYSICS = 1.06
 """Largest radius of the disc, as a fraction of the ball's radius, for the method `physics`. Skin is also indented beside the ball,
 and more widely in thicker gel; the contact mechanics include that, the rule of the disc's edge does not.
 """
-SHALLOWEST_MM = 0.4
+_MIN_DEPTH_MM = 0.4
 """Smallest depth of a press; a shallower one covers too little of the range to calibrate it."""
 MAX_ASYMMETRY = 0.08
 """Asymmetry of the bulge above which a press counts as sheared (straight real press 0.013, sheared one 0.22)."""
-WORST_REST = 0.06
+_MAX_RESIDUAL = 0.06
 """Fraction of the darkening that may stay unexplained (a straight real press 0.008, a sheared one 0.04, a roller 0.07)."""
-REFERENCE_DRIFT = 3.0
+_MAX_REFERENCE_DIFFERENCE = 3.0
 """Change in grey levels between two reference images above which a warning is given."""
 
 
-def require_usable_depth(ball: BallGauge, circle: ContactCircle, mm_per_px: float, widest: float = 1.0) -> None:
-    """Refuse a disc wider than the ball (or than the fraction `widest` of it), and a press that is too shallow."""
+def require_usable_depth(
+    ball: BallGauge, circle: ContactCircle, mm_per_px: float, max_relative_radius: float = 1.0
+) -> None:
+    """Refuse a disc wider than the ball (or than the fraction `max_relative_radius` of it), and a press that is too shallow."""
     radius_mm = circle.radius_px * mm_per_px
-    if radius_mm >= widest * ball.radius_mm:
+    if radius_mm >= max_relative_radius * ball.radius_mm:
         raise BallPressUnusable(
             f"expected a disc smaller than the ball (radius {ball.radius_mm:g} mm), got one of {radius_mm:.2f} mm; "
             "check the ball's radius, or press less deep"
         )
     depth_mm = spherical_cap_height_mm(ball.radius_mm, min(radius_mm, ball.radius_mm))
-    if depth_mm < SHALLOWEST_MM:
+    if depth_mm < _MIN_DEPTH_MM:
         raise BallPressUnusable(
-            f"expected a press at least {SHALLOWEST_MM} mm deep, got {depth_mm:.2f} mm; press deeper, 1 to 2 mm"
+            f"expected a press at least {_MIN_DEPTH_MM} mm deep, got {depth_mm:.2f} mm; press deeper, 1 to 2 mm"
         )
 
 
 def require_disc_above_black(after: Float32[Array, "rows cols"], circle: ContactCircle) -> None:
     """Refuse a disc whose bottom is black in the press image (rows, cols) of grey levels: its depth cannot be read."""
     disc = after[circle.distance_px(after.shape) < circle.radius_px]
-    black = float((disc <= BLACK_GREY_LEVEL).mean())
-    if black > MAX_BLACK_SHARE:
+    black = float((disc <= _BLACK_LEVEL).mean())
+    if black > _MAX_BLACK_SHARE:
         raise BallPressUnusable(
-            f"expected the bottom of the disc to be brighter than black, got {black:.0%} of it at {BLACK_GREY_LEVEL:g} grey levels "
+            f"expected the bottom of the disc to be brighter than black, got {black:.0%} of it at {_BLACK_LEVEL:g} grey levels "
             "or below, where brightness no longer shows depth; give more light or a longer exposure, or press less deep"
         )
 
 
-def require_explained_by_ball(rest_grey: float, circle: ContactCircle) -> None:
+def require_explained_by_ball(rmse_grey: float, circle: ContactCircle) -> None:
     """Refuse a press whose image the model of a ball in gel does not explain."""
-    if rest_grey > WORST_REST * circle.drop:
+    if rmse_grey > _MAX_RESIDUAL * circle.darkening_grey_levels:
         raise BallPressUnusable(
-            f"expected a press that a ball explains to {WORST_REST:.0%} of its darkening, got {rest_grey:.1f} of "
-            f"{circle.drop:.0f} grey levels unexplained; press a clean ball of the stated radius straight down, or choose "
-            "another method"
+            f"expected a press that a ball explains to {_MAX_RESIDUAL:.0%} of its darkening, got {rmse_grey:.1f} of "
+            f"{circle.darkening_grey_levels:.0f} grey levels unexplained; press a clean ball of the stated radius straight down, "
+            "or choose another method"
         )
 
 
@@ -263,9 +265,9 @@ def reference_mismatch_warnings(board_reference: BgrImage, ball_reference: BgrIm
     if board_reference.shape != ball_reference.shape:
         return ()
     drift = np.abs(board_reference.mean(axis=2) - ball_reference.mean(axis=2)).mean()
-    if drift <= REFERENCE_DRIFT:
+    if drift <= _MAX_REFERENCE_DIFFERENCE:
         return ()
     return (
         f"the reference images before the board and before the ball differ by {drift:.1f} grey levels (at most "
-        f"{REFERENCE_DRIFT:.0f} expected): fix exposure and white balance, let the light warm up, and check the gel",
+        f"{_MAX_REFERENCE_DIFFERENCE:.0f} expected): fix exposure and white balance, let the light warm up, and check the gel",
     )

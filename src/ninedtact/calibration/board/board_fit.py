@@ -4,11 +4,11 @@ In: the raw reference image and the raw image of the press. Out: `BoardFit`, fro
     images → relative change → dark spots → lattice → lens → imprint centres on the skin → lens
 
 No threshold needs tuning by the user: spots compete as lattices, and a lattice is rated by how well a lens explains it.
-`fit_published_projection` repeats the paper's camera calibration on the same pins, for reproduction and as the baseline in every
-certificate.
+`PublishedPinMap` is the paper's camera calibration on the same pins, for reproduction and as the baseline in every certificate.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -42,7 +42,7 @@ from ninedtact.calibration.press_brightness import (
     require_usable_exposure,
     smooth_gaussian,
 )
-from ninedtact.design import PinBoard
+from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.shape.lens import (
     CorrectedLensModel,
@@ -52,11 +52,14 @@ from ninedtact.shape.lens import (
     RadialBasisProjection,
     central_mm_per_px,
 )
-from ninedtact.shape.rectification import CameraRotation
+from ninedtact.shape.rectification import Area, CameraRotation, Rectification, rectification_of_projection
+
+LensKind = Literal["model", "paper"]
+"""The lens model, or the paper's map through the pins."""
 
 MAX_MISSING_FRACTION = 0.10
 """Largest fraction of the pins that may be predicted instead of detected."""
-REFINEMENTS = 4
+_REFINEMENT_ITERATIONS = 4
 SMOOTHING_PX = 1.0
 
 
@@ -76,8 +79,7 @@ class BoardFit:
     contrast: Float[Array, " n"]
     """Depth of each imprint in grey levels."""
     noise: float
-    """Standard deviation of one pixel of `change`, the difference of two images, in grey levels; `estimate_camera_noise` gives that
-    of one image."""
+    """Standard deviation of one pixel of `change`, the difference of two images, in grey levels."""
     change: Float32[Array, "rows cols"]
     refined: LensModel | None = None
     """A lens that was fitted to the whole image, not to the imprints' centres alone (`calibration.twin.lens_refinement`)."""
@@ -93,6 +95,33 @@ class BoardFit:
     def projection(self) -> Projection:
         """Return the lens with its correction, where it has one."""
         return self.lens if self.correction is None else CorrectedLensModel(self.lens, self.correction.correction)
+
+    @property
+    def mm_per_px(self) -> float:
+        """mm on the skin per raw pixel around the centre."""
+        return central_mm_per_px(self.projection, self.board.pitch_mm)
+
+    @property
+    def relative_scale_std(self) -> float:
+        """Relative standard error of the mm per pixel."""
+        return self.lens_fit.mm_per_px_std(self.board.pitch_mm) / central_mm_per_px(self.lens, self.board.pitch_mm)
+
+    @property
+    def camera_noise_grey_levels(self) -> float:
+        """Standard deviation of one pixel of one image."""
+        return self.noise / 2**0.5
+
+    def lens_of_kind(self, kind: LensKind) -> "BoardFit | PublishedPinMap":
+        """Return what was fitted to the pins: the lens model, or the paper's map. Both have a projection, a scale and errors."""
+        return self.published_map if kind == "paper" else self
+
+    @cached_property
+    def published_map(self) -> "PublishedPinMap":
+        """The paper's calibration on the same pins. Predicted pins, which may be out of view, stay where the lens predicts them."""
+        reach_px = round(0.45 * self.board.pitch_mm / central_mm_per_px(self.lens, self.board.pitch_mm))
+        image, centres_px = smooth_gaussian(self.change, 1.5), self.points_px.copy()
+        centres_px[self.found] = [_integer_spot_centre(image, point, reach_px) for point in self.points_px[self.found]]
+        return PublishedPinMap(self.board, self.points_mm, centres_px, self.found)
 
     @property
     def leave_one_out_errors_mm(self) -> Points:
@@ -133,30 +162,30 @@ def fit_board(
     require_usable_exposure("board reference", reference)
     require_usable_exposure("board image", press)
     change = flat_fielded_brightness_change(reference, press)
-    sighting = find_board_candidate(change, board, mounting)
-    if sighting is None or not is_plausible_board(sighting, board):
+    candidate = find_board_candidate(change, board, mounting)
+    if candidate is None or not is_plausible_board(candidate, board):
         raise make_board_not_found_error(
-            change, board, sighting.agreeing_px if sighting else np.empty((0, 2)), sighting
+            change, board, candidate.consistent_spots_px if candidate else np.empty((0, 2)), candidate
         )
-    return _refine_pins_and_lens(change, board, sighting)
+    return _refine_pins_and_lens(change, board, candidate)
 
 
-def _refine_pins_and_lens(change: Float32[Array, "rows cols"], board: PinBoard, sighting: BoardCandidate) -> BoardFit:
+def _refine_pins_and_lens(change: Float32[Array, "rows cols"], board: PinBoard, candidate: BoardCandidate) -> BoardFit:
     """Refine imprint centres and lens in turn, and search for undetected pins where the lens predicts them."""
-    cols, rows = lattice_size(board, sighting.mounting)
+    cols, rows = lattice_size(board, candidate.mounting)
     nodes = np.array([(column, row) for row in range(rows) for column in range(cols)])
-    points_mm = lattice_to_skin_mm(nodes, board, sighting.mounting)
-    image, noise, fit = smooth_gaussian(change, SMOOTHING_PX), estimate_pixel_noise(change), sighting.fit
+    points_mm = lattice_to_skin_mm(nodes, board, candidate.mounting)
+    image, noise, fit = smooth_gaussian(change, SMOOTHING_PX), estimate_pixel_noise(change), candidate.fit
     strays = np.zeros(len(nodes), bool)
-    for _ in range(REFINEMENTS):
+    for _ in range(_REFINEMENT_ITERATIONS):
         points_px, contrast, found = measure_pins(image, fit.lens, points_mm, noise, board)
         found &= ~strays
-        _require_enough_pins(change, board, nodes, found, points_px, sighting)
+        _require_enough_pins(change, board, nodes, found, points_px, candidate)
         fit = fit_lens(points_mm[found], points_px[found], fit.lens)
         strays[np.flatnonzero(found)[find_stray_pins(fit, board)]] = True
     where = np.where(found[:, None], points_px, fit.lens.to_px(points_mm))
     return _add_correction(
-        BoardFit(board, sighting.mounting, fit, nodes, points_mm, where, found, contrast, noise, change)
+        BoardFit(board, candidate.mounting, fit, nodes, points_mm, where, found, contrast, noise, change)
     )
 
 
@@ -164,12 +193,12 @@ def _add_correction(fit: BoardFit) -> BoardFit:
     """Return the board with a smooth correction of its lens, where the lens alone predicts left-out pins badly, or worse than the
     paper's map does, and the correction improves that.
     """
-    error_mm, correction = fit.lens_fit.leave_one_out_rms_mm, fit_smooth_lens_residual(fit.lens_fit, fit.board.pitch_mm)
-    if correction is None or not (
-        error_mm > MIN_CORRECTED_ERROR * fit.board.pitch_mm or error_mm > pin_map_leave_one_out_rms_mm(fit)
-    ):
+    correction = fit_smooth_lens_residual(fit.lens_fit, fit.board.pitch_mm)
+    if correction is None:
         return fit
-    return replace(fit, correction=correction)
+    error_mm = fit.lens_fit.leave_one_out_rms_mm
+    is_needed = error_mm > MIN_CORRECTED_ERROR * fit.board.pitch_mm or error_mm > fit.published_map.leave_one_out_rms_mm
+    return replace(fit, correction=correction) if is_needed else fit
 
 
 def _require_enough_pins(
@@ -178,13 +207,33 @@ def _require_enough_pins(
     nodes: Int[Array, "n 2"],
     found: Bool[Array, " n"],
     points_px: Points,
-    sighting: BoardCandidate,
+    candidate: BoardCandidate,
 ) -> None:
     """Refuse a board with too many pins missing, or with a whole side missing, which leaves its row or column ambiguous."""
     last = nodes.max(axis=0)
     sides = [found[nodes[:, axis] == end].any() for axis in (0, 1) for end in (0, last[axis])]
     if (~found).sum() > MAX_MISSING_FRACTION * board.count or not all(sides):
-        raise make_board_not_found_error(change, board, max(points_px[found], sighting.agreeing_px, key=len), sighting)
+        raise make_board_not_found_error(
+            change, board, max(points_px[found], candidate.consistent_spots_px, key=len), candidate
+        )
+
+
+def build_rectification(board: BoardFit, design: SensorDesign, kind: LensKind = "model") -> Rectification:
+    """Return the rectification of the design's grid through the lens fitted to the board."""
+    lens = board.lens_of_kind(kind)
+    rows, cols = board.change.shape
+    mm_per_px = lens.mm_per_px * max(rows, cols) / design.field_of_view.raw_long_side_px
+    return rectification_of_projection(
+        lens.projection, design.field_of_view, mm_per_px, (rows, cols), calibrated_area_mm(design)
+    )
+
+
+def calibrated_area_mm(design: SensorDesign) -> Area:
+    """Return the area up to one pitch beyond the outermost pins: leaving out an outermost pin tests the lens that far."""
+    board = design.pin_board
+    half_width_mm = (board.cols + 1) / 2 * board.pitch_mm
+    half_height_mm = (board.rows + 1) / 2 * board.pitch_mm
+    return -half_width_mm, half_width_mm, -half_height_mm, half_height_mm
 
 
 Point = Float[Array, "2"]
@@ -194,44 +243,57 @@ class BoardWithoutCentralPin(InputError):
     """The paper's method needs a board with a pin in the centre."""
 
 
-def fit_published_projection(fit: BoardFit) -> tuple[RadialBasisProjection, float]:
-    """Return the paper's map through integer pin centres, and its mm per pixel from the five central anchors."""
-    if not (fit.board.rows % 2 and fit.board.cols % 2):
-        raise BoardWithoutCentralPin(
-            f"expected a board with a pin in the middle for the paper's way, got {fit.board.cols} x {fit.board.rows} pins; "
-            "use the lens model, which needs none"
-        )
-    points_px = truncated_spot_centroids_px(fit)
-    return RadialBasisProjection(fit.points_mm, points_px), _anchored_mm_per_px(
-        fit.points_mm, points_px, fit.board.pitch_mm
-    )
+@dataclass(frozen=True)
+class PublishedPinMap:
+    """The paper's camera calibration: a cubic radial-basis map through whole-pixel centres of the pins' spots, and the mm per pixel
+    of five central anchors.
+    """
 
+    board: PinBoard
+    points_mm: Points
+    points_px: Points
+    """Centre of each spot's pixels that are darker than half its depth, truncated to integers."""
+    found: Bool[Array, " n"]
 
-def _anchor_scales(points_mm: Points, points_px: Points, pitch_mm: float) -> Float[Array, " k"]:
-    """Return the pitch divided by the distance in pixels of the central pin from each of its four neighbours."""
-    distance_mm = np.hypot(*points_mm.T)
-    middle, around = distance_mm < 0.1 * pitch_mm, np.abs(distance_mm - pitch_mm) < 0.1 * pitch_mm
-    return np.asarray(pitch_mm / np.hypot(*(points_px[around] - points_px[middle]).T))
+    @property
+    def projection(self) -> RadialBasisProjection:
+        """The map from the skin to the image, through all pins."""
+        return RadialBasisProjection(self.points_mm, self.points_px)
 
+    @property
+    def mm_per_px(self) -> float:
+        """mm per pixel from the mean distance of the five central anchors; raises `BoardWithoutCentralPin`."""
+        return float(1 / (1 / self._anchor_scales).mean())
 
-def _anchored_mm_per_px(points_mm: Points, points_px: Points, pitch_mm: float) -> float:
-    """Return the mm per pixel from the mean distance of the five central anchors."""
-    return float(1 / (1 / _anchor_scales(points_mm, points_px, pitch_mm)).mean())
+    @property
+    def relative_scale_std(self) -> float:
+        """Relative standard error of the mm per pixel, from the scatter of the central pin's four distances."""
+        scales = self._anchor_scales
+        return float(np.std(scales, ddof=1) / np.sqrt(len(scales))) / self.mm_per_px
 
+    @property
+    def _anchor_scales(self) -> Float[Array, " k"]:
+        """The pitch divided by the distance in pixels of the central pin from each of its four neighbours."""
+        pitch_mm = self.board.pitch_mm
+        if not (self.board.rows % 2 and self.board.cols % 2):
+            raise BoardWithoutCentralPin(
+                f"expected a board with a pin in the middle for the paper's way, got {self.board.cols} x {self.board.rows} pins; "
+                "use the lens model, which needs none"
+            )
+        distance_mm = np.hypot(*self.points_mm.T)
+        middle, around = distance_mm < 0.1 * pitch_mm, np.abs(distance_mm - pitch_mm) < 0.1 * pitch_mm
+        return np.asarray(pitch_mm / np.hypot(*(self.points_px[around] - self.points_px[middle]).T))
 
-def published_mm_per_px_std(points_mm: Points, points_px: Points, pitch_mm: float) -> float:
-    """Return the standard error of the paper's mm per pixel, from the scatter of the central pin's four distances."""
-    scales = _anchor_scales(points_mm, points_px, pitch_mm)
-    return float(np.std(scales, ddof=1) / np.sqrt(len(scales)))
+    @cached_property
+    def leave_one_out_errors_mm(self) -> Points:
+        """The leave-one-out errors from image to skin: each found pin is predicted by a map through all others."""
+        points_mm, points_px = self.points_mm[self.found], self.points_px[self.found]
+        return np.array([_leave_one_out_error_mm(points_mm, points_px, pin) for pin in range(len(points_mm))])
 
-
-def truncated_spot_centroids_px(fit: BoardFit) -> Points:
-    """Return the centre of each spot's pixels that are darker than half its depth, truncated to integers. Predicted pins, which
-    may be out of view, stay."""
-    image, centres_px = smooth_gaussian(fit.change, 1.5), fit.points_px.copy()
-    half_step = 0.45 * fit.board.pitch_mm / central_mm_per_px(fit.lens, fit.board.pitch_mm)
-    centres_px[fit.found] = [_integer_spot_centre(image, point, round(half_step)) for point in fit.points_px[fit.found]]
-    return centres_px
+    @property
+    def leave_one_out_rms_mm(self) -> float:
+        """Root mean square length of the leave-one-out errors."""
+        return rms_vector_length(self.leave_one_out_errors_mm)
 
 
 def _integer_spot_centre(image: Float32[Array, "rows cols"], point_px: Point, reach_px: int) -> Point:
@@ -243,17 +305,6 @@ def _integer_spot_centre(image: Float32[Array, "rows cols"], point_px: Point, re
     spots, _ = ndimage.label(piece < level)
     rows, columns = np.nonzero(spots == spots[row - top, column - left])
     return np.floor([left + columns.mean(), top + rows.mean()])
-
-
-def pin_map_leave_one_out_rms_mm(fit: BoardFit) -> float:
-    """Return the root mean square of the leave-one-out errors of the paper's map through the found pins."""
-    centres_px = truncated_spot_centroids_px(fit)[fit.found]
-    return rms_vector_length(published_leave_one_out_errors_mm(fit.points_mm[fit.found], centres_px))
-
-
-def published_leave_one_out_errors_mm(points_mm: Points, points_px: Points) -> Points:
-    """Return the leave-one-out errors of the paper's map, image to skin: each pin is predicted by a map through all others."""
-    return np.array([_leave_one_out_error_mm(points_mm, points_px, pin) for pin in range(len(points_mm))])
 
 
 def _leave_one_out_error_mm(points_mm: Points, points_px: Points, pin: int) -> Point:

@@ -59,7 +59,7 @@ def _rotation_matrix(mounting: CameraRotation) -> Int[Array, "2 2"]:
 
 SpotPoints = Float[Array, "n 2"]
 
-STRONGEST = 250
+_MAX_SPOTS = 250
 """Number of spots kept: some four times the pins of the largest usual board."""
 
 
@@ -78,19 +78,19 @@ def detect_dark_spots(image: Float32[Array, "rows cols"], size_px: float) -> Dar
     neighbourhood = 2 * round(1.5 * size_px) + 1
     peaks = (response == ndimage.maximum_filter(response, size=neighbourhood)) & (response > 0)
     points, strength = np.argwhere(peaks)[:, ::-1].astype(float), response[peaks].astype(float)
-    order = np.argsort(-strength)[:STRONGEST]
+    order = np.argsort(-strength)[:_MAX_SPOTS]
     return DarkSpots(points[order], strength[order])
 
 
 Node = tuple[int, int]
 """(column, row) on the lattice, along image columns and image rows."""
 
-SEEDS = 16
-NEIGHBOURS = 8
-REACH = 0.3
+_MAX_SEEDS = 16
+_NEIGHBOUR_COUNT = 8
+_MAX_PREDICTION_ERROR = 0.3
 """Largest distance of a node from its predicted position, as a fraction of a step."""
-LENGTH_RATIO = 1.6
-SQUARENESS = 0.35
+_MAX_LENGTH_RATIO = 1.6
+_MAX_COSINE = 0.35
 """Largest |cosine| of the angle between the two steps at the seed; boards that are tilted further are not sought."""
 
 
@@ -128,18 +128,18 @@ class PinLattice:
                 yield column, row
 
 
-def find_pin_lattices(blobs: DarkSpots, middle_px: Float[Array, "2"]) -> list[PinLattice]:
+def find_pin_lattices(dark_spots: DarkSpots, middle_px: Float[Array, "2"]) -> list[PinLattice]:
     """Return the different lattices that grow from spots around the middle."""
-    grown = (_grow_lattice(blobs, *seed) for seed in _lattice_seeds(blobs, middle_px))
+    grown = (_grow_lattice(dark_spots, *seed) for seed in _lattice_seeds(dark_spots, middle_px))
     return list({(len(lattice), lattice.score): lattice for lattice in grown}.values())
 
 
-def _lattice_seeds(blobs: DarkSpots, middle_px: Float[Array, "2"]) -> Iterator[tuple[int, Array, Array]]:
+def _lattice_seeds(dark_spots: DarkSpots, middle_px: Float[Array, "2"]) -> Iterator[tuple[int, Array, Array]]:
     """Yield a spot near the middle with a step to the right and a step down that could span a square lattice."""
-    nearest_first = np.argsort(np.hypot(*(blobs.points_px - middle_px).T))[:SEEDS]
+    nearest_first = np.argsort(np.hypot(*(dark_spots.points_px - middle_px).T))[:_MAX_SEEDS]
     for seed in nearest_first:
-        steps = blobs.points_px - blobs.points_px[seed]
-        around = steps[np.argsort(np.hypot(*steps.T))[1 : NEIGHBOURS + 1]]
+        steps = dark_spots.points_px - dark_spots.points_px[seed]
+        around = steps[np.argsort(np.hypot(*steps.T))[1 : _NEIGHBOUR_COUNT + 1]]
         right = around[around[:, 0] > np.abs(around[:, 1])]
         down = around[around[:, 1] >= np.abs(around[:, 0])]
         yield from ((int(seed), u, v) for u in right for v in down if _spans_square_lattice(u, v))
@@ -148,11 +148,11 @@ def _lattice_seeds(blobs: DarkSpots, middle_px: Float[Array, "2"]) -> Iterator[t
 def _spans_square_lattice(u: Float[Array, "2"], v: Float[Array, "2"]) -> bool:
     """Return whether two steps are of similar length and nearly at right angles."""
     lengths = np.hypot(*u), np.hypot(*v)
-    similar = max(lengths) < LENGTH_RATIO * min(lengths)
-    return bool(similar and abs(u @ v) < SQUARENESS * lengths[0] * lengths[1])
+    similar = max(lengths) < _MAX_LENGTH_RATIO * min(lengths)
+    return bool(similar and abs(u @ v) < _MAX_COSINE * lengths[0] * lengths[1])
 
 
-def _grow_lattice(blobs: DarkSpots, seed: int, right: Float[Array, "2"], down: Float[Array, "2"]) -> PinLattice:
+def _grow_lattice(dark_spots: DarkSpots, seed: int, right: Float[Array, "2"], down: Float[Array, "2"]) -> PinLattice:
     """Return the lattice grown breadth first from a seed, each node where its neighbours' steps predict it."""
     taken: dict[Node, int] = {(0, 0): seed}
     steps = {(1, 0): right, (-1, 0): -right, (0, 1): down, (0, -1): -down}
@@ -161,48 +161,54 @@ def _grow_lattice(blobs: DarkSpots, seed: int, right: Float[Array, "2"], down: F
         node = queue.popleft()
         for direction, first_step in steps.items():
             target = (node[0] + direction[0], node[1] + direction[1])
-            step = _expected_step(blobs, taken, node, direction, first_step)
-            spot = None if target in taken else _find_spot_near(blobs, taken, blobs.points_px[taken[node]] + step, step)
+            step = _expected_step(dark_spots, taken, node, direction, first_step)
+            spot = (
+                None
+                if target in taken
+                else _find_spot_near(dark_spots, taken, dark_spots.points_px[taken[node]] + step, step)
+            )
             if spot is not None:
                 taken[target] = spot
                 queue.append(target)
     spots = list(taken.values())
-    return PinLattice(np.array(list(taken)), blobs.points_px[spots], blobs.strength[spots])
+    return PinLattice(np.array(list(taken)), dark_spots.points_px[spots], dark_spots.strength[spots])
 
 
 def _expected_step(
-    blobs: DarkSpots, taken: dict[Node, int], node: Node, direction: Node, first_step: Float[Array, "2"]
+    dark_spots: DarkSpots, taken: dict[Node, int], node: Node, direction: Node, first_step: Float[Array, "2"]
 ) -> Float[Array, "2"]:
     """Return the mean of the parallel steps already taken next to this one, or the seed's step."""
     around = [(node[0] + a, node[1] + b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
     pairs = [(taken.get(end), taken.get((end[0] - direction[0], end[1] - direction[1]))) for end in around]
     known = [
-        blobs.points_px[end] - blobs.points_px[start] for end, start in pairs if end is not None and start is not None
+        dark_spots.points_px[end] - dark_spots.points_px[start]
+        for end, start in pairs
+        if end is not None and start is not None
     ]
     return np.mean(known, axis=0) if known else first_step
 
 
 def _find_spot_near(
-    blobs: DarkSpots, taken: dict[Node, int], expected_px: Float[Array, "2"], step: Float[Array, "2"]
+    dark_spots: DarkSpots, taken: dict[Node, int], expected_px: Float[Array, "2"], step: Float[Array, "2"]
 ) -> int | None:
     """Return the free spot nearest to the predicted position, or None where none is near enough."""
-    distance = np.hypot(*(blobs.points_px - expected_px).T)
+    distance = np.hypot(*(dark_spots.points_px - expected_px).T)
     nearest = int(distance.argmin())
-    near_enough = distance[nearest] < REACH * np.hypot(*step)
+    near_enough = distance[nearest] < _MAX_PREDICTION_ERROR * np.hypot(*step)
     return nearest if near_enough and nearest not in taken.values() else None
 
 
-SIZES = (1 / 107, 1 / 80, 1 / 160, 1 / 58, 1 / 213)
+_SPOT_SIZES = (1 / 107, 1 / 80, 1 / 160, 1 / 58, 1 / 213)
 """Spot sizes that are tried, as fractions of the image's long side, likeliest first (6, 8, 4, 11, 3 of 640 pixels)."""
-FEWEST = 0.5
+_MIN_PIN_SHARE = 0.5
 """Smallest fraction of the pins that a lattice must have to be a candidate."""
-CLEAR = 0.08
+_UNAMBIGUOUS_ERROR = 0.08
 """Leave-one-out error of the first lens, in pitches, below which a complete board is accepted without trying other spot sizes."""
-LARGEST = 0.10
+_MAX_MEDIAN_ERROR = 0.10
 """Median leave-one-out error over the pins, in pitches, above which spots are no board: chance lattices lie near 0.2, real boards
 near 0.04.
 """
-FEWEST_FOR_LENS = 9
+_MIN_PINS_FOR_LENS = 9
 
 
 @dataclass(frozen=True)
@@ -214,20 +220,20 @@ class BoardCandidate:
     fit: LensFit
 
     @property
-    def miss_mm(self) -> float:
+    def median_error_mm(self) -> float:
         """Median leave-one-out error: the deviation of this lattice from a lens."""
         return float(np.median(np.hypot(*self.fit.leave_one_out_errors_mm.T)))
 
     @property
-    def agreeing_px(self) -> Points:
+    def consistent_spots_px(self) -> Points:
         """Return the spots that lie where the lens fitted to all of them predicts them."""
         pitch_mm = np.hypot(*(self.fit.points_mm[1] - self.fit.points_mm[0]))
-        return self.lattice.points_px[np.hypot(*self.fit.leave_one_out_errors_mm.T) < LARGEST * pitch_mm]
+        return self.lattice.points_px[np.hypot(*self.fit.leave_one_out_errors_mm.T) < _MAX_MEDIAN_ERROR * pitch_mm]
 
     @property
     def rank(self) -> tuple[int, float]:
         """Sort key: more pins first, then the better lens."""
-        return len(self.lattice), -self.miss_mm
+        return len(self.lattice), -self.median_error_mm
 
 
 def find_board_candidate(
@@ -235,31 +241,34 @@ def find_board_candidate(
 ) -> BoardCandidate | None:
     """Return the most complete and best explained lattice over all spot sizes and orientations."""
     best: BoardCandidate | None = None
-    for sighting in _generate_board_candidates(change, board, mounting):
-        best = sighting if best is None or sighting.rank > best.rank else best
+    for candidate in _generate_board_candidates(change, board, mounting):
+        best = candidate if best is None or candidate.rank > best.rank else best
         if _is_unambiguous(best, board):
             break
     return best
 
 
-def is_plausible_board(sighting: BoardCandidate, board: PinBoard) -> bool:
+def is_plausible_board(candidate: BoardCandidate, board: PinBoard) -> bool:
     """Return whether the candidate is worth refining."""
-    return sighting.miss_mm < LARGEST * board.pitch_mm and len(sighting.lattice) >= FEWEST * board.count
+    return (
+        candidate.median_error_mm < _MAX_MEDIAN_ERROR * board.pitch_mm
+        and len(candidate.lattice) >= _MIN_PIN_SHARE * board.count
+    )
 
 
 def predict_missing_pins(
-    sighting: BoardCandidate, board: PinBoard, seen_px: Float[Array, "seen 2"], shape: tuple[int, ...]
+    candidate: BoardCandidate, board: PinBoard, seen_px: Float[Array, "seen 2"], shape: tuple[int, ...]
 ) -> Float[Array, "missing 2"]:
     """Return where a candidate's lens predicts pins within the image that were not seen.
 
     Where a whole side is missing, the lattice may continue on either side: the board whose middle is nearest to that of the image
     is taken, which is likely but not certain, so that this serves to advise and not to calibrate.
     """
-    nodes, size = sighting.lattice.nodes, np.array(lattice_size(board, sighting.mounting))
+    nodes, size = candidate.lattice.nodes, np.array(lattice_size(board, candidate.mounting))
     grid = np.array([(column, row) for row in range(size[1]) for column in range(size[0])])
     ranges = (range(low, high + 1) for low, high in zip(nodes.max(axis=0) - size + 1, nodes.min(axis=0), strict=True))
     boards_px = [
-        sighting.fit.lens.to_px(lattice_to_skin_mm(grid + corner, board, sighting.mounting))
+        candidate.fit.lens.to_px(lattice_to_skin_mm(grid + corner, board, candidate.mounting))
         for corner in product(*ranges)
     ]
     extent = np.array(shape[1::-1])
@@ -269,9 +278,12 @@ def predict_missing_pins(
     return nearest[(apart_px > pitch_px / 2) & ((nearest >= 0) & (nearest < extent)).all(axis=1)]
 
 
-def _is_unambiguous(sighting: BoardCandidate, board: PinBoard) -> bool:
+def _is_unambiguous(candidate: BoardCandidate, board: PinBoard) -> bool:
     """Return whether no other candidate could be better."""
-    return len(sighting.lattice) == board.count and sighting.fit.leave_one_out_rms_mm < CLEAR * board.pitch_mm
+    return (
+        len(candidate.lattice) == board.count
+        and candidate.fit.leave_one_out_rms_mm < _UNAMBIGUOUS_ERROR * board.pitch_mm
+    )
 
 
 def _generate_board_candidates(
@@ -279,17 +291,17 @@ def _generate_board_candidates(
 ) -> Iterator[BoardCandidate]:
     """Yield, at each spot size, the board-sized part of all lattices and orientations that has most contrast."""
     middle = np.array(change.shape[::-1]) / 2
-    for size in SIZES:
+    for size in _SPOT_SIZES:
         lattices = find_pin_lattices(detect_dark_spots(change, size * max(change.shape)), middle)
         parts = [(one.window(*lattice_size(board, way)), way) for one in lattices for way in CAMERA_ROTATIONS[mounting]]
         if parts:
             part, way = max(parts, key=lambda one: one[0].score)
-            if len(part) >= FEWEST_FOR_LENS:
+            if len(part) >= _MIN_PINS_FOR_LENS:
                 points_mm = lattice_to_skin_mm(part.nodes, board, way)
                 yield BoardCandidate(part, way, fit_lens_with_terms(points_mm, part.points_px, change.shape, 1))
 
 
-UNTOUCHED = 4.0
+_MIN_CONTACT_RANGE = 4.0
 """Range of a smoothed change, in standard deviations of a pixel, below which there is no contact."""
 
 
@@ -318,25 +330,27 @@ class BoardNotFound(CalibrationError):
 
 
 def make_board_not_found_error(
-    change: Float32[Array, "rows cols"], board: PinBoard, seen_px: Points, sighting: BoardCandidate | None = None
+    change: Float32[Array, "rows cols"], board: PinBoard, seen_px: Points, candidate: BoardCandidate | None = None
 ) -> BoardNotFound:
     """Return the error with advice; swapped images are distinguished from an image without contact."""
-    if np.ptp(smooth_gaussian(change, 2.0)) < UNTOUCHED * estimate_pixel_noise(change):
+    if np.ptp(smooth_gaussian(change, 2.0)) < _MIN_CONTACT_RANGE * estimate_pixel_noise(change):
         seen_px, advice = seen_px[:0], "nothing touched the skin: press the board while the second image is taken"
-    elif _images_look_swapped(change, board, sighting):
+    elif _images_look_swapped(change, board, candidate):
         advice = "the images look swapped: give the image without contact as the reference"
     else:
         advice = "press harder, hold the board flatter so that all pins touch, and check that it is the design's board"
     words = f"expected {board.count} pins ({board.cols} x {board.rows}), found {len(seen_px)}; {advice}"
     missing_px = None
-    if sighting is not None and len(seen_px) and is_plausible_board(sighting, board):
-        missing_px = predict_missing_pins(sighting, board, seen_px, change.shape)
+    if candidate is not None and len(seen_px) and is_plausible_board(candidate, board):
+        missing_px = predict_missing_pins(candidate, board, seen_px, change.shape)
     return BoardNotFound(words, len(seen_px), board.count, seen_px, change, missing_px)
 
 
-def _images_look_swapped(change: Float32[Array, "rows cols"], board: PinBoard, sighting: BoardCandidate | None) -> bool:
+def _images_look_swapped(
+    change: Float32[Array, "rows cols"], board: PinBoard, candidate: BoardCandidate | None
+) -> bool:
     """Return whether a whole board stands out brighter than the reference, more than any darker one."""
     inverted = find_board_candidate(-change, board, "auto")
     if inverted is None or not _is_unambiguous(inverted, board):
         return False
-    return sighting is None or bool(np.median(inverted.lattice.strength) > np.median(sighting.lattice.strength))
+    return candidate is None or bool(np.median(inverted.lattice.strength) > np.median(candidate.lattice.strength))

@@ -10,11 +10,11 @@ from scipy.optimize import least_squares
 
 from ninedtact.shape.lens import LensModel, LensModelCorrection, Points, central_mm_per_px, gaussian_basis_matrix
 
-RADIAL_TERMS = (1, 2, 3)
-OUTLIER_PX = 1.5
+_RADIAL_TERM_COUNTS = (1, 2, 3)
+_HUBER_SCALE_PX = 1.5
 """Residual above which the loss is linear, so that one wrong spot does not bend the lens."""
 
-MOST_STEPS = 60
+_MAX_ITERATIONS = 60
 """Largest number of iterations. Real lenses take 20 to 30; one without distortion has no defined centre and would take thousands.
 """
 
@@ -42,10 +42,35 @@ class LensFit:
         The errors follow from the exact update of the linearised fit (PRESS, Allen 1974): residual / (1 − leverage), with a 2×2
         block per pin. They agree with n refits to within two per cent (tests/calibration/test_board.py).
         """
-        blocks = self.derivative.reshape(len(self.points_mm), 2, -1)
-        leverage = blocks @ np.linalg.pinv(self.derivative.T @ self.derivative) @ blocks.transpose(0, 2, 1)
-        left_out_px = np.linalg.solve(np.eye(2) - leverage, self.residual_px[..., None])
-        return np.asarray(np.linalg.solve(self.lens.px_per_mm(self.points_mm), left_out_px)[..., 0])
+        return np.asarray(
+            np.linalg.solve(self.lens.px_per_mm(self.points_mm), self._left_out_residual_px[..., None])[..., 0]
+        )
+
+    @cached_property
+    def _inverse_normal_matrix(self) -> Float[Array, "k k"]:
+        """The parameters' covariance for residuals of unit variance."""
+        return np.linalg.pinv(self.derivative.T @ self.derivative)
+
+    @property
+    def _pin_derivatives(self) -> Float[Array, "n 2 k"]:
+        """The Jacobian of every pin."""
+        return self.derivative.reshape(len(self.points_mm), 2, -1)
+
+    @cached_property
+    def _left_out_residual_px(self) -> Points:
+        """The residual of every pin for the lens that is fitted to all others: (1 − leverage)⁻¹ residual."""
+        blocks = self._pin_derivatives
+        leverage = blocks @ self._inverse_normal_matrix @ blocks.transpose(0, 2, 1)
+        return np.asarray(np.linalg.solve(np.eye(2) - leverage, self.residual_px[..., None])[..., 0])
+
+    @cached_property
+    def residuals_without_each_pin_px(self) -> Float[Array, "n n 2"]:
+        """The residuals at all pins (second axis) of the lens that is fitted without each pin (first axis)."""
+        blocks = self._pin_derivatives
+        change_px = np.einsum(
+            "jak,kl,ibl,ib->ija", blocks, self._inverse_normal_matrix, blocks, self._left_out_residual_px, optimize=True
+        )
+        return np.asarray(self.residual_px + change_px)
 
     @property
     def leave_one_out_rms_mm(self) -> float:
@@ -57,7 +82,7 @@ class LensFit:
         freedom = max(self.residual_px.size - self.derivative.shape[1], 1)
         variance = (self.residual_px**2).sum() / freedom
         gradient = _scale_gradient(self.lens, reach_mm)
-        covariance = np.linalg.pinv(self.derivative.T @ self.derivative) * variance
+        covariance = self._inverse_normal_matrix * variance
         return float(np.sqrt(gradient @ covariance @ gradient))
 
 
@@ -66,10 +91,12 @@ def fit_lens(points_mm: Points, points_px: Points, near: LensModel) -> LensFit:
 
     near: a lens to start from.
     """
-    affordable = [terms for terms in RADIAL_TERMS if len(points_mm) > len(near.parameters) - len(near.radial) + terms]
+    affordable = [
+        terms for terms in _RADIAL_TERM_COUNTS if len(points_mm) > len(near.parameters) - len(near.radial) + terms
+    ]
     fits = [
         refine_lens(points_mm, points_px, with_radial_term_count(near, terms))
-        for terms in affordable or RADIAL_TERMS[:1]
+        for terms in affordable or _RADIAL_TERM_COUNTS[:1]
     ]
     return min(fits, key=lambda fit: fit.leave_one_out_rms_mm)
 
@@ -89,7 +116,13 @@ def refine_lens(points_mm: Points, points_px: Points, start: LensModel) -> LensF
         return start.with_parameters(parameters).px_per_parameter(points_mm).reshape(2 * len(points_mm), -1)
 
     solution = least_squares(
-        residual, start.parameters, derivative, x_scale="jac", loss="huber", f_scale=OUTLIER_PX, max_nfev=MOST_STEPS
+        residual,
+        start.parameters,
+        derivative,
+        x_scale="jac",
+        loss="huber",
+        f_scale=_HUBER_SCALE_PX,
+        max_nfev=_MAX_ITERATIONS,
     )
     return LensFit(start.with_parameters(solution.x), points_mm, points_px, derivative(solution.x))
 
@@ -122,11 +155,11 @@ def _scale_gradient(lens: LensModel, reach_mm: float, step: float = 1e-6) -> Flo
     )
 
 
-CORRECTION_WIDTHS = (1.5, 2.0, 3.0)
+_CORRECTION_WIDTHS = (1.5, 2.0, 3.0)
 """Widths of the smooth correction that are tried, in pitches of the pins."""
-CORRECTION_NOISES = (0.3, 0.03, 0.003, 0.0003)
+_CORRECTION_NOISES = (0.3, 0.03, 0.003, 0.0003)
 """Variances of a pin's own error that are tried, relative to that of the correction."""
-MIN_CORRECTION_GAIN = 0.1
+_MIN_CORRECTION_GAIN = 0.1
 """Part of the leave-one-out error that a correction must remove to be used. Where the lens model fits, the best of all candidates
 removes up to 0.03 by chance (three real boards).
 """
@@ -151,33 +184,20 @@ def fit_smooth_lens_residual(fit: LensFit, pitch_mm: float) -> LensCorrectionFit
     The residuals of the lens are regressed by a Gaussian process (Rasmussen & Williams 2006, algorithm 2.1). Each pin is left out
     of the lens, by the linearised update, and of the regression.
     """
-    left_out_px = _residuals_without_each_pin(fit)
     found = [
-        _fit_correction(fit, left_out_px, width * pitch_mm, noise)
-        for width in CORRECTION_WIDTHS
-        for noise in CORRECTION_NOISES
+        _fit_correction(fit, width * pitch_mm, noise) for width in _CORRECTION_WIDTHS for noise in _CORRECTION_NOISES
     ]
     best = min(found, key=lambda one: rms_vector_length(one.leave_one_out_errors_mm))
     gain = 1 - rms_vector_length(best.leave_one_out_errors_mm) / max(fit.leave_one_out_rms_mm, 1e-12)
-    return best if gain >= MIN_CORRECTION_GAIN else None
+    return best if gain >= _MIN_CORRECTION_GAIN else None
 
 
-def _residuals_without_each_pin(fit: LensFit) -> Float[Array, "n n 2"]:
-    """Return the residuals in pixels at all pins (second axis) of the lens that is fitted without each pin (first axis)."""
-    blocks = fit.derivative.reshape(len(fit.points_mm), 2, -1)
-    inverse = np.linalg.pinv(fit.derivative.T @ fit.derivative)
-    leverage = blocks @ inverse @ blocks.transpose(0, 2, 1)
-    missed = np.linalg.solve(np.eye(2) - leverage, fit.residual_px[..., None])[..., 0]
-    return fit.residual_px + np.einsum("jak,kl,ibl,ib->ija", blocks, inverse, blocks, missed, optimize=True)
-
-
-def _fit_correction(
-    fit: LensFit, left_out_px: Float[Array, "n n 2"], width_mm: float, noise: float
-) -> LensCorrectionFit:
+def _fit_correction(fit: LensFit, width_mm: float, noise: float) -> LensCorrectionFit:
     """Return the correction of this width and relative variance of a pin's own error."""
     kernel, pins = gaussian_basis_matrix(fit.points_mm, fit.points_mm, width_mm), np.arange(len(fit.points_mm))
     smoothed = kernel + noise * np.eye(len(pins))
     weights = np.linalg.solve(smoothed, -fit.residual_px)
+    left_out_px = fit.residuals_without_each_pin_px
     errors_px = np.array(
         [
             left_out_px[pin, pin]

@@ -16,11 +16,11 @@ from ninedtact.calibration.board.lens_fit import LensFit
 from ninedtact.design import PinBoard
 from ninedtact.shape.lens import LensModel, Points, Projection, central_mm_per_px
 
-SAMPLES = 41
+_PATCH_SAMPLES = 41
 """Number of samples across a patch."""
-FLOOR = 0.2
+_MIN_RELATIVE_DARKENING = 0.2
 """Fraction of an imprint's depth below which darkening is ignored, because the skirts of neighbouring imprints overlap."""
-CENTROID_STEPS = 5
+_CENTROID_ITERATIONS = 5
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class _PinPatches:
 
     @property
     def centroid_mm(self) -> Points:
-        """Return the centre of what is darker than `FLOOR` of each imprint's depth, relative to the patch's centre."""
-        weight = np.maximum(self.darkening - FLOOR * self.depth[:, None, None], 0)
+        """Return the centre of what is darker than `_MIN_RELATIVE_DARKENING` of each imprint's depth, about the patch's centre."""
+        weight = np.maximum(self.darkening - _MIN_RELATIVE_DARKENING * self.depth[:, None, None], 0)
         total = np.maximum(weight.sum(axis=(1, 2)), 1e-12)
         return np.column_stack([(weight * axis).sum(axis=(1, 2)) / total for axis in (self.x_mm, self.y_mm)])
 
@@ -49,7 +49,7 @@ def locate_imprints_mm(
     image: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float
 ) -> Points:
     """Return the centres on the skin of the imprints near these points, through this lens."""
-    for _ in range(CENTROID_STEPS):
+    for _ in range(_CENTROID_ITERATIONS):
         points_mm = points_mm + _extract_pin_patches(image, lens, points_mm, radius_mm).centroid_mm
     return points_mm
 
@@ -58,11 +58,11 @@ def _extract_pin_patches(
     image: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float
 ) -> _PinPatches:
     """Return the patches of the skin around each point, resampled through the lens within a disc."""
-    axis = np.linspace(-radius_mm, radius_mm, SAMPLES)
+    axis = np.linspace(-radius_mm, radius_mm, _PATCH_SAMPLES)
     x, y = np.meshgrid(axis, axis)
     offsets = np.column_stack([x.ravel(), y.ravel()])
     source = lens.to_px((points_mm[:, None] + offsets).reshape(-1, 2)).astype(np.float32)
-    seen = _sample_bilinear(image, source).reshape(len(points_mm), SAMPLES, SAMPLES)
+    seen = _sample_bilinear(image, source).reshape(len(points_mm), _PATCH_SAMPLES, _PATCH_SAMPLES)
     distance = np.hypot(x, y)
     ring = (distance > 0.85 * radius_mm) & (distance <= radius_mm)
     darker = _fit_ring_plane(seen, ring, x, y) - seen
@@ -90,15 +90,15 @@ def _sample_bilinear(image: Float32[Array, "rows cols"], points_px: Float32[Arra
     return np.asarray(field).ravel()[: len(points_px)]
 
 
-IMPRINT_RADIUS = 0.52
+IMPRINT_RADIUS_PITCHES = 0.52
 """Radius of the disc in which a centre is sought, in pitches; it is as large as fits without the neighbours."""
-FAINTEST = 0.12
+_MIN_RELATIVE_CONTRAST = 0.12
 """Contrast, relative to the median pin, below which a pin is not detected."""
-FAINTEST_NOISE = 1.5
+_MIN_CONTRAST_TO_NOISE = 1.5
 """Contrast, in standard deviations of a lightly smoothed pixel, below which a pin is not detected."""
-MOST_OFFSET = 0.25
+_MAX_OFFSET_PITCHES = 0.25
 """Largest distance of a centre from its predicted position, in pitches; anything farther away is not the pin."""
-STRAY, STRAY_TIMES = 0.10, 5.0
+_STRAY_ERROR_PITCHES, _STRAY_ERROR_RATIO = 0.10, 5.0
 """A pin is rejected (glare, dirt) where its leave-one-out error exceeds this many pitches and this many times the median."""
 
 
@@ -106,13 +106,13 @@ def measure_pins(
     image: Float32[Array, "rows cols"], lens: LensModel, points_mm: Points, noise: float, board: PinBoard
 ) -> tuple[Points, Float[Array, " n"], Bool[Array, " n"]]:
     """Return centre and contrast of the imprint at each pin's place, and whether it counts as detected."""
-    radius_mm = IMPRINT_RADIUS * board.pitch_mm
+    radius_mm = IMPRINT_RADIUS_PITCHES * board.pitch_mm
     seen_mm = locate_imprints_mm(image, lens, points_mm, radius_mm)
     points_px = lens.to_px(seen_mm)
     contrast = _extract_pin_patches(image, lens, seen_mm, radius_mm).depth
-    near = np.hypot(*(seen_mm - points_mm).T) < MOST_OFFSET * board.pitch_mm
+    near = np.hypot(*(seen_mm - points_mm).T) < _MAX_OFFSET_PITCHES * board.pitch_mm
     margin_px = board.pin_diameter_mm / 2 / central_mm_per_px(lens, board.pitch_mm)
-    dark = contrast > max(FAINTEST * float(np.median(contrast)), FAINTEST_NOISE * noise)
+    dark = contrast > max(_MIN_RELATIVE_CONTRAST * float(np.median(contrast)), _MIN_CONTRAST_TO_NOISE * noise)
     return points_px, contrast, dark & near & _is_inside_image(points_px, image.shape, margin_px)
 
 
@@ -125,5 +125,5 @@ def _is_inside_image(points_px: Points, shape: tuple[int, ...], margin_px: float
 
 def find_stray_pins(fit: LensFit, board: PinBoard) -> Bool[Array, " n"]:
     """Return the pins that contradict the fit to all others."""
-    miss_mm = np.hypot(*fit.leave_one_out_errors_mm.T)
-    return miss_mm > max(STRAY * board.pitch_mm, STRAY_TIMES * float(np.median(miss_mm)))
+    error_mm = np.hypot(*fit.leave_one_out_errors_mm.T)
+    return error_mm > max(_STRAY_ERROR_PITCHES * board.pitch_mm, _STRAY_ERROR_RATIO * float(np.median(error_mm)))

@@ -126,31 +126,26 @@ def overall_check_level(certificate: Certificate) -> OverallLevel:
 def certificate_headline(certificate: Certificate) -> str:
     """Return the overall result in a sentence or two."""
     lines, level = compute_certificate_checks(certificate), overall_check_level(certificate)
+    checks = _outcome_in_words(lines)
     if level == "pass":
-        return f"This sensor is ready to measure. All {len(lines)} checks passed."
+        return f"This sensor is ready to measure. {checks}."
     if level == "fail":
-        return (
-            f"Do not measure with this calibration. {_count_in_words(lines, 'fail')}; the lines below say what to do."
-        )
+        return f"Do not measure with this calibration. {checks}; the lines below say what to do."
     if level == "poor":
-        return f"Calibrate again before you rely on this sensor. {_count_in_words(lines, 'warn')}; the lines below say what to do."
+        return f"Calibrate again before you rely on this sensor. {checks}; the lines below say what to do."
     if certificate.ball is None:
-        checks = (
-            f"All {len(lines)} checks passed"
-            if all(line.level == "pass" for line in lines)
-            else _count_in_words(lines, "warn")
-        )
         return f"This sensor rectifies images. {checks}; heights and force need a press of the ball, see the warnings below."
     if all(line.level == "pass" for line in lines):
-        return f"This sensor can be used with care. All {len(lines)} checks passed, but read the warnings below."
-    return f"This sensor can be used with care. {_count_in_words(lines, 'warn')}; the lines below say what to do."
+        return f"This sensor can be used with care. {checks}, but read the warnings below."
+    return f"This sensor can be used with care. {checks}; the lines below say what to do."
 
 
-def _count_in_words(lines: Sequence[CheckResult], level: CheckLevel) -> str:
-    """Return how many checks have a level, in words."""
-    number = sum(line.level == level for line in lines)
-    outcome = "failed" if level == "fail" else "warned"
-    return f"{number} of {len(lines)} checks {outcome}"
+def _outcome_in_words(lines: Sequence[CheckResult]) -> str:
+    """Return how many checks failed or, where none did, how many warned, in words."""
+    for level, outcome in (("fail", "failed"), ("warn", "warned")):
+        if number := sum(line.level == level for line in lines):
+            return f"{number} of {len(lines)} checks {outcome}"
+    return f"All {len(lines)} checks passed"
 
 
 def _check_board(board: BoardQuality) -> list[CheckResult]:

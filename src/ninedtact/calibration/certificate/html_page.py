@@ -75,12 +75,11 @@ def _without_meaning(rows: Rows) -> list[tuple[str, str, str]]:
 
 def _plot_certificate_images(calibration: Calibration) -> dict[str, bytes]:
     """Return every image of the page as PNG; those of the twin where there is one."""
-    board, ball = calibration.board_fit, calibration.ball_fit
-    draws = {**({} if board is None else BOARD_IMAGES), **({} if ball is None else BALL_IMAGES)}
+    fits = calibration.fits
+    draws = {**({} if fits.board is None else BOARD_IMAGES), **({} if fits.ball is None else BALL_IMAGES)}
     images = {name: draw(calibration) for name, draw in draws.items()}
-    if ball is not None and ball.physical is not None:
-        fit = ball.physical.fit
-        images |= {"rest": plot_twin_residual(fit), "profile": plot_radial_profile(fit)}
+    if fits.twin is not None:
+        images |= {"rest": plot_twin_residual(fits.twin), "profile": plot_radial_profile(fits.twin)}
     return images
 
 

@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.ball.ball_fit import BallFit
-from ninedtact.calibration.ball.ball_press import BallPressImages
+from ninedtact.calibration.ball.ball_press import BallFit, BallPress
 from ninedtact.calibration.certificate.plot_style import (
     INK,
     PALE_INK,
@@ -61,22 +60,15 @@ def plot_contact_disc(calibration: Calibration) -> bytes:
     axes = add_labelled_axes(figure, (0.13, 0.135, 0.85, 0.84), "x (mm)", "y (mm)")
     axes.imshow(stretch_contrast(press.after.grey), cmap="gray", vmin=0, vmax=255, extent=_image_extent_mm(press.after))
     _plot_contact_circle(axes, press, CIRCLE)
-    axes.plot(*_disc_centre_mm(press), "+", color=CIRCLE, markersize=9, markeredgewidth=1.2)
+    axes.plot(*press.centre_mm, "+", color=CIRCLE, markersize=9, markeredgewidth=1.2)
     return figure_to_png(figure)
 
 
-def _plot_contact_circle(axes: "Axes", press: BallPressImages, colour: str) -> None:
+def _plot_contact_circle(axes: "Axes", press: BallPress, colour: str) -> None:
     """Draw the contact circle."""
     from matplotlib.patches import Circle
 
-    axes.add_patch(Circle(_disc_centre_mm(press), press.edge_radius_mm, fill=False, edgecolor=colour, linewidth=1.4))
-
-
-def _disc_centre_mm(press: BallPressImages) -> tuple[float, float]:
-    """Return the centre of the disc on the skin."""
-    rows, cols = press.before.grey.shape
-    x, y = press.circle.centre_px
-    return (x - (cols - 1) / 2) * press.before.mm_per_px, (y - (rows - 1) / 2) * press.before.mm_per_px
+    axes.add_patch(Circle(press.centre_mm, press.edge_radius_mm, fill=False, edgecolor=colour, linewidth=1.4))
 
 
 def plot_depth_curve(calibration: Calibration) -> bytes:
@@ -90,7 +82,7 @@ def plot_depth_curve(calibration: Calibration) -> bytes:
     shades: dict[str, Any] = {"cmap": "Blues", "norm": LogNorm(vmin=MIN_PIXELS_PER_SPOT)}
     axes.hexbin(
         _disc_darkening(calibration.ball, curve.signal),
-        calibration.ball.true_mm[calibration.ball.disc],
+        calibration.ball.depth_mm[calibration.ball.disc],
         gridsize=(70, 40),
         mincnt=1,
         **shades,
@@ -105,9 +97,7 @@ def plot_depth_curve(calibration: Calibration) -> bytes:
 
 def _disc_darkening(ball: BallFit, signal: BrightnessSignal) -> Float[Array, " n"]:
     """Return the darkening of every pixel of the disc, in the unit of a curve of this signal."""
-    before, after = ball.press.before.grey[ball.disc], ball.press.after.grey[ball.disc]
-    after = after / np.float32(1 + ball.loss(ball.press.after.grey, ball.press.before.grey))
-    return np.asarray(before - after if signal == "difference" else 1 - after / np.maximum(before, 1))
+    return ball.press.darkening(signal, ball.disc, ball.loss(ball.press.after.grey, ball.press.before.grey))
 
 
 def _plot_curve_with_band(axes: "Axes", curve: DepthCurve) -> None:
@@ -138,14 +128,14 @@ def _add_other_signal_axis(axes: "Axes", signal: BrightnessSignal, mean_grey: fl
 def plot_ball_residual(calibration: Calibration) -> bytes:
     """Return a PNG of the reconstructed ball minus the true one, in mm: too deep is positive."""
     ball = calibration.ball
-    error_mm = np.where(ball.disc, _reconstruct_ball_mm(calibration) - ball.true_mm, np.nan)
+    error_mm = np.where(ball.disc, _reconstruct_ball_mm(calibration) - ball.depth_mm, np.nan)
     scale_mm = max(MIN_ERROR_SCALE_MM, float(np.nanpercentile(np.abs(error_mm), 99)))
     figure = new_certificate_figure()
     axes = add_labelled_axes(figure, (0.13, 0.135, 0.665, 0.84), "x (mm)", "y (mm)")
     extent_mm = _image_extent_mm(ball.press.before)
     image = axes.imshow(error_mm, cmap="RdBu_r", vmin=-scale_mm, vmax=scale_mm, extent=extent_mm)
     _plot_contact_circle(axes, ball.press, INK)
-    x, y = _disc_centre_mm(ball.press)
+    x, y = ball.press.centre_mm
     reach_mm = 1.25 * ball.press.edge_radius_mm
     axes.set(xlim=(x - reach_mm, x + reach_mm), ylim=(y + reach_mm, y - reach_mm))
     add_colour_bar(figure, image, (0.82, 0.135, 0.025, 0.84), "too shallow < 0 < too deep (mm)")
@@ -169,7 +159,7 @@ def plot_ball_cross_sections(calibration: Calibration) -> bytes:
         depth_mm = reconstructed_mm[section]
         distance_mm = (np.arange(depth_mm.size) - centre) * press.before.mm_per_px
         axes.plot(distance_mm, depth_mm, color=AXIS_COLOURS[name], linewidth=1.3, label=f"reconstructed along {name}")
-        axes.plot(distance_mm, calibration.ball.true_mm[section], color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
+        axes.plot(distance_mm, calibration.ball.depth_mm[section], color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
     axes.plot([], [], color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="the ball")
     reach_mm = 1.6 * press.edge_radius_mm
     axes.set(
@@ -196,7 +186,7 @@ def plot_twin_residual(fit: TwinFit) -> bytes:
     axes = add_labelled_axes(figure, (0.13, 0.135, 0.665, 0.84), "x (mm)", "y (mm)")
     extent_mm = _image_extent_mm(observed.before)
     image = axes.imshow(residual, cmap="RdBu_r", vmin=-scale, vmax=scale, extent=extent_mm)
-    _plot_drag_arrow(axes, (fit.parameters["x_mm"], fit.parameters["y_mm"]), fit.drag_mm)
+    _plot_drag_arrow(axes, fit.press.centre_mm, fit.press.drag_mm)
     add_colour_bar(figure, image, (0.82, 0.135, 0.025, 0.84), "darker < 0 < brighter than predicted (grey levels)")
     return figure_to_png(figure)
 
@@ -218,22 +208,13 @@ def plot_radial_profile(fit: TwinFit) -> bytes:
     observed = (fit.forward.observed.relative_brightness - 1) * fit.forward.observed.mean_grey
     predicted = observed - fit.residual_grey_levels
     for values, colour, label in ((observed, OBSERVED, "observed"), (predicted, PREDICTED, "predicted")):
-        upper.plot(*_radial_mean(fit, values), color=colour, linewidth=1.4, label=label)
+        upper.plot(*fit.radial_profile(values, RING_WIDTH_MM), color=colour, linewidth=1.4, label=label)
     upper.legend(loc="lower right", fontsize=8, frameon=False, labelcolor=INK)
     lower.plot(*_skin_cross_section(fit), color=INK, linewidth=1.2)
     for axes in (upper, lower):
         axes.axhline(0, color=PALE_INK, linewidth=0.6)
         axes.set_xlim(0, 8)
     return figure_to_png(figure)
-
-
-def _radial_mean(fit: TwinFit, values: Float[Array, " n"]) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
-    """Return the mean of values at the observed points by their distance from the contact's centre."""
-    x, y = fit.forward.observed.points_mm
-    ring = (np.hypot(x - fit.parameters["x_mm"], y - fit.parameters["y_mm"]).ravel() / RING_WIDTH_MM).astype(int)
-    count = np.bincount(ring)
-    known = np.flatnonzero(count)
-    return (known + 0.5) * RING_WIDTH_MM, np.bincount(ring, values)[known] / count[known]
 
 
 def _skin_cross_section(fit: TwinFit) -> tuple[Float[Array, " n"], Float[Array, " n"]]:

@@ -8,12 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.board.board_fit import (
-    SMOOTHING_PX,
-    BoardFit,
-    _leave_one_out_error_mm,
-    truncated_spot_centroids_px,
-)
+from ninedtact.calibration.board.board_fit import SMOOTHING_PX, BoardFit
 from ninedtact.calibration.certificate.checks import LEAVE_ONE_OUT_RMS_MM
 from ninedtact.calibration.certificate.plot_style import (
     INK,
@@ -124,11 +119,8 @@ def _plot_error_arrows(figure: "Figure", axes: "Axes", at_mm: Points, error_mm: 
 
 def _leave_one_out_errors_mm(calibration: Calibration) -> Points:
     """Return the leave-one-out errors of the lens that the calibration uses."""
-    board = calibration.board
-    if not isinstance(calibration.record.lens, PinMapTable):
-        return board.leave_one_out_errors_mm
-    seen_mm, centres_px = board.points_mm[board.found], truncated_spot_centroids_px(board)[board.found]
-    return np.array([_leave_one_out_error_mm(seen_mm, centres_px, pin) for pin in range(len(seen_mm))])
+    is_published_map = isinstance(calibration.record.lens, PinMapTable)
+    return (calibration.board.published_map if is_published_map else calibration.board).leave_one_out_errors_mm
 
 
 def arrow_magnification(error_mm: Points, pitch_mm: float) -> int:

@@ -27,6 +27,7 @@ from ninedtact.calibration.press_brightness import (
     BgrImage,
     estimate_pixel_noise,
     flat_fielded_brightness_change,
+    relative_brightness,
     require_usable_exposure,
     to_grey_float,
 )
@@ -50,11 +51,11 @@ Motion = Float[Array, "3"]
 
 _HIGH_SIMILARITY = 0.5
 """Similarity above which the motion found from a start at rest is accepted without a second first guess."""
-ROUNDS = 10
-SETTLED_PX = 0.003
-ROBUST = 2.0
+_MAX_ITERATIONS = 10
+_CONVERGED_STEP_PX = 0.003
+_HALF_WEIGHT_STDS = 2.0
 """Number of standard deviations at which a difference has half weight."""
-OUTLIER = 6.0
+_CLIPPED_STDS = 6.0
 
 
 @dataclass(frozen=True)
@@ -78,11 +79,11 @@ def _register_images(earlier: Field, later: Field) -> _Registration:
 
 def _fit_motion(earlier: Field, later: Field, motion: Motion) -> _Registration:
     """Return the least-squares motion from a first guess, iterated until it converges."""
-    for _ in range(ROUNDS):
+    for _ in range(_MAX_ITERATIONS):
         normal, right = _normal_equations(earlier, _undo_motion(later, motion))
         step = np.linalg.pinv(normal.sum(axis=0)) @ right.sum(axis=0)
         motion = motion + step
-        if np.abs(step).max() < SETTLED_PX:
+        if np.abs(step).max() < _CONVERGED_STEP_PX:
             break
     return _Registration(
         motion, _jackknife_error(normal, right), structure_similarity(earlier, _undo_motion(later, motion))
@@ -96,7 +97,7 @@ def _normal_equations(earlier: Field, later: Field) -> tuple[Float[Array, "tiles
     columns = np.stack([right, down, x * down - y * right], axis=-1)
     lacking = earlier - later
     spread = np.median(np.abs(lacking)) / 0.6745
-    weight = 1 / (1 + (lacking / (ROBUST * spread + 1e-9)) ** 2)
+    weight = 1 / (1 + (lacking / (_HALF_WEIGHT_STDS * spread + 1e-9)) ** 2)
     weighted = split_into_tiles(weight[..., None] * columns)
     normal = [np.einsum("rci,rcj->ij", *pair) for pair in zip(weighted, split_into_tiles(columns), strict=True)]
     side = [np.einsum("rci,rc->i", *pair) for pair in zip(weighted, split_into_tiles(lacking), strict=True)]
@@ -112,7 +113,7 @@ def _jackknife_error(normal: Float[Array, "tiles 3 3"], right: Float[Array, "til
 def _phase_correlation_shift(earlier: Field, later: Field) -> Motion:
     """Return a first guess of a large shift, by phase correlation."""
     parts = [remove_margin(field) for field in (earlier, later)]
-    first, second = (np.clip(part / (np.median(np.abs(part)) + 1e-9), -OUTLIER, OUTLIER) for part in parts)
+    first, second = (np.clip(part / (np.median(np.abs(part)) + 1e-9), -_CLIPPED_STDS, _CLIPPED_STDS) for part in parts)
     (x, y), _ = cv2.phaseCorrelate(first, second, cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F))
     return np.array([x, y, 0.0])
 
@@ -127,7 +128,7 @@ def _undo_motion(image: Array, motion: Motion, border: int = cv2.BORDER_REPLICAT
     return np.asarray(cv2.warpAffine(image, matrix, (cols, rows), flags=way, borderMode=border))
 
 
-RECOGNISED = 0.3
+_MIN_SAME_SKIN_SIMILARITY = 0.3
 """Similarity above which two images show the same skin: at least 0.4 for one skin (also compressed, noisy, or at half the light),
 at most 0.25 for different ones.
 """
@@ -157,7 +158,7 @@ class SkinMotion:
     @property
     def is_same_skin(self) -> bool:
         """Whether the two images show the same skin; only then is the motion meaningful."""
-        return self.observable and self.correlation >= RECOGNISED
+        return self.observable and self.correlation >= _MIN_SAME_SKIN_SIMILARITY
 
     def undone(self, image: BgrImage) -> BgrImage:
         """Return the later image with the motion undone, borders repeated."""
@@ -241,9 +242,9 @@ class CalibratedReference:
 
     def worst_height_mm(self, other: BgrImage) -> float:
         """Return the height error, at the worst of the view, of measuring one image with this one as its reference."""
-        then, now = self.rectified_reference.grey, self.rectify(Frame(other)).grey
-        ratio = cv2.GaussianBlur(now / np.maximum(then, 1.0), (0, 0), 3.0) - 1
-        return float(np.percentile(self.height_mm(ratio, then)[self.view_mask], _WORST_PERCENTILE))
+        then = self.rectified_reference
+        ratio = cv2.GaussianBlur(relative_brightness(self.rectify(Frame(other)), then), (0, 0), 3.0) - 1
+        return float(np.percentile(self.height_mm(ratio, then.grey)[self.view_mask], _WORST_PERCENTILE))
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.design import RectifiedImageSize
 from ninedtact.errors import FileFormatError
+from ninedtact.shape.rectification import OUT_OF_VIEW_PX
 
 NAME = re.compile(r"sensor_\w+")
 
@@ -107,8 +108,6 @@ PIXEL_TO_DEPTH = "depth_calibration/Pixel_to_Depth.npy"
 ORIGINAL_FILES = (ROW_INDEX, COL_INDEX, POSITION_SCALE, PIXEL_TO_DEPTH)
 
 GREY_LEVELS = 256
-OUT_OF_VIEW_PX = -1.0
-"""Source coordinate of a pixel out of view, in this package's maps."""
 FINEST_MM_PER_PX, COARSEST_MM_PER_PX = 0.005, 1.0
 """Smallest scale of a sensor, and scale above which the value is pixels per mm, as the original's variable name says."""
 _MIN_SPAN_PX = 16

@@ -24,11 +24,11 @@ from numpy import ndarray as Array
 from scipy.optimize import isotonic_regression
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.calibration.ball.ball_fit import simulate_height_noise_mm
-from ninedtact.calibration.ball.ball_press import anchor_depth_curve_at_zero
+from ninedtact.calibration.ball.ball_fit import anchor_depth_curve_at_zero
+from ninedtact.calibration.ball.ball_press import simulate_height_noise_mm
+from ninedtact.calibration.board.board_fit import calibrated_area_mm
 from ninedtact.calibration.original_9dtact.folder_format import (
     ORIGINAL_FILES,
-    OUT_OF_VIEW_PX,
     OriginalCalibration,
     OriginalFolderDamaged,
     find_original_sensor_folder,
@@ -36,7 +36,6 @@ from ninedtact.calibration.original_9dtact.folder_format import (
     write_npy,
     write_original_calibration,
 )
-from ninedtact.calibration.procedure import calibrated_area_mm
 from ninedtact.calibration.save import ORIGINAL_FOLDER, PIXEL_MAP_FILE, create_sensor_folder, to_sensor_toml
 from ninedtact.calibration.sensor_folder import (
     SENSOR_FILE,
@@ -57,7 +56,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.errors import OutputError
 from ninedtact.quantities import HeightSource
 from ninedtact.shape.depth import DepthCurve, DepthReader, Smoothing
-from ninedtact.shape.rectification import Area, Rectification
+from ninedtact.shape.rectification import OUT_OF_VIEW_PX, Area, Rectification
 
 PUBLISHED_SCATTER_MM = 0.0304
 """Standard deviation of the scatter about the list. The folder does not contain it; this is the paper's value on balls."""

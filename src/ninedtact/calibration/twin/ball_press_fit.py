@@ -1,13 +1,13 @@
 """The fit of the digital twin to one ball press: the pose of the press, the thickness of the gel and the brightness model that
-explain the whole image, with their uncertainties. In: the rectified images before and after the press, and the contact circle in
-them. Out: `TwinFit`, from `fit_twin_to_ball_press`.
+explain the whole image, with their uncertainties. In: a `BallPress`, the rectified images and the contact circle in them. Out:
+`TwinFit`, from `fit_twin_to_ball_press`.
 
 The residual is not noise but a model error, smooth over millimetres. The number of independent observations is therefore estimated
 from the residual itself, and the design's gel thickness is added as one more observation. Where the residual is plain noise, that
 observation has no weight.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from time import perf_counter
 
@@ -16,22 +16,22 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from scipy.optimize import least_squares, lsq_linear
 
-from ninedtact.calibration.ball.contact_circle import ContactCircle
+from ninedtact.calibration.ball.ball_press import BallPress
+from ninedtact.calibration.ball.contact_circle import spherical_cap_height_mm
 from ninedtact.calibration.twin.ball_press_model import (
     COARSE_PATCH,
     FIT_PARAMETERS,
     PARAMETER_NAMES,
     BallPressModel,
+    BallPressParameters,
     ObservedBallPress,
     ParameterVector,
-    extract_press_parameters,
     parameter_bounds,
     parameter_scales,
     perturb_parameter,
 )
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.quantities import Rectified
 from ninedtact.shape.depth import mean_view_darkening
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
@@ -135,7 +135,6 @@ FINE_TOLERANCE = 5e-5
 DERIVATIVE_REUSE_REDUCTION = 1e-2
 """Predicted relative reduction of the sum of squares below which the derivatives by the parameters of the contact, which need a
 contact solution each, are reused in the next iteration."""
-RING_WIDTH_MM = 0.05
 STEP_LENGTHS = (1.0, 0.4)
 """Fractions of a step (the step lengths of a line search) that are tried until one reduces the sum of squares."""
 
@@ -145,7 +144,7 @@ class TwinFit:
     """The best parameters, their residual and their uncertainties."""
 
     forward: BallPressModel
-    vector: ParameterVector
+    press: BallPressParameters
     brightness_coefficients: Float[Array, "3"]
     """Level, slope of darkening and slope of brightening, solved linearly."""
     residual_grey_levels: Float[Array, " n"]
@@ -157,19 +156,26 @@ class TwinFit:
     def parameters(self) -> dict[str, float]:
         """All parameters by name, the searched ones and those solved linearly."""
         level, darkening, brightening = self.brightness_coefficients.tolist()
-        nonlinear = dict(zip(PARAMETER_NAMES, self.vector.tolist(), strict=True))
         linear = {"loss": level - 1, "darkening_per_mm": darkening / level, "brightening_per_mm": brightening / level}
-        return {**nonlinear, **linear}
+        return {**asdict(self.press), **linear}
 
     @property
-    def drag_mm(self) -> tuple[float, float]:
-        """Displacement of the ball along the skin after the press."""
-        return self.parameters["drag_x_mm"], self.parameters["drag_y_mm"]
+    def centre_px(self) -> Float[Array, "2"]:
+        """The centre of the contact, (x, y) in the rectified image."""
+        before = self.forward.observed.before
+        rows, cols = before.grey.shape
+        middle_px = np.array([(cols - 1) / 2, (rows - 1) / 2])
+        return np.asarray(np.array(self.press.centre_mm) / before.mm_per_px + middle_px)
+
+    @property
+    def relative_depth_std(self) -> float:
+        """Standard deviation of the depth of the press, relative to the depth."""
+        return self.uncertainty.standard_deviations["depth_mm"] / self.press.depth_mm
 
     @property
     def contact(self) -> Contact:
         """The solved contact of the skin under the ball, with pressures in shear moduli."""
-        return self.forward.contact(extract_press_parameters(self.parameters))
+        return self.forward.contact(self.press)
 
     @property
     def image_rmse_grey_levels(self) -> float:
@@ -179,35 +185,33 @@ class TwinFit:
     @cached_property
     def radial_rmse_grey_levels(self) -> float:
         """Root mean square of the mean residuals of rings of 0.05 mm, 0.1 to 8 mm from the contact's centre."""
+        radius_mm, residual = self.radial_profile(self.residual_grey_levels, 0.05)
+        return float(np.sqrt(np.mean(residual[(radius_mm > 0.1) & (radius_mm < 8.0)] ** 2)))
+
+    def radial_profile(
+        self, values: Float[Array, " n"], ring_width_mm: float
+    ) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
+        """Return the radii in mm of rings about the contact's centre, and the mean of values at the observed points in each."""
         x, y = self.forward.observed.points_mm
-        radius = np.hypot(x - self.parameters["x_mm"], y - self.parameters["y_mm"]).ravel()
-        ring = (radius / RING_WIDTH_MM).astype(int)
+        ring = (np.hypot(x - self.press.x_mm, y - self.press.y_mm).ravel() / ring_width_mm).astype(int)
         count = np.bincount(ring)
-        mean = np.bincount(ring, self.residual_grey_levels) / np.maximum(count, 1)
-        ring_radius_mm = (np.arange(count.size) + 0.5) * RING_WIDTH_MM
-        is_used = (count > 0) & (ring_radius_mm > 0.1) & (ring_radius_mm < 8.0)
-        return float(np.sqrt(np.mean(mean[is_used] ** 2)))
+        occupied = np.flatnonzero(count)
+        return (occupied + 0.5) * ring_width_mm, np.bincount(ring, values)[occupied] / count[occupied]
 
     @cached_property
     def light(self) -> BrightnessModel:
-        """The fitted brightness model of the sensor."""
-        parameters = self.parameters
-        darkening = self.mean_view_darkening
+        """The fitted brightness model of the sensor. The loss of light is proportional to the mean darkening of the whole view."""
+        observed, parameters = self.forward.observed, self.parameters
+        darkening = mean_view_darkening(observed.after.grey, observed.before.grey, parameters["loss"])
         return BrightnessModel(
             darkening_per_mm=max(parameters["darkening_per_mm"], 0.0),
-            saturation=parameters["saturation"],
+            saturation=self.press.saturation,
             brightening_per_mm=max(parameters["brightening_per_mm"], 0.0),
-            point_spread_mm=parameters["point_spread_mm"],
+            point_spread_mm=self.press.point_spread_mm,
             global_dimming=max(-parameters["loss"], 0.0) / darkening if darkening > 0 else 0.0,
-            inverse_distance_per_mm=parameters["inverse_distance_per_mm"],
+            inverse_distance_per_mm=self.press.inverse_distance_per_mm,
             thickness_mm=self.forward.design.gel.thickness_mm,
         )
-
-    @cached_property
-    def mean_view_darkening(self) -> float:
-        """Mean darkening of the whole view, to which the loss of light is proportional."""
-        observed = self.forward.observed
-        return mean_view_darkening(observed.after.grey, observed.before.grey, self.parameters["loss"])
 
 
 @dataclass(frozen=True)
@@ -240,44 +244,47 @@ class _PriorTerms:
 
 
 def fit_twin_to_ball_press(
-    before: Rectified,
-    after: Rectified,
-    circle: ContactCircle,
+    press: BallPress,
     design: SensorDesign,
     priors: tuple[ParameterPrior, ...] = (),
-    initial: ParameterVector | None = None,
+    initial: BallPressParameters | None = None,
 ) -> TwinFit:
-    """Fit mechanics and light to one press of the design's ball, found at `circle`.
+    """Fit mechanics and light to one press of the design's ball.
 
     priors: prior terms from other images. initial: initial parameters, where approximate values are known.
     """
     start_s = perf_counter()
-    centre_mm = _pixel_to_skin_mm(before, circle.centre_px)
-    forward = BallPressModel(ObservedBallPress(before, after, centre_mm), design)
+    forward = BallPressModel(ObservedBallPress(press.before, press.after, press.centre_mm), design)
     if initial is None:
-        initial = _fit_coarsely(replace(forward, patch=COARSE_PATCH), _initial_guess(forward, circle))
-    _, initial_residual = forward.fit_linear_terms(initial)
+        start = _fit_coarsely(replace(forward, patch=COARSE_PATCH), _initial_guess(press, design))
+    else:
+        start = initial.vector
+    _, initial_residual = forward.fit_linear_terms(start)
     observations = effective_observation_count(forward.observed.image(initial_residual))
     prior_terms = _make_prior_terms(forward, initial_residual, observations, priors)
-    vector, jacobian = _fit_finely(forward, initial, prior_terms)
+    vector, jacobian = _fit_finely(forward, start, prior_terms)
     coefficients, residual = forward.fit_linear_terms(vector)
     uncertainty = _estimate_uncertainty(jacobian, residual, observations)
-    return TwinFit(forward, vector, coefficients, residual, uncertainty, perf_counter() - start_s)
+    return TwinFit(
+        forward, BallPressParameters.from_vector(vector), coefficients, residual, uncertainty, perf_counter() - start_s
+    )
 
 
-def _initial_guess(forward: BallPressModel, circle: ContactCircle) -> ParameterVector:
+def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:
     """Return the initial guess from the disc: its centre, the depth by the rule of its edge, the drag by the asymmetry
     of its bulge.
     """
-    ball_mm = forward.design.ball.radius_mm
-    radius_mm = circle.radius_px * forward.observed.before.mm_per_px
+    ball_mm = design.ball.radius_mm
+    radius_mm = press.edge_radius_mm
     if radius_mm >= ball_mm:
         radius_mm = WIDE_DISC_RADIUS * ball_mm
-    depth_mm = ball_mm - np.sqrt(ball_mm**2 - radius_mm**2) - EDGE_RULE_BIAS_MM
-    x, y = forward.observed.centre_mm
-    drag = dict(zip(("drag_x_mm", "drag_y_mm"), DRAG_PER_ASYMMETRY_MM * np.array(circle.leaning), strict=True))
+    depth_mm = spherical_cap_height_mm(ball_mm, radius_mm) - EDGE_RULE_BIAS_MM
+    x, y = press.centre_mm
+    drag = dict(
+        zip(("drag_x_mm", "drag_y_mm"), DRAG_PER_ASYMMETRY_MM * np.array(press.circle.asymmetry_vector), strict=True)
+    )
     guess = {"x_mm": x, "y_mm": y, "depth_mm": depth_mm, **drag, **TYPICAL_PARAMETERS}
-    guess["thickness_mm"] *= forward.design.gel.thickness_mm / SensorDesign().gel.thickness_mm
+    guess["thickness_mm"] *= design.gel.thickness_mm / SensorDesign().gel.thickness_mm
     lower, upper = parameter_bounds()
     return np.clip([guess[name] for name in PARAMETER_NAMES], lower + 1e-3, upper - 1e-3)
 
@@ -388,9 +395,3 @@ def _image_jacobian(
         perturbed, step = perturb_parameter(vector, index)
         columns.append((forward.fit_linear_terms(perturbed)[1] - residual) / step)
     return np.column_stack(columns)
-
-
-def _pixel_to_skin_mm(image: Rectified, px: tuple[float, float]) -> tuple[float, float]:
-    """Return the position on the skin in mm of a pixel (x, y) of a rectified image."""
-    rows, cols = image.grey.shape
-    return (px[0] - (cols - 1) / 2) * image.mm_per_px, (px[1] - (rows - 1) / 2) * image.mm_per_px

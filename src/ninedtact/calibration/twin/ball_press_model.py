@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.press_brightness import smooth_gaussian
+from ninedtact.calibration.press_brightness import relative_brightness, smooth_gaussian
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_model import ContactModel
@@ -61,12 +61,64 @@ FIT_PARAMETERS = (
     _FitParameter("inverse_distance_per_mm", 0.0, 0.08, 0.004, 0.05),
     _FitParameter("finite_strain", 0.0, 1.0, 0.1, 0.5),
 )
-"""The parameters on which the image depends nonlinearly. Given them, three more are a linear problem: the level 1 + c, and (1 + c)
-times the slopes of darkening and brightening.
+"""How `BallPressParameters` are searched. Given them, three more are a linear problem: the level 1 + c, and (1 + c) times the
+slopes of darkening and brightening.
 """
 PARAMETER_NAMES = tuple(parameter.name for parameter in FIT_PARAMETERS)
 
 ParameterVector = Float[Array, " parameters"]
+"""The parameters in the order of `FIT_PARAMETERS`."""
+
+_PRESS_STEP_MM = 0.5
+_DRAG_STEP_MM = 0.35
+
+
+@dataclass(frozen=True)
+class BallPressParameters:
+    """A ball pressed into gel and dragged, and how it is seen: the parameters on which the image depends nonlinearly."""
+
+    x_mm: float
+    y_mm: float
+    depth_mm: float
+    drag_x_mm: float
+    drag_y_mm: float
+    thickness_mm: float
+    point_spread_mm: float
+    saturation: float
+    inverse_distance_per_mm: float
+    finite_strain: float
+    """Share of the difference between gel at finite strain and the linear layer."""
+
+    @classmethod
+    def from_vector(cls, vector: ParameterVector) -> "BallPressParameters":
+        """Return the parameters from a vector."""
+        return cls(**dict(zip(PARAMETER_NAMES, vector.tolist(), strict=True)))
+
+    @property
+    def vector(self) -> ParameterVector:
+        """The parameters as a vector."""
+        return np.array([getattr(self, name) for name in PARAMETER_NAMES])
+
+    @property
+    def centre_mm(self) -> tuple[float, float]:
+        """x and y of the centre of the contact on the skin."""
+        return self.x_mm, self.y_mm
+
+    @property
+    def drag_mm(self) -> tuple[float, float]:
+        """Displacement of the ball along the skin after the press."""
+        return self.drag_x_mm, self.drag_y_mm
+
+    def poses(self) -> list[Pose]:
+        """Return the poses of the ball in its own frame: down in steps, then sideways in steps. Presses to different depths share
+        their first steps, and presses that are dragged differently all steps down.
+        """
+        x, y = self.drag_mm
+        drag_steps = int(np.ceil(np.hypot(x, y) / _DRAG_STEP_MM))
+        depths_mm = [*np.arange(_PRESS_STEP_MM, self.depth_mm, _PRESS_STEP_MM).tolist(), self.depth_mm]
+        presses = [Pose(depth_mm=depth_mm) for depth_mm in depths_mm]
+        drags = [Pose(x * n / drag_steps, y * n / drag_steps, self.depth_mm) for n in range(1, drag_steps + 1)]
+        return [*presses, *drags]
 
 
 def parameter_bounds() -> tuple[ParameterVector, ParameterVector]:
@@ -92,8 +144,7 @@ def perturb_parameter(vector: ParameterVector, index: int) -> tuple[ParameterVec
     return perturbed, step
 
 
-SMOOTHING_PX = 1.5
-MIN_REFERENCE_GREY = 1.0
+_SMOOTHING_PX = 1.5
 
 
 @dataclass(frozen=True)
@@ -114,7 +165,7 @@ class ObservedPress(ABC):
     @cached_property
     def ratio(self) -> Float32[Array, "rows cols"]:
         """Smoothed brightness relative to the reference image."""
-        return smooth_gaussian(self.after.grey / np.maximum(self.before.grey, MIN_REFERENCE_GREY), SMOOTHING_PX)
+        return smooth_gaussian(relative_brightness(self.after, self.before), _SMOOTHING_PX)
 
     @cached_property
     def positions_mm(self) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
@@ -176,7 +227,7 @@ class ObservedBallPress(ObservedPress):
     @property
     def blur_mm(self) -> float:
         """Standard deviation of the smoothing, which is part of the fitted point spread."""
-        return SMOOTHING_PX * self.before.mm_per_px
+        return _SMOOTHING_PX * self.before.mm_per_px
 
 
 PATCH = PeriodicGrid(128, 128, 0.2)
@@ -185,32 +236,8 @@ COARSE_PATCH = PeriodicGrid(64, 64, 0.4)
 """The same square at a quarter of the points, for the search from a distant start."""
 FRICTION = 1.0
 """Coefficient of friction of silicone on a clean surface; between 0.5 and 1 the fit hardly changes."""
-PRESS_STEP_MM = 0.5
-DRAG_STEP_MM = 0.35
 SOLVER_SETTINGS = SolverSettings(tolerance=5e-4, must_converge=False)
 MAX_CACHED_CONTACTS = 64
-
-
-@dataclass(frozen=True)
-class BallPressParameters:
-    """A ball pressed into gel and dragged; pressures are in units of the gel's shear modulus."""
-
-    depth_mm: float
-    drag_mm: tuple[float, float]
-    thickness_mm: float
-    finite_strain: float = 0.0
-    """Share of the difference between gel at finite strain and the linear layer."""
-
-    def poses(self) -> list[Pose]:
-        """Return the poses of the ball in its own frame: down in steps, then sideways in steps. Presses to different depths share
-        their first steps, and presses that are dragged differently all steps down.
-        """
-        x, y = self.drag_mm
-        drag_steps = int(np.ceil(np.hypot(x, y) / DRAG_STEP_MM))
-        depths_mm = [*np.arange(PRESS_STEP_MM, self.depth_mm, PRESS_STEP_MM).tolist(), self.depth_mm]
-        presses = [Pose(depth_mm=depth_mm) for depth_mm in depths_mm]
-        drags = [Pose(x * n / drag_steps, y * n / drag_steps, self.depth_mm) for n in range(1, drag_steps + 1)]
-        return [*presses, *drags]
 
 
 @dataclass(frozen=True)
@@ -227,7 +254,9 @@ class BallPressModel:
         return {}
 
     def contact(self, press: BallPressParameters) -> Contact:
-        """Return the solved contact of the skin under this press, with the heights at finite strain."""
+        """Return the solved contact of the skin under this press, with the heights at finite strain, and pressures in units of the
+        gel's shear modulus.
+        """
         linear = self._contact_after(press.thickness_mm, tuple(press.poses()))
         distance_mm = np.hypot(*self.patch.positions_mm)  # the fields move with the ball
         change_mm = finite_strain_ball_change_mm(
@@ -250,24 +279,22 @@ class BallPressModel:
             self.cached_contacts[key] = model.step(previous, Ball(self.design.ball.radius_mm), trajectory[-1])
         return self.cached_contacts[key]
 
-    def linear_basis(self, vector: ParameterVector) -> Float[Array, "n 3"]:
+    def linear_basis(self, press: BallPressParameters) -> Float[Array, "n 3"]:
         """Return the coefficients of level, darkening slope and brightening slope in the brightness at each observed point."""
-        parameters = dict(zip(PARAMETER_NAMES, vector.tolist(), strict=True))
-        terms = self.brightness_terms(self.sightline_height_mm(parameters), parameters["saturation"])
-        blurred = blur_and_refine_fields(self.patch, parameters["point_spread_mm"], *terms)
+        terms = self.brightness_terms(self.sightline_height_mm(press), press.saturation)
+        blurred = blur_and_refine_fields(self.patch, press.point_spread_mm, *terms)
         indices = grid_indices_at_positions(self.patch, self.observed.centre_mm, *self.observed.points_mm, REFINEMENT)
         darkening, brightening = (sample_periodic(field, *indices).ravel() for field in blurred)
         return np.column_stack([np.ones(darkening.size), darkening, brightening])
 
-    def sightline_height_mm(self, parameters: dict[str, float]) -> Float32[Array, "rows cols"]:
+    def sightline_height_mm(self, press: BallPressParameters) -> Float32[Array, "rows cols"]:
         """Return the height of the skin on every line of sight, on a grid around the centre of the observed press."""
-        height_mm = np.asarray(self.contact(extract_press_parameters(parameters)).height_mm, np.float32)
+        height_mm = np.asarray(self.contact(press).height_mm, np.float32)
         x, y = (
             np.ascontiguousarray(axis + centre, np.float32)
             for axis, centre in zip(self.patch.positions_mm, self.observed.centre_mm, strict=True)
         )
-        sightlines = SightlineGrid(x, y, parameters["inverse_distance_per_mm"])
-        return sightlines.height_mm(self.patch, (parameters["x_mm"], parameters["y_mm"]), height_mm)
+        return SightlineGrid(x, y, press.inverse_distance_per_mm).height_mm(self.patch, press.centre_mm, height_mm)
 
     def brightness_terms(
         self, height_mm: Float32[Array, "rows cols"], saturation: float
@@ -280,20 +307,10 @@ class BallPressModel:
 
     def fit_linear_terms(self, vector: ParameterVector) -> tuple[Float[Array, "3"], Float[Array, " n"]]:
         """Return the best level and slopes for these parameters, and their residual in grey levels, observed minus predicted."""
-        basis = self.linear_basis(vector)
+        basis = self.linear_basis(BallPressParameters.from_vector(vector))
         observed = self.observed.relative_brightness
         coefficients = np.linalg.solve(basis.T @ basis, basis.T @ observed)
         return coefficients, (observed - basis @ coefficients) * self.observed.mean_grey
-
-
-def extract_press_parameters(parameters: dict[str, float]) -> BallPressParameters:
-    """Return the press that the mechanical parameters describe."""
-    return BallPressParameters(
-        parameters["depth_mm"],
-        (parameters["drag_x_mm"], parameters["drag_y_mm"]),
-        parameters["thickness_mm"],
-        parameters["finite_strain"],
-    )
 
 
 @lru_cache(maxsize=64)

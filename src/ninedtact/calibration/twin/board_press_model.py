@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.calibration.board.board_fit import BoardFit
-from ninedtact.calibration.board.pin_imprint_centres import IMPRINT_RADIUS, locate_imprints_mm
+from ninedtact.calibration.board.pin_imprint_centres import IMPRINT_RADIUS_PITCHES, locate_imprints_mm
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.calibration.twin.ball_press_model import FRICTION, ObservedPress
 from ninedtact.design import PinBoard
@@ -138,7 +138,7 @@ class PredictedBrightnessField:
 class BoardPressModel:
     """The predicted image of one board under a twin."""
 
-    fit: TwinFit
+    twin_fit: TwinFit
     board: PinBoard
     points_per_pitch: int = GRID_POINTS_PER_PIN_PITCH
 
@@ -171,8 +171,8 @@ class BoardPressModel:
     def solve_height_mm(self, press: BoardPressParameters) -> Field:
         """Solve the contact and return the height of the skin under the board."""
         gel = replace(
-            self.fit.forward.design.gel,
-            thickness_mm=self.fit.parameters["thickness_mm"],
+            self.twin_fit.forward.design.gel,
+            thickness_mm=self.twin_fit.press.thickness_mm,
             shear_modulus_mpa=1.0,
             poisson_ratio=press.poisson_ratio,
         )
@@ -186,10 +186,10 @@ class BoardPressModel:
         x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.patch.positions_mm)
         sightlines = SightlineGrid(x, y, press.inverse_distance_per_mm)
         seen_mm = sightlines.height_mm(self.patch, (0.0, 0.0), self.height_mm(press))
-        change = self.fit.light.brightness_change(seen_mm).astype(np.float32)
+        change = self.twin_fit.light.brightness_change(seen_mm).astype(np.float32)
         (field,) = blur_and_refine_fields(self.patch, press.point_spread_mm, change)
         return PredictedBrightnessField(self.patch, field)
 
     def imprints_mm(self, image: PredictedBrightnessField, pins_mm: Points) -> Points:
         """Return the positions on the plane at which the imprints of these pins appear, located as in a real image."""
-        return locate_imprints_mm(image.field, image, pins_mm, IMPRINT_RADIUS * self.board.pitch_mm)
+        return locate_imprints_mm(image.field, image, pins_mm, IMPRINT_RADIUS_PITCHES * self.board.pitch_mm)

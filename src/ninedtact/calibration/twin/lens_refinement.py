@@ -7,38 +7,31 @@ fit by Gauss–Newton covers the board's depth and tilt, the inverse viewing dis
 from the gradient of the predicted image. The shape of an imprint separates viewing distance from magnification, because its bottom
 is displaced more than its rim.
 
-`refine_board_and_ball` alternates the two fits. The ball image gives light and gel for the board's prediction; the board image
-gives the depth of its imprints, the viewing distance and so the lens; the ball is then fitted again through that lens.
+`fit_board_press_and_lens` makes the fit. Where it is accepted, `refine_board_lens` gives the board the refined lens, and the
+viewing distance is a prior for another fit of the ball.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.ball.ball_fit import BallFit
-from ninedtact.calibration.ball.contact_circle import BallPressUnusable
 from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.board.lens_fit import fit_lens, refine_lens, with_radial_term_count
-from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.calibration.twin.ball_press_fit import (
     ParameterPrior,
     TwinFit,
     effective_observation_count,
     parameter_covariance,
 )
-from ninedtact.calibration.twin.ball_press_model import ParameterVector
 from ninedtact.calibration.twin.board_press_model import (
     BoardPressModel,
     BoardPressParameters,
     ObservedBoardPress,
     PredictedBrightnessField,
 )
-from ninedtact.quantities import Frame
 from ninedtact.shape.lens import LensModel, PixelNotOnSkin, Points
-from ninedtact.shape.rectification import Rectification
 
 MAX_RELATIVE_RESIDUAL = 0.06
 """Largest root mean square residual as a fraction of the imprints' contrast, as for a ball's darkening (ball/contact_circle.py).
@@ -94,10 +87,6 @@ INVERSION_ITERATIONS = 2
 """Number of Newton iterations that invert the lens projection. Each Gauss–Newton iteration starts the inversion from its own
 linear prediction, and the start gets closer as the fit converges: after a first step that moves the image by 21 px the error of the
 inversion was at most 0.3 px, in the last iteration of every fit at most 1e-9 px (two real sensors and a simulated one).
-"""
-MAX_ALTERNATIONS = 2
-"""Number of alternations between board and ball. The first starts from the light of a preliminary lens and viewing distance; the
-second corrects the effect of that.
 """
 
 
@@ -212,19 +201,12 @@ class _BoardPressSolver:
         """
         image = self.model.predict_image(press)
         change = image.at(points_mm)
-
-        def derivative(name: str, step: float) -> Float[Array, " n"]:
-            perturbed = replace(press, **{name: getattr(press, name) + step})
-            return (self.model.predict_image(perturbed).at(points_mm) - change) / step
-
-        by_inverse_distance, by_point_spread = (derivative(*step) for step in VIEW_DIFFERENCE_STEPS.items())
+        view_derivatives = self.differentiate(press, points_mm, change, VIEW_DIFFERENCE_STEPS)
         if contact_derivatives is None:
-            contact_derivatives = np.array([derivative(*step) for step in CONTACT_DIFFERENCE_STEPS.items()])
+            contact_derivatives = self.differentiate(press, points_mm, change, CONTACT_DIFFERENCE_STEPS)
         by_depth, by_poisson_ratio = contact_derivatives
         x, y = points_mm.T
-        by_press = np.column_stack(
-            [by_depth, -y * by_depth, x * by_depth, by_poisson_ratio, by_inverse_distance, by_point_spread]
-        )
+        by_press = np.column_stack([by_depth, -y * by_depth, x * by_depth, by_poisson_ratio, *view_derivatives])
         by_lens = np.einsum("ni,nik->nk", _image_gradient(image, points_mm), modes)
         plane = np.column_stack([np.ones(len(x)), x / LIGHT_LENGTH_SCALE_MM, y / LIGHT_LENGTH_SCALE_MM])
         by_light = plane * (1 + change)[:, None]
@@ -236,9 +218,17 @@ class _BoardPressSolver:
         grey = self.observed.mean_grey
         return _LinearisedProblem(residual * grey, jacobian * grey, contact_derivatives)
 
+    def differentiate(
+        self, press: BoardPressParameters, points_mm: Points, change: Float[Array, " n"], steps: dict[str, float]
+    ) -> Float[Array, "k n"]:
+        """Return the difference quotients of the predicted brightness, `change` at this press, by some of its parameters."""
+        perturbed = [replace(press, **{name: getattr(press, name) + step}) for name, step in steps.items()]
+        images = [self.model.predict_image(one).at(points_mm) for one in perturbed]
+        return np.array([(image - change) / step for image, step in zip(images, steps.values(), strict=True)])
+
     def bounded_step(self, press: BoardPressParameters, step: Float[Array, "6"]) -> BoardPressParameters:
         """Return the press after a step of limited length, within its bounds."""
-        max_depth_mm = MAX_DEPTH_PER_THICKNESS * self.model.fit.parameters["thickness_mm"]
+        max_depth_mm = MAX_DEPTH_PER_THICKNESS * self.model.twin_fit.press.thickness_mm
         upper_bounds = replace(UPPER_BOUNDS, depth_mm=max_depth_mm)
         limited = np.clip(step, -MAX_STEP.vector, MAX_STEP.vector)
         return BoardPressParameters.from_vector(
@@ -258,7 +248,7 @@ class _BoardPressSolver:
             lens=lens,
             residual_rms_grey_levels=float(np.sqrt(np.mean(problem.residual**2))),
             contrast_grey_levels=float(np.median(self.observed.board.contrast)),
-            ball_point_spread_mm=self.model.fit.light.point_spread_mm,
+            ball_point_spread_mm=self.model.twin_fit.light.point_spread_mm,
             converged=converged,
             contact_derivatives=problem.contact_derivatives,
         )
@@ -299,7 +289,7 @@ def _image_gradient(image: PredictedBrightnessField, points_mm: Points) -> Float
 
 
 def fit_board_press_and_lens(
-    observed: ObservedBoardPress, fit: TwinFit, previous: BoardPressFit | None = None
+    observed: ObservedBoardPress, twin_fit: TwinFit, previous: BoardPressFit | None = None
 ) -> BoardPressFit:
     """Fit press and lens to the board image with the twin from the ball press.
 
@@ -308,11 +298,10 @@ def fit_board_press_and_lens(
     """
     board = observed.board
     lens = with_radial_term_count(board.lens, max(RADIAL_TERM_COUNT, len(board.lens.radial)))
-    model = BoardPressModel(fit, board.board)
+    model = BoardPressModel(twin_fit, board.board)
     solver = _BoardPressSolver(observed, model, lens)
-    if (
-        previous is not None
-    ):  # `lens`, not `previous.lens`, is the one through which the images were rectified this time
+    if previous is not None:
+        # The images were rectified through `lens` this time, and not through `previous.lens`.
         return solver.solve(previous.press, lens, MAX_FINE_ITERATIONS)
     coarse_solver = replace(solver, model=replace(model, points_per_pitch=COARSE_POINTS_PER_PITCH))
     coarse = coarse_solver.solve(INITIAL_PRESS, lens, MAX_COARSE_ITERATIONS)
@@ -321,70 +310,12 @@ def fit_board_press_and_lens(
     return solver.solve(coarse.press, coarse.lens, MAX_FINE_ITERATIONS, coarse.contact_derivatives)
 
 
-def _replace_lens(observed: ObservedBoardPress, fit: TwinFit, board_press_fit: BoardPressFit) -> BoardFit:
+def refine_board_lens(board: BoardFit, twin_fit: TwinFit, board_press_fit: BoardPressFit) -> BoardFit:
     """Return the board with the refined lens. Its pins are fitted again, at the points of the undeformed plane where their imprints
     appear, which gives the leave-one-out errors.
     """
-    board = observed.board
-    model = BoardPressModel(fit, board.board)
+    model = BoardPressModel(twin_fit, board.board)
     image = model.predict_image(board_press_fit.press)
     imprints_mm = model.imprints_mm(image, board.points_mm[board.found])
     lens = board_press_fit.lens
     return replace(board, lens_fit=fit_lens(imprints_mm, board.points_px[board.found], lens), refined=lens)
-
-
-RectificationBuilder = Callable[[BoardFit], Rectification]
-BallFitter = Callable[[Rectification, tuple[ParameterPrior, ...], ParameterVector | None], BallFit]
-
-
-@dataclass(frozen=True)
-class JointCalibration:
-    """Board, lens and ball, fitted jointly."""
-
-    board: BoardFit
-    rectify: Rectification
-    ball: BallFit
-    board_press_fit: BoardPressFit | None = None
-    """The fit to the board image; None where no physics was fitted to the ball image."""
-
-    def alternate(
-        self, images: tuple[BgrImage, BgrImage], build_rectification: RectificationBuilder, fit_ball: BallFitter
-    ) -> "JointCalibration":
-        """Return the result of one more alternation: a fit of the board with the ball's twin, then of the ball through its lens.
-
-        Where the board disagrees with the twin's prediction, board and ball stay as they are, and only the first fit to the board
-        image is added. Raises `BallPressUnusable` where the ball cannot be fitted through the refined lens.
-        """
-        if self.ball.physical is None:
-            return self
-        fit = self.ball.physical.fit
-        before, after = (self.rectify(Frame(image)) for image in images)
-        observed = ObservedBoardPress(before, after, self.board)
-        board_press_fit = fit_board_press_and_lens(observed, fit, self.board_press_fit)
-        if not board_press_fit.accepted:
-            return replace(self, board_press_fit=self.board_press_fit or board_press_fit)
-        board = _replace_lens(observed, fit, board_press_fit)
-        rectify = build_rectification(board)
-        ball = fit_ball(rectify, board_press_fit.priors, fit.vector)
-        return JointCalibration(board, rectify, ball, board_press_fit)
-
-
-def refine_board_and_ball(
-    initial: JointCalibration,
-    images: tuple[BgrImage, BgrImage],
-    build_rectification: RectificationBuilder,
-    fit_ball: BallFitter,
-) -> JointCalibration:
-    """Return the joint calibration after at most `MAX_ALTERNATIONS`, starting from separate fits of board and ball.
-
-    images: raw, before and under the board.
-    """
-    calibration = initial
-    for _ in range(MAX_ALTERNATIONS):
-        try:
-            calibration = calibration.alternate(images, build_rectification, fit_ball)
-        except BallPressUnusable:
-            return calibration
-        if calibration.board_press_fit is None or not calibration.board_press_fit.accepted:
-            return calibration
-    return calibration

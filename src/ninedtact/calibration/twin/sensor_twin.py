@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
-from ninedtact.calibration.original_9dtact.folder_format import OUT_OF_VIEW_PX
 from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import (
@@ -26,7 +25,7 @@ from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.quantities import skin_grid_mm
-from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.rectification import OUT_OF_VIEW_PX, Rectification
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, coarse_pixel_grid, interpolate_pixel_map
 from ninedtact.simulation.renderer import CameraNoise, Renderer
@@ -102,8 +101,8 @@ def fitted_gel(fit: TwinFit) -> Gel:
     """Return the design's gel with the fitted thickness and share of finite strain."""
     return replace(
         fit.forward.design.gel,
-        thickness_mm=fit.parameters["thickness_mm"],
-        finite_strain=fit.parameters["finite_strain"],
+        thickness_mm=fit.press.thickness_mm,
+        finite_strain=fit.press.finite_strain,
     )
 
 
@@ -113,8 +112,8 @@ def _twin_fit_quality(fit: TwinFit) -> TwinFitQuality:
     return TwinFitQuality(
         radial_rmse_grey_levels=fit.radial_rmse_grey_levels,
         image_rmse_grey_levels=fit.image_rmse_grey_levels,
-        depth_mm=fit.parameters["depth_mm"],
-        drag_mm=fit.drag_mm,
+        depth_mm=fit.press.depth_mm,
+        drag_mm=fit.press.drag_mm,
         effective_observations=uncertainty.effective_observations,
         duration_s=fit.duration_s,
         parameters={
@@ -132,11 +131,10 @@ def _board_press_table(board_press_fit: BoardPressFit, fit: TwinFit) -> BoardPre
     """
     press = board_press_fit.press
     standard_deviations = board_press_fit.standard_deviations
-    ball_relative_std = fit.uncertainty.standard_deviations["depth_mm"] / fit.parameters["depth_mm"]
     return BoardPressFitTable(
         accepted=board_press_fit.accepted,
         depth_mm=press.depth_mm,
-        depth_std_mm=float(np.hypot(standard_deviations.depth_mm, ball_relative_std * press.depth_mm)),
+        depth_std_mm=float(np.hypot(standard_deviations.depth_mm, fit.relative_depth_std * press.depth_mm)),
         inverse_distance_per_mm=press.inverse_distance_per_mm,
         inverse_distance_std_per_mm=standard_deviations.inverse_distance_per_mm,
         point_spread_mm=press.point_spread_mm,
