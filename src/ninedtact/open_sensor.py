@@ -7,6 +7,7 @@ sensor is opened, so that `ninedtact --help` stays quick.
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,10 +23,12 @@ if TYPE_CHECKING:
     from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImageChecker
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import CameraSettings, FrameSource
+    from ninedtact.capture.wrench_source import WrenchSource
     from ninedtact.force.estimator_interface import ForceEstimator
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
     from ninedtact.shape.depth import DepthReader
+    from ninedtact.simulation.press_sequence import PressSequence
 
 SIMULATED = "sim"
 """Name of the sensor's twin as a source."""
@@ -82,17 +85,12 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     >>> reading.wrench.force_n  # nothing touches yet
     array([0., 0., 0.])
     """
-    from ninedtact.capture.frame_pacing import LatestFrameSource
-    from ninedtact.capture.frame_source import FIXED_EXPOSURE
-
     source = str(source) if isinstance(source, Path | int) else source
     references = [reference] if isinstance(reference, Path | str) else reference or ()
     moments_s = [reference_at_s] if isinstance(reference_at_s, int | float) else reference_at_s
     with load_given_or_recorded_sensor(sensor, source) as folder:
         estimator = None if force == "none" else folder.estimator(force)
-        frames = source_for(source, settings or FIXED_EXPOSURE, folder) if isinstance(source, str) else source
-        if isinstance(source, str) and source != SIMULATED and frames.is_live:
-            frames = LatestFrameSource(frames)
+        frames = newest_frame_source_for(source, folder, settings) if isinstance(source, str) else source
         return assemble_sensor(folder, frames, source, references, moments_s, estimator, follow_reference)
 
 
@@ -115,12 +113,10 @@ def assemble_sensor(
     from ninedtact.sensor import Sensor
 
     shape, check = sensor.shape, load_reference_image_checker(sensor)
-    given, recorded = None, None
-    if references:
-        given = shape.depth_reader(*check.read_images([Path(path) for path in references]))
-    elif source == SIMULATED:
+    given, recorded = _read_given_reference(references, shape, check), None
+    if given is None and source == SIMULATED:
         given = _twin_reference(sensor)
-    elif frames.recording is not None:
+    elif given is None and frames.recording is not None:
         from ninedtact.recording.recorded_source import RecordedFrameSource
 
         assert isinstance(frames, RecordedFrameSource)
@@ -133,6 +129,65 @@ def assemble_sensor(
     at_moments = _references_at_moments(frames, reference_at_s, shape, check, given)
     following = following_settings_for(frames, follow_reference)
     return Sensor(frames, shape, ReferenceImages(given, recorded, at_moments, check.find_faults, following), estimator)
+
+
+@dataclass(frozen=True)
+class LiveSensor:
+    """A sensor that is read in real time, not yet opened; of a twin with its true wrench and its simulation."""
+
+    sensor: "Sensor"
+    true_wrench: "WrenchSource | None" = None
+    simulation: "PressSequence | None" = None
+
+
+def assemble_live_sensor(
+    folder: "SensorFolder",
+    source: str,
+    references: Sequence[PathLike] = (),
+    settings: "CameraSettings | None" = None,
+    follow_reference: bool = True,
+    loop: bool = False,
+    estimator: "ForceEstimator | None" = None,
+    name: str = "",
+    notify: Callable[[str], None] = lambda sentence: None,
+) -> LiveSensor:
+    """Return a sensor that is read in real time, as the live page shows it and other programs receive it; not yet opened.
+
+    A camera that is lost is waited for. Files and recordings play at their own pace, a recording with the reference image that it
+    starts with; loop: again and again. follow_reference: whether the reference image of a live source follows slow changes. name:
+    of the sensor among several, each of whose twins has noise of its own. notify: receives a sentence about a camera that is lost
+    or is back. The other parameters, and what is raised, are those of `open`.
+    """
+    from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
+    from ninedtact.capture.frame_pacing import LatestFrameSource, RepeatingSource
+    from ninedtact.capture.frame_source import FIXED_EXPOSURE
+    from ninedtact.capture.reconnecting import ReconnectingFrameSource
+    from ninedtact.reference_images import ReferenceImages, following_settings_for
+    from ninedtact.sensor import Sensor
+
+    check, twin_sources = load_reference_image_checker(folder), None
+    given = _read_given_reference(references, folder.shape, check)
+    if is_twin_address(source):
+        from ninedtact.simulation.simulated_sources import demo_sources
+
+        twin_sources = demo_sources(folder.twin().with_noise_of(name))
+        given = given or folder.shape.depth_reader(*twin_sources.reference_frames)
+        frames: FrameSource = twin_sources.camera
+    else:
+        if given is None and is_recording_address(source):
+            given = load_recorded_reference(source, folder, check)
+        played, of = source_in_real_time(source, settings or FIXED_EXPOSURE), f"{name}: " if name else ""
+        frames = ReconnectingFrameSource(
+            RepeatingSource(played) if loop else played,
+            on_lost=lambda loss: notify(f"{of}{loss}; waiting for it"),
+            on_back=lambda: notify(f"{of}it is back"),
+        )
+    following = following_settings_for(frames) if follow_reference else None
+    images = ReferenceImages(given, find_faults=check.find_faults, following=following)
+    sensor = Sensor(LatestFrameSource(frames), folder.shape, images, estimator)
+    if twin_sources is None:
+        return LiveSensor(sensor)
+    return LiveSensor(sensor, twin_sources.force_torque, twin_sources.simulation)
 
 
 def source_for(
@@ -160,6 +215,21 @@ def source_for(
     from ninedtact.capture.frame_source import DEFAULT_CAMERA
 
     return source_from_address.camera_or_file_source(text, settings or DEFAULT_CAMERA)
+
+
+def newest_frame_source_for(
+    text: str, sensor: "SensorFolder", settings: "CameraSettings | None" = None
+) -> "FrameSource":
+    """Return the source that `text` names, of which a slow reader gets the newest frame of a camera or stream.
+
+    So it neither lags behind nor hears late of a loss. Files, recordings and the twin serve every frame. The exposure of a camera
+    is fixed unless `settings` say otherwise.
+    """
+    from ninedtact.capture.frame_pacing import LatestFrameSource
+    from ninedtact.capture.frame_source import FIXED_EXPOSURE
+
+    source = source_for(text, settings or FIXED_EXPOSURE, sensor)
+    return LatestFrameSource(source) if source.is_live and not is_twin_address(text) else source
 
 
 def load_recorded_reference(
@@ -228,6 +298,15 @@ def load_given_or_recorded_sensor(
 
     with TemporaryDirectory(prefix="ninedtact_") as folder:
         yield load_sensor(extract_sensor_folder(Path(recording).expanduser(), Path(folder) / "sensor"))
+
+
+def _read_given_reference(
+    references: Sequence[PathLike], shape: "CalibratedShape", check: "ReferenceImageChecker"
+) -> "DepthReader | None":
+    """Return a depth reader for the reference images that are given; None where none is."""
+    if not references:
+        return None
+    return shape.depth_reader(*check.read_images([Path(path) for path in references]))
 
 
 def _twin_reference(sensor: "SensorFolder") -> "DepthReader":

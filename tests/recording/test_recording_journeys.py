@@ -39,11 +39,10 @@ from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSour
 from ninedtact.capture.wrench_source import WrenchSaturated, WrenchSource
 from ninedtact.cli import main
 from ninedtact.cli.collect import CollectTerminalDisplay, collect_progress_line, open_key_reader
-from ninedtact.cli.live import Live
 from ninedtact.cli.record import _twin_sources, run_commands_together
 from ninedtact.cli.result_and_interrupt import stop_on_signal
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.open_sensor import load_given_or_recorded_sensor, source_in_real_time
+from ninedtact.open_sensor import assemble_live_sensor, load_given_or_recorded_sensor, source_in_real_time
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.collected_pairs import read_recorded_pairs
@@ -346,8 +345,7 @@ def recorded_hand(path: Path, sensor: Path, seconds: float, delay_ms: float = 0.
 
 def test_simulated_sensors_side_by_side_have_noise_of_their_own(sensor: Path) -> None:
     folder, names = load_sensor(sensor), ("", "left", "right")
-    shown = [Live(("sim",)).sensor_and_wrenches(folder)[2]]
-    shown += [Live(("left=sim", "right=sim")).sensor_and_wrenches(folder, name)[2] for name in names[1:]]
+    shown = [assemble_live_sensor(folder, "sim", name=name).simulation for name in names]
     recorded = [_twin_sources(folder, False, name)[0].simulation for name in names]
     for simulations in (shown, recorded):
         alone, left, right = (simulation.twin.renderer(None, 1).astype(int) for simulation in simulations)

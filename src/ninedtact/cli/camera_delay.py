@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from ninedtact.cli.option_parser import JsonOption
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
 from ninedtact.open_sensor import is_twin_address
 
@@ -36,8 +37,7 @@ class CameraDelayCommand:
     same source. A new calibration removes it. The delay of sim is printed only."""
     seconds: float = 15.0
     """Duration."""
-    json: bool = False
-    """Print the result as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Measure, print and keep the delay."""

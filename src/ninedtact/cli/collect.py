@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ninedtact.cli.option_parser import CollectOptions
+from ninedtact.cli.option_parser import AutomaticOption, CollectOptions, JsonOption, camera_settings
 from ninedtact.cli.record import require_duration, require_new_recording_path
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
 from ninedtact.open_sensor import (
@@ -195,10 +195,8 @@ class Collect:
     """Number of times that the script presses each object; with sim only."""
     seed: int | None = None
     """Seed of the load below which the first pair of each contact is saved, and of the script; without it, random."""
-    automatic: bool = False
-    """Leave automatic exposure and white balance of the camera on, for a camera that cannot switch them off."""
-    json: bool = False
-    """Print the result as one JSON object."""
+    automatic: AutomaticOption = False
+    json: JsonOption = False
 
     def run(self) -> int:
         """Collect pairs and print their numbers; raises what a lost device raises, every pair kept."""
@@ -219,7 +217,6 @@ class Collect:
     ) -> "CollectSetup":
         """Return the camera and the force/torque sensor that were named, not yet opened."""
         from ninedtact.capture.force_torque.mounted_wrench_source import force_torque_sensor_for
-        from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
         from ninedtact.recording.collecting.collection_sources import (
             collection_setup_from_devices,
             collection_setup_from_recordings,
@@ -231,7 +228,7 @@ class Collect:
         if is_recording_address(self.source):
             images, wrenches = Path(self.source).expanduser(), Path(self.force_torque).expanduser()
             return collection_setup_from_recordings(images, wrenches, checks, folder.record.design.force_torque)
-        camera = source_in_real_time(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
+        camera = source_in_real_time(self.source, camera_settings(self.automatic))
         device = force_torque_sensor_for(self.force_torque)
         return collection_setup_from_devices(camera, device, folder, checks, screen.show_message)
 

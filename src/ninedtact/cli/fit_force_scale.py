@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact.cli.calibration_page import CalibrationPageOptions, ForceCalibrationPageServer
+from ninedtact.cli.option_parser import AutomaticOption, JsonOption
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
 from ninedtact.errors import InputError
 
@@ -40,13 +41,11 @@ class Adapt:
     source: str | None = None
     """The camera that the page shows first: a camera, a stream, a recording; or sim, the sensor's twin, whose gel is softer or
     stiffer than the calibration assumes."""
-    automatic: bool = False
-    """Keep the camera's automatic exposure and white balance, where they cannot be switched off."""
+    automatic: AutomaticOption = False
     on_page: Annotated[CalibrationPageOptions, tyro.conf.arg(name="")] = CalibrationPageOptions()
     dry_run: bool = False
     """Print the force scale without keeping it."""
-    json: bool = False
-    """Print the result as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Calibrate, and print the error of presses that were left out of the fit."""

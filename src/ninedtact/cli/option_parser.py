@@ -1,10 +1,12 @@
 """The parser of the command line, and the options that several commands share.
 
 The packages that give a choice its meaning are loaded when a command runs. The options are the fields of the commands' dataclasses,
-read by tyro. Its rules are extended here, once for all commands: defaults that say nothing are left out (none, false, an empty
-list), an option that may be left out shows only its type, and the lines of a docstring are joined to sentences.
+read by tyro; an option that several commands have is a type here, which brings its help. The rules of tyro are extended here, once
+for all commands: defaults that say nothing are left out (none, false, an empty list), an option that may be left out shows only its
+type, and the lines of a docstring are joined to sentences.
 """
 
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, is_dataclass, replace
@@ -20,11 +22,133 @@ from ninedtact.errors import InputError
 if TYPE_CHECKING:
     from ninedtact.calibration.procedure import CalibrationSettings
     from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
+    from ninedtact.capture.frame_source import CameraSettings
     from ninedtact.recording.collecting.pair_selection import CollectSettings
 
 
+_SOURCE = (
+    "Camera (0, /dev/video0, usb:1-2, csi:0), stream (http://…, rtsp://…), video, folder of images or recording (.mcap); or sim, "
+    "the twin of the sensor, pressed by several objects in turn."
+)
+_SENSOR = "Sensor folder that `ninedtact calibrate` wrote."
+_RECORDED_SENSOR = f"{_SENSOR} A recording brings its own."
+_EACH_NAMED = " For several sources, one for each name: left=FOLDER right=FOLDER."
+_OR_DEMO_TWIN = " Without one, sim is the twin of the demo."
+SourceOption = Annotated[str, tyro.conf.arg(help=_SOURCE)]
+NamedSourcesOption = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(help=f"{_SOURCE} Several at once have a name each, such as left=usb:1-2 right=usb:1-3."),
+]
+SensorOption = Annotated[Path, tyro.conf.arg(help=_SENSOR)]
+RecordedSensorOption = Annotated[Path | None, tyro.conf.arg(help=_RECORDED_SENSOR)]
+SensorOrDemoTwinOption = Annotated[Path | None, tyro.conf.arg(help=_RECORDED_SENSOR + _OR_DEMO_TWIN)]
+NamedSensorsOption = Annotated[tuple[str, ...], tyro.conf.arg(help=_RECORDED_SENSOR + _EACH_NAMED)]
+NamedSensorsOrDemoTwinOption = Annotated[
+    tuple[str, ...], tyro.conf.arg(help=_RECORDED_SENSOR + _OR_DEMO_TWIN + _EACH_NAMED)
+]
+ForceOption = Annotated[
+    str, tyro.conf.arg(help="Estimator of force and torque: physics, corrected, a force model (.onnx), or none.")
+]
+AutomaticOption = Annotated[
+    bool,
+    tyro.conf.arg(
+        help="Keep the camera's automatic exposure and white balance, where they cannot be switched off. Depths then drift."
+    ),
+]
+FollowReferenceOption = Annotated[
+    bool,
+    tyro.conf.arg(
+        help="Let the reference image of a live source follow slow changes of light and gel while nothing touches."
+    ),
+]
+LoopOption = Annotated[bool, tyro.conf.arg(help="Repeat a recording, video or folder of images when it ends.")]
+SecondsOption = Annotated[
+    float | None, tyro.conf.arg(help="Duration; without it, until Ctrl-C or the end of the source.")
+]
+DisplayRateOption = Annotated[
+    float,
+    tyro.conf.arg(help="Largest number of readings shown per second; the sensor is read at its own rate."),
+]
+_ON_NETWORK = "of this computer alone, or one at which others on the network reach it (0.0.0.0: all of them)."
+PageHostOption = Annotated[
+    str,
+    tyro.conf.arg(
+        help=f"Address of the page: {_ON_NETWORK} Then only who has the printed address, which contains a random token, can see "
+        "the page and press its buttons."
+    ),
+]
+PagePortOption = Annotated[
+    int | None, tyro.conf.arg(help="Port of the page; without it 8080, or the next free one. 0 takes any free port.")
+]
+PageOriginOption = Annotated[
+    tyro.conf.UseAppendAction[tuple[str, ...]],
+    tyro.conf.arg(
+        metavar="URL",
+        help="Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it.",
+    ),
+]
+ServerHostOption = Annotated[
+    str, tyro.conf.arg(help=f"Address to listen on: {_ON_NETWORK} Then clients need the random token that is printed.")
+]
+PointsEveryOption = Annotated[
+    int, tyro.conf.arg(help="Send the points of every so many rows and columns of the height map.")
+]
+WorkersOption = Annotated[int, tyro.conf.arg(help="Number of processes; one for each core.")]
+ClusterOption = Annotated[
+    str | None,
+    tyro.conf.arg(
+        help="Run on the workers of a cluster in place of processes here: dask:HOST:PORT or ray:HOST:PORT (docs: clusters)."
+    ),
+]
+JsonOption = Annotated[bool, tyro.conf.arg(help="Print the result as one JSON object.")]
 DesignFileOption = Annotated[Path | None, tyro.conf.arg(name="design")]
-"""`--design sensor.toml`: what differs from the published sensor."""
+"""`--design sensor.toml`: what differs from the published sensor. Its help is that of the field, which says what it is for."""
+
+
+class NamedSensorsInvalid(InputError):
+    """Several sources or sensor folders without a name of its own for each, or more sensor folders than sources."""
+
+
+_NAMED_ADDRESS = re.compile(r"(?P<name>[A-Za-z][A-Za-z0-9_]*)=(?P<address>.+)")
+"""One of several sources or sensors, such as left=usb:1-2."""
+
+
+def parse_named_sources(source: tuple[str, ...], sensor: tuple[str, ...]) -> dict[str, tuple[str, Path | None]]:
+    """Return address and sensor folder of all sources by their names; a single one may do without, and has the empty name here.
+
+    Raises `NamedSensorsInvalid`.
+    """
+    if len(source) == 1 and _NAMED_ADDRESS.match(source[0]) is None:
+        if len(sensor) > 1:
+            raise NamedSensorsInvalid(f"expected one --sensor with one --source, got {len(sensor)}; drop the others")
+        return {"": (source[0], Path(sensor[0]).expanduser() if sensor else None)}
+    sources, sensors = _split_named("--source", source), _split_named("--sensor", sensor)
+    if strangers := sensors.keys() - sources.keys():
+        raise NamedSensorsInvalid(
+            f"expected --sensor for {', '.join(sources)}, got one for {min(strangers)}; name it as its source"
+        )
+    folders = {name: Path(path).expanduser() for name, path in sensors.items()}
+    return {name: (address, folders.get(name)) for name, address in sources.items()}
+
+
+def _split_named(option: str, named: tuple[str, ...]) -> dict[str, str]:
+    """Return what an option names, such as left=usb:1-2, by the names."""
+    found: dict[str, str] = {}
+    for text in named:
+        match = _NAMED_ADDRESS.match(text)
+        if match is None or match["name"] in found:
+            raise NamedSensorsInvalid(
+                f"expected {option} with a name of its own for each of several, such as left=usb:1-2, got {text}; name each"
+            )
+        found[match["name"]] = match["address"]
+    return found
+
+
+def camera_settings(automatic: bool) -> "CameraSettings":
+    """Return the settings of a camera whose exposure and white balance are fixed, or left automatic."""
+    from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
+
+    return DEFAULT_CAMERA if automatic else FIXED_EXPOSURE
 
 
 class DesignGivenTwice(InputError):

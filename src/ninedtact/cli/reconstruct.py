@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
+from ninedtact.cli.option_parser import SensorOption
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
 from ninedtact.errors import InputError
 
@@ -26,8 +27,7 @@ class NoImageToReconstruct(InputError):
 class ReconstructCommand:
     """Reconstruct the shape of what touches the gel, from images."""
 
-    sensor: Path
-    """Sensor folder that `ninedtact calibrate` wrote."""
+    sensor: SensorOption
     reference: tyro.conf.UseAppendAction[tuple[Path, ...]]
     """Reference image (no contact) of the same session; given more than once, the images are averaged."""
     images: tyro.conf.Positional[tuple[Path, ...]]

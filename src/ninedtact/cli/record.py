@@ -1,7 +1,6 @@
 """ninedtact record: everything that a sensor and a force/torque sensor deliver, as one file."""
 
 import json
-import re
 import sys
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
@@ -11,7 +10,23 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
+from ninedtact.cli.option_parser import (
+    AutomaticOption,
+    JsonOption,
+    NamedSensorsOption,
+    NamedSourcesOption,
+    SecondsOption,
+    camera_settings,
+    parse_named_sources,
+)
+from ninedtact.cli.result_and_interrupt import (
+    given_or_recorded_sensor,
+    load_estimator_with_notices,
+    print_notice,
+    print_result,
+    stop_on_signal,
+)
+from ninedtact.force.estimator_loading import NONE
 from ninedtact.open_sensor import (
     RECORDING_SUFFIX,
     is_twin_address,
@@ -27,14 +42,11 @@ if TYPE_CHECKING:
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.capture.wrench_source import WrenchSource
     from ninedtact.errors import NinedtactError
-    from ninedtact.force.estimator_interface import ForceEstimator
     from ninedtact.recording.recorder import SensorToRecord
     from ninedtact.recording.writer import RecordingWriter
 
 _BAR = "{n:.0f} of {total:.0f} s |{bar}| {remaining} left{postfix}"
 _BAR_WITHOUT_END = "{n:.0f} s{postfix}"
-_NAMED_ADDRESS = re.compile(r"(?P<name>[A-Za-z][A-Za-z0-9_]*)=(?P<address>.+)")
-"""One of several sources or sensors, such as left=usb:1-2."""
 _POLL_S = 0.05
 _END_S = 5.0
 """Time that a process has to end after each signal, where the command that started it cannot go on."""
@@ -44,23 +56,21 @@ _BAR_DELAY_S = 0.3
 
 @dataclass(frozen=True)
 class Record:
-    """Record a sensor: images without loss, measured wrenches, and heights and forces on request. Ctrl-C ends it properly."""
+    """Record a sensor: images without loss, measured wrenches, and heights and forces on request. Ctrl-C ends it properly.
 
-    source: tuple[str, ...]
-    """Camera (0, /dev/video0, usb:1-2, csi:0), stream (http://…, rtsp://…), video, folder or recording; or sim, the twin of the
-    sensor. Several with a name each, such as left=usb:1-2 right=usb:1-3, are recorded at once into one file, with stamps of one
-    clock; a sensor that fails is reported, and the others go on."""
+    The sensor folder is attached to the recording. Several sensors are recorded at once into one file, with stamps of one clock; a
+    sensor that fails is reported, and the others go on.
+    """
+
+    source: NamedSourcesOption
     out: Path
     """Recording to write: a new .mcap file, which ROS 2 and Foxglove read. Images (bit for bit) and wrenches are stored without
     loss, and heights too unless --height-bits is 16. Images drop if the disk or the computer is too slow for the camera and 128 of
     them wait already; they are counted, printed, and marked in the file at their place."""
-    sensor: tuple[str, ...] = ()
-    """Sensor folder that `ninedtact calibrate` wrote; it is attached to the recording. A recording brings its own. For several
-    sources, one for each name: left=FOLDER right=FOLDER."""
+    sensor: NamedSensorsOption = ()
     force_torque: str | None = None
     """Force/torque sensor (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT), or sim with --source sim."""
-    seconds: float | None = None
-    """Duration; without it, until Ctrl-C or the end of the source."""
+    seconds: SecondsOption = None
     images: Literal["zstd", "png"] = "zstd"
     """Storage of images, both without loss: raw, in chunks that zstd compresses (sensor_msgs/Image), or each as a PNG
     (sensor_msgs/CompressedImage), which is smaller and takes longer to read (docs: recording)."""
@@ -72,26 +82,23 @@ class Record:
     camera_delay_ms: Annotated[float | Literal["saved"], tyro.conf.arg(metavar="MS|saved")] = 0.0
     """Delay of the camera that is subtracted from the stamps of its images; saved: the one that `ninedtact camera-delay` kept in
     the sensor folder. The recording states it."""
-    force: str = "none"
+    force: str = NONE
     """Also record the wrench estimated from the images, by physics or by a force model (.onnx); takes the same reference images."""
-    automatic: bool = False
-    """Leave automatic exposure and white balance of the camera on, for a camera that cannot switch them off."""
-    json: bool = False
-    """Print the result as one JSON object."""
+    automatic: AutomaticOption = False
+    json: JsonOption = False
 
     def run(self) -> int:
         """Record and print the number of messages; raises what a lost device raises, the file kept."""
         require_recording_libraries()
         require_new_recording_path(self.out)
         require_duration(self.seconds)
-        if len(self.source) != 1 or is_named(self.source[0]):
-            return self._record_several()
-        if len(self.sensor) > 1:
-            raise RecordingRefused(f"expected one --sensor with one --source, got {len(self.sensor)}; drop the others")
-        require_matching_force_source(self.source[0], self.force_torque, is_twin_address)
-        sensor = Path(self.sensor[0]).expanduser() if self.sensor else None
-        with given_or_recorded_sensor(sensor, self.source[0]) as folder:
-            writer = self._record(folder)
+        named = parse_named_sources(self.source, self.sensor)
+        if "" not in named:
+            return self._record_several(named)
+        address, sensor = named[""]
+        require_matching_force_source(address, self.force_torque, is_twin_address)
+        with given_or_recorded_sensor(sensor, address) as folder:
+            writer = self._record(folder, address)
         messages = {topic.path(folder.id, self.images): number for topic, number in sorted(writer.written.items())}
         figures = {"out": str(self.out), "written": messages, "dropped": writer.dropped}
         size_mb = self.out.stat().st_size / 1e6
@@ -100,9 +107,8 @@ class Record:
             self.json, figures, lines + [f"  {number:8d}  {topic}" for topic, number in messages.items()]
         )
 
-    def _record_several(self) -> int:
+    def _record_several(self, named: dict[str, tuple[str, Path | None]]) -> int:
         """Record all named sources into one file; where one fails, the others go on. Returns 1 then."""
-        named = parse_named_sources(self.source, self.sensor)
         if self.force_torque is not None:
             raise RecordingRefused("expected one --source with --force-torque, got several; record them one by one")
         with ExitStack() as opened:
@@ -127,10 +133,10 @@ class Record:
         )
         return 1 if lost else 0
 
-    def _record(self, folder: "SensorFolder") -> "RecordingWriter":
+    def _record(self, folder: "SensorFolder", address: str) -> "RecordingWriter":
         from ninedtact.recording.recorder import record
 
-        part = self._part(folder, self.source[0])
+        part = self._part(folder, address)
         with self._stored_and_progress() as (options, show):
             return record(
                 part.source,
@@ -177,53 +183,20 @@ class Record:
 
         camera, force_torque = self._sources(folder, address, name)
         camera_delay_ms = resolve_camera_delay_ms(self.camera_delay_ms, folder.path, camera.name)
-        estimator = self._estimator(folder)
-        for notice in estimator.notices if estimator is not None else ():
-            print_notice(notice)
+        estimator = load_estimator_with_notices(self.force, folder)
         return SensorToRecord(camera, folder, force_torque, estimator, camera_delay_ms)
-
-    def _estimator(self, folder: "SensorFolder") -> "ForceEstimator | None":
-        from ninedtact.force.estimator_loading import NONE, load_estimator
-
-        return None if self.force == NONE else load_estimator(self.force, folder)
 
     def _sources(self, folder: "SensorFolder", address: str, name: str) -> "tuple[FrameSource, WrenchSource | None]":
         """Return camera and force/torque sensor, not yet opened."""
-        from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
-
         if is_twin_address(address):
             return _twin_sources(folder, self.force_torque is not None, name)
-        camera = source_in_real_time(address, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
-        return camera, None if self.force_torque is None else untared_wrench_source(self.force_torque, folder)
+        camera = source_in_real_time(address, camera_settings(self.automatic))
+        if self.force_torque is None:
+            return camera, None
+        from ninedtact.capture.force_torque.mounted_wrench_source import untared_wrench_source_for
 
-
-def is_named(text: str) -> bool:
-    """Return whether a source or sensor is one of several with a name each, such as left=usb:1-2."""
-    return _NAMED_ADDRESS.match(text) is not None
-
-
-def split_named(option: str, named: tuple[str, ...]) -> dict[str, str]:
-    """Return what an option names, such as left=usb:1-2, by the names; raises `RecordingRefused` for a missing or repeated name."""
-    found: dict[str, str] = {}
-    for text in named:
-        match = _NAMED_ADDRESS.match(text)
-        if match is None or match["name"] in found:
-            raise RecordingRefused(
-                f"expected {option} with a name of its own for each of several, such as left=usb:1-2, got {text}; name each"
-            )
-        found[match["name"]] = match["address"]
-    return found
-
-
-def parse_named_sources(source: tuple[str, ...], sensor: tuple[str, ...]) -> dict[str, tuple[str, Path | None]]:
-    """Return address and sensor folder of several sources by their names; raises `RecordingRefused`."""
-    sources, sensors = split_named("--source", source), split_named("--sensor", sensor)
-    if strangers := sensors.keys() - sources.keys():
-        raise RecordingRefused(
-            f"expected --sensor for {', '.join(sources)}, got one for {min(strangers)}; name it as its source"
-        )
-    folders = {name: Path(path).expanduser() for name, path in sensors.items()}
-    return {name: (address, folders.get(name)) for name, address in sources.items()}
+        mount = folder.record.design.force_torque
+        return camera, untared_wrench_source_for(self.force_torque, mount, print_notice)
 
 
 def run_commands_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]) -> dict[str, str]:
@@ -279,21 +252,6 @@ def _twin_sources(
 
     simulation = PressSequence(build_twin_from_folder(folder).with_noise_of(name), demo_press_sequence())
     return SimulatedCamera(simulation), SimulatedForceTorque(simulation) if force_torque else None
-
-
-def untared_wrench_source(address: str, folder: "SensorFolder") -> "WrenchSource":
-    """Return a device in the sensor frame, without a tare; samples that it marks as wrong are skipped and reported."""
-    from ninedtact.capture.force_torque.mounted_wrench_source import MountedWrenchSource, force_torque_sensor_for
-    from ninedtact.capture.force_torque.sample_checks import SkippingWrenchSource
-    from ninedtact.capture.reconnecting import ReconnectingWrenchSource
-
-    reopened = ReconnectingWrenchSource(
-        force_torque_sensor_for(address),
-        lambda loss: print_notice(f"{loss}; waiting for it"),
-        lambda: print_notice("it is back"),
-    )
-    skipping = SkippingWrenchSource(reopened, on_skip=lambda reason: print_notice(f"{reason}; left out"))
-    return MountedWrenchSource(skipping, folder.record.design.force_torque)
 
 
 def require_new_recording_path(out: Path) -> None:

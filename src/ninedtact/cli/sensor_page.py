@@ -21,6 +21,7 @@ from ninedtact.recording.errors import RecordingLibrariesMissing, require_record
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.open_sensor import LiveSensor
     from ninedtact.quantities import Frame
     from ninedtact.reading import Reading
     from ninedtact.recording.reader import Recording
@@ -82,6 +83,16 @@ class PageSensor:
     """The simulation of a twin, which is then pressed by hand on the page."""
     name: str = ""
     """Name among several sensors."""
+
+
+def page_sensor(folder: "SensorFolder", live: "LiveSensor", name: str = "") -> PageSensor:
+    """Return a sensor that is read in real time as a part of a page, with the true wrench of a twin; name: among several."""
+    from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
+    from ninedtact.studio.wrench_history import WrenchPoller
+
+    true = live.true_wrench
+    wrenches = [] if true is None else [WrenchPoller(true, "true", TRUE_WRENCH_MEANING)]
+    return PageSensor(folder, live.sensor, wrenches, live.simulation, name)
 
 
 def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends: bool = True) -> None:
