@@ -9,7 +9,6 @@ import asyncio
 import base64
 import hmac
 import json
-import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from functools import cached_property, partial
@@ -26,6 +25,7 @@ from websockets.http11 import Request, Response
 from ninedtact.interop.reading_broadcast import BroadcastServer, feed_until_closed, port_errors
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
+from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.studio.sensor_poller import SensorSnapshot
 from ninedtact.studio.socket_guard import SocketGuard
 
@@ -137,12 +137,12 @@ class _SharedReading:
             sensor=self._sensor,
             format=STREAM_FORMAT,
             index=reading.frame.index,
-            stamp_ns=reading.stamp_ns + time.time_ns() - monotonic_ns(),
+            stamp_ns=wall_time_ns(reading.stamp_ns),
             age_ms=0.0,
             max_indentation_mm=reading.max_indentation_mm,
             contact_area_mm2=reading.contact_area_mm2,
             wrench=None if reading.force is None else _streamed_wrench(reading.force),
-            warnings=[warning.value for warning in reading.warnings],
+            warnings=list(reading.warnings),
         )
 
     def _image(self, images: ImageFormat) -> StreamedImage:
@@ -171,8 +171,8 @@ def _share(message: Reading | SensorSnapshot, sensor: str) -> _SharedReading | _
 
 
 def _streamed_wrench(estimate: WrenchEstimate) -> StreamedWrench:
-    wrench = estimate.about(np.zeros(3)).wrench
-    std = [float(value) if np.isfinite(value) else None for value in estimate.about(np.zeros(3)).std]
+    centred = estimate.about_skin_centre()
+    wrench, std = centred.wrench, [float(value) if np.isfinite(value) else None for value in centred.std]
     return StreamedWrench(wrench.force_n.tolist(), wrench.torque_nm.tolist(), std[:3], std[3:], estimate.touching)
 
 
