@@ -115,7 +115,9 @@ def assemble_sensor(
     shape, check = sensor.shape, load_reference_image_checker(sensor)
     given, recorded = _read_given_reference(references, shape, check), None
     if given is None and source == SIMULATED:
-        given = _twin_reference(sensor)
+        from ninedtact.simulation.simulated_sources import simulate_reference_frames
+
+        given = shape.depth_reader(*simulate_reference_frames(sensor.twin()))
     elif given is None and frames.recording is not None:
         from ninedtact.recording.recorded_source import RecordedFrameSource
 
@@ -307,16 +309,6 @@ def _read_given_reference(
     if not references:
         return None
     return shape.depth_reader(*check.read_images([Path(path) for path in references]))
-
-
-def _twin_reference(sensor: "SensorFolder") -> "DepthReader":
-    """Return a depth reader whose reference images are rendered without contact by the sensor's twin."""
-    from ninedtact.quantities import Frame
-    from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES
-
-    render = sensor.twin().renderer
-    frames = [Frame(render(None, -number)) for number in range(1, REFERENCE_FRAMES + 1)]
-    return sensor.shape.depth_reader(*frames)
 
 
 def _references_at_moments(

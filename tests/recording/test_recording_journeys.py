@@ -39,8 +39,9 @@ from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSour
 from ninedtact.capture.wrench_source import WrenchSaturated, WrenchSource
 from ninedtact.cli import main
 from ninedtact.cli.collect import CollectTerminalDisplay, collect_progress_line, open_key_reader
-from ninedtact.cli.record import _twin_sources, run_commands_together
+from ninedtact.cli.record import _twin_sources
 from ninedtact.cli.result_and_interrupt import stop_on_signal
+from ninedtact.cli.ros2_foxglove_and_serve import run_commands_together
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.open_sensor import assemble_live_sensor, load_given_or_recorded_sensor, source_in_real_time
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
@@ -838,7 +839,7 @@ def test_a_closing_terminal_asks_for_the_end_as_often_as_it_likes_unless_it_is_i
 SLEEPER = "import sys, time; open(sys.argv[1], 'w').close(); time.sleep(600)"
 TOGETHER = """
 import sys
-from ninedtact.cli.record import run_commands_together
+from ninedtact.cli.ros2_foxglove_and_serve import run_commands_together
 from ninedtact.cli.result_and_interrupt import stop_on_signal
 with stop_on_signal() as until:
     run_commands_together({path: [sys.executable, "-c", sys.argv[1], path] for path in sys.argv[2:]}, lambda: until.requested)

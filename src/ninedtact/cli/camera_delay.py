@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from ninedtact.cli.option_parser import JsonOption
+from ninedtact.cli.option_parser import JsonOption, require_duration
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
 from ninedtact.open_sensor import is_twin_address
 
@@ -44,7 +44,6 @@ class CameraDelayCommand:
         from ninedtact.capture.camera_check import describe_camera_settings
         from ninedtact.capture.camera_delay import measure_camera_delay, write_camera_delay
         from ninedtact.capture.uvc_camera import UvcCamera
-        from ninedtact.cli.record import require_duration
 
         require_duration(self.seconds)
         folder = None if self.sensor is None else load_sensor_with_notices(self.sensor)

@@ -134,10 +134,9 @@ class Demo:
         """Press each object once, and reconstruct its heights from the image."""
         from tqdm import tqdm
 
-        from ninedtact.quantities import Frame
-        from ninedtact.simulation.simulated_sources import demo_press_sequence
+        from ninedtact.simulation.simulated_sources import demo_press_sequence, simulate_reference_frames
 
-        reader = folder.shape.depth_reader(*(Frame(self.twin.renderer(None, number)) for number in range(-10, 0)))
+        reader = folder.shape.depth_reader(*simulate_reference_frames(self.twin))
         progress = tqdm(
             demo_press_sequence(), desc="pressing and reconstructing", unit="object", disable=None, leave=False
         )

@@ -14,6 +14,7 @@ from ninedtact.cli.option_parser import (
     DisplayRateOption,
     FollowReferenceOption,
     ForceOption,
+    InvalidLiveOption,
     LoopOption,
     NamedSensorsOption,
     NamedSourcesOption,
@@ -25,7 +26,6 @@ from ninedtact.cli.option_parser import (
 )
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, stop_on_signal
 from ninedtact.cli.sensor_page import (
-    InvalidLiveOption,
     PageSettings,
     installed_exporters,
     page_sensor,
@@ -104,10 +104,7 @@ class Live:
         return 0
 
     def named_sources(self) -> dict[str, tuple[str, Path | None]]:
-        """Return address and sensor folder of all sources by their names; a single one needs none.
-
-        Raises `NamedSensorsInvalid` and `InvalidLiveOption`.
-        """
+        """Return address and sensor folder of all sources by their names; raises `InvalidLiveOption`."""
         named = parse_named_sources(self.source, self.sensor)
         if len(named) > MAX_SENSORS:
             raise InvalidLiveOption(f"expected at most {MAX_SENSORS} sources on one page, got {len(named)}; drop some")

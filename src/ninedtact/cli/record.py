@@ -18,6 +18,7 @@ from ninedtact.cli.option_parser import (
     SecondsOption,
     camera_settings,
     parse_named_sources,
+    require_duration,
 )
 from ninedtact.cli.result_and_interrupt import (
     given_or_recorded_sensor,
@@ -36,8 +37,6 @@ from ninedtact.open_sensor import (
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
 
 if TYPE_CHECKING:
-    from subprocess import Popen
-
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.capture.wrench_source import WrenchSource
@@ -47,9 +46,6 @@ if TYPE_CHECKING:
 
 _BAR = "{n:.0f} of {total:.0f} s |{bar}| {remaining} left{postfix}"
 _BAR_WITHOUT_END = "{n:.0f} s{postfix}"
-_POLL_S = 0.05
-_END_S = 5.0
-"""Time that a process has to end after each signal, where the command that started it cannot go on."""
 _BAR_DELAY_S = 0.3
 """A camera that is not there is reported before the bar appears."""
 
@@ -88,85 +84,38 @@ class Record:
     json: JsonOption = False
 
     def run(self) -> int:
-        """Record and print the number of messages; raises what a lost device raises, the file kept."""
+        """Record and print the number of messages; return 1 where one of several sensors failed, and the others went on.
+
+        Raises what a lost device raises where there is only one sensor, the file kept.
+        """
         require_recording_libraries()
         require_new_recording_path(self.out)
         require_duration(self.seconds)
         named = parse_named_sources(self.source, self.sensor)
-        if "" not in named:
-            return self._record_several(named)
-        address, sensor = named[""]
-        require_matching_force_source(address, self.force_torque, is_twin_address)
-        with given_or_recorded_sensor(sensor, address) as folder:
-            writer = self._record(folder, address)
-        messages = {topic.path(folder.id, self.images): number for topic, number in sorted(writer.written.items())}
-        figures = {"out": str(self.out), "written": messages, "dropped": writer.dropped}
-        size_mb = self.out.stat().st_size / 1e6
-        lines = [f"{self.out}: {size_mb:.1f} MB, {writer.dropped} images dropped"]
-        return print_result(
-            self.json, figures, lines + [f"  {number:8d}  {topic}" for topic, number in messages.items()]
-        )
-
-    def _record_several(self, named: dict[str, tuple[str, Path | None]]) -> int:
-        """Record all named sources into one file; where one fails, the others go on. Returns 1 then."""
-        if self.force_torque is not None:
+        if "" in named:
+            require_matching_force_source(named[""][0], self.force_torque, is_twin_address)
+        elif self.force_torque is not None:
             raise RecordingRefused("expected one --source with --force-torque, got several; record them one by one")
         with ExitStack() as opened:
-            folders = {
-                name: opened.enter_context(given_or_recorded_sensor(sensor, address))
-                for name, (address, sensor) in named.items()
-            }
-            writers, errors = self._record_folders(folders, {name: address for name, (address, _) in named.items()})
-        messages = {
-            topic.path(name, self.images): number
-            for name, writer in writers.items()
-            for topic, number in sorted(writer.written.items())
-        }
-        dropped = {name: writer.dropped for name, writer in writers.items()}
-        figures = {"out": str(self.out), "written": messages, "dropped": dropped}
-        lost = {name: str(error) for name, error in errors.items()}
-        said = ", ".join(f"{number} of {name}" for name, number in dropped.items())
-        lines = [f"{self.out}: {self.out.stat().st_size / 1e6:.1f} MB, images dropped: {said}"]
-        lines += [f"  {number:8d}  {topic}" for topic, number in messages.items()]
-        print_result(
-            self.json, figures | {"lost": lost}, lines + [f"  {name}: {error}" for name, error in lost.items()]
-        )
-        return 1 if lost else 0
+            parts = {}
+            for name, (address, sensor) in named.items():
+                folder = opened.enter_context(given_or_recorded_sensor(sensor, address))
+                parts[name] = self._part(folder, address, name)
+            writers, errors = self._record(parts)
+        self._print_result(writers, errors)
+        return 1 if errors else 0
 
-    def _record(self, folder: "SensorFolder", address: str) -> "RecordingWriter":
-        from ninedtact.recording.recorder import record
-
-        part = self._part(folder, address)
-        with self._stored_and_progress() as (options, show):
-            return record(
-                part.source,
-                self.out,
-                folder,
-                part.force_torque,
-                estimator=part.estimator,
-                camera_delay_ms=part.camera_delay_ms,
-                on_progress=lambda writer: show([writer]),
-                **options,
-            )
-
-    def _record_folders(
-        self, folders: "dict[str, SensorFolder]", addresses: dict[str, str]
+    def _record(
+        self, parts: "dict[str, SensorToRecord]"
     ) -> "tuple[dict[str, RecordingWriter], dict[str, NinedtactError]]":
-        from ninedtact.recording.recorder import record_several
-
-        parts = {name: self._part(folder, addresses[name], name) for name, folder in folders.items()}
-        with self._stored_and_progress() as (options, show):
-            return record_several(parts, self.out, on_progress=show, **options)
-
-    @contextmanager
-    def _stored_and_progress(self) -> "Iterator[tuple[dict[str, Any], Callable[[Collection[RecordingWriter]], None]]]":
-        """Give the options that one and several sensors have in common, and the function that shows the progress."""
+        """Record one sensor, whose name is empty, or several; return their closed writers and the errors of those that failed."""
         from tqdm import tqdm
 
         from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM
+        from ninedtact.recording.recorder import record, record_several
 
         with stop_on_signal(self.seconds) as until, _progress_bar(self.seconds, quiet=self.json) as show:
-            options = {
+            options: dict[str, Any] = {
                 "heights": self.heights,
                 "settings": json.dumps(asdict(self), default=str),
                 "images": self.images,
@@ -174,9 +123,43 @@ class Record:
                 "should_stop": lambda: until.now,
                 "notify": lambda sentence: tqdm.write(f"ninedtact: {sentence}", sys.stderr),  # on a line of its own
             }
-            yield options, lambda writers: show(until.elapsed_s, writers)
+            if "" not in parts:
+                return record_several(
+                    parts, self.out, on_progress=lambda writers: show(until.elapsed_s, writers), **options
+                )
+            part = parts[""]
+            writer = record(
+                part.source,
+                self.out,
+                part.sensor,
+                part.force_torque,
+                estimator=part.estimator,
+                camera_delay_ms=part.camera_delay_ms,
+                on_progress=lambda writer: show(until.elapsed_s, [writer]),
+                **options,
+            )
+            return {"": writer}, {}
 
-    def _part(self, folder: "SensorFolder", address: str, name: str = "") -> "SensorToRecord":
+    def _print_result(self, writers: "dict[str, RecordingWriter]", errors: "dict[str, NinedtactError]") -> None:
+        """Print how many messages were written and how many images dropped, of several sensors for each, and which were lost."""
+        messages = {
+            topic.path(writer.metadata.topic_name, self.images): number
+            for writer in writers.values()
+            for topic, number in sorted(writer.written.items())
+        }
+        lost = {name: str(error) for name, error in errors.items()}
+        figures: dict[str, Any] = {"out": str(self.out), "written": messages}
+        if "" in writers:
+            figures["dropped"] = writers[""].dropped
+            dropped = f"{writers[''].dropped} images dropped"
+        else:
+            figures |= {"dropped": {name: writer.dropped for name, writer in writers.items()}, "lost": lost}
+            dropped = "images dropped: " + ", ".join(f"{writer.dropped} of {name}" for name, writer in writers.items())
+        lines = [f"{self.out}: {self.out.stat().st_size / 1e6:.1f} MB, {dropped}"]
+        lines += [f"  {number:8d}  {topic}" for topic, number in messages.items()]
+        print_result(self.json, figures, lines + [f"  {name}: {error}" for name, error in lost.items()])
+
+    def _part(self, folder: "SensorFolder", address: str, name: str) -> "SensorToRecord":
         """Return what is recorded of one sensor, not yet opened; name: of the sensor among several."""
         from ninedtact.capture.camera_delay import resolve_camera_delay_ms
         from ninedtact.recording.recorder import SensorToRecord
@@ -199,46 +182,6 @@ class Record:
         return camera, untared_wrench_source_for(self.force_torque, mount, print_notice)
 
 
-def run_commands_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]) -> dict[str, str]:
-    """Run commands at once and return the output of those that succeed; a failure, or `should_stop`, ends the others properly.
-
-    None of them runs any more when this returns or raises.
-    """
-    import signal
-    import subprocess
-    from time import sleep
-
-    # In sessions of their own, so that Ctrl-C reaches this process alone, which passes it on once.
-    running: dict[str, subprocess.Popen[str]] = {}
-    try:
-        for name, command in commands.items():
-            running[name] = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
-        is_ending = False
-        while any(process.poll() is None for process in running.values()):
-            if not is_ending and (should_stop() or any(process.poll() for process in running.values())):
-                is_ending = True
-                for process in running.values():
-                    process.send_signal(signal.SIGINT)
-            sleep(_POLL_S)
-        outputs = {name: process.communicate()[0] for name, process in running.items()}
-    finally:
-        _end_processes(list(running.values()))
-    return {name: output for name, output in outputs.items() if running[name].returncode == 0}
-
-
-def _end_processes(processes: "Collection[Popen[str]]") -> None:
-    """Interrupt the processes that still run; terminate, then kill, those that do not end in time."""
-    import signal
-    from time import monotonic, sleep
-
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-        until = monotonic() + _END_S
-        for process in processes:
-            process.send_signal(number)  # does nothing to one that has ended
-        while any(process.poll() is None for process in processes) and monotonic() < until:
-            sleep(_POLL_S)
-
-
 def _twin_sources(
     folder: "SensorFolder", force_torque: bool, name: str = ""
 ) -> "tuple[FrameSource, WrenchSource | None]":
@@ -246,12 +189,10 @@ def _twin_sources(
 
     name: of the sensor among several, each of which has noise of its own.
     """
-    from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
-    from ninedtact.simulation.press_sequence import PressSequence
-    from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque, demo_press_sequence
+    from ninedtact.simulation.simulated_sources import SimulatedForceTorque, demo_sources
 
-    simulation = PressSequence(build_twin_from_folder(folder).with_noise_of(name), demo_press_sequence())
-    return SimulatedCamera(simulation), SimulatedForceTorque(simulation) if force_torque else None
+    sources = demo_sources(folder.twin().with_noise_of(name))
+    return sources.camera, SimulatedForceTorque(sources.simulation) if force_torque else None
 
 
 def require_new_recording_path(out: Path) -> None:
@@ -260,12 +201,6 @@ def require_new_recording_path(out: Path) -> None:
         raise RecordingRefused(f"expected --out to end in {RECORDING_SUFFIX}, got {out}; add it")
     if out.exists():
         raise RecordingRefused(f"expected --out to be a new file, got {out}; choose another name")
-
-
-def require_duration(seconds: float | None) -> None:
-    """Raise `RecordingRefused` for a duration that is not above zero."""
-    if seconds is not None and not 0 < seconds < float("inf"):
-        raise RecordingRefused(f"expected --seconds above zero, got {seconds}; drop it, or give a longer time")
 
 
 @contextmanager

@@ -1,12 +1,15 @@
 """ninedtact ros2, foxglove and serve: a running sensor for other programs, over ROS 2, in Foxglove or as JSON lines."""
 
 import json
+import signal
+import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from time import monotonic, sleep
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
@@ -16,6 +19,7 @@ from ninedtact.cli.option_parser import (
     AutomaticOption,
     FollowReferenceOption,
     ForceOption,
+    InvalidLiveOption,
     LoopOption,
     NamedSensorsOrDemoTwinOption,
     NamedSourcesOption,
@@ -26,8 +30,9 @@ from ninedtact.cli.option_parser import (
     SourceOption,
     camera_settings,
     parse_named_sources,
+    require_duration,
+    require_points_every,
 )
-from ninedtact.cli.record import require_duration, run_commands_together
 from ninedtact.cli.result_and_interrupt import (
     given_or_recorded_sensor,
     load_estimator_with_notices,
@@ -35,7 +40,6 @@ from ninedtact.cli.result_and_interrupt import (
     print_notice,
     stop_on_signal,
 )
-from ninedtact.cli.sensor_page import InvalidLiveOption
 from ninedtact.design import SensorDesign
 from ninedtact.errors import MissingLibraryError
 from ninedtact.force.estimator_loading import PHYSICS
@@ -47,6 +51,9 @@ if TYPE_CHECKING:
     from ninedtact.capture.wrench_source import WrenchSource
     from ninedtact.open_sensor import LiveSensor
 
+_POLL_S = 0.05
+_END_S = 5.0
+"""Time that a process has to end after each signal, where the command that started it cannot go on."""
 _DEMO_SENSOR = Path("out/demo/sensor")
 """Where `ninedtact demo` keeps the twin of the published design."""
 
@@ -91,13 +98,12 @@ class Ros2:
     def run(self) -> int:
         """Publish until Ctrl-C; the exit code."""
         _require_libraries("ros2", "cyclonedds", "rosbags", "mcap")
-        from ninedtact.interop.dds import DdsParticipant, InvalidRos2Option, parse_qos
+        from ninedtact.interop.dds import DdsParticipant, parse_qos
         from ninedtact.interop.ros2_sensor import SensorOnRos2
 
         require_duration(self.seconds)
         profiles = parse_qos(self.qos)
-        if self.points_every < 1:
-            raise InvalidRos2Option(f"expected --points-every of 1 or more, got {self.points_every}; drop it")
+        require_points_every(self.points_every)
         named = parse_named_sources(self.source, self.sensor)
         if "" not in named:
             return self._run_several(named)
@@ -169,6 +175,39 @@ class Ros2:
         return 0 if len(outputs) == len(named) else 1
 
 
+def run_commands_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]) -> dict[str, str]:
+    """Run commands at once and return the output of those that succeed; a failure, or `should_stop`, ends the others properly.
+
+    None of them runs any more when this returns or raises.
+    """
+    # In sessions of their own, so that Ctrl-C reaches this process alone, which passes it on once.
+    running: dict[str, subprocess.Popen[str]] = {}
+    try:
+        for name, command in commands.items():
+            running[name] = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+        is_ending = False
+        while any(process.poll() is None for process in running.values()):
+            if not is_ending and (should_stop() or any(process.poll() for process in running.values())):
+                is_ending = True
+                for process in running.values():
+                    process.send_signal(signal.SIGINT)
+            sleep(_POLL_S)
+        outputs = {name: process.communicate()[0] for name, process in running.items()}
+    finally:
+        _end_processes(list(running.values()))
+    return {name: output for name, output in outputs.items() if running[name].returncode == 0}
+
+
+def _end_processes(processes: Collection[subprocess.Popen[str]]) -> None:
+    """Interrupt the processes that still run; terminate, then kill, those that do not end in time."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        until = monotonic() + _END_S
+        for process in processes:
+            process.send_signal(number)  # does nothing to one that has ended
+        while any(process.poll() is None for process in processes) and monotonic() < until:
+            sleep(_POLL_S)
+
+
 @dataclass(frozen=True)
 class Foxglove:
     """Show a sensor in Foxglove: camera, heights, 3D surface, wrench with errors, warnings. Ctrl-C ends it.
@@ -200,8 +239,7 @@ class Foxglove:
         from ninedtact.interop.reading_broadcast import publish_readings
 
         require_duration(self.seconds)
-        if self.points_every < 1:
-            raise InvalidLiveOption(f"expected --points-every of 1 or more, got {self.points_every}; drop it")
+        require_points_every(self.points_every)
         if self.layout is not None and self.layout.exists():
             raise InvalidLiveOption(f"expected --layout to name a new file, got {self.layout}; choose another name")
         with _assemble_shared_sensor(self, self.source, self.sensor) as (folder, live):
