@@ -19,8 +19,8 @@ from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
 from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.cli import main
 from ninedtact.cli.live import Live
-from ninedtact.cli.option_parser import InvalidLiveOption
 from ninedtact.cli.sensor_page import PageLibraryMissing, RerunMissing
+from ninedtact.cli.shared_options import InvalidLiveOption
 from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.studio.page_and_server import SensorPage
 from ninedtact.studio.page_controller import PageMoment

@@ -25,7 +25,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.cli import main
 from ninedtact.cli.live import Live
-from ninedtact.cli.option_parser import InvalidLiveOption
+from ninedtact.cli.shared_options import InvalidLiveOption
 from ninedtact.quantities import Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses

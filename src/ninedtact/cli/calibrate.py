@@ -22,7 +22,14 @@ from ninedtact.cli.calibration_page import (
     CalibrationPageServer,
     simulated_calibration_camera,
 )
-from ninedtact.cli.option_parser import (
+from ninedtact.cli.result_and_interrupt import (
+    StatusLine,
+    StepLine,
+    print_notice,
+    print_result,
+    sensor_replacement,
+)
+from ninedtact.cli.shared_options import (
     AutomaticOption,
     CalibrationOptions,
     DesignFileOption,
@@ -30,13 +37,6 @@ from ninedtact.cli.option_parser import (
     JsonOption,
     camera_settings,
     read_design_or_default,
-)
-from ninedtact.cli.result_and_interrupt import (
-    StatusLine,
-    StepLine,
-    print_notice,
-    print_result,
-    sensor_replacement,
 )
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CameraError, InputError, NinedtactError, OutputError

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from ninedtact.cli.option_parser import JsonOption, require_duration
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
+from ninedtact.cli.shared_options import JsonOption, require_duration
 from ninedtact.open_sensor import is_twin_address
 
 if TYPE_CHECKING:

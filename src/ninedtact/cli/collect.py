@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ninedtact.cli.option_parser import AutomaticOption, CollectOptions, JsonOption, camera_settings, require_duration
 from ninedtact.cli.record import require_new_recording_path
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
+from ninedtact.cli.shared_options import AutomaticOption, CollectOptions, JsonOption, camera_settings, require_duration
 from ninedtact.open_sensor import (
     is_recording_address,
     is_twin_address,

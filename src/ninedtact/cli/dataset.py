@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.option_parser import ClusterOption, JsonOption, WorkersOption
 from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.shared_options import ClusterOption, JsonOption, WorkersOption
 from ninedtact.errors import DatasetError
 
 if TYPE_CHECKING:

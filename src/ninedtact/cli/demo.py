@@ -8,16 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ninedtact.cli.option_parser import (
-    DesignFileOption,
-    DisplayRateOption,
-    ForceOption,
-    PageHostOption,
-    PageOriginOption,
-    PagePortOption,
-    read_design_or_default,
-    refuse_design_beside_sensor,
-)
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices
 from ninedtact.cli.sensor_page import (
     PageSensor,
@@ -26,6 +16,16 @@ from ninedtact.cli.sensor_page import (
     require_page_library,
     serve_sensor_page,
     twin_sensor_and_true_wrench,
+)
+from ninedtact.cli.shared_options import (
+    DesignFileOption,
+    DisplayRateOption,
+    ForceOption,
+    PageHostOption,
+    PageOriginOption,
+    PagePortOption,
+    read_design_or_default,
+    refuse_design_beside_sensor,
 )
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ninedtact._version import installation_command
-from ninedtact.cli.option_parser import JsonOption
+from ninedtact.cli.shared_options import JsonOption
 
 if TYPE_CHECKING:
     from ninedtact.capture.camera_check import CameraCheck

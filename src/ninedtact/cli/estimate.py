@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.option_parser import RecordedSensorOption
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
+from ninedtact.cli.shared_options import RecordedSensorOption
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
 

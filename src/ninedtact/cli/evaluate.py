@@ -4,8 +4,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from ninedtact.cli.option_parser import ClusterOption, JsonOption
 from ninedtact.cli.result_and_interrupt import print_notice, print_result
+from ninedtact.cli.shared_options import ClusterOption, JsonOption
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact.cli.calibration_page import CalibrationPageOptions, ForceCalibrationPageServer
-from ninedtact.cli.option_parser import AutomaticOption, JsonOption
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
+from ninedtact.cli.shared_options import AutomaticOption, JsonOption
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:

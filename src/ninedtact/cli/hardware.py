@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from ninedtact._version import installation_command
-from ninedtact.cli.option_parser import ClusterOption, JsonOption, WorkersOption
 from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.shared_options import ClusterOption, JsonOption, WorkersOption
 from ninedtact.errors import InputError, MissingLibraryError
 
 if TYPE_CHECKING:

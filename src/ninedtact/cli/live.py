@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.option_parser import (
+from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, stop_on_signal
+from ninedtact.cli.sensor_page import (
+    PageSettings,
+    installed_exporters,
+    page_sensor,
+    require_display_rate,
+    require_page_library,
+    require_rerun,
+    serve_sensor_page,
+)
+from ninedtact.cli.shared_options import (
     AutomaticOption,
     DisplayRateOption,
     FollowReferenceOption,
@@ -23,16 +33,6 @@ from ninedtact.cli.option_parser import (
     PagePortOption,
     camera_settings,
     parse_named_sources,
-)
-from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, stop_on_signal
-from ninedtact.cli.sensor_page import (
-    PageSettings,
-    installed_exporters,
-    page_sensor,
-    require_display_rate,
-    require_page_library,
-    require_rerun,
-    serve_sensor_page,
 )
 from ninedtact.force.estimator_loading import NONE
 from ninedtact.open_sensor import RECORDING_SUFFIX, SIMULATED, assemble_live_sensor, is_recording_address

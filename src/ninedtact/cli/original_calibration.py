@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from ninedtact.cli.option_parser import JsonOption
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result, sensor_replacement
+from ninedtact.cli.shared_options import JsonOption
 from ninedtact.design import SensorDesign
 
 if TYPE_CHECKING:

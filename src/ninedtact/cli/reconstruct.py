@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from ninedtact.cli.option_parser import SensorOption
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
+from ninedtact.cli.shared_options import SensorOption
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from ninedtact.cli.option_parser import (
+from ninedtact.cli.result_and_interrupt import (
+    given_or_recorded_sensor,
+    load_estimator_with_notices,
+    print_notice,
+    print_result,
+    stop_on_signal,
+)
+from ninedtact.cli.shared_options import (
     AutomaticOption,
     JsonOption,
     NamedSensorsOption,
@@ -19,13 +26,6 @@ from ninedtact.cli.option_parser import (
     camera_settings,
     parse_named_sources,
     require_duration,
-)
-from ninedtact.cli.result_and_interrupt import (
-    given_or_recorded_sensor,
-    load_estimator_with_notices,
-    print_notice,
-    print_result,
-    stop_on_signal,
 )
 from ninedtact.force.estimator_loading import NONE
 from ninedtact.open_sensor import (

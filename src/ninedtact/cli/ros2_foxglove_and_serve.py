@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact._version import find_incompatible_library, installation_command
-from ninedtact.cli.option_parser import (
+from ninedtact.cli.result_and_interrupt import (
+    given_or_recorded_sensor,
+    load_estimator_with_notices,
+    load_sensor_with_notices,
+    print_notice,
+    stop_on_signal,
+)
+from ninedtact.cli.shared_options import (
     AutomaticOption,
     FollowReferenceOption,
     ForceOption,
@@ -32,13 +39,6 @@ from ninedtact.cli.option_parser import (
     parse_named_sources,
     require_duration,
     require_points_every,
-)
-from ninedtact.cli.result_and_interrupt import (
-    given_or_recorded_sensor,
-    load_estimator_with_notices,
-    load_sensor_with_notices,
-    print_notice,
-    stop_on_signal,
 )
 from ninedtact.design import SensorDesign
 from ninedtact.errors import MissingLibraryError

@@ -14,8 +14,8 @@ from time import monotonic_ns
 from typing import TYPE_CHECKING, Any
 
 from ninedtact._version import find_incompatible_library, installation_command
-from ninedtact.cli.option_parser import InvalidLiveOption
 from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
+from ninedtact.cli.shared_options import InvalidLiveOption
 from ninedtact.errors import MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
 from ninedtact.recording.errors import RecordingLibrariesMissing, require_recording_libraries

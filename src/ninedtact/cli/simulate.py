@@ -17,14 +17,14 @@ import msgspec
 import tyro
 
 from ninedtact.cli.dataset import DatasetStopped
-from ninedtact.cli.option_parser import (
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result, sensor_replacement
+from ninedtact.cli.shared_options import (
     ClusterOption,
     DesignFileOption,
     JsonOption,
     read_design_or_default,
     refuse_design_beside_sensor,
 )
-from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result, sensor_replacement
 from ninedtact.design import RectifiedImageSize, SensingArea
 
 if TYPE_CHECKING:

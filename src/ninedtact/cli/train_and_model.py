@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from ninedtact._version import installation_command
-from ninedtact.cli.option_parser import DesignFileOption, JsonOption, read_design_or_default
 from ninedtact.cli.result_and_interrupt import print_notice, print_result
+from ninedtact.cli.shared_options import DesignFileOption, JsonOption, read_design_or_default
 from ninedtact.errors import ForceEstimationError, MissingLibraryError
 
 if TYPE_CHECKING:

@@ -1,20 +1,15 @@
-"""The parser of the command line, and the options that several commands share.
+"""The options that several commands share.
 
-The packages that give a choice its meaning are loaded when a command runs. The options are the fields of the commands' dataclasses,
-read by tyro; an option that several commands have is a type here, which brings its help. The rules of tyro are extended here, once
-for all commands: defaults that say nothing are left out (none, false, an empty list), an option that may be left out shows only its
-type, and the lines of a docstring are joined to sentences.
+The options are the fields of the commands' dataclasses. One that several commands have is a type here, which brings its help. The
+packages that give a choice its meaning are loaded when a command runs.
 """
 
 import re
-from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
-from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
@@ -263,126 +258,3 @@ class CollectOptions:
             light_touch=self.light_touch,
             reference_images=self.reference_images,
         )
-
-
-class OptionRepeated(InputError):
-    """An option that takes one value was given several times."""
-
-
-_OF_A_SENSOR = ("--source", "--sensor")
-_SILENT_DEFAULTS = ("", "None", "False")
-_NO_DEFAULT = "tyro.MISSING"
-
-
-def parse_command(commands: Any, description: str | None, arguments: Sequence[str], program: str) -> Any:
-    """Parse the arguments into a command: a dataclass, or one of a union of dataclasses. `program` is its name in the usage.
-
-    Exits with code 0 after --help and 2 on wrong usage; raises `OptionRepeated`.
-    """
-    repeatable: set[str] = set()
-    command = tyro.cli(
-        commands,
-        prog=program,
-        description=description,
-        args=arguments,
-        registry=_plain_help_registry(repeatable),
-        config=(tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff),
-    )
-    _require_each_option_once(arguments, repeatable)
-    return command
-
-
-def _require_each_option_once(arguments: Sequence[str], repeatable: set[str]) -> None:
-    """Refuse an option that is given again, of which only the last value would count; raises `OptionRepeated`."""
-    given = Counter(word.partition("=")[0].replace("_", "-") for word in arguments if word.startswith("--"))
-    for option, count in given.items():
-        if count > 1 and option not in repeatable:
-            several = (
-                "; name several sensors after one, as in --source left=0 right=2" if option in _OF_A_SENSOR else ""
-            )
-            raise OptionRepeated(f"expected {option} once, got it {count} times{several or '; keep one of them'}")
-
-
-def _plain_help_registry(repeatable: set[str]) -> ConstructorRegistry:
-    """Return tyro's rules with one more, which rewrites the help of every dataclass field.
-
-    repeatable: receives the options that may be given several times.
-    """
-    registry, open_types = ConstructorRegistry(), []
-
-    @registry.struct_rule
-    def rewrite_help(info: StructTypeInfo) -> Any:
-        if info.type in open_types or not is_dataclass(info.type):
-            return None
-        open_types.append(info.type)
-        try:
-            spec = ConstructorRegistry.get_struct_spec(info)
-        finally:
-            open_types.pop()
-        if not isinstance(spec, StructConstructorSpec):
-            return spec
-        names = (field.name.replace("_", "-") for field in spec.fields if _is_repeatable(field.type))
-        repeatable.update(f"--{name}" for name in names)
-        return replace(spec, fields=tuple(_with_plain_help(field) for field in spec.fields))
-
-    return registry
-
-
-def _with_plain_help(field: StructFieldSpec) -> StructFieldSpec:
-    """Return the field with a short hint of its default, a plain placeholder and whole sentences."""
-    repeatable = _is_repeatable(field.type)
-    hint = tyro.conf.arg(help_behavior_hint=_default_hint(repeatable), metavar=_placeholder(field.type, repeatable))
-    return replace(field, type=Annotated[field.type, hint], helptext=_joined_lines(field.helptext))  # type: ignore[arg-type]
-
-
-def _is_repeatable(field_type: Any) -> bool:
-    """Return whether an option may be given several times."""
-    return any(marker is tyro.conf.UseAppendAction for marker in _metadata(field_type))
-
-
-def _default_hint(repeatable: bool) -> Callable[[str], str]:
-    """Return what tyro calls with the text of a default to write the words behind an option's help."""
-
-    def hint(default: str) -> str:
-        if default.startswith(_NO_DEFAULT):
-            return "(required, repeatable)" if repeatable else "(required)"
-        if default == "True":
-            return "This option switches it off."
-        if default in _SILENT_DEFAULTS:
-            return "(repeatable)" if repeatable else ""
-        return f"(default: {default})"
-
-    return hint
-
-
-def _placeholder(field_type: Any, repeatable: bool) -> str | None:
-    """Return the placeholder of a text, or of a list of any length such as `PATH ...`; None where tyro's own is plain."""
-    while get_origin(field_type) is Annotated:
-        field_type = get_args(field_type)[0]
-    if field_type in (str, str | None):
-        return "TEXT"
-    is_list = get_origin(field_type) is tuple and get_args(field_type)[-1] is Ellipsis
-    item = get_args(field_type)[0] if is_list else None
-    if repeatable or not isinstance(item, type):
-        return None
-    return f"{item.__name__.upper().replace('STR', 'TEXT')} ..."
-
-
-def _metadata(field_type: Any) -> tuple[Any, ...]:
-    """Return all annotations of a type, however deeply they are nested."""
-    if get_origin(field_type) is not Annotated:
-        return ()
-    inner, *metadata = get_args(field_type)
-    return (*_metadata(inner), *metadata)
-
-
-def _joined_lines(helptext: Any) -> Callable[[], str | None]:
-    """Return a function for the help text without line breaks inside its paragraphs."""
-
-    def text() -> str | None:
-        written = helptext() if callable(helptext) else helptext
-        if written is None:
-            return None
-        return "\n\n".join(" ".join(paragraph.split()) for paragraph in written.split("\n\n"))
-
-    return text
