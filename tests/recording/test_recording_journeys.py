@@ -47,8 +47,8 @@ from ninedtact.open_sensor import assemble_live_sensor, load_given_or_recorded_s
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.collected_pairs import read_recorded_pairs
-from ninedtact.recording.collecting.collection_sources import collection_setup_from_recordings
-from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
+from ninedtact.recording.collecting.collection_sources import collection_setup_from_recordings, setup_with_twin
+from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector, collect_pairs
 from ninedtact.recording.collecting.pair_selection import CollectSettings
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_repair import save_labelled_spans
@@ -405,6 +405,24 @@ def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
         assert (change.min() < -2) == (pair.wrench.force_n[2] < -0.3)
     figures = told(capsys, "info", out)
     assert figures["purpose"] == "collect" and figures["pairs"] == found["kinds"]
+
+
+def test_a_program_collects_pairs_with_one_call(sensor: Path, tmp_path: Path) -> None:
+    folder, out = load_sensor(sensor), tmp_path / "pairs.mcap"
+    setup = setup_with_twin(folder, ["ball:4"], 1, 3, SampleCheckSettings())
+    seen: list[int] = []
+    collector = collect_pairs(
+        setup,
+        out,
+        folder,
+        seed=3,
+        should_stop=lambda collector: len(collector.counts.pairs) == 3,
+        on_progress=lambda collector: seen.append(len(collector.counts.pairs)),
+    )
+    assert [pair.object for pair in read_recorded_pairs(out)][-1] == collector.object == "ball:4"
+    assert seen[0] == 0 and seen[-1] == len(collector.counts.pairs) == len(list(read_recorded_pairs(out))) == 3
+    with Recording(out) as recording:
+        assert recording.metadata.purpose == "collect" and recording.sensor == folder.id and recording.is_finished
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,6 @@ from ninedtact.cli.shared_options import (
     read_design_or_default,
     refuse_design_beside_sensor,
 )
-from ninedtact.design import RectifiedImageSize, SensingArea
 
 if TYPE_CHECKING:
     import numpy as np
@@ -218,12 +217,9 @@ class _Press:
         if self.folder is not None:
             rectify = self.folder.rectification
             return rectify.height_source.shape, rectify.mm_per_px
-        from ninedtact.simulation.rectified_renderer import PUBLISHED_MM_PER_PX
+        from ninedtact.simulation.rectified_renderer import rectified_grid_of_design
 
-        design = read_design_or_default(self.design_file)
-        view, wider = design.field_of_view, design.sensing_area.width_mm / SensingArea().width_mm
-        finer = view.raw_long_side_px / RectifiedImageSize().raw_long_side_px
-        return (view.rows, view.cols), PUBLISHED_MM_PER_PX * wider / finer
+        return rectified_grid_of_design(read_design_or_default(self.design_file))
 
     @property
     def cut(self) -> Pair:
