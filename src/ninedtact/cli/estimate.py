@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
-from ninedtact.cli.shared_options import RecordedSensorOption
+from ninedtact.cli.shared_options import RecordedSensorOption, ReferenceOrFirstOption
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
 
@@ -45,9 +45,7 @@ class Estimate:
     """Images of the pressed gel; or one video, folder of images, or recording (.mcap); or a camera, stream or `sim`, until
     Ctrl-C."""
     sensor: RecordedSensorOption = None
-    reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Reference image (no contact) of the same session; given more than once, the images are averaged. Without any, the first
-    images of a video, folder or recording are the reference."""
+    reference: ReferenceOrFirstOption = ()
     reference_at: tyro.conf.UseAppendAction[tuple[float, ...]] = ()
     """Moment of a recording, in seconds after its first image, at which the reference is taken anew for the rest of it, because the
     zero has drifted. Nothing may touch the gel then."""

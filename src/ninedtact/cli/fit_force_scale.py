@@ -11,7 +11,7 @@ import tyro
 
 from ninedtact.cli.calibration_page import CalibrationPageOptions, ForceCalibrationPageServer
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
-from ninedtact.cli.shared_options import AutomaticOption, JsonOption
+from ninedtact.cli.shared_options import AutomaticOption, JsonOption, ReferenceOption
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,8 +32,7 @@ class Adapt:
 
     sensor: Path
     """Sensor folder that `ninedtact calibrate` wrote. The force scale is kept there, in force.toml."""
-    reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Reference image (no contact) of the same session. Several are averaged."""
+    reference: ReferenceOption = ()
     press: tyro.conf.UseAppendAction[tuple[tuple[Path, float], ...]] = ()
     """An image and its load in grams, such as --press five.png 512. Give it once for every press."""
     force: str = "physics"

@@ -31,6 +31,7 @@ from ninedtact.cli.shared_options import (
     PageHostOption,
     PageOriginOption,
     PagePortOption,
+    ReferenceOrFirstOption,
     camera_settings,
     parse_named_sources,
 )
@@ -55,9 +56,7 @@ class Live:
 
     source: NamedSourcesOption
     sensor: NamedSensorsOption = ()
-    reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Reference image (no contact) of this session; several are averaged. Without any, the first images of the
-    source are the reference."""
+    reference: ReferenceOrFirstOption = ()
     force: ForceOption = NONE
     out: Path = Path("readings")
     """Folder for the readings that are saved from the page."""

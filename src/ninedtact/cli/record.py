@@ -6,9 +6,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-import tyro
+from typing import TYPE_CHECKING, Any, Literal
 
 from ninedtact.cli.result_and_interrupt import (
     given_or_recorded_sensor,
@@ -19,6 +17,8 @@ from ninedtact.cli.result_and_interrupt import (
 )
 from ninedtact.cli.shared_options import (
     AutomaticOption,
+    CameraDelayOption,
+    ForceTorqueOption,
     JsonOption,
     NamedSensorsOption,
     NamedSourcesOption,
@@ -55,7 +55,8 @@ class Record:
     """Record a sensor: images without loss, measured wrenches, and heights and forces on request. Ctrl-C ends it properly.
 
     The sensor folder is attached to the recording. Several sensors are recorded at once into one file, with stamps of one clock; a
-    sensor that fails is reported, and the others go on.
+    sensor that fails is reported, and the others go on. The delay of the camera is subtracted from the stamps of its images, and
+    stated in the recording.
     """
 
     source: NamedSourcesOption
@@ -64,8 +65,7 @@ class Record:
     loss, and heights too unless --height-bits is 16. Images drop if the disk or the computer is too slow for the camera and 128 of
     them wait already; they are counted, printed, and marked in the file at their place."""
     sensor: NamedSensorsOption = ()
-    force_torque: str | None = None
-    """Force/torque sensor (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT), or sim with --source sim."""
+    force_torque: ForceTorqueOption = None
     seconds: SecondsOption = None
     images: Literal["zstd", "png"] = "zstd"
     """Storage of images, both without loss: raw, in chunks that zstd compresses (sensor_msgs/Image), or each as a PNG
@@ -75,9 +75,7 @@ class Record:
     height_bits: Literal[32, 16] = 32
     """Storage of heights: 32, floating point without loss; 16, integers in steps of 0.001 mm, which are smaller and lose up to half
     a step."""
-    camera_delay_ms: Annotated[float | Literal["saved"], tyro.conf.arg(metavar="MS|saved")] = 0.0
-    """Delay of the camera that is subtracted from the stamps of its images; saved: the one that `ninedtact camera-delay` kept in
-    the sensor folder. The recording states it."""
+    camera_delay_ms: CameraDelayOption = 0.0
     force: str = NONE
     """Also record the wrench estimated from the images, by physics or by a force model (.onnx); takes the same reference images."""
     automatic: AutomaticOption = False

@@ -26,6 +26,7 @@ from ninedtact.cli.shared_options import (
     AutomaticOption,
     FollowReferenceOption,
     ForceOption,
+    ForceTorqueOption,
     InvalidLiveOption,
     LoopOption,
     NamedSensorsOrDemoTwinOption,
@@ -68,7 +69,8 @@ class Ros2:
 
     Topics: image_raw, image_raw/compressed, camera_info, height, points, wrench_estimated, wrench_covariance, wrench_measured,
     reference_grey, warnings, status, each after the sensor's name, and /tf_static. The topic command takes take_reference,
-    start_recording [NAME], stop_recording. Several sensors are published under the names of their sources.
+    start_recording [NAME], stop_recording. wrench_measured is what --force-torque measures; of sim it is the true wrench. Several
+    sensors are published under the names of their sources.
     """
 
     source: NamedSourcesOption
@@ -76,9 +78,7 @@ class Ros2:
     name: str | None = None
     """Name of the sensor in topics and frames; its id, if not given."""
     force: ForceOption = PHYSICS
-    force_torque: str | None = None
-    """Force/torque sensor beside (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT), published without a tare as wrench_measured;
-    or sim with --source sim, the true wrench of the twin."""
+    force_torque: ForceTorqueOption = None
     qos: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="TOPIC=PROFILE")] = ()
     """Quality of service of a topic: sensor_data, reliable (the default of all but status and reference_grey), or latched; such as
     points=sensor_data."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import tyro
+from tyro.conf import UseAppendAction, arg
 
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
@@ -29,74 +29,84 @@ _SENSOR = "Sensor folder that `ninedtact calibrate` wrote."
 _RECORDED_SENSOR = f"{_SENSOR} A recording brings its own."
 _EACH_NAMED = " For several sources, one for each name: left=FOLDER right=FOLDER."
 _OR_DEMO_TWIN = " Without one, sim is the twin of the demo."
-SourceOption = Annotated[str, tyro.conf.arg(help=_SOURCE)]
+SourceOption = Annotated[str, arg(help=_SOURCE)]
 NamedSourcesOption = Annotated[
-    tuple[str, ...],
-    tyro.conf.arg(help=f"{_SOURCE} Several at once have a name each, such as left=usb:1-2 right=usb:1-3."),
+    tuple[str, ...], arg(help=f"{_SOURCE} Several at once have a name each, such as left=usb:1-2 right=usb:1-3.")
 ]
-SensorOption = Annotated[Path, tyro.conf.arg(help=_SENSOR)]
-RecordedSensorOption = Annotated[Path | None, tyro.conf.arg(help=_RECORDED_SENSOR)]
-SensorOrDemoTwinOption = Annotated[Path | None, tyro.conf.arg(help=_RECORDED_SENSOR + _OR_DEMO_TWIN)]
-NamedSensorsOption = Annotated[tuple[str, ...], tyro.conf.arg(help=_RECORDED_SENSOR + _EACH_NAMED)]
-NamedSensorsOrDemoTwinOption = Annotated[
-    tuple[str, ...], tyro.conf.arg(help=_RECORDED_SENSOR + _OR_DEMO_TWIN + _EACH_NAMED)
+SensorOption = Annotated[Path, arg(help=_SENSOR)]
+RecordedSensorOption = Annotated[Path | None, arg(help=_RECORDED_SENSOR)]
+SensorOrDemoTwinOption = Annotated[Path | None, arg(help=_RECORDED_SENSOR + _OR_DEMO_TWIN)]
+NamedSensorsOption = Annotated[tuple[str, ...], arg(help=_RECORDED_SENSOR + _EACH_NAMED)]
+NamedSensorsOrDemoTwinOption = Annotated[tuple[str, ...], arg(help=_RECORDED_SENSOR + _OR_DEMO_TWIN + _EACH_NAMED)]
+_REFERENCE = "Reference image (no contact) of the same session; given more than once, the images are averaged."
+ReferenceOption = Annotated[UseAppendAction[tuple[Path, ...]], arg(help=_REFERENCE)]
+ReferenceOrFirstOption = Annotated[
+    UseAppendAction[tuple[Path, ...]],
+    arg(help=f"{_REFERENCE} Without any, the first images of the source are the reference."),
+]
+ForceTorqueOption = Annotated[
+    str | None,
+    arg(
+        help="Force/torque sensor (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT), whose wrench is measured without a tare; "
+        "or sim with --source sim."
+    ),
+]
+CameraDelayOption = Annotated[
+    float | Literal["saved"],
+    arg(
+        metavar="MS|saved",
+        help="How long before its stamp an image shows the skin; saved: as `ninedtact camera-delay` kept it in the sensor folder.",
+    ),
 ]
 ForceOption = Annotated[
-    str, tyro.conf.arg(help="Estimator of force and torque: physics, corrected, a force model (.onnx), or none.")
+    str, arg(help="Estimator of force and torque: physics, corrected, a force model (.onnx), or none.")
 ]
 AutomaticOption = Annotated[
     bool,
-    tyro.conf.arg(
+    arg(
         help="Keep the camera's automatic exposure and white balance, where they cannot be switched off. Depths then drift."
     ),
 ]
 FollowReferenceOption = Annotated[
     bool,
-    tyro.conf.arg(
-        help="Let the reference image of a live source follow slow changes of light and gel while nothing touches."
-    ),
+    arg(help="Let the reference image of a live source follow slow changes of light and gel while nothing touches."),
 ]
-LoopOption = Annotated[bool, tyro.conf.arg(help="Repeat a recording, video or folder of images when it ends.")]
-SecondsOption = Annotated[
-    float | None, tyro.conf.arg(help="Duration; without it, until Ctrl-C or the end of the source.")
-]
+LoopOption = Annotated[bool, arg(help="Repeat a recording, video or folder of images when it ends.")]
+SecondsOption = Annotated[float | None, arg(help="Duration; without it, until Ctrl-C or the end of the source.")]
 DisplayRateOption = Annotated[
-    float,
-    tyro.conf.arg(help="Largest number of readings shown per second; the sensor is read at its own rate."),
+    float, arg(help="Largest number of readings shown per second; the sensor is read at its own rate.")
 ]
 _ON_NETWORK = "of this computer alone, or one at which others on the network reach it (0.0.0.0: all of them)."
 PageHostOption = Annotated[
     str,
-    tyro.conf.arg(
+    arg(
         help=f"Address of the page: {_ON_NETWORK} Then only who has the printed address, which contains a random token, can see "
         "the page and press its buttons."
     ),
 ]
 PagePortOption = Annotated[
-    int | None, tyro.conf.arg(help="Port of the page; without it 8080, or the next free one. 0 takes any free port.")
+    int | None, arg(help="Port of the page; without it 8080, or the next free one. 0 takes any free port.")
 ]
 PageOriginOption = Annotated[
-    tyro.conf.UseAppendAction[tuple[str, ...]],
-    tyro.conf.arg(
+    UseAppendAction[tuple[str, ...]],
+    arg(
         metavar="URL",
         help="Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it.",
     ),
 ]
 ServerHostOption = Annotated[
-    str, tyro.conf.arg(help=f"Address to listen on: {_ON_NETWORK} Then clients need the random token that is printed.")
+    str, arg(help=f"Address to listen on: {_ON_NETWORK} Then clients need the random token that is printed.")
 ]
-PointsEveryOption = Annotated[
-    int, tyro.conf.arg(help="Send the points of every so many rows and columns of the height map.")
-]
-WorkersOption = Annotated[int, tyro.conf.arg(help="Number of processes; one for each core.")]
+PointsEveryOption = Annotated[int, arg(help="Send the points of every so many rows and columns of the height map.")]
+WorkersOption = Annotated[int, arg(help="Number of processes; one for each core.")]
 ClusterOption = Annotated[
     str | None,
-    tyro.conf.arg(
+    arg(
         help="Run on the workers of a cluster in place of processes here: dask:HOST:PORT or ray:HOST:PORT (docs: clusters)."
     ),
 ]
-JsonOption = Annotated[bool, tyro.conf.arg(help="Print the result as one JSON object.")]
-DesignFileOption = Annotated[Path | None, tyro.conf.arg(name="design")]
+JsonOption = Annotated[bool, arg(help="Print the result as one JSON object.")]
+DesignFileOption = Annotated[Path | None, arg(name="design")]
 """`--design sensor.toml`: what differs from the published sensor. Its help is that of the field, which says what it is for."""
 
 
@@ -192,7 +202,7 @@ class CalibrationOptions:
     brightness factor (ratio), or from the paper's mapping list of grey differences (table)."""
 
     def settings(self) -> "CalibrationSettings":
-        """The same as the calibration room names it."""
+        """Return the settings of the calibration."""
         from ninedtact.calibration.board.detection import CAMERA_ROTATIONS
         from ninedtact.calibration.procedure import CalibrationSettings
 
@@ -208,8 +218,7 @@ class CollectOptions:
 
     tolerance_ms: float = 10.0
     """Largest distance in time of the force/torque samples before and after an image; the wrench is interpolated."""
-    camera_delay_ms: Annotated[float | Literal["saved"], tyro.conf.arg(metavar="MS|saved")] = 0.0
-    """How long before its stamp an image shows the skin; saved: as `ninedtact camera-delay` kept it in the sensor folder."""
+    camera_delay_ms: CameraDelayOption = 0.0
     no_contact: float = 0.03
     """Fraction of pairs without contact."""
     light_touch: float = 0.05
