@@ -236,7 +236,7 @@ class FoxgloveServer(BroadcastServer[_Encoded]):
                 subprotocols=SUBPROTOCOLS,
                 compression=None,  # compressing a megabyte takes longer than sending it
             )
-            server = await self._broadcast.servers.enter_async_context(guarded)
+            server = await self._servers.enter_async_context(guarded)
         self.port = next(iter(server.sockets)).getsockname()[1]
 
     async def _feed(self, connection: ServerConnection) -> None:
@@ -245,7 +245,7 @@ class FoxgloveServer(BroadcastServer[_Encoded]):
         await connection.send(json.dumps({"op": "serverInfo", **info}))
         await connection.send(json.dumps({"op": "advertise", "channels": self._advertised()}))
         subscriptions: dict[int, int] = {}
-        with self._broadcast.queue() as queue:
+        with self._queue() as queue:
             sending = self._send_readings(connection, subscriptions, queue)
             await feed_until_closed(connection, sending, self._obey(connection, subscriptions))
 
@@ -270,7 +270,7 @@ class FoxgloveServer(BroadcastServer[_Encoded]):
                 case _Subscribe(wanted):
                     known = range(len(self._channels))
                     subscriptions |= {one.id: one.channel for one in wanted if one.channel in known}
-                    self._broadcast.repeat_status()  # the first one came before there was a subscription
+                    self._repeat_status()  # the first one came before there was a subscription
                     if unknown := [one.channel for one in wanted if one.id not in subscriptions]:
                         sentence = f"expected channels 0 to {len(self._channels) - 1}, got {unknown}; see 'advertise'"
                         status = {"op": "status", "level": _STATUS_WARNING, "message": sentence}

@@ -204,7 +204,7 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
         return urlsplit(self.guard.page_address(self.tcp_port)).netloc
 
     async def _listen(self) -> None:
-        host, servers = self.guard.host, self._broadcast.servers
+        host, servers = self.guard.host, self._servers
         with port_errors(host, self.port, "--port"):
             guarded = self.guard.serve(
                 self._feed_websocket, host, self.port, is_expected=lambda _: False, process_request=_answer_request
@@ -223,7 +223,7 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
 
     async def _feed(self, images: ImageFormat, send: Callable[[bytes], Awaitable[None]]) -> None:
         """Send readings and statuses to a client until it leaves."""
-        with self._broadcast.queue() as queue:
+        with self._queue() as queue:
             async for message, missed in queue.arrivals():
                 await send(message.encode(images, missed))
 
@@ -255,7 +255,7 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
         except (OSError, TimeoutError):  # the client has left, or does not read
             pass
         except asyncio.CancelledError:
-            if not self._broadcast.is_running:
+            if not self._is_running:
                 raise
         finally:
             self._connections.discard(connection)
