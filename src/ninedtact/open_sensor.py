@@ -161,35 +161,43 @@ def assemble_live_sensor(
     or is back. The other parameters, and what is raised, are those of `open`.
     """
     from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
-    from ninedtact.capture.frame_pacing import LatestFrameSource, RepeatingSource
-    from ninedtact.capture.frame_source import FIXED_EXPOSURE
-    from ninedtact.capture.reconnecting import ReconnectingFrameSource
+    from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.reference_images import ReferenceImages, following_settings_for
     from ninedtact.sensor import Sensor
 
-    check, twin_sources = load_reference_image_checker(folder), None
-    given = _read_given_reference(references, folder.shape, check)
+    shape, check = folder.shape, load_reference_image_checker(folder)
+
+    def assemble(frames: "FrameSource", given: "DepthReader | None") -> Sensor:
+        following = following_settings_for(frames) if follow_reference else None
+        images = ReferenceImages(given, find_faults=check.find_faults, following=following)
+        return Sensor(LatestFrameSource(frames), shape, images, estimator)
+
+    given = _read_given_reference(references, shape, check)
     if is_twin_address(source):
         from ninedtact.simulation.simulated_sources import demo_sources
 
-        twin_sources = demo_sources(folder.twin().with_noise_of(name))
-        given = given or folder.shape.depth_reader(*twin_sources.reference_frames)
-        frames: FrameSource = twin_sources.camera
-    else:
-        if given is None and is_recording_address(source):
-            given = load_recorded_reference(source, folder, check)
-        played, of = source_in_real_time(source, settings or FIXED_EXPOSURE), f"{name}: " if name else ""
-        frames = ReconnectingFrameSource(
-            RepeatingSource(played) if loop else played,
-            on_lost=lambda loss: notify(f"{of}{loss}; waiting for it"),
-            on_back=lambda: notify(f"{of}it is back"),
-        )
-    following = following_settings_for(frames) if follow_reference else None
-    images = ReferenceImages(given, find_faults=check.find_faults, following=following)
-    sensor = Sensor(LatestFrameSource(frames), folder.shape, images, estimator)
-    if twin_sources is None:
-        return LiveSensor(sensor)
-    return LiveSensor(sensor, twin_sources.force_torque, twin_sources.simulation)
+        twin = demo_sources(folder.twin().with_noise_of(name))
+        sensor = assemble(twin.camera, given or shape.depth_reader(*twin.reference_frames))
+        return LiveSensor(sensor, twin.force_torque, twin.simulation)
+    if given is None and is_recording_address(source):
+        given = load_recorded_reference(source, folder, check)
+    return LiveSensor(assemble(_reconnecting_source(source, settings, loop, name, notify), given))
+
+
+def _reconnecting_source(
+    source: str, settings: "CameraSettings | None", loop: bool, name: str, notify: Callable[[str], None]
+) -> "FrameSource":
+    """Return the source in real time, which a lost camera does not end; the parameters are those of `assemble_live_sensor`."""
+    from ninedtact.capture.frame_pacing import RepeatingSource
+    from ninedtact.capture.frame_source import FIXED_EXPOSURE
+    from ninedtact.capture.reconnecting import ReconnectingFrameSource
+
+    played, of = source_in_real_time(source, settings or FIXED_EXPOSURE), f"{name}: " if name else ""
+    return ReconnectingFrameSource(
+        RepeatingSource(played) if loop else played,
+        on_lost=lambda loss: notify(f"{of}{loss}; waiting for it"),
+        on_back=lambda: notify(f"{of}it is back"),
+    )
 
 
 def source_for(
