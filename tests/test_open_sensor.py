@@ -28,11 +28,11 @@ from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.cli import main
 from ninedtact.cli.estimate import Estimate
-from ninedtact.cli.live import Live
 from ninedtact.force.contact_detection import detect_contact
 from ninedtact.force.estimator_interface import NoForceEstimator
 from ninedtact.force.traction.estimator import _on_one_blas_thread
 from ninedtact.mechanics.indenter import Ball
+from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.quantities import HeightSource, Rectified, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import ReferenceMomentRefused, SensorNotGiven
@@ -368,7 +368,7 @@ def test_a_rectified_reference_of_another_calibration_is_a_warning_on_every_read
     text = (other / "sensor.toml").read_text()
     (other / "sensor.toml").write_text(text.replace("noise_mm = 0.001", "noise_mm = 0.002"))
     for sensor, expected in ((own.path, 0), (other, 6)):
-        shown = Live((str(path),)).sensor_and_wrenches(load_sensor(sensor))[0]
+        shown = assemble_live_sensor(load_sensor(sensor), str(path)).sensor
         assert len(shown.reference_faults) == (expected > 0)
         with ninedtact.open(sensor, source=path, force="none") as opened:
             warned = [EstimateWarning.REFERENCE_UNLIKE_CALIBRATION in reading.warnings for reading in opened]

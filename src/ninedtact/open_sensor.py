@@ -7,6 +7,7 @@ sensor is opened, so that `ninedtact --help` stays quick.
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,10 +23,12 @@ if TYPE_CHECKING:
     from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImageChecker
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import CameraSettings, FrameSource
+    from ninedtact.capture.wrench_source import WrenchSource
     from ninedtact.force.estimator_interface import ForceEstimator
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
     from ninedtact.shape.depth import DepthReader
+    from ninedtact.simulation.press_sequence import PressSequence
 
 SIMULATED = "sim"
 """Name of the sensor's twin as a source."""
@@ -82,17 +85,12 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     >>> reading.wrench.force_n  # nothing touches yet
     array([0., 0., 0.])
     """
-    from ninedtact.capture.frame_pacing import LatestFrameSource
-    from ninedtact.capture.frame_source import FIXED_EXPOSURE
-
     source = str(source) if isinstance(source, Path | int) else source
     references = [reference] if isinstance(reference, Path | str) else reference or ()
     moments_s = [reference_at_s] if isinstance(reference_at_s, int | float) else reference_at_s
     with load_given_or_recorded_sensor(sensor, source) as folder:
         estimator = None if force == "none" else folder.estimator(force)
-        frames = source_for(source, settings or FIXED_EXPOSURE, folder) if isinstance(source, str) else source
-        if isinstance(source, str) and source != SIMULATED and frames.is_live:
-            frames = LatestFrameSource(frames)
+        frames = newest_frame_source_for(source, folder, settings) if isinstance(source, str) else source
         return assemble_sensor(folder, frames, source, references, moments_s, estimator, follow_reference)
 
 
@@ -115,12 +113,12 @@ def assemble_sensor(
     from ninedtact.sensor import Sensor
 
     shape, check = sensor.shape, load_reference_image_checker(sensor)
-    given, recorded = None, None
-    if references:
-        given = shape.depth_reader(*check.read_images([Path(path) for path in references]))
-    elif source == SIMULATED:
-        given = _twin_reference(sensor)
-    elif frames.recording is not None:
+    given, recorded = _read_given_reference(references, shape, check), None
+    if given is None and source == SIMULATED:
+        from ninedtact.simulation.simulated_sources import simulate_reference_frames
+
+        given = shape.depth_reader(*simulate_reference_frames(sensor.twin()))
+    elif given is None and frames.recording is not None:
         from ninedtact.recording.recorded_source import RecordedFrameSource
 
         assert isinstance(frames, RecordedFrameSource)
@@ -133,6 +131,73 @@ def assemble_sensor(
     at_moments = _references_at_moments(frames, reference_at_s, shape, check, given)
     following = following_settings_for(frames, follow_reference)
     return Sensor(frames, shape, ReferenceImages(given, recorded, at_moments, check.find_faults, following), estimator)
+
+
+@dataclass(frozen=True)
+class LiveSensor:
+    """A sensor that is read in real time, not yet opened; of a twin with its true wrench and its simulation."""
+
+    sensor: "Sensor"
+    true_wrench: "WrenchSource | None" = None
+    simulation: "PressSequence | None" = None
+
+
+def assemble_live_sensor(
+    folder: "SensorFolder",
+    source: str,
+    references: Sequence[PathLike] = (),
+    settings: "CameraSettings | None" = None,
+    follow_reference: bool = True,
+    loop: bool = False,
+    estimator: "ForceEstimator | None" = None,
+    name: str = "",
+    notify: Callable[[str], None] = lambda sentence: None,
+) -> LiveSensor:
+    """Return a sensor that is read in real time, as the live page shows it and other programs receive it; not yet opened.
+
+    A camera that is lost is waited for. Files and recordings play at their own pace, a recording with the reference image that it
+    starts with; loop: again and again. follow_reference: whether the reference image of a live source follows slow changes. name:
+    of the sensor among several, each of whose twins has noise of its own. notify: receives a sentence about a camera that is lost
+    or is back. The other parameters, and what is raised, are those of `open`.
+    """
+    from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
+    from ninedtact.capture.frame_pacing import LatestFrameSource
+    from ninedtact.reference_images import ReferenceImages, following_settings_for
+    from ninedtact.sensor import Sensor
+
+    shape, check = folder.shape, load_reference_image_checker(folder)
+
+    def assemble(frames: "FrameSource", given: "DepthReader | None") -> Sensor:
+        following = following_settings_for(frames) if follow_reference else None
+        images = ReferenceImages(given, find_faults=check.find_faults, following=following)
+        return Sensor(LatestFrameSource(frames), shape, images, estimator)
+
+    given = _read_given_reference(references, shape, check)
+    if is_twin_address(source):
+        from ninedtact.simulation.simulated_sources import demo_sources
+
+        twin = demo_sources(folder.twin().with_noise_of(name))
+        sensor = assemble(twin.camera, given or shape.depth_reader(*twin.reference_frames))
+        return LiveSensor(sensor, twin.force_torque, twin.simulation)
+    if given is None and is_recording_address(source):
+        given = load_recorded_reference(source, folder, check)
+    return LiveSensor(assemble(_reconnecting_source(source, settings, loop, name, notify), given))
+
+
+def _reconnecting_source(
+    source: str, settings: "CameraSettings | None", loop: bool, name: str, notify: Callable[[str], None]
+) -> "FrameSource":
+    """Return the source in real time, which a lost camera does not end; the parameters are those of `assemble_live_sensor`."""
+    from ninedtact.capture.frame_pacing import RepeatingSource
+    from ninedtact.capture.frame_source import FIXED_EXPOSURE
+    from ninedtact.capture.reconnecting import ReconnectingFrameSource
+
+    played, of = source_in_real_time(source, settings or FIXED_EXPOSURE), f"{name}: " if name else ""
+    return ReconnectingFrameSource(
+        RepeatingSource(played) if loop else played,
+        on_lost=lambda loss: notify(f"{of}{loss}; waiting for it"),
+        on_back=lambda: notify(f"{of}it is back"),
+    )
 
 
 def source_for(
@@ -160,6 +225,21 @@ def source_for(
     from ninedtact.capture.frame_source import DEFAULT_CAMERA
 
     return source_from_address.camera_or_file_source(text, settings or DEFAULT_CAMERA)
+
+
+def newest_frame_source_for(
+    text: str, sensor: "SensorFolder", settings: "CameraSettings | None" = None
+) -> "FrameSource":
+    """Return the source that `text` names, of which a slow reader gets the newest frame of a camera or stream.
+
+    So it neither lags behind nor hears late of a loss. Files, recordings and the twin serve every frame. The exposure of a camera
+    is fixed unless `settings` say otherwise.
+    """
+    from ninedtact.capture.frame_pacing import LatestFrameSource
+    from ninedtact.capture.frame_source import FIXED_EXPOSURE
+
+    source = source_for(text, settings or FIXED_EXPOSURE, sensor)
+    return LatestFrameSource(source) if source.is_live and not is_twin_address(text) else source
 
 
 def load_recorded_reference(
@@ -230,14 +310,13 @@ def load_given_or_recorded_sensor(
         yield load_sensor(extract_sensor_folder(Path(recording).expanduser(), Path(folder) / "sensor"))
 
 
-def _twin_reference(sensor: "SensorFolder") -> "DepthReader":
-    """Return a depth reader whose reference images are rendered without contact by the sensor's twin."""
-    from ninedtact.quantities import Frame
-    from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES
-
-    render = sensor.twin().renderer
-    frames = [Frame(render(None, -number)) for number in range(1, REFERENCE_FRAMES + 1)]
-    return sensor.shape.depth_reader(*frames)
+def _read_given_reference(
+    references: Sequence[PathLike], shape: "CalibratedShape", check: "ReferenceImageChecker"
+) -> "DepthReader | None":
+    """Return a depth reader for the reference images that are given; None where none is."""
+    if not references:
+        return None
+    return shape.depth_reader(*check.read_images([Path(path) for path in references]))
 
 
 def _references_at_moments(

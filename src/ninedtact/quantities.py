@@ -84,6 +84,11 @@ class HeightMap:
         """Return the pixels at which the camera sees the skin."""
         return self.source != HeightSource.OUT_OF_VIEW.value
 
+    @property
+    def visible_z_mm(self) -> Float32[Array, "rows cols"]:
+        """Return the heights, NaN where the camera does not see the skin."""
+        return np.where(self.in_view, self.z_mm, np.float32(np.nan))
+
     @cached_property
     def axes_mm(self) -> tuple[Float32[Array, " cols"], Float32[Array, " rows"]]:
         """Return the coordinates x of the columns and y of the rows."""
@@ -138,6 +143,10 @@ class Wrench:
     def about(self, point_mm: Float64[Array, "3"]) -> "Wrench":
         """Return the same wrench with its torque about another point: τ' = τ + (old − new) × F."""
         return replace(self, torque_nm=(self.shift_matrix(point_mm) @ self.six)[3:], about_mm=np.array(point_mm, float))
+
+    def about_skin_centre(self) -> "Wrench":
+        """Return the same wrench with its torque about the centre of the skin."""
+        return self.about(np.zeros(3)) if self.about_mm.any() else self
 
     def shift_matrix(self, point_mm: Float64[Array, "3"]) -> Float64[Array, "6 6"]:
         """Return the matrix that turns `six` into that of the same wrench about another point; it moves covariances too."""
@@ -254,6 +263,10 @@ class WrenchEstimate:
         # An axis into which the move mixes one without a stated error has none either.
         covariance[np.diag_indices(6)] += np.where((shift[:, unknown] != 0).any(axis=1), np.inf, 0)
         return replace(self, wrench=self.wrench.about(point_mm), covariance=covariance)
+
+    def about_skin_centre(self) -> "WrenchEstimate":
+        """Return the same estimate with torques, and their errors, about the centre of the skin."""
+        return self.about(np.zeros(3))
 
 
 def diagonal_covariance(std: Float64[Array, "6"]) -> Float64[Array, "6 6"]:

@@ -39,8 +39,8 @@ from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
 from ninedtact.cli import main, parse_arguments
 from ninedtact.cli.calibrate import CalibrateCommand, DepthWouldBeLost, InvalidCalibrateOption
 from ninedtact.cli.demo import Demo
-from ninedtact.cli.option_parser import CalibrationOptions, DesignGivenTwice
 from ninedtact.cli.original_calibration import ImportCalibrationCommand
+from ninedtact.cli.shared_options import CalibrationOptions, DesignGivenTwice
 from ninedtact.design import BallGauge, Gel, SensorDesign
 from ninedtact.force.estimator_interface import NoForceEstimator
 from ninedtact.force.known_load_scale import ForceScale, write_force_scale

@@ -12,7 +12,7 @@ import pytest
 from ninedtact.cli import main
 from ninedtact.cli.calibrate import CalibrateCommand
 from ninedtact.cli.demo import Demo
-from ninedtact.cli.option_parser import DesignGivenTwice
+from ninedtact.cli.shared_options import DesignGivenTwice
 from ninedtact.design import (
     DesignFileUnreadable,
     DesignImpossible,

@@ -68,7 +68,7 @@ def served(messages: FoxgloveMessages) -> Iterator[FoxgloveServer]:
         sensor.estimator = Doubtful()
         thread = Thread(target=publish_readings, args=(server.publish, sensor, over.is_set))
         thread.start()
-        wait_until(lambda: sensor.current_depth_reader is not None and server._broadcast._status is None)
+        wait_until(lambda: sensor.current_depth_reader is not None and server._status is None)
         yield server
         over.set()
         thread.join()

@@ -82,7 +82,7 @@ def served_camera(level: int) -> Iterator[Served]:
 @pytest.fixture
 def served() -> Iterator[Served]:
     with served_camera(UNTOUCHED) as served:
-        wait_until(lambda: served.sensor.current_depth_reader is not None and served.server._broadcast._status is None)
+        wait_until(lambda: served.sensor.current_depth_reader is not None and served.server._status is None)
         yield served
 
 
@@ -194,7 +194,7 @@ def test_a_client_that_does_not_read_delays_nobody_and_is_told_what_it_missed() 
         slow.connect(("127.0.0.1", server.tcp_port))
         slow.sendall(b'{"images": "jpeg"}\n')
         quick = tcp(server.tcp_port, b"{}\n").makefile()
-        wait_until(lambda: len(server._broadcast.queues) == 2)
+        wait_until(lambda: len(server._queues) == 2)
         took_s = 0.0
         for number in range(published):
             began = time.perf_counter()
@@ -247,7 +247,7 @@ def test_on_a_network_only_who_has_the_token_can_read() -> None:
         with connect(f"ws://127.0.0.1:{server.port}/{server.guard.token}/?images=jpeg"):
             pass
         with tcp(server.tcp_port, json.dumps({"token": server.guard.token}).encode() + b"\n") as client:
-            wait_until(lambda: len(server._broadcast.queues) > 0)
+            wait_until(lambda: len(server._queues) > 0)
 
 
 def test_a_port_in_use_is_refused() -> None:

@@ -21,7 +21,7 @@ from ninedtact.capture.force_torque.sample_checks import (
 from ninedtact.capture.training_pair_rule import SamplingRuleSettings
 from ninedtact.capture.wrench_source import WrenchSaturated
 from ninedtact.cli.collect import CollectTerminalDisplay, collect_progress_line, handle_collect_keys, histogram_lines
-from ninedtact.cli.option_parser import CollectOptions
+from ninedtact.cli.shared_options import CollectOptions
 from ninedtact.design import ForceTorqueMount
 from ninedtact.quantities import NO_OBJECT, Frame, Wrench
 from ninedtact.recording.collected_pairs import RecordedPair, read_recorded_pairs

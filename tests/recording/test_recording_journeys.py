@@ -39,16 +39,16 @@ from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, FrameSour
 from ninedtact.capture.wrench_source import WrenchSaturated, WrenchSource
 from ninedtact.cli import main
 from ninedtact.cli.collect import CollectTerminalDisplay, collect_progress_line, open_key_reader
-from ninedtact.cli.live import Live
-from ninedtact.cli.record import _twin_sources, run_commands_together
+from ninedtact.cli.record import _twin_sources
 from ninedtact.cli.result_and_interrupt import stop_on_signal
+from ninedtact.cli.ros2_foxglove_and_serve import run_commands_together
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.open_sensor import load_given_or_recorded_sensor, source_in_real_time
+from ninedtact.open_sensor import assemble_live_sensor, load_given_or_recorded_sensor, source_in_real_time
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.collected_pairs import read_recorded_pairs
-from ninedtact.recording.collecting.collection_sources import collection_setup_from_recordings
-from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
+from ninedtact.recording.collecting.collection_sources import collection_setup_from_recordings, setup_with_twin
+from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector, collect_pairs
 from ninedtact.recording.collecting.pair_selection import CollectSettings
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_repair import save_labelled_spans
@@ -346,8 +346,7 @@ def recorded_hand(path: Path, sensor: Path, seconds: float, delay_ms: float = 0.
 
 def test_simulated_sensors_side_by_side_have_noise_of_their_own(sensor: Path) -> None:
     folder, names = load_sensor(sensor), ("", "left", "right")
-    shown = [Live(("sim",)).sensor_and_wrenches(folder)[2]]
-    shown += [Live(("left=sim", "right=sim")).sensor_and_wrenches(folder, name)[2] for name in names[1:]]
+    shown = [assemble_live_sensor(folder, "sim", name=name).simulation for name in names]
     recorded = [_twin_sources(folder, False, name)[0].simulation for name in names]
     for simulations in (shown, recorded):
         alone, left, right = (simulation.twin.renderer(None, 1).astype(int) for simulation in simulations)
@@ -406,6 +405,24 @@ def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
         assert (change.min() < -2) == (pair.wrench.force_n[2] < -0.3)
     figures = told(capsys, "info", out)
     assert figures["purpose"] == "collect" and figures["pairs"] == found["kinds"]
+
+
+def test_a_program_collects_pairs_with_one_call(sensor: Path, tmp_path: Path) -> None:
+    folder, out = load_sensor(sensor), tmp_path / "pairs.mcap"
+    setup = setup_with_twin(folder, ["ball:4"], 1, 3, SampleCheckSettings())
+    seen: list[int] = []
+    collector = collect_pairs(
+        setup,
+        out,
+        folder,
+        seed=3,
+        should_stop=lambda collector: len(collector.counts.pairs) == 3,
+        on_progress=lambda collector: seen.append(len(collector.counts.pairs)),
+    )
+    assert [pair.object for pair in read_recorded_pairs(out)][-1] == collector.object == "ball:4"
+    assert seen[0] == 0 and seen[-1] == len(collector.counts.pairs) == len(list(read_recorded_pairs(out))) == 3
+    with Recording(out) as recording:
+        assert recording.metadata.purpose == "collect" and recording.sensor == folder.id and recording.is_finished
 
 
 @pytest.mark.parametrize(
@@ -840,7 +857,7 @@ def test_a_closing_terminal_asks_for_the_end_as_often_as_it_likes_unless_it_is_i
 SLEEPER = "import sys, time; open(sys.argv[1], 'w').close(); time.sleep(600)"
 TOGETHER = """
 import sys
-from ninedtact.cli.record import run_commands_together
+from ninedtact.cli.ros2_foxglove_and_serve import run_commands_together
 from ninedtact.cli.result_and_interrupt import stop_on_signal
 with stop_on_signal() as until:
     run_commands_together({path: [sys.executable, "-c", sys.argv[1], path] for path in sys.argv[2:]}, lambda: until.requested)

@@ -19,7 +19,9 @@ from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
 from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.cli import main
 from ninedtact.cli.live import Live
-from ninedtact.cli.sensor_page import InvalidLiveOption, PageLibraryMissing, RerunMissing
+from ninedtact.cli.sensor_page import PageLibraryMissing, RerunMissing
+from ninedtact.cli.shared_options import InvalidLiveOption
+from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.studio.page_and_server import SensorPage
 from ninedtact.studio.page_controller import PageMoment
 from ninedtact.studio.socket_guard import InvalidAllowedOrigin
@@ -106,11 +108,11 @@ def test_nothing_heavy_is_loaded_before_it_runs() -> None:
 def test_only_a_live_source_is_followed(tmp_path: Path, images: Path) -> None:
     folder = load_sensor(sensor_folder(tmp_path / "small"))
 
-    def follows(live: Live) -> bool:
-        return live.sensor_and_wrenches(folder)[0].references.following is not None
+    def follows(source: str, **options: bool) -> bool:
+        return assemble_live_sensor(folder, source, **options).sensor.references.following is not None
 
-    assert follows(Live(("0",))) and not follows(Live(("0",), follow_reference=False))
-    assert not follows(Live((str(images),))) and not follows(Live((str(images),), loop=True))
+    assert follows("0") and not follows("0", follow_reference=False)
+    assert not follows(str(images)) and not follows(str(images), loop=True)
 
 
 def test_bad_options_are_refused_before_any_camera_is_touched(

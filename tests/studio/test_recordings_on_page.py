@@ -28,10 +28,10 @@ from viser import ViserServer
 import ninedtact
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
-from ninedtact.cli.live import Live
 from ninedtact.cli.sensor_page import installed_exporters
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import NoForceEstimator
+from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
@@ -204,7 +204,7 @@ def test_a_program_reads_the_reference_of_the_page_and_not_the_first_images(reco
         np.testing.assert_allclose([one.max_indentation_mm for one in recording.readings()], deep_mm, atol=1e-5)
     with ninedtact.open(source=str(path), force="none") as sensor:
         np.testing.assert_allclose([one.max_indentation_mm for one in sensor], deep_mm, atol=1e-5)
-    live = Live((str(path),)).sensor_and_wrenches(bench.folder)[0]
+    live = assemble_live_sensor(bench.folder, str(path)).sensor
     assert live.current_depth_reader is not None and deep_mm[0] > 0.5
 
 

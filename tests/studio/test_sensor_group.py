@@ -25,10 +25,9 @@ from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.cli import main
 from ninedtact.cli.live import Live
-from ninedtact.cli.sensor_page import InvalidLiveOption
+from ninedtact.cli.shared_options import InvalidLiveOption
 from ninedtact.quantities import Wrench
 from ninedtact.reading import Reading
-from ninedtact.recording.errors import RecordingRefused
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.studio.page_and_server import SensorPage, page_server
@@ -381,9 +380,9 @@ def test_live_shows_named_sources_until_ctrl_c(tmp_path: Path) -> None:
 
 
 def test_wrong_names_and_numbers_of_sensors_are_refused() -> None:
-    with pytest.raises(RecordingRefused, match="a name of its own for each of several, such as left=usb:1-2, got 0"):
+    with pytest.raises(InvalidLiveOption, match="a name of its own for each of several, such as left=usb:1-2, got 0"):
         Live(("left=0", "0")).run()
-    with pytest.raises(RecordingRefused, match="expected --sensor for left, right, got one for up"):
+    with pytest.raises(InvalidLiveOption, match="expected --sensor for left, right, got one for up"):
         Live(("left=0", "right=1"), ("up=x",)).run()
     with pytest.raises(InvalidLiveOption, match="expected at most 4 sources on one page, got 5"):
         Live(tuple(f"{name}=0" for name in "abcde")).run()

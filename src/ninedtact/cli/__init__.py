@@ -1,20 +1,25 @@
 """The command line: one file per command, each a frozen dataclass whose fields are the options and whose `run` does the work.
 
 Only the command that is named is imported, and a command imports what it needs when it runs, so that `ninedtact` starts quickly.
+
+tyro reads the fields. Its rules are extended here, once for all commands: defaults that say nothing are left out (none, false, an
+empty list), an option that may be left out shows only its type, and the lines of a docstring are joined to sentences.
 """
 
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import is_dataclass, replace
 from importlib import import_module
-from typing import Annotated, Any, Union
+from typing import Annotated, Any, Union, get_args, get_origin
 
 import tyro
+from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
 from ninedtact._version import __version__
-from ninedtact.cli.option_parser import parse_command
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError, NinedtactError
 
 COMMANDS = {
     "demo": "demo:Demo",
@@ -46,6 +51,14 @@ COMMANDS = {
 """Module and class of every command, in the order of `ninedtact --help`. A group of commands is a union of classes; its module
 describes it in `DESCRIPTION`."""
 DESCRIPTION = "The software of the 9DTact tactile sensor: camera images in, shape in mm and force in N out."
+_OF_A_SENSOR = ("--source", "--sensor")
+_SILENT_DEFAULTS = ("", "None", "False")
+_NO_DEFAULT = "tyro.MISSING"
+"""Beginning of what tyro gives as the default of an option that is required."""
+
+
+class OptionRepeated(InputError):
+    """An option that takes one value was given several times."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -83,8 +96,8 @@ def parse_arguments(arguments: Sequence[str] | None) -> Any:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words and words[0] in COMMANDS:
         command, description = load_command(words[0])
-        return parse_command(command, description, words[1:], f"ninedtact {words[0]}")
-    return parse_command(command_union(COMMANDS), DESCRIPTION, words, "ninedtact")
+        return _parse_command(command, description, words[1:], f"ninedtact {words[0]}")
+    return _parse_command(command_union(COMMANDS), DESCRIPTION, words, "ninedtact")
 
 
 def load_command(name: str) -> tuple[Any, str | None]:
@@ -102,6 +115,120 @@ def command_union(names: Iterable[str]) -> Any:
         command, description = load_command(name)
         members.append(Annotated[command, tyro.conf.subcommand(name, description=description)])
     return Union[tuple(members)]  # noqa: UP007 - the members are known only at run time
+
+
+def _parse_command(commands: Any, description: str | None, arguments: Sequence[str], program: str) -> Any:
+    """Parse the arguments into a command: a dataclass, or one of a union of dataclasses. `program` is its name in the usage.
+
+    Exits with code 0 after --help and 2 on wrong usage; raises `OptionRepeated`.
+    """
+    repeatable: set[str] = set()
+    command = tyro.cli(
+        commands,
+        prog=program,
+        description=description,
+        args=arguments,
+        registry=_plain_help_registry(repeatable),
+        config=(tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff),
+    )
+    _require_each_option_once(arguments, repeatable)
+    return command
+
+
+def _require_each_option_once(arguments: Sequence[str], repeatable: set[str]) -> None:
+    """Refuse an option that is given again, of which only the last value would count; raises `OptionRepeated`."""
+    given = Counter(word.partition("=")[0].replace("_", "-") for word in arguments if word.startswith("--"))
+    for option, count in given.items():
+        if count > 1 and option not in repeatable:
+            several = (
+                "; name several sensors after one, as in --source left=0 right=2" if option in _OF_A_SENSOR else ""
+            )
+            raise OptionRepeated(f"expected {option} once, got it {count} times{several or '; keep one of them'}")
+
+
+def _plain_help_registry(repeatable: set[str]) -> ConstructorRegistry:
+    """Return tyro's rules with one more, which rewrites the help of every dataclass field.
+
+    repeatable: receives the options that may be given several times.
+    """
+    registry, open_types = ConstructorRegistry(), []
+
+    @registry.struct_rule
+    def rewrite_help(info: StructTypeInfo) -> Any:
+        if info.type in open_types or not is_dataclass(info.type):
+            return None
+        open_types.append(info.type)
+        try:
+            spec = ConstructorRegistry.get_struct_spec(info)
+        finally:
+            open_types.pop()
+        if not isinstance(spec, StructConstructorSpec):
+            return spec
+        names = (field.name.replace("_", "-") for field in spec.fields if _is_repeatable(field.type))
+        repeatable.update(f"--{name}" for name in names)
+        return replace(spec, fields=tuple(_with_plain_help(field) for field in spec.fields))
+
+    return registry
+
+
+def _with_plain_help(field: StructFieldSpec) -> StructFieldSpec:
+    """Return the field with a short hint of its default, a plain placeholder and whole sentences."""
+    repeatable = _is_repeatable(field.type)
+    hint = tyro.conf.arg(help_behavior_hint=_default_hint(repeatable), metavar=_placeholder(field.type, repeatable))
+    return replace(field, type=Annotated[field.type, hint], helptext=_joined_lines(field.helptext))  # type: ignore[arg-type]
+
+
+def _is_repeatable(field_type: Any) -> bool:
+    """Return whether an option may be given several times."""
+    return any(marker is tyro.conf.UseAppendAction for marker in _metadata(field_type))
+
+
+def _default_hint(repeatable: bool) -> Callable[[str], str]:
+    """Return what tyro calls with the text of a default to write the words behind an option's help."""
+
+    def hint(default: str) -> str:
+        if default.startswith(_NO_DEFAULT):
+            return "(required, repeatable)" if repeatable else "(required)"
+        if default == "True":
+            return "This option switches it off."
+        if default in _SILENT_DEFAULTS:
+            return "(repeatable)" if repeatable else ""
+        return f"(default: {default})"
+
+    return hint
+
+
+def _placeholder(field_type: Any, repeatable: bool) -> str | None:
+    """Return the placeholder of a text, or of a list of any length such as `PATH ...`; None where tyro's own is plain."""
+    while get_origin(field_type) is Annotated:
+        field_type = get_args(field_type)[0]
+    if field_type in (str, str | None):
+        return "TEXT"
+    is_list = get_origin(field_type) is tuple and get_args(field_type)[-1] is Ellipsis
+    item = get_args(field_type)[0] if is_list else None
+    if repeatable or not isinstance(item, type):
+        return None
+    return f"{item.__name__.upper().replace('STR', 'TEXT')} ..."
+
+
+def _metadata(field_type: Any) -> tuple[Any, ...]:
+    """Return all annotations of a type, however deeply they are nested."""
+    if get_origin(field_type) is not Annotated:
+        return ()
+    inner, *metadata = get_args(field_type)
+    return (*_metadata(inner), *metadata)
+
+
+def _joined_lines(helptext: Any) -> Callable[[], str | None]:
+    """Return a function for the help text without line breaks inside its paragraphs."""
+
+    def text() -> str | None:
+        written = helptext() if callable(helptext) else helptext
+        if written is None:
+            return None
+        return "\n\n".join(" ".join(paragraph.split()) for paragraph in written.split("\n\n"))
+
+    return text
 
 
 def _print_version() -> int:

@@ -22,13 +22,21 @@ from ninedtact.cli.calibration_page import (
     CalibrationPageServer,
     simulated_calibration_camera,
 )
-from ninedtact.cli.option_parser import CalibrationOptions, DesignFileOption, DesignGivenTwice, read_design_or_default
 from ninedtact.cli.result_and_interrupt import (
     StatusLine,
     StepLine,
     print_notice,
     print_result,
     sensor_replacement,
+)
+from ninedtact.cli.shared_options import (
+    AutomaticOption,
+    CalibrationOptions,
+    DesignFileOption,
+    DesignGivenTwice,
+    JsonOption,
+    camera_settings,
+    read_design_or_default,
 )
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CameraError, InputError, NinedtactError, OutputError
@@ -86,8 +94,7 @@ class CalibrateCommand:
     source: str | None = None
     """Take the images with this camera (0, /dev/video0, the URL of a stream) or from a recording (a video, a folder); or sim, a
     simulated sensor, on which board and ball are pressed by themselves."""
-    automatic: bool = False
-    """Keep the camera's automatic exposure and white balance, where they cannot be switched off. Depths then drift."""
+    automatic: AutomaticOption = False
     ball_radius_mm: float | None = None
     """Radius of the ball. Without it, the design's radius is used (4 mm for the published sensor)."""
     id: str | None = None
@@ -97,8 +104,7 @@ class CalibrateCommand:
     design_file: DesignFileOption = None
     """Design file of the sensor (TOML). Its dimensions can also be given one by one, see below."""
     design: SensorDesign = SensorDesign()
-    json: bool = False
-    """Print the certificate as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Calibrate, write the sensor folder, and print how good it is."""
@@ -318,10 +324,8 @@ def _keep_images_of_failure(out: Path, taken: "dict[str, BgrImage]") -> Iterator
 def _open_camera(source: "str | FrameSource", automatic: bool) -> "Iterator[FrameSource]":
     """Open the source; a camera gives its newest frame, a recording every frame."""
     from ninedtact.capture.frame_pacing import LatestFrameSource
-    from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
 
-    settings = DEFAULT_CAMERA if automatic else FIXED_EXPOSURE
-    camera = source_for(source, settings) if isinstance(source, str) else source
+    camera = source_for(source, camera_settings(automatic)) if isinstance(source, str) else source
     with LatestFrameSource(camera) if camera.is_live else camera as frames:
         yield frames
 

@@ -7,15 +7,13 @@ from functools import partial
 from pathlib import Path
 from random import uniform
 from time import sleep
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import tyro
-
-from ninedtact.cli.live import Live
-from ninedtact.cli.result_and_interrupt import stop_on_signal
-from ninedtact.cli.sensor_page import PageSensor, PageSettings, require_page_library, serve_sensor_page
+from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
+from ninedtact.cli.sensor_page import PageSettings, page_sensor, require_page_library, serve_sensor_page
+from ninedtact.cli.shared_options import PageHostOption, PageOriginOption, PagePortOption, camera_settings
 from ninedtact.force.estimator_loading import NONE, PHYSICS
-from ninedtact.open_sensor import SIMULATED, is_twin_address, source_in_real_time
+from ninedtact.open_sensor import SIMULATED, assemble_live_sensor, is_twin_address, source_in_real_time
 
 if TYPE_CHECKING:
     from ninedtact.calibration.procedure import CalibrationSettings
@@ -39,12 +37,9 @@ class CalibrationPageOptions:
     page: bool = False
     """Guide through the presses on a page in the browser, which a phone beside the sensor can open too (--host 0.0.0.0). The
     camera is chosen there; --source chooses the first one, and sim is a simulated sensor, which is pressed on the page."""
-    host: str = "127.0.0.1"
-    """Address of the page; with another one than this computer's own, the printed address contains a random token."""
-    port: int | None = None
-    """Port of the page; without it 8080, or the next free one. 0 takes any free port."""
-    allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
-    """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
+    host: PageHostOption = "127.0.0.1"
+    port: PagePortOption = None
+    allow_origin: PageOriginOption = ()
 
 
 @dataclass(frozen=True)
@@ -180,9 +175,7 @@ class ForceCalibrationPageServer:
 
 def _live_camera(address: str, automatic: bool) -> "FrameSource":
     """Return a camera or recording, its exposure fixed unless it is to stay automatic."""
-    from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
-
-    return source_in_real_time(address, DEFAULT_CAMERA if automatic else FIXED_EXPOSURE)
+    return source_in_real_time(address, camera_settings(automatic))
 
 
 def serve_calibrated_sensor(
@@ -192,11 +185,10 @@ def serve_calibrated_sensor(
 
     force: estimator that it shows; without it physics, which a sensor needs a twin for.
     """
-    live = Live((source,), (str(folder.path),), automatic=automatic)
-    part = PageSensor(folder, *live.sensor_and_wrenches(folder))
+    live = assemble_live_sensor(folder, source, settings=camera_settings(automatic), notify=print_notice)
     force = force or (NONE if folder.record.twin is None else PHYSICS)
     settings = PageSettings(_READINGS, _LIVE_HZ, guard.host, port, force, guard=guard)
-    serve_sensor_page([part], settings, ends=False)
+    serve_sensor_page([page_sensor(folder, live)], settings, ends=False)
 
 
 def list_calibration_cameras(source: str | None = None, simulated: bool = True) -> dict[str, str]:

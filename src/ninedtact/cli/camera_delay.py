@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
+from ninedtact.cli.shared_options import JsonOption, require_duration
 from ninedtact.open_sensor import is_twin_address
 
 if TYPE_CHECKING:
@@ -36,15 +37,13 @@ class CameraDelayCommand:
     same source. A new calibration removes it. The delay of sim is printed only."""
     seconds: float = 15.0
     """Duration."""
-    json: bool = False
-    """Print the result as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Measure, print and keep the delay."""
         from ninedtact.capture.camera_check import describe_camera_settings
         from ninedtact.capture.camera_delay import measure_camera_delay, write_camera_delay
         from ninedtact.capture.uvc_camera import UvcCamera
-        from ninedtact.cli.record import require_duration
 
         require_duration(self.seconds)
         folder = None if self.sensor is None else load_sensor_with_notices(self.sensor)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
+from ninedtact.cli.shared_options import JsonOption, SensorOption
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,12 +28,10 @@ class CheckCommand:
     Exit code 0: fine; 1: something has changed, or an image or the sensor folder cannot be read.
     """
 
-    sensor: Path
-    """Sensor folder that `ninedtact calibrate` wrote."""
+    sensor: SensorOption
     reference: tyro.conf.Positional[tuple[Path, ...]]
     """Reference images (no contact) taken today; each is checked by itself."""
-    json: bool = False
-    """Print the diagnosis and all figures as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Judge every image; 1 where one is not fine."""

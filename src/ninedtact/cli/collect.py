@@ -2,23 +2,21 @@
 single keys and shows how many pairs of which forces were saved, are missing, or are refused.
 """
 
-import json
 import os
 import select
 import sys
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
-from itertools import chain, count
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ninedtact.cli.option_parser import CollectOptions
-from ninedtact.cli.record import require_duration, require_new_recording_path
+from ninedtact.cli.record import require_new_recording_path
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
+from ninedtact.cli.shared_options import AutomaticOption, CollectOptions, JsonOption, camera_settings, require_duration
 from ninedtact.open_sensor import (
     is_recording_address,
     is_twin_address,
@@ -35,8 +33,6 @@ if TYPE_CHECKING:
     from ninedtact.recording.collecting.collection_sources import CollectSetup
     from ninedtact.recording.collecting.collector import Collector
     from ninedtact.recording.collecting.pair_selection import CollectSettings, SavedPairCounts
-    from ninedtact.recording.merge_streams import MergedArrival
-    from ninedtact.recording.metadata import RecordingMetadata
 
 _BAR_SYMBOLS = "·▁▂▃▄▅▆▇█"
 _KEY_HELP = "n next object   u undo last contact   t tare   q end"
@@ -195,10 +191,8 @@ class Collect:
     """Number of times that the script presses each object; with sim only."""
     seed: int | None = None
     """Seed of the load below which the first pair of each contact is saved, and of the script; without it, random."""
-    automatic: bool = False
-    """Leave automatic exposure and white balance of the camera on, for a camera that cannot switch them off."""
-    json: bool = False
-    """Print the result as one JSON object."""
+    automatic: AutomaticOption = False
+    json: JsonOption = False
 
     def run(self) -> int:
         """Collect pairs and print their numbers; raises what a lost device raises, every pair kept."""
@@ -219,7 +213,6 @@ class Collect:
     ) -> "CollectSetup":
         """Return the camera and the force/torque sensor that were named, not yet opened."""
         from ninedtact.capture.force_torque.mounted_wrench_source import force_torque_sensor_for
-        from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
         from ninedtact.recording.collecting.collection_sources import (
             collection_setup_from_devices,
             collection_setup_from_recordings,
@@ -231,7 +224,7 @@ class Collect:
         if is_recording_address(self.source):
             images, wrenches = Path(self.source).expanduser(), Path(self.force_torque).expanduser()
             return collection_setup_from_recordings(images, wrenches, checks, folder.record.design.force_torque)
-        camera = source_in_real_time(self.source, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
+        camera = source_in_real_time(self.source, camera_settings(self.automatic))
         device = force_torque_sensor_for(self.force_torque)
         return collection_setup_from_devices(camera, device, folder, checks, screen.show_message)
 
@@ -253,67 +246,31 @@ class Collect:
         self, folder: "SensorFolder", settings: "CollectSettings", setup: "CollectSetup", screen: CollectTerminalDisplay
     ) -> "Collector":
         """Collect until the end and return the collector, its recording closed."""
-        import numpy as np
-
-        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
-        from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
-        from ninedtact.recording.reader import sensor_folder_attachments
+        from ninedtact.recording.collecting.collector import collect_pairs
         from ninedtact.recording.recorder import notify_partial_recording
-        from ninedtact.recording.writer import RecordingWriter
 
-        metadata = self._metadata(folder, settings, setup)
-        attachments = sensor_folder_attachments(folder.path)
-        writer = RecordingWriter(self.out, metadata, COLLECTED_TOPICS, attachments, screen.show_message)
-        names = chain(self.objects, (f"object_{number:03d}" for number in count(1)))
-        collector = Collector(
-            writer,
-            settings,
-            names,
-            np.random.default_rng(self.seed),
-            load_reference_image_checker(folder).find_faults,
-            screen.show_message,
-        )
+        def should_stop(collector: "Collector") -> bool:
+            has_enough = self.pairs is not None and len(collector.counts.pairs) >= self.pairs
+            return until.now or has_enough or not handle_collect_keys(keys.read_keys(), collector, screen)
+
         with (
             stop_on_signal(self.seconds) as until,
             notify_partial_recording(self.out, print_notice),
-            writer,
             open_key_reader() as keys,
-            closing(setup.arrivals()) as arrivals,
         ):
-            for arrival in arrivals:
-                if (
-                    until.now
-                    or self._has_enough(collector)
-                    or not handle_collect_keys(keys.read_keys(), collector, screen)
-                ):
-                    break
-                _add_arrival(arrival, collector, setup)
-                screen.show(collector)
-            collector.finish()
+            collector = collect_pairs(
+                setup,
+                self.out,
+                folder,
+                settings,
+                self.objects,
+                self.seed,
+                should_stop,
+                notify=screen.show_message,
+                on_progress=screen.show,
+            )
             screen.show(collector, at_once=True)
         return collector
-
-    def _has_enough(self, collector: "Collector") -> bool:
-        return self.pairs is not None and len(collector.counts.pairs) >= self.pairs
-
-    def _metadata(
-        self, folder: "SensorFolder", settings: "CollectSettings", setup: "CollectSetup"
-    ) -> "RecordingMetadata":
-        from importlib.metadata import version
-
-        from ninedtact.recording.metadata import RecordingMetadata, wall_minus_monotonic_ns
-
-        ahead_ns = setup.wall_minus_monotonic_ns
-        return RecordingMetadata(
-            sensor=folder.id,
-            purpose="collect",
-            source=setup.camera.name,
-            force_torque=setup.force_torque.name,
-            settings=json.dumps(asdict(settings)),
-            software=version("ninedtact"),
-            camera_delay_ms=setup.camera_delay_ms,
-            wall_minus_monotonic_ns=wall_minus_monotonic_ns() if ahead_ns is None else ahead_ns,
-        )
 
     def _require_possible_counts(self) -> None:
         if self.pairs is not None and self.pairs < 1:
@@ -338,22 +295,6 @@ def handle_collect_keys(typed: str, collector: "Collector", screen: CollectTermi
             collector.begin_tare()
             screen.show_message("tare: do not touch the gel")
     return True
-
-
-def _add_arrival(arrival: "MergedArrival", collector: "Collector", setup: "CollectSetup") -> None:
-    """Give the collector what arrived, and tell it of a new object and of a force/torque sensor that is back."""
-    from ninedtact.quantities import Frame
-
-    if setup.was_away.is_set():
-        setup.was_away.clear()
-        collector.sample_faults.mark_zero_uncertain()
-    if arrival is None:
-        return
-    if isinstance(arrival.item, Frame) and setup.object_at is not None:
-        name = setup.object_at(arrival.item)
-        if name != collector.object:
-            collector.begin_object(name, arrival.item.stamp_ns)
-    collector.add(arrival)
 
 
 def _to_json_dict(out: Path, collector: "Collector") -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.shared_options import ClusterOption, JsonOption, WorkersOption
 from ninedtact.errors import DatasetError
 
 if TYPE_CHECKING:
@@ -63,10 +64,8 @@ class BuildDatasetCommand:
     """Exit with 1 if any fault is found."""
     licence: str | None = None
     """Licence of the data, as Hugging Face names it: mit, cc-by-4.0."""
-    workers: int = 2
-    """Number of processes; one for each core."""
-    cluster: str | None = None
-    """Run on the workers of a cluster in place of processes here: dask:HOST:PORT or ray:HOST:PORT (docs: clusters)."""
+    workers: WorkersOption = 2
+    cluster: ClusterOption = None
     sensor: Path | None = None
     """Sensor folder for recordings, in place of the one that they contain."""
     sensor_name: str | None = None
@@ -80,8 +79,7 @@ class BuildDatasetCommand:
     mm_per_px: float | None = None
     """Scale of the images of the original project or of the episodes."""
     limits: PairCheckLimits = PairCheckLimits()
-    json: bool = False
-    """Print the result as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Build it and print what is in it; raises `DatasetStopped`, and `FaultsFound` with `--strict`."""
@@ -127,11 +125,9 @@ class CheckDatasetCommand:
     """File for the list of faults, JSON; check.json in the data set if not given."""
     strict: bool = False
     """Exit with 1 if any fault is found."""
-    workers: int = 2
-    """Number of processes; one for each core."""
+    workers: WorkersOption = 2
     limits: PairCheckLimits = PairCheckLimits()
-    json: bool = False
-    """Print the result as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Check the pairs, write the list and print the counts; raises `NoUsablePairs`, and `FaultsFound` with `--strict`."""
@@ -169,8 +165,7 @@ class ShowDatasetCommand:
     """File for an image of some pairs, PNG; preview.png in the data set if not given."""
     pairs: int = 24
     """How many pairs are drawn, evenly spread from the lightest to the heaviest load; 0 for none."""
-    json: bool = False
-    """Print the counts as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Count the pairs, draw some, and print the counts."""

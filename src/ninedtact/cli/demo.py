@@ -6,11 +6,8 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import tyro
-
-from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, refuse_design_beside_sensor
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices
 from ninedtact.cli.sensor_page import (
     PageSensor,
@@ -19,6 +16,16 @@ from ninedtact.cli.sensor_page import (
     require_page_library,
     serve_sensor_page,
     twin_sensor_and_true_wrench,
+)
+from ninedtact.cli.shared_options import (
+    DesignFileOption,
+    DisplayRateOption,
+    ForceOption,
+    PageHostOption,
+    PageOriginOption,
+    PagePortOption,
+    read_design_or_default,
+    refuse_design_beside_sensor,
 )
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
@@ -49,22 +56,17 @@ class Demo:
     """Sensor folder whose twin is shown; without one, the twin of the published design is calibrated and shown."""
     design_file: DesignFileOption = None
     """Design file (TOML) of a sensor that is not built yet; its twin is calibrated and shown."""
-    force: str = PHYSICS
-    """Estimator of force and torque: physics, corrected, a force model (.onnx), or none."""
+    force: ForceOption = PHYSICS
     out: Path = Path("out/demo")
     """Folder for the sensor folder, images and figures."""
     rounds: int | None = None
     """Number of rounds of the press sequence; without it, the demo runs until Ctrl-C at a terminal."""
-    display_hz: float = 30.0
-    """Largest number of readings shown per second."""
-    host: str = "127.0.0.1"
-    """Address of the page; with another one than this computer's own, the printed address contains a random token."""
-    port: int | None = None
-    """Port of the page; without it 8080, or the next free one. 0 takes any free port."""
+    display_hz: DisplayRateOption = 30.0
+    host: PageHostOption = "127.0.0.1"
+    port: PagePortOption = None
     browser: bool = True
     """Open the page in the browser, where there is a terminal and a screen."""
-    allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
-    """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
+    allow_origin: PageOriginOption = ()
 
     def run(self) -> int:
         """Calibrate, reconstruct one press of each object, then show them live."""
@@ -124,28 +126,17 @@ class Demo:
     @cached_property
     def folder(self) -> "SensorFolder":
         """The folder of the calibrated sensor."""
-        return load_sensor_with_notices(self.sensor) if self.sensor is not None else self.calibrate_twin()
-
-    def calibrate_twin(self) -> "SensorFolder":
-        """Calibrate the twin from its four simulated calibration images, as any other sensor."""
-        from ninedtact.calibration.procedure import CalibrationImages, calibrate
-        from ninedtact.calibration.save import save_sensor
-        from ninedtact.simulation.calibration_images import simulate_calibration_images
-
-        print("pressing the pin board and the ball on the twin, and calibrating it from the four images …", flush=True)
-        images = CalibrationImages(**vars(simulate_calibration_images(self.twin, self.design)))
-        folder = save_sensor(self.out / "sensor", calibrate(images, self.design, sensor_id="twin"))
-        print(f"  calibrated: {folder.path / 'certificate.html'}", flush=True)
-        return folder
+        if self.sensor is not None:
+            return load_sensor_with_notices(self.sensor)
+        return calibrate_twin_as_sensor(self.twin, self.design, self.out / "sensor")
 
     def compare_presses(self, folder: "SensorFolder") -> "list[ReconstructedPress]":
         """Press each object once, and reconstruct its heights from the image."""
         from tqdm import tqdm
 
-        from ninedtact.quantities import Frame
-        from ninedtact.simulation.simulated_sources import demo_press_sequence
+        from ninedtact.simulation.simulated_sources import demo_press_sequence, simulate_reference_frames
 
-        reader = folder.shape.depth_reader(*(Frame(self.twin.renderer(None, number)) for number in range(-10, 0)))
+        reader = folder.shape.depth_reader(*simulate_reference_frames(self.twin))
         progress = tqdm(
             demo_press_sequence(), desc="pressing and reconstructing", unit="object", disable=None, leave=False
         )
@@ -177,6 +168,19 @@ class Demo:
         for figure in presses:
             print("  {object}: {true_mm:.2f} mm deep, reconstructed {reconstructed_mm:.2f} mm".format(**figure))
         print(f"  figure: {self.out / 'presses.png'}", flush=True)
+
+
+def calibrate_twin_as_sensor(twin: "Twin", design: SensorDesign, out: Path) -> "SensorFolder":
+    """Calibrate a twin from its four simulated calibration images, as any other sensor, and save it; prints what is done."""
+    from ninedtact.calibration.procedure import CalibrationImages, calibrate
+    from ninedtact.calibration.save import save_sensor
+    from ninedtact.simulation.calibration_images import simulate_calibration_images
+
+    print("pressing the pin board and the ball on the twin, and calibrating it from the four images …", flush=True)
+    images = CalibrationImages(**vars(simulate_calibration_images(twin, design)))
+    folder = save_sensor(out, calibrate(images, design, sensor_id="twin"))
+    print(f"  calibrated: {folder.path / 'certificate.html'}", flush=True)
+    return folder
 
 
 def _comparison_to_json_dict(answer: "ReconstructedPress") -> dict[str, Any]:

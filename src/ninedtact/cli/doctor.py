@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ninedtact._version import installation_command
+from ninedtact.cli.shared_options import JsonOption
 
 if TYPE_CHECKING:
     from ninedtact.capture.camera_check import CameraCheck
@@ -61,8 +62,7 @@ class Doctor:
 
     source: str | None = None
     """Examine this source instead of all cameras: 0, /dev/video0, URL, FILE or FOLDER."""
-    json: bool = False
-    """Print the report as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Print the report; return 1 where the source that was named cannot be read."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
+from ninedtact.cli.shared_options import RecordedSensorOption, ReferenceOrFirstOption
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
 
@@ -43,11 +44,8 @@ class Estimate:
     source: tyro.conf.Positional[tuple[str, ...]]
     """Images of the pressed gel; or one video, folder of images, or recording (.mcap); or a camera, stream or `sim`, until
     Ctrl-C."""
-    sensor: Path | None = None
-    """Sensor folder that `ninedtact calibrate` wrote. A recording brings its own."""
-    reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Reference image (no contact) of the same session; given more than once, the images are averaged. Without any, the first
-    images of a video, folder or recording are the reference."""
+    sensor: RecordedSensorOption = None
+    reference: ReferenceOrFirstOption = ()
     reference_at: tyro.conf.UseAppendAction[tuple[float, ...]] = ()
     """Moment of a recording, in seconds after its first image, at which the reference is taken anew for the rest of it, because the
     zero has drifted. Nothing may touch the gel then."""
@@ -134,9 +132,7 @@ class Estimate:
 
     def frames(self, folder: "SensorFolder") -> "FrameSource":
         """Return the named images as a source; raises `InvalidEstimateSource`."""
-        from ninedtact.capture.frame_pacing import LatestFrameSource
-        from ninedtact.capture.frame_source import FIXED_EXPOSURE
-        from ninedtact.open_sensor import SIMULATED, source_for
+        from ninedtact.open_sensor import newest_frame_source_for
 
         if not self.source:
             raise InvalidEstimateSource("expected images of the pressed gel, got none; name them after the options")
@@ -153,9 +149,7 @@ class Estimate:
                 f"expected images, or one video, folder or recording, got {len(self.source)} names that are not all "
                 "images; run the command once for each"
             )
-        source = source_for(self.source[0], FIXED_EXPOSURE, folder)
-        # Of a camera or a stream the newest images, so that a slow computer does not lag behind and hear late of a loss.
-        return LatestFrameSource(source) if source.is_live and self.source[0] != SIMULATED else source
+        return newest_frame_source_for(self.source[0], folder)
 
     def row(self, name: str, reading: "Reading") -> dict[str, Any]:
         """Return the estimate of one image as plain numbers: forces in N, torques in N·m."""

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from ninedtact.cli.result_and_interrupt import print_notice, print_result
+from ninedtact.cli.shared_options import ClusterOption, JsonOption
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,8 +46,7 @@ class Evaluate:
     """Evaluate one of every n pairs; which one varies."""
     workers: int = 2
     """Processes that calibrate simulated sensors and estimate."""
-    cluster: str | None = None
-    """Run on the workers of a cluster in place of processes here: dask:HOST:PORT or ray:HOST:PORT (docs: clusters)."""
+    cluster: ClusterOption = None
     out: Path | None = None
     """Folder for the report: evaluation.html, its figures and evaluation.json."""
     about_mm: _Point | None = None
@@ -57,8 +57,7 @@ class Evaluate:
     """Distribution of the errors whose standard deviations the file claims."""
     trust_units: bool = False
     """Continue where numbers do not look like N and N·m."""
-    json: bool = False
-    """Print all scores as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Evaluate, print the scores, and write the report."""

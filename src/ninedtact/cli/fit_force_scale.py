@@ -11,6 +11,7 @@ import tyro
 
 from ninedtact.cli.calibration_page import CalibrationPageOptions, ForceCalibrationPageServer
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
+from ninedtact.cli.shared_options import AutomaticOption, JsonOption, ReferenceOption
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,8 +32,7 @@ class Adapt:
 
     sensor: Path
     """Sensor folder that `ninedtact calibrate` wrote. The force scale is kept there, in force.toml."""
-    reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Reference image (no contact) of the same session. Several are averaged."""
+    reference: ReferenceOption = ()
     press: tyro.conf.UseAppendAction[tuple[tuple[Path, float], ...]] = ()
     """An image and its load in grams, such as --press five.png 512. Give it once for every press."""
     force: str = "physics"
@@ -40,13 +40,11 @@ class Adapt:
     source: str | None = None
     """The camera that the page shows first: a camera, a stream, a recording; or sim, the sensor's twin, whose gel is softer or
     stiffer than the calibration assumes."""
-    automatic: bool = False
-    """Keep the camera's automatic exposure and white balance, where they cannot be switched off."""
+    automatic: AutomaticOption = False
     on_page: Annotated[CalibrationPageOptions, tyro.conf.arg(name="")] = CalibrationPageOptions()
     dry_run: bool = False
     """Print the force scale without keeping it."""
-    json: bool = False
-    """Print the result as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Calibrate, and print the error of presses that were left out of the fit."""

@@ -12,6 +12,7 @@ import tyro
 
 from ninedtact._version import installation_command
 from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.shared_options import ClusterOption, JsonOption, WorkersOption
 from ninedtact.errors import InputError, MissingLibraryError
 
 if TYPE_CHECKING:
@@ -63,8 +64,7 @@ class BomCommand:
     """List the parts of one sensor, its adapter and cable, and the tools to make it, with estimated prices."""
 
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
-    json: bool = False
-    """Print the list as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Build the parts and print the bill of materials."""
@@ -105,8 +105,7 @@ class CheckHardwareCommand:
     """
 
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
-    json: bool = False
-    """Print everything as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Check the rules; build and measure a design that keeps them."""
@@ -168,15 +167,12 @@ class ExploreDesignsCommand:
     calibrated: bool = False
     """Calibrate each twin by its board and ball, and report the errors of depth and of load for a press of another
     ball. Takes half a minute for each design."""
-    workers: int = 1
-    """Number of processes; one for each core."""
-    cluster: str | None = None
-    """Run on the workers of a cluster in place of processes here: dask:HOST:PORT or ray:HOST:PORT (docs: clusters)."""
+    workers: WorkersOption = 1
+    cluster: ClusterOption = None
     out: Path | None = None
     """Folder for explore.csv, explore.png and a design file of every design. Those of an earlier comparison there are removed,
     other files stay."""
-    json: bool = False
-    """Print the comparison as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Build and press every design and print the comparison."""
@@ -243,8 +239,7 @@ class ExportHardwareCommand:
     out: Path
     """Folder to write, whole or not at all. A folder that this command wrote before is replaced."""
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
-    json: bool = False
-    """Print the manifest as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Build the sensor, write the folder and list its contents."""
@@ -294,8 +289,7 @@ class GuideCommand:
     out: Path
     """Folder for fabrication.md and images/; other files there stay."""
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
-    json: bool = False
-    """Print the files as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Build the sensor, render its images and write the guide."""

@@ -9,37 +9,38 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.record import is_named, parse_named_sources
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, stop_on_signal
 from ninedtact.cli.sensor_page import (
-    InvalidLiveOption,
-    PageSensor,
     PageSettings,
     installed_exporters,
+    page_sensor,
     require_display_rate,
     require_page_library,
     require_rerun,
     serve_sensor_page,
-    twin_sensor_and_true_wrench,
+)
+from ninedtact.cli.shared_options import (
+    AutomaticOption,
+    DisplayRateOption,
+    FollowReferenceOption,
+    ForceOption,
+    InvalidLiveOption,
+    LoopOption,
+    NamedSensorsOption,
+    NamedSourcesOption,
+    PageHostOption,
+    PageOriginOption,
+    PagePortOption,
+    ReferenceOrFirstOption,
+    camera_settings,
+    parse_named_sources,
 )
 from ninedtact.force.estimator_loading import NONE
-from ninedtact.open_sensor import (
-    RECORDING_SUFFIX,
-    SIMULATED,
-    is_recording_address,
-    load_recorded_reference,
-    source_in_real_time,
-)
+from ninedtact.open_sensor import RECORDING_SUFFIX, SIMULATED, assemble_live_sensor, is_recording_address
 from ninedtact.recording.errors import RecordingUnreadable, require_recording_libraries
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
-    from ninedtact.capture.frame_source import FrameSource
-    from ninedtact.sensor import Sensor
-    from ninedtact.shape.calibrated_shape import CalibratedShape
-    from ninedtact.shape.depth import DepthReader
-    from ninedtact.simulation.press_sequence import PressSequence
-    from ninedtact.studio.wrench_history import WrenchPoller
 
 MAX_SENSORS = 4
 """Number of sensors that one page has room for."""
@@ -47,37 +48,25 @@ MAX_SENSORS = 4
 
 @dataclass(frozen=True)
 class Live:
-    """Show sensors live in the browser: camera image, heights, 3D surface, wrench, rates. Ctrl-C ends it."""
+    """Show sensors live in the browser: camera image, heights, 3D surface, wrench, rates. Ctrl-C ends it.
 
-    source: tuple[str, ...]
-    """Camera (0, /dev/video0, usb:1-2, csi:0), stream (http://…, rtsp://…), recording, video file or folder of images; or sim,
-    the twin of the sensor, pressed by several objects in turn, with its true wrench. Several with a name each, such as
-    left=usb:1-2 right=usb:1-3, are shown on one page, with the grip force of each two in their order."""
-    sensor: tuple[str, ...] = ()
-    """Sensor folder that `ninedtact calibrate` wrote. A recording (.mcap) brings its own. For several sources, one for each name:
-    left=FOLDER right=FOLDER."""
-    reference: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Reference image (no contact) of this session; several are averaged. Without any, the first images of the
-    source are the reference."""
-    force: str = NONE
-    """Estimator of force and torque: physics, corrected, a force model (.onnx), or none."""
+    A twin is shown with its true wrench. Several sensors are shown on one page, with the grip force of each two in their order.
+    Without --loop, the last image of a recording stays.
+    """
+
+    source: NamedSourcesOption
+    sensor: NamedSensorsOption = ()
+    reference: ReferenceOrFirstOption = ()
+    force: ForceOption = NONE
     out: Path = Path("readings")
     """Folder for the readings that are saved from the page."""
-    follow_reference: bool = True
-    """Let the reference image of a live source follow slow changes of light and gel while nothing touches."""
-    automatic: bool = False
-    """Keep automatic exposure and white balance on, for a camera that cannot switch them off; heights then drift."""
-    loop: bool = False
-    """Repeat a recording. Without this option, its last image stays."""
-    display_hz: float = 30.0
-    """Largest number of readings shown per second; the sensor is read at its own rate."""
-    host: str = "127.0.0.1"
-    """Address of the page: of this computer alone, or one at which others on the network reach it (0.0.0.0: all of them). Then only
-    who has the printed address, which contains a random token, can see the page and press its buttons."""
-    port: int | None = None
-    """Port of the page; without it 8080, or the next free one. 0 takes any free port."""
-    allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
-    """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
+    follow_reference: FollowReferenceOption = True
+    automatic: AutomaticOption = False
+    loop: LoopOption = False
+    display_hz: DisplayRateOption = 30.0
+    host: PageHostOption = "127.0.0.1"
+    port: PagePortOption = None
+    allow_origin: PageOriginOption = ()
     rerun: bool = False
     """Also send readings to the Rerun viewer that runs on this computer; `rerun` starts it."""
 
@@ -87,12 +76,22 @@ class Live:
         require_display_rate(self.display_hz)
         if self.rerun:
             require_rerun()
-        named = self.parse_named_sources()
+        named = self.named_sources()
         with ExitStack() as opened:
             parts = []
             for name, (address, path) in named.items():
                 folder = opened.enter_context(given_or_recorded_sensor(path, address))
-                parts.append(PageSensor(folder, *self.sensor_and_wrenches(folder, name), name))
+                live = assemble_live_sensor(
+                    folder,
+                    address,
+                    self.reference,
+                    camera_settings(self.automatic),
+                    self.follow_reference,
+                    self.loop,
+                    name=name,
+                    notify=print_notice,
+                )
+                parts.append(page_sensor(folder, live, name))
             settings = PageSettings(
                 self.out, self.display_hz, self.host, self.port, self.force, self.allow_origin, rerun=self.rerun
             )
@@ -103,79 +102,17 @@ class Live:
         print(f"stopped after {', '.join(counts)}")
         return 0
 
-    def parse_named_sources(self) -> dict[str, tuple[str, Path | None]]:
-        """Return address and sensor folder of all sources by their names; a single one needs none.
-
-        Raises `RecordingRefused` for missing or repeated names, and `InvalidLiveOption`.
-        """
-        if len(self.source) == 1 and not is_named(self.source[0]):
-            if len(self.sensor) > 1:
-                raise InvalidLiveOption(
-                    f"expected one --sensor with one --source, got {len(self.sensor)}; drop the others"
-                )
-            return {"": (self.source[0], Path(self.sensor[0]).expanduser() if self.sensor else None)}
+    def named_sources(self) -> dict[str, tuple[str, Path | None]]:
+        """Return address and sensor folder of all sources by their names; raises `InvalidLiveOption`."""
         named = parse_named_sources(self.source, self.sensor)
         if len(named) > MAX_SENSORS:
             raise InvalidLiveOption(f"expected at most {MAX_SENSORS} sources on one page, got {len(named)}; drop some")
-        if self.reference:
+        if self.reference and "" not in named:
             raise InvalidLiveOption(
                 f"expected no --reference with named sources, got {self.reference[0]}; drop it: the first images of each are its "
                 "reference"
             )
         return named
-
-    def sensor_and_wrenches(
-        self, folder: "SensorFolder", name: str = ""
-    ) -> "tuple[Sensor, list[WrenchPoller], PressSequence | None]":
-        """Return the sensor on its source, not yet opened, and for a twin the source of its true wrench and its simulation.
-
-        name: of the sensor among several.
-        """
-        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
-        from ninedtact.reference_images import following_settings_for
-
-        check, pressed, source = load_reference_image_checker(folder), None, self.parse_named_sources()[name][0]
-        references = check.read_images(self.reference)
-        if source == SIMULATED:
-            from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
-            from ninedtact.simulation.simulated_sources import demo_sources
-
-            twin = build_twin_from_folder(folder).with_noise_of(name)
-            shown = demo_sources(twin)
-            (sensor, wrenches), pressed = twin_sensor_and_true_wrench(folder.shape, shown, references), shown.simulation
-        else:
-            given = folder.shape.depth_reader(*references) if references else None
-            if given is None and is_recording_address(source):
-                given = load_recorded_reference(source, folder, check)
-            sensor, wrenches = self.sensor_at_source(source, folder.shape, given, name), []
-        sensor.references.find_faults = check.find_faults
-        sensor.references.following = following_settings_for(sensor.source) if self.follow_reference else None
-        return sensor, wrenches, pressed
-
-    def sensor_at_source(
-        self, address: str, shape: "CalibratedShape", given: "DepthReader | None", name: str
-    ) -> "Sensor":
-        """Return the sensor on a camera or a recording, not yet opened."""
-        from ninedtact.capture.frame_pacing import LatestFrameSource
-        from ninedtact.capture.reconnecting import ReconnectingFrameSource
-        from ninedtact.reference_images import ReferenceImages
-        from ninedtact.sensor import Sensor
-
-        of = f"{name}: " if name else ""
-        source = ReconnectingFrameSource(
-            self.source_at(address),
-            on_lost=lambda loss: print_notice(f"{of}{loss}; waiting for it"),
-            on_back=lambda: print_notice(f"{of}it is back"),
-        )
-        return Sensor(LatestFrameSource(source), shape, ReferenceImages(given))
-
-    def source_at(self, address: str) -> "FrameSource":
-        """Return the source at an address, which repeats if --loop is given."""
-        from ninedtact.capture.frame_pacing import RepeatingSource
-        from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
-
-        source = source_in_real_time(address, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
-        return RepeatingSource(source) if self.loop else source
 
 
 @dataclass(frozen=True)
@@ -190,12 +127,9 @@ class Play:
     """Folder for what is exported from the page."""
     display_hz: float = 30.0
     """Largest number of images shown per second."""
-    host: str = "127.0.0.1"
-    """Address of the page; with another one than this computer's own, the printed address contains a random token."""
-    port: int | None = None
-    """Port of the page; without it 8080, or the next free one. 0 takes any free port."""
-    allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
-    """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
+    host: PageHostOption = "127.0.0.1"
+    port: PagePortOption = None
+    allow_origin: PageOriginOption = ()
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""

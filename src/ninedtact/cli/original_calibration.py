@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result, sensor_replacement
+from ninedtact.cli.shared_options import JsonOption
 from ninedtact.design import SensorDesign
 
 if TYPE_CHECKING:
@@ -34,8 +35,7 @@ class ImportCalibrationCommand:
     """Thickness of the translucent gel; no depth of the list can be beyond it."""
     id: str | None = None
     """Name of the sensor; the original folder's name if not given."""
-    json: bool = False
-    """Print one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Import, and say what was taken over."""
@@ -57,8 +57,7 @@ class ExportCalibrationCommand:
     """Sensor folder."""
     out: Path
     """New folder, the original's `calibration/sensor_N`."""
-    json: bool = False
-    """Print one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Export, and say what to set there."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import tyro
 
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
+from ninedtact.cli.shared_options import ReferenceOption, SensorOption
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,10 +27,8 @@ class NoImageToReconstruct(InputError):
 class ReconstructCommand:
     """Reconstruct the shape of what touches the gel, from images."""
 
-    sensor: Path
-    """Sensor folder that `ninedtact calibrate` wrote."""
-    reference: tyro.conf.UseAppendAction[tuple[Path, ...]]
-    """Reference image (no contact) of the same session; given more than once, the images are averaged."""
+    sensor: SensorOption
+    reference: ReferenceOption
     images: tyro.conf.Positional[tuple[Path, ...]]
     """Images of the pressed gel, one or more."""
     out: Path

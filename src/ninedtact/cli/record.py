@@ -1,17 +1,33 @@
 """ninedtact record: everything that a sensor and a force/torque sensor deliver, as one file."""
 
 import json
-import re
 import sys
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import tyro
-
-from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
+from ninedtact.cli.result_and_interrupt import (
+    given_or_recorded_sensor,
+    load_estimator_with_notices,
+    print_notice,
+    print_result,
+    stop_on_signal,
+)
+from ninedtact.cli.shared_options import (
+    AutomaticOption,
+    CameraDelayOption,
+    ForceTorqueOption,
+    JsonOption,
+    NamedSensorsOption,
+    NamedSourcesOption,
+    SecondsOption,
+    camera_settings,
+    parse_named_sources,
+    require_duration,
+)
+from ninedtact.force.estimator_loading import NONE
 from ninedtact.open_sensor import (
     RECORDING_SUFFIX,
     is_twin_address,
@@ -21,46 +37,36 @@ from ninedtact.open_sensor import (
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
 
 if TYPE_CHECKING:
-    from subprocess import Popen
-
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.capture.wrench_source import WrenchSource
     from ninedtact.errors import NinedtactError
-    from ninedtact.force.estimator_interface import ForceEstimator
     from ninedtact.recording.recorder import SensorToRecord
     from ninedtact.recording.writer import RecordingWriter
 
 _BAR = "{n:.0f} of {total:.0f} s |{bar}| {remaining} left{postfix}"
 _BAR_WITHOUT_END = "{n:.0f} s{postfix}"
-_NAMED_ADDRESS = re.compile(r"(?P<name>[A-Za-z][A-Za-z0-9_]*)=(?P<address>.+)")
-"""One of several sources or sensors, such as left=usb:1-2."""
-_POLL_S = 0.05
-_END_S = 5.0
-"""Time that a process has to end after each signal, where the command that started it cannot go on."""
 _BAR_DELAY_S = 0.3
 """A camera that is not there is reported before the bar appears."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """Record a sensor: images without loss, measured wrenches, and heights and forces on request. Ctrl-C ends it properly."""
+    """Record a sensor: images without loss, measured wrenches, and heights and forces on request. Ctrl-C ends it properly.
 
-    source: tuple[str, ...]
-    """Camera (0, /dev/video0, usb:1-2, csi:0), stream (http://…, rtsp://…), video, folder or recording; or sim, the twin of the
-    sensor. Several with a name each, such as left=usb:1-2 right=usb:1-3, are recorded at once into one file, with stamps of one
-    clock; a sensor that fails is reported, and the others go on."""
+    The sensor folder is attached to the recording. Several sensors are recorded at once into one file, with stamps of one clock; a
+    sensor that fails is reported, and the others go on. The delay of the camera is subtracted from the stamps of its images, and
+    stated in the recording.
+    """
+
+    source: NamedSourcesOption
     out: Path
     """Recording to write: a new .mcap file, which ROS 2 and Foxglove read. Images (bit for bit) and wrenches are stored without
     loss, and heights too unless --height-bits is 16. Images drop if the disk or the computer is too slow for the camera and 128 of
     them wait already; they are counted, printed, and marked in the file at their place."""
-    sensor: tuple[str, ...] = ()
-    """Sensor folder that `ninedtact calibrate` wrote; it is attached to the recording. A recording brings its own. For several
-    sources, one for each name: left=FOLDER right=FOLDER."""
-    force_torque: str | None = None
-    """Force/torque sensor (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT), or sim with --source sim."""
-    seconds: float | None = None
-    """Duration; without it, until Ctrl-C or the end of the source."""
+    sensor: NamedSensorsOption = ()
+    force_torque: ForceTorqueOption = None
+    seconds: SecondsOption = None
     images: Literal["zstd", "png"] = "zstd"
     """Storage of images, both without loss: raw, in chunks that zstd compresses (sensor_msgs/Image), or each as a PNG
     (sensor_msgs/CompressedImage), which is smaller and takes longer to read (docs: recording)."""
@@ -69,98 +75,45 @@ class Record:
     height_bits: Literal[32, 16] = 32
     """Storage of heights: 32, floating point without loss; 16, integers in steps of 0.001 mm, which are smaller and lose up to half
     a step."""
-    camera_delay_ms: Annotated[float | Literal["saved"], tyro.conf.arg(metavar="MS|saved")] = 0.0
-    """Delay of the camera that is subtracted from the stamps of its images; saved: the one that `ninedtact camera-delay` kept in
-    the sensor folder. The recording states it."""
-    force: str = "none"
+    camera_delay_ms: CameraDelayOption = 0.0
+    force: str = NONE
     """Also record the wrench estimated from the images, by physics or by a force model (.onnx); takes the same reference images."""
-    automatic: bool = False
-    """Leave automatic exposure and white balance of the camera on, for a camera that cannot switch them off."""
-    json: bool = False
-    """Print the result as one JSON object."""
+    automatic: AutomaticOption = False
+    json: JsonOption = False
 
     def run(self) -> int:
-        """Record and print the number of messages; raises what a lost device raises, the file kept."""
+        """Record and print the number of messages; return 1 where one of several sensors failed, and the others went on.
+
+        Raises what a lost device raises where there is only one sensor, the file kept.
+        """
         require_recording_libraries()
         require_new_recording_path(self.out)
         require_duration(self.seconds)
-        if len(self.source) != 1 or is_named(self.source[0]):
-            return self._record_several()
-        if len(self.sensor) > 1:
-            raise RecordingRefused(f"expected one --sensor with one --source, got {len(self.sensor)}; drop the others")
-        require_matching_force_source(self.source[0], self.force_torque, is_twin_address)
-        sensor = Path(self.sensor[0]).expanduser() if self.sensor else None
-        with given_or_recorded_sensor(sensor, self.source[0]) as folder:
-            writer = self._record(folder)
-        messages = {topic.path(folder.id, self.images): number for topic, number in sorted(writer.written.items())}
-        figures = {"out": str(self.out), "written": messages, "dropped": writer.dropped}
-        size_mb = self.out.stat().st_size / 1e6
-        lines = [f"{self.out}: {size_mb:.1f} MB, {writer.dropped} images dropped"]
-        return print_result(
-            self.json, figures, lines + [f"  {number:8d}  {topic}" for topic, number in messages.items()]
-        )
-
-    def _record_several(self) -> int:
-        """Record all named sources into one file; where one fails, the others go on. Returns 1 then."""
         named = parse_named_sources(self.source, self.sensor)
-        if self.force_torque is not None:
+        if "" in named:
+            require_matching_force_source(named[""][0], self.force_torque, is_twin_address)
+        elif self.force_torque is not None:
             raise RecordingRefused("expected one --source with --force-torque, got several; record them one by one")
         with ExitStack() as opened:
-            folders = {
-                name: opened.enter_context(given_or_recorded_sensor(sensor, address))
-                for name, (address, sensor) in named.items()
-            }
-            writers, errors = self._record_folders(folders, {name: address for name, (address, _) in named.items()})
-        messages = {
-            topic.path(name, self.images): number
-            for name, writer in writers.items()
-            for topic, number in sorted(writer.written.items())
-        }
-        dropped = {name: writer.dropped for name, writer in writers.items()}
-        figures = {"out": str(self.out), "written": messages, "dropped": dropped}
-        lost = {name: str(error) for name, error in errors.items()}
-        said = ", ".join(f"{number} of {name}" for name, number in dropped.items())
-        lines = [f"{self.out}: {self.out.stat().st_size / 1e6:.1f} MB, images dropped: {said}"]
-        lines += [f"  {number:8d}  {topic}" for topic, number in messages.items()]
-        print_result(
-            self.json, figures | {"lost": lost}, lines + [f"  {name}: {error}" for name, error in lost.items()]
-        )
-        return 1 if lost else 0
+            parts = {}
+            for name, (address, sensor) in named.items():
+                folder = opened.enter_context(given_or_recorded_sensor(sensor, address))
+                parts[name] = self._part(folder, address, name)
+            writers, errors = self._record(parts)
+        self._print_result(writers, errors)
+        return 1 if errors else 0
 
-    def _record(self, folder: "SensorFolder") -> "RecordingWriter":
-        from ninedtact.recording.recorder import record
-
-        part = self._part(folder, self.source[0])
-        with self._stored_and_progress() as (options, show):
-            return record(
-                part.source,
-                self.out,
-                folder,
-                part.force_torque,
-                estimator=part.estimator,
-                camera_delay_ms=part.camera_delay_ms,
-                on_progress=lambda writer: show([writer]),
-                **options,
-            )
-
-    def _record_folders(
-        self, folders: "dict[str, SensorFolder]", addresses: dict[str, str]
+    def _record(
+        self, parts: "dict[str, SensorToRecord]"
     ) -> "tuple[dict[str, RecordingWriter], dict[str, NinedtactError]]":
-        from ninedtact.recording.recorder import record_several
-
-        parts = {name: self._part(folder, addresses[name], name) for name, folder in folders.items()}
-        with self._stored_and_progress() as (options, show):
-            return record_several(parts, self.out, on_progress=show, **options)
-
-    @contextmanager
-    def _stored_and_progress(self) -> "Iterator[tuple[dict[str, Any], Callable[[Collection[RecordingWriter]], None]]]":
-        """Give the options that one and several sensors have in common, and the function that shows the progress."""
+        """Record one sensor, whose name is empty, or several; return their closed writers and the errors of those that failed."""
         from tqdm import tqdm
 
         from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM
+        from ninedtact.recording.recorder import record, record_several
 
         with stop_on_signal(self.seconds) as until, _progress_bar(self.seconds, quiet=self.json) as show:
-            options = {
+            options: dict[str, Any] = {
                 "heights": self.heights,
                 "settings": json.dumps(asdict(self), default=str),
                 "images": self.images,
@@ -168,102 +121,63 @@ class Record:
                 "should_stop": lambda: until.now,
                 "notify": lambda sentence: tqdm.write(f"ninedtact: {sentence}", sys.stderr),  # on a line of its own
             }
-            yield options, lambda writers: show(until.elapsed_s, writers)
+            if "" not in parts:
+                return record_several(
+                    parts, self.out, on_progress=lambda writers: show(until.elapsed_s, writers), **options
+                )
+            part = parts[""]
+            writer = record(
+                part.source,
+                self.out,
+                part.sensor,
+                part.force_torque,
+                estimator=part.estimator,
+                camera_delay_ms=part.camera_delay_ms,
+                on_progress=lambda writer: show(until.elapsed_s, [writer]),
+                **options,
+            )
+            return {"": writer}, {}
 
-    def _part(self, folder: "SensorFolder", address: str, name: str = "") -> "SensorToRecord":
+    def _print_result(self, writers: "dict[str, RecordingWriter]", errors: "dict[str, NinedtactError]") -> None:
+        """Print how many messages were written and how many images dropped, of several sensors for each, and which were lost."""
+        messages = {
+            topic.path(writer.metadata.topic_name, self.images): number
+            for writer in writers.values()
+            for topic, number in sorted(writer.written.items())
+        }
+        lost = {name: str(error) for name, error in errors.items()}
+        figures: dict[str, Any] = {"out": str(self.out), "written": messages}
+        if "" in writers:
+            figures["dropped"] = writers[""].dropped
+            dropped = f"{writers[''].dropped} images dropped"
+        else:
+            figures |= {"dropped": {name: writer.dropped for name, writer in writers.items()}, "lost": lost}
+            dropped = "images dropped: " + ", ".join(f"{writer.dropped} of {name}" for name, writer in writers.items())
+        lines = [f"{self.out}: {self.out.stat().st_size / 1e6:.1f} MB, {dropped}"]
+        lines += [f"  {number:8d}  {topic}" for topic, number in messages.items()]
+        print_result(self.json, figures, lines + [f"  {name}: {error}" for name, error in lost.items()])
+
+    def _part(self, folder: "SensorFolder", address: str, name: str) -> "SensorToRecord":
         """Return what is recorded of one sensor, not yet opened; name: of the sensor among several."""
         from ninedtact.capture.camera_delay import resolve_camera_delay_ms
         from ninedtact.recording.recorder import SensorToRecord
 
         camera, force_torque = self._sources(folder, address, name)
         camera_delay_ms = resolve_camera_delay_ms(self.camera_delay_ms, folder.path, camera.name)
-        estimator = self._estimator(folder)
-        for notice in estimator.notices if estimator is not None else ():
-            print_notice(notice)
+        estimator = load_estimator_with_notices(self.force, folder)
         return SensorToRecord(camera, folder, force_torque, estimator, camera_delay_ms)
-
-    def _estimator(self, folder: "SensorFolder") -> "ForceEstimator | None":
-        from ninedtact.force.estimator_loading import NONE, load_estimator
-
-        return None if self.force == NONE else load_estimator(self.force, folder)
 
     def _sources(self, folder: "SensorFolder", address: str, name: str) -> "tuple[FrameSource, WrenchSource | None]":
         """Return camera and force/torque sensor, not yet opened."""
-        from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
-
         if is_twin_address(address):
             return _twin_sources(folder, self.force_torque is not None, name)
-        camera = source_in_real_time(address, DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE)
-        return camera, None if self.force_torque is None else untared_wrench_source(self.force_torque, folder)
+        camera = source_in_real_time(address, camera_settings(self.automatic))
+        if self.force_torque is None:
+            return camera, None
+        from ninedtact.capture.force_torque.mounted_wrench_source import untared_wrench_source_for
 
-
-def is_named(text: str) -> bool:
-    """Return whether a source or sensor is one of several with a name each, such as left=usb:1-2."""
-    return _NAMED_ADDRESS.match(text) is not None
-
-
-def split_named(option: str, named: tuple[str, ...]) -> dict[str, str]:
-    """Return what an option names, such as left=usb:1-2, by the names; raises `RecordingRefused` for a missing or repeated name."""
-    found: dict[str, str] = {}
-    for text in named:
-        match = _NAMED_ADDRESS.match(text)
-        if match is None or match["name"] in found:
-            raise RecordingRefused(
-                f"expected {option} with a name of its own for each of several, such as left=usb:1-2, got {text}; name each"
-            )
-        found[match["name"]] = match["address"]
-    return found
-
-
-def parse_named_sources(source: tuple[str, ...], sensor: tuple[str, ...]) -> dict[str, tuple[str, Path | None]]:
-    """Return address and sensor folder of several sources by their names; raises `RecordingRefused`."""
-    sources, sensors = split_named("--source", source), split_named("--sensor", sensor)
-    if strangers := sensors.keys() - sources.keys():
-        raise RecordingRefused(
-            f"expected --sensor for {', '.join(sources)}, got one for {min(strangers)}; name it as its source"
-        )
-    folders = {name: Path(path).expanduser() for name, path in sensors.items()}
-    return {name: (address, folders.get(name)) for name, address in sources.items()}
-
-
-def run_commands_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]) -> dict[str, str]:
-    """Run commands at once and return the output of those that succeed; a failure, or `should_stop`, ends the others properly.
-
-    None of them runs any more when this returns or raises.
-    """
-    import signal
-    import subprocess
-    from time import sleep
-
-    # In sessions of their own, so that Ctrl-C reaches this process alone, which passes it on once.
-    running: dict[str, subprocess.Popen[str]] = {}
-    try:
-        for name, command in commands.items():
-            running[name] = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
-        is_ending = False
-        while any(process.poll() is None for process in running.values()):
-            if not is_ending and (should_stop() or any(process.poll() for process in running.values())):
-                is_ending = True
-                for process in running.values():
-                    process.send_signal(signal.SIGINT)
-            sleep(_POLL_S)
-        outputs = {name: process.communicate()[0] for name, process in running.items()}
-    finally:
-        _end_processes(list(running.values()))
-    return {name: output for name, output in outputs.items() if running[name].returncode == 0}
-
-
-def _end_processes(processes: "Collection[Popen[str]]") -> None:
-    """Interrupt the processes that still run; terminate, then kill, those that do not end in time."""
-    import signal
-    from time import monotonic, sleep
-
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-        until = monotonic() + _END_S
-        for process in processes:
-            process.send_signal(number)  # does nothing to one that has ended
-        while any(process.poll() is None for process in processes) and monotonic() < until:
-            sleep(_POLL_S)
+        mount = folder.record.design.force_torque
+        return camera, untared_wrench_source_for(self.force_torque, mount, print_notice)
 
 
 def _twin_sources(
@@ -273,27 +187,10 @@ def _twin_sources(
 
     name: of the sensor among several, each of which has noise of its own.
     """
-    from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
-    from ninedtact.simulation.press_sequence import PressSequence
-    from ninedtact.simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque, demo_press_sequence
+    from ninedtact.simulation.simulated_sources import SimulatedForceTorque, demo_sources
 
-    simulation = PressSequence(build_twin_from_folder(folder).with_noise_of(name), demo_press_sequence())
-    return SimulatedCamera(simulation), SimulatedForceTorque(simulation) if force_torque else None
-
-
-def untared_wrench_source(address: str, folder: "SensorFolder") -> "WrenchSource":
-    """Return a device in the sensor frame, without a tare; samples that it marks as wrong are skipped and reported."""
-    from ninedtact.capture.force_torque.mounted_wrench_source import MountedWrenchSource, force_torque_sensor_for
-    from ninedtact.capture.force_torque.sample_checks import SkippingWrenchSource
-    from ninedtact.capture.reconnecting import ReconnectingWrenchSource
-
-    reopened = ReconnectingWrenchSource(
-        force_torque_sensor_for(address),
-        lambda loss: print_notice(f"{loss}; waiting for it"),
-        lambda: print_notice("it is back"),
-    )
-    skipping = SkippingWrenchSource(reopened, on_skip=lambda reason: print_notice(f"{reason}; left out"))
-    return MountedWrenchSource(skipping, folder.record.design.force_torque)
+    sources = demo_sources(folder.twin().with_noise_of(name))
+    return sources.camera, SimulatedForceTorque(sources.simulation) if force_torque else None
 
 
 def require_new_recording_path(out: Path) -> None:
@@ -302,12 +199,6 @@ def require_new_recording_path(out: Path) -> None:
         raise RecordingRefused(f"expected --out to end in {RECORDING_SUFFIX}, got {out}; add it")
     if out.exists():
         raise RecordingRefused(f"expected --out to be a new file, got {out}; choose another name")
-
-
-def require_duration(seconds: float | None) -> None:
-    """Raise `RecordingRefused` for a duration that is not above zero."""
-    if seconds is not None and not 0 < seconds < float("inf"):
-        raise RecordingRefused(f"expected --seconds above zero, got {seconds}; drop it, or give a longer time")
 
 
 @contextmanager

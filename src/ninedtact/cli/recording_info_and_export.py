@@ -10,6 +10,7 @@ import tyro
 
 from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.cli.sensor_page import require_rerun
+from ninedtact.cli.shared_options import JsonOption
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,8 +39,7 @@ class Info:
     """File that `ninedtact record` or `ninedtact collect` wrote, finished or cut short."""
     repair: bool = False
     """Finish a file that was cut short, so that other programs read it too; not while it is being recorded."""
-    json: bool = False
-    """Print the summary as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Read the recording through its index and print its summary."""
@@ -133,8 +133,7 @@ class Export:
     """With `--to lerobot`: what is done in the recordings, in words."""
     points_every: int = 4
     """With `--to rerun`: write the points of every so many rows and columns of the height map."""
-    json: bool = False
-    """Print the result as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Export everything and print how many files and rows were written."""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.force.estimator_interface import ForceEstimator
 
 _HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 """What a process gets when its terminal closes; None on systems without it."""
@@ -89,6 +90,17 @@ def given_or_recorded_sensor(sensor: Path | None, source: str) -> "Iterator[Sens
     with load_given_or_recorded_sensor(sensor, source) as folder:
         print_notices(folder.notices)
         yield folder
+
+
+def load_estimator_with_notices(force: str, folder: "SensorFolder") -> "ForceEstimator | None":
+    """Return the estimator that --force names and print what is to be known about it; None for --force none."""
+    from ninedtact.force.estimator_loading import NONE, load_estimator
+
+    if force == NONE:
+        return None
+    estimator = load_estimator(force, folder)
+    print_notices(estimator.notices)
+    return estimator
 
 
 @dataclass

@@ -1,43 +1,61 @@
 """ninedtact ros2, foxglove and serve: a running sensor for other programs, over ROS 2, in Foxglove or as JSON lines."""
 
 import json
+import signal
+import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from time import monotonic, sleep
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from ninedtact._version import find_incompatible_library, installation_command
-from ninedtact.cli.live import Live
-from ninedtact.cli.record import (
-    is_named,
-    parse_named_sources,
-    require_duration,
-    run_commands_together,
-    untared_wrench_source,
-)
 from ninedtact.cli.result_and_interrupt import (
     given_or_recorded_sensor,
+    load_estimator_with_notices,
     load_sensor_with_notices,
     print_notice,
     stop_on_signal,
 )
-from ninedtact.cli.sensor_page import InvalidLiveOption
+from ninedtact.cli.shared_options import (
+    AutomaticOption,
+    FollowReferenceOption,
+    ForceOption,
+    ForceTorqueOption,
+    InvalidLiveOption,
+    LoopOption,
+    NamedSensorsOrDemoTwinOption,
+    NamedSourcesOption,
+    PointsEveryOption,
+    SecondsOption,
+    SensorOrDemoTwinOption,
+    ServerHostOption,
+    SourceOption,
+    camera_settings,
+    parse_named_sources,
+    require_duration,
+    require_points_every,
+)
+from ninedtact.design import SensorDesign
 from ninedtact.errors import MissingLibraryError
-from ninedtact.force.estimator_loading import NONE, PHYSICS
+from ninedtact.force.estimator_loading import PHYSICS
 from ninedtact.open_sensor import is_twin_address, require_matching_force_source
 from ninedtact.recording.errors import RecordingRefused
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
-    from ninedtact.sensor import Sensor
-    from ninedtact.studio.wrench_history import WrenchPoller
+    from ninedtact.capture.wrench_source import WrenchSource
+    from ninedtact.open_sensor import LiveSensor
 
-_TWIN_FOLDER = Path("out/demo")
+_POLL_S = 0.05
+_END_S = 5.0
+"""Time that a process has to end after each signal, where the command that started it cannot go on."""
+_DEMO_SENSOR = Path("out/demo/sensor")
 """Where `ninedtact demo` keeps the twin of the published design."""
 
 
@@ -51,27 +69,20 @@ class Ros2:
 
     Topics: image_raw, image_raw/compressed, camera_info, height, points, wrench_estimated, wrench_covariance, wrench_measured,
     reference_grey, warnings, status, each after the sensor's name, and /tf_static. The topic command takes take_reference,
-    start_recording [NAME], stop_recording.
+    start_recording [NAME], stop_recording. wrench_measured is what --force-torque measures; of sim it is the true wrench. Several
+    sensors are published under the names of their sources.
     """
 
-    source: tuple[str, ...]
-    """Camera (0, /dev/video0, usb:1-2, csi:0), stream, video, folder or recording; or sim, the twin of the sensor. Several
-    with a name each, such as left=usb:1-2 right=usb:1-3, are published at once, under these names."""
-    sensor: tuple[str, ...] = ()
-    """Sensor folder that `ninedtact calibrate` wrote. A recording brings its own; sim without one is the twin of the demo. For
-    several sources, one for each name: left=FOLDER right=FOLDER."""
+    source: NamedSourcesOption
+    sensor: NamedSensorsOrDemoTwinOption = ()
     name: str | None = None
     """Name of the sensor in topics and frames; its id, if not given."""
-    force: str = PHYSICS
-    """Estimator of force and torque: physics, corrected, a force model (.onnx), or none."""
-    force_torque: str | None = None
-    """Force/torque sensor beside (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT), published without a tare as wrench_measured;
-    or sim with --source sim, the true wrench of the twin."""
+    force: ForceOption = PHYSICS
+    force_torque: ForceTorqueOption = None
     qos: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="TOPIC=PROFILE")] = ()
     """Quality of service of a topic: sensor_data, reliable (the default of all but status and reference_grey), or latched; such as
     points=sensor_data."""
-    points_every: int = 3
-    """Publish the points of every so many rows and columns of the height map."""
+    points_every: PointsEveryOption = 3
     domain: int | None = None
     """Number of the DDS domain; that of ROS_DOMAIN_ID, or 0, if not given."""
     interface: str | None = None
@@ -79,52 +90,35 @@ class Ros2:
     network can then read the topics and send commands."""
     out: Path = Path("recordings")
     """Folder for recordings that the topic command starts."""
-    seconds: float | None = None
-    """Duration; without it, until Ctrl-C or the end of the source."""
-    follow_reference: bool = True
-    """Let the reference image of a live source follow slow changes of light and gel while nothing touches."""
-    automatic: bool = False
-    """Keep automatic exposure and white balance on, for a camera that cannot switch them off."""
-    loop: bool = False
-    """Repeat a recording."""
+    seconds: SecondsOption = None
+    follow_reference: FollowReferenceOption = True
+    automatic: AutomaticOption = False
+    loop: LoopOption = False
 
     def run(self) -> int:
         """Publish until Ctrl-C; the exit code."""
         _require_libraries("ros2", "cyclonedds", "rosbags", "mcap")
-        from ninedtact.interop.dds import DdsParticipant, InvalidRos2Option, parse_qos
+        from ninedtact.interop.dds import DdsParticipant, parse_qos
         from ninedtact.interop.ros2_sensor import SensorOnRos2
 
         require_duration(self.seconds)
         profiles = parse_qos(self.qos)
-        if self.points_every < 1:
-            raise InvalidRos2Option(f"expected --points-every of 1 or more, got {self.points_every}; drop it")
-        if len(self.source) != 1 or is_named(self.source[0]):
-            return self._run_several()
-        if len(self.sensor) > 1:
-            raise RecordingRefused(f"expected one --sensor with one --source, got {len(self.sensor)}; drop the others")
-        require_matching_force_source(self.source[0], self.force_torque, is_twin_address)
-        live = Live(
-            self.source[:1],
-            self.sensor[:1],
-            force=self.force,
-            follow_reference=self.follow_reference,
-            automatic=self.automatic,
-            loop=self.loop,
-        )
+        require_points_every(self.points_every)
+        named = parse_named_sources(self.source, self.sensor)
+        if "" not in named:
+            return self._run_several(named)
+        address, path = named[""]
+        require_matching_force_source(address, self.force_torque, is_twin_address)
         with (
-            _sensor_to_share(live) as (folder, sensor, true),
+            _assemble_shared_sensor(self, address, path) as (folder, live),
             DdsParticipant(self.domain, self.interface) as participant,
         ):
             from ninedtact.interop.ros2_messages import SensorMessages
 
             messages = SensorMessages(folder, self.name or folder.id, self.points_every)
-            measured, meaning = None, ""
-            if self.force_torque is not None and true is not None:
-                measured, meaning = true.source, true.history.meaning
-            elif self.force_torque is not None:
-                measured = untared_wrench_source(self.force_torque, folder)
+            measured, meaning = self._measured_wrench(folder, live)
             shared = SensorOnRos2(
-                sensor,
+                live.sensor,
                 messages,
                 participant,
                 profiles,
@@ -135,8 +129,8 @@ class Ros2:
             )
             residual_px = messages.camera.residual_px
             print(
-                f"{sensor.source.name}: topics {messages.path('…')} in DDS domain {participant.domain}; camera_info differs from "
-                f"the calibration by {residual_px:.2f} px (RMS); Ctrl-C ends",
+                f"{live.sensor.source.name}: topics {messages.path('…')} in DDS domain {participant.domain}; camera_info differs "
+                f"from the calibration by {residual_px:.2f} px (RMS); Ctrl-C ends",
                 flush=True,
             )
             with stop_on_signal(self.seconds) as until:
@@ -144,11 +138,22 @@ class Ros2:
         print(f"stopped after {shared.published} readings")
         return 0
 
-    def _run_several(self) -> int:
+    def _measured_wrench(self, folder: "SensorFolder", live: "LiveSensor") -> "tuple[WrenchSource | None, str]":
+        """Return the source of the measured wrench, not yet opened, and what it measures where its name does not say so."""
+        if self.force_torque is None:
+            return None, ""
+        if live.true_wrench is not None:
+            from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
+
+            return live.true_wrench, TRUE_WRENCH_MEANING
+        from ninedtact.capture.force_torque.mounted_wrench_source import untared_wrench_source_for
+
+        return untared_wrench_source_for(self.force_torque, folder.record.design.force_torque, print_notice), ""
+
+    def _run_several(self, named: dict[str, tuple[str, Path | None]]) -> int:
         """Publish every named source in a process of its own; where one fails, the others are ended too. Returns 1 then."""
         if self.force_torque is not None:
             raise RecordingRefused("expected one --source with --force-torque, got several; start one command for each")
-        named = parse_named_sources(self.source, self.sensor)
         common: dict[str, object] = {"--force": self.force, "--points-every": self.points_every, "--out": self.out}
         common |= {"--domain": self.domain, "--interface": self.interface, "--seconds": self.seconds}
         options = [f"{key}={value}" for key, value in common.items() if value is not None]
@@ -170,6 +175,39 @@ class Ros2:
         return 0 if len(outputs) == len(named) else 1
 
 
+def run_commands_together(commands: dict[str, list[str]], should_stop: Callable[[], bool]) -> dict[str, str]:
+    """Run commands at once and return the output of those that succeed; a failure, or `should_stop`, ends the others properly.
+
+    None of them runs any more when this returns or raises.
+    """
+    # In sessions of their own, so that Ctrl-C reaches this process alone, which passes it on once.
+    running: dict[str, subprocess.Popen[str]] = {}
+    try:
+        for name, command in commands.items():
+            running[name] = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+        is_ending = False
+        while any(process.poll() is None for process in running.values()):
+            if not is_ending and (should_stop() or any(process.poll() for process in running.values())):
+                is_ending = True
+                for process in running.values():
+                    process.send_signal(signal.SIGINT)
+            sleep(_POLL_S)
+        outputs = {name: process.communicate()[0] for name, process in running.items()}
+    finally:
+        _end_processes(list(running.values()))
+    return {name: output for name, output in outputs.items() if running[name].returncode == 0}
+
+
+def _end_processes(processes: Collection[subprocess.Popen[str]]) -> None:
+    """Interrupt the processes that still run; terminate, then kill, those that do not end in time."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        until = monotonic() + _END_S
+        for process in processes:
+            process.send_signal(number)  # does nothing to one that has ended
+        while any(process.poll() is None for process in processes) and monotonic() < until:
+            sleep(_POLL_S)
+
+
 @dataclass(frozen=True)
 class Foxglove:
     """Show a sensor in Foxglove: camera, heights, 3D surface, wrench with errors, warnings. Ctrl-C ends it.
@@ -177,31 +215,21 @@ class Foxglove:
     In Foxglove choose "Open connection", "Foxglove WebSocket" and the printed address, and import the layout that --layout writes.
     """
 
-    source: str
-    """Camera (0, /dev/video0, usb:1-2, csi:0), stream, video, folder or recording; or sim, the twin of the sensor."""
-    sensor: Path | None = None
-    """Sensor folder that `ninedtact calibrate` wrote. A recording brings its own; sim without one is the twin of the demo."""
-    force: str = PHYSICS
-    """Estimator of force and torque: physics, corrected, a force model (.onnx), or none."""
+    source: SourceOption
+    sensor: SensorOrDemoTwinOption = None
+    force: ForceOption = PHYSICS
     layout: Path | None = None
     """Write the layout for this sensor into this new file (.json), for "Import from file" in Foxglove."""
-    points_every: int = 3
-    """Send the points of every so many rows and columns of the height map."""
-    host: str = "127.0.0.1"
-    """Address to listen on: of this computer alone, or one at which others on the network reach it (0.0.0.0: all of them). The
-    printed address then contains a random token."""
+    points_every: PointsEveryOption = 3
+    host: ServerHostOption = "127.0.0.1"
     port: int = 8765
     """Port; 0 takes any free port."""
     allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
     """Website (http://NAME:PORT) whose pages may connect besides app.foxglove.dev; file:// for desktop programs that state it."""
-    seconds: float | None = None
-    """Duration; without it, until Ctrl-C or the end of the source."""
-    follow_reference: bool = True
-    """Let the reference image of a live source follow slow changes of light and gel while nothing touches."""
-    automatic: bool = False
-    """Keep automatic exposure and white balance on, for a camera that cannot switch them off."""
-    loop: bool = False
-    """Repeat a recording."""
+    seconds: SecondsOption = None
+    follow_reference: FollowReferenceOption = True
+    automatic: AutomaticOption = False
+    loop: LoopOption = False
 
     def run(self) -> int:
         """Serve until Ctrl-C."""
@@ -211,11 +239,10 @@ class Foxglove:
         from ninedtact.interop.reading_broadcast import publish_readings
 
         require_duration(self.seconds)
-        if self.points_every < 1:
-            raise InvalidLiveOption(f"expected --points-every of 1 or more, got {self.points_every}; drop it")
+        require_points_every(self.points_every)
         if self.layout is not None and self.layout.exists():
             raise InvalidLiveOption(f"expected --layout to name a new file, got {self.layout}; choose another name")
-        with _sensor_to_share(_live_settings(self)) as (folder, sensor, _):
+        with _assemble_shared_sensor(self, self.source, self.sensor) as (folder, live):
             messages = FoxgloveMessages(folder, self.points_every)
             with (
                 FoxgloveServer(messages, self.host, self.port, self.allow_origin) as server,
@@ -223,8 +250,8 @@ class Foxglove:
             ):
                 if self.layout is not None:
                     write_file_atomically(self.layout, json.dumps(foxglove_layout(messages.name), indent=2).encode())
-                print(f"{sensor.source.name}: {server.address}; Ctrl-C ends", flush=True)
-                served = publish_readings(server.publish, sensor, lambda: until.now, print_notice)
+                print(f"{live.sensor.source.name}: {server.address}; Ctrl-C ends", flush=True)
+                served = publish_readings(server.publish, live.sensor, lambda: until.now, print_notice)
         print(f"stopped after {served} readings")
         return 0
 
@@ -236,29 +263,20 @@ class Serve:
     docs/streaming.md has clients in Python, C++ and JavaScript. A slow client misses readings; it never delays the sensor.
     """
 
-    source: str
-    """Camera (0, /dev/video0, usb:1-2, csi:0), stream, video, folder or recording; or sim, the twin of the sensor."""
-    sensor: Path | None = None
-    """Sensor folder that `ninedtact calibrate` wrote. A recording brings its own; sim without one is the twin of the demo."""
-    force: str = PHYSICS
-    """Estimator of force and torque: physics, corrected, a force model (.onnx), or none."""
-    host: str = "127.0.0.1"
-    """Address to listen on: of this computer alone, or one at which others on the network reach it (0.0.0.0: all of them). Then
-    clients must send the random token that is printed."""
+    source: SourceOption
+    sensor: SensorOrDemoTwinOption = None
+    force: ForceOption = PHYSICS
+    host: ServerHostOption = "127.0.0.1"
     port: int = 8765
     """Port of WebSocket; 0 takes any free port."""
     tcp_port: int = 8766
     """Port of plain TCP; 0 takes any free port."""
     allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="URL")] = ()
     """Website (http://NAME:PORT) whose pages may read the stream in a browser."""
-    seconds: float | None = None
-    """Duration; without it, until Ctrl-C or the end of the source."""
-    follow_reference: bool = True
-    """Let the reference image of a live source follow slow changes of light and gel while nothing touches."""
-    automatic: bool = False
-    """Keep automatic exposure and white balance on, for a camera that cannot switch them off."""
-    loop: bool = False
-    """Repeat a recording."""
+    seconds: SecondsOption = None
+    follow_reference: FollowReferenceOption = True
+    automatic: AutomaticOption = False
+    loop: LoopOption = False
 
     def run(self) -> int:
         """Serve until Ctrl-C."""
@@ -267,29 +285,16 @@ class Serve:
         from ninedtact.interop.reading_stream import ReadingServer
 
         require_duration(self.seconds)
-        live = _live_settings(self)
         with (
-            _sensor_to_share(live) as (folder, sensor, _),
+            _assemble_shared_sensor(self, self.source, self.sensor) as (folder, live),
             ReadingServer(folder.id, self.host, self.port, self.tcp_port, self.allow_origin) as server,
             stop_on_signal(self.seconds) as until,
         ):
             addresses = {"websocket": server.websocket_address, "tcp": server.tcp_address, "token": server.guard.token}
-            print(f"{sensor.source.name}: {json.dumps(addresses)}; Ctrl-C ends", flush=True)
-            served = publish_readings(server.publish, sensor, lambda: until.now, print_notice)
+            print(f"{live.sensor.source.name}: {json.dumps(addresses)}; Ctrl-C ends", flush=True)
+            served = publish_readings(server.publish, live.sensor, lambda: until.now, print_notice)
         print(f"stopped after {served} readings")
         return 0
-
-
-def _live_settings(command: Foxglove | Serve) -> Live:
-    """Return how the source of a command is opened."""
-    return Live(
-        (command.source,),
-        () if command.sensor is None else (str(command.sensor),),
-        force=command.force,
-        follow_reference=command.follow_reference,
-        automatic=command.automatic,
-        loop=command.loop,
-    )
 
 
 def _require_libraries(extra: str, *names: str) -> None:
@@ -305,18 +310,25 @@ def _require_libraries(extra: str, *names: str) -> None:
 
 
 @contextmanager
-def _sensor_to_share(live: Live) -> "Iterator[tuple[SensorFolder, Sensor, WrenchPoller | None]]":
-    """Yield a sensor's folder, the sensor on its source with its estimator, and a twin's true wrench; neither is open yet."""
-    source, path = live.parse_named_sources()[""]
-    with _folder_or_demo_twin(path, source) as folder:
-        sensor, wrenches, _ = live.sensor_and_wrenches(folder)
-        if live.force != NONE:
-            from ninedtact.force.estimator_loading import load_estimator
+def _assemble_shared_sensor(
+    command: Ros2 | Foxglove | Serve, source: str, sensor: Path | None
+) -> "Iterator[tuple[SensorFolder, LiveSensor]]":
+    """Yield a sensor's folder, and the sensor on its source with its estimator, not yet opened."""
+    from ninedtact.open_sensor import assemble_live_sensor
 
-            sensor.estimator = load_estimator(live.force, folder)
-            for notice in sensor.estimator.notices:
-                print_notice(notice)
-        yield folder, sensor, wrenches[0] if wrenches else None
+    with _folder_or_demo_twin(sensor, source) as folder:
+        yield (
+            folder,
+            assemble_live_sensor(
+                folder,
+                source,
+                settings=camera_settings(command.automatic),
+                follow_reference=command.follow_reference,
+                loop=command.loop,
+                estimator=load_estimator_with_notices(command.force, folder),
+                notify=print_notice,
+            ),
+        )
 
 
 @contextmanager
@@ -326,8 +338,12 @@ def _folder_or_demo_twin(sensor: Path | None, source: str) -> "Iterator[SensorFo
         with given_or_recorded_sensor(sensor, source) as folder:
             yield folder
         return
-    from ninedtact.cli.demo import Demo
+    if _DEMO_SENSOR.exists():
+        yield load_sensor_with_notices(_DEMO_SENSOR)
+        return
+    from ninedtact.cli.demo import calibrate_twin_as_sensor
+    from ninedtact.simulation.twin import twin_from_design
 
-    path = _TWIN_FOLDER / "sensor"
-    _TWIN_FOLDER.mkdir(parents=True, exist_ok=True)
-    yield load_sensor_with_notices(path) if path.exists() else Demo(out=_TWIN_FOLDER).calibrate_twin()
+    _DEMO_SENSOR.parent.mkdir(parents=True, exist_ok=True)
+    published = SensorDesign()
+    yield calibrate_twin_as_sensor(twin_from_design(published), published, _DEMO_SENSOR)

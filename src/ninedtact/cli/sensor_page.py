@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 from ninedtact._version import find_incompatible_library, installation_command
 from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
-from ninedtact.errors import InputError, MissingLibraryError
+from ninedtact.cli.shared_options import InvalidLiveOption
+from ninedtact.errors import MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
 from ninedtact.recording.errors import RecordingLibrariesMissing, require_recording_libraries
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.open_sensor import LiveSensor
     from ninedtact.quantities import Frame
     from ninedtact.reading import Reading
     from ninedtact.recording.reader import Recording
@@ -43,10 +45,6 @@ class PageLibraryMissing(MissingLibraryError):
 
 class RerunMissing(MissingLibraryError):
     """The library of Rerun is not installed."""
-
-
-class InvalidLiveOption(InputError):
-    """An option of a command that reads live has a value that it cannot have."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +80,16 @@ class PageSensor:
     """The simulation of a twin, which is then pressed by hand on the page."""
     name: str = ""
     """Name among several sensors."""
+
+
+def page_sensor(folder: "SensorFolder", live: "LiveSensor", name: str = "") -> PageSensor:
+    """Return a sensor that is read in real time as a part of a page, with the true wrench of a twin; name: among several."""
+    from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
+    from ninedtact.studio.wrench_history import WrenchPoller
+
+    true = live.true_wrench
+    wrenches = [] if true is None else [WrenchPoller(true, "true", TRUE_WRENCH_MEANING)]
+    return PageSensor(folder, live.sensor, wrenches, live.simulation, name)
 
 
 def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends: bool = True) -> None:

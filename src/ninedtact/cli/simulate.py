@@ -17,9 +17,14 @@ import msgspec
 import tyro
 
 from ninedtact.cli.dataset import DatasetStopped
-from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default, refuse_design_beside_sensor
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result, sensor_replacement
-from ninedtact.design import RectifiedImageSize, SensingArea
+from ninedtact.cli.shared_options import (
+    ClusterOption,
+    DesignFileOption,
+    JsonOption,
+    read_design_or_default,
+    refuse_design_beside_sensor,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,8 +50,7 @@ class _Fit:
 
     sensor: Path
     """Sensor folder that `ninedtact calibrate` wrote; it is replaced by the new calibration, as by `calibrate`."""
-    json: bool = False
-    """Print the twin as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Fit and save the twin, and print the quality of the fit."""
@@ -88,8 +92,7 @@ def _format_parameters(fit: "TwinFitQuality") -> Iterator[str]:
 class _Objects:
     """List the objects that can press a twin: primitives, families of generated objects, mesh files."""
 
-    json: bool = False
-    """Print the list as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Print the list."""
@@ -138,8 +141,7 @@ class _Press:
     """Design file (TOML) of a sensor that is not built yet; its twin is pressed."""
     seed: int = 0
     """Seed of generated objects, and of the reference image where no sensor is given."""
-    json: bool = False
-    """Print the results as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Simulate the press, write its files and print a summary."""
@@ -215,12 +217,9 @@ class _Press:
         if self.folder is not None:
             rectify = self.folder.rectification
             return rectify.height_source.shape, rectify.mm_per_px
-        from ninedtact.simulation.rectified_renderer import PUBLISHED_MM_PER_PX
+        from ninedtact.simulation.rectified_renderer import rectified_grid_of_design
 
-        design = read_design_or_default(self.design_file)
-        view, wider = design.field_of_view, design.sensing_area.width_mm / SensingArea().width_mm
-        finer = view.raw_long_side_px / RectifiedImageSize().raw_long_side_px
-        return (view.rows, view.cols), PUBLISHED_MM_PER_PX * wider / finer
+        return rectified_grid_of_design(read_design_or_default(self.design_file))
 
     @property
     def cut(self) -> Pair:
@@ -306,8 +305,7 @@ class SimulateDatasetCommand:
     """Seed of generated objects."""
     workers: int = 2
     """Number of processes; one for each core. With a GPU, number of threads that make noise and PNG files."""
-    cluster: str | None = None
-    """Run on the workers of a cluster in place of processes here: dask:HOST:PORT or ray:HOST:PORT (docs: clusters)."""
+    cluster: ClusterOption = None
     device: str = "auto"
     """cpu; cuda or cuda:1 (many contacts at once by torch); auto: a GPU if torch sees one; torch-cpu: for tests, slow."""
     sessions_per_batch: int = 256
@@ -324,8 +322,7 @@ class SimulateDatasetCommand:
     """Design file (TOML) of the sensors; the published design if not given."""
     pitch_mm: float = 0.2
     """Pitch of the grid on which contacts are solved; a coarser one is faster."""
-    json: bool = False
-    """Print the result as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Generate it and print how its wrenches compare with real ones; raises `DatasetStopped`."""

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from ninedtact._version import installation_command
-from ninedtact.cli.option_parser import DesignFileOption, read_design_or_default
 from ninedtact.cli.result_and_interrupt import print_notice, print_result
+from ninedtact.cli.shared_options import DesignFileOption, JsonOption, read_design_or_default
 from ninedtact.errors import ForceEstimationError, MissingLibraryError
 
 if TYPE_CHECKING:
@@ -97,8 +97,7 @@ class Train:
     workers: int = 1
     """Processes that compute heights from images."""
     compute: tyro.conf.OmitArgPrefixes[_ComputeOptions] = _ComputeOptions()
-    json: bool = False
-    """Print the result as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Train, and print the scores on the held-out pairs."""
@@ -208,8 +207,7 @@ class _ShowModelCard:
 
     model: Path | None = None
     """A force model (.onnx). By default the shipped one."""
-    json: bool = False
-    """Print the card as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Read and print the card; raises `ModelUnusable`."""
@@ -240,8 +238,7 @@ class _MakeForceModel:
     """Design file (TOML) of the sensors that the model is for. By default the published sensor."""
     workers: int = 2
     """Processes that simulate and calibrate."""
-    json: bool = False
-    """Print the result as one JSON object."""
+    json: JsonOption = False
 
     def run(self) -> int:
         """Do all steps that are not done yet; raises `ModelMakingStopped`."""

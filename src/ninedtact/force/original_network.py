@@ -55,7 +55,7 @@ class OriginalNetworkForce(ForceEstimator):
             return WrenchEstimate(zero_wrench(stamp_ns), errors, touching=False)
         parts = self.parts(reading)
         six = WRENCH_MIN + parts.clip(0, 1) * (WRENCH_MAX - WRENCH_MIN)
-        wrench = Wrench(six[:3], six[3:], np.array(ForceTorqueMount().origin_mm), stamp_ns).about(np.zeros(3))
+        wrench = Wrench(six[:3], six[3:], np.array(ForceTorqueMount().origin_mm), stamp_ns).about_skin_centre()
         at_an_end = ((parts < 0) | (parts > 1)).any()
         return WrenchEstimate(
             wrench, errors, touching=True, warnings=(EstimateWarning.OUT_OF_RANGE,) if at_an_end else ()

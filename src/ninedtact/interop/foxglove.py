@@ -33,7 +33,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.interop.reading_broadcast import BroadcastServer, ReadingQueue, feed_until_closed, port_errors
 from ninedtact.interop.ros2_messages import POINT_FIELDS, SensorMessages
 from ninedtact.reading import Reading
-from ninedtact.recording.metadata import wall_minus_monotonic_ns
+from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.studio.sensor_poller import SensorSnapshot
 from ninedtact.studio.socket_guard import SocketGuard
 
@@ -46,7 +46,6 @@ _MESSAGE_DATA = 1
 _STATUS_WARNING = 1
 _QUEUED_READINGS = 2
 """Readings that wait for one client at most: what is shown is new."""
-_M_PER_MM = 1e-3
 
 
 class _Subscription(msgspec.Struct):
@@ -98,23 +97,20 @@ class FoxgloveMessages:
         )
 
     def _transforms(self, reading: Reading, wall_ns: int) -> bytes:
-        camera, gel_mm = self._ros.camera, self._ros.folder.gel.thickness_mm
-        parts = (("camera_optical", camera.distance_mm, -camera.roll_rad), ("gel", gel_mm, 0.0))
         transforms = [
             fox.FrameTransform(
                 timestamp=_timestamp(wall_ns),
                 parent_frame_id=self._ros.frame("skin"),
-                child_frame_id=self._ros.frame(part),
-                translation=fox.Vector3(z=-depth_mm * _M_PER_MM),
-                rotation=fox.Quaternion(z=float(np.sin(roll_rad / 2)), w=float(np.cos(roll_rad / 2))),
+                child_frame_id=child.name,
+                translation=fox.Vector3(z=child.z_m),
+                rotation=fox.Quaternion(z=child.rotation_zw[0], w=child.rotation_zw[1]),
             )
-            for part, depth_mm, roll_rad in parts
+            for child in self._ros.child_frames
         ]
         return fox.FrameTransforms(transforms=transforms).encode()
 
     def _camera_info(self, reading: Reading, wall_ns: int) -> bytes:
         camera, (rows, cols) = self._ros.camera, self._ros.camera.raw_shape
-        (u, v), f = camera.centre_px, camera.focal_length_px
         return fox.CameraCalibration(
             timestamp=_timestamp(wall_ns),
             frame_id=self._ros.frame("camera_optical"),
@@ -122,9 +118,9 @@ class FoxgloveMessages:
             height=rows,
             distortion_model="plumb_bob",
             D=list(camera.distortion),
-            K=[f, 0, u, 0, f, v, 0, 0, 1],
+            K=camera.matrix.ravel().tolist(),
             R=np.eye(3).ravel().tolist(),
-            P=[f, 0, u, 0, 0, f, v, 0, 0, 0, 1, 0],
+            P=camera.projection.ravel().tolist(),
         ).encode()
 
     def _image(self, reading: Reading, wall_ns: int) -> bytes:
@@ -133,7 +129,7 @@ class FoxgloveMessages:
         return fox.CompressedImage(timestamp=_timestamp(wall_ns), frame_id=frame, data=jpeg, format="jpeg").encode()
 
     def _height(self, reading: Reading, wall_ns: int) -> bytes:
-        z_mm = np.where(reading.height.in_view, reading.height.z_mm, np.float32(np.nan)).astype("<f4")
+        z_mm = reading.height.visible_z_mm.astype("<f4")
         return fox.RawImage(
             timestamp=_timestamp(wall_ns),
             frame_id=self._ros.frame("skin"),
@@ -159,7 +155,7 @@ class FoxgloveMessages:
     def _wrench(self, reading: Reading, wall_ns: int) -> bytes | None:
         if reading.force is None:
             return None
-        estimate = reading.force.about(np.zeros(3))
+        estimate = reading.force.about_skin_centre()
         six, std = estimate.wrench.six, estimate.std
         vectors = (six[:3], six[3:], std[:3], std[3:])
         named = {name: _vector(values) for name, values in zip(_WRENCH_VECTORS, vectors, strict=True)}
@@ -170,7 +166,7 @@ class FoxgloveMessages:
             "timestamp": _sec_nsec(wall_ns),
             "max_indentation_mm": float(reading.max_indentation_mm),
             "contact_area_mm2": float(reading.contact_area_mm2),
-            "warnings": [warning.value for warning in reading.warnings],
+            "warnings": list(reading.warnings),
         }
         return json.dumps(fields).encode()
 
@@ -198,7 +194,7 @@ class _Encoded:
             if isinstance(source, Reading)
             else (monotonic_ns(), (source.phase.value, source.trouble_sentence))
         )
-        self.wall_ns = stamp_ns + wall_minus_monotonic_ns()
+        self.wall_ns = wall_time_ns(stamp_ns)
 
     def message(self, channel: int) -> bytes | None:
         """Return the message for a channel, by its number."""
@@ -240,7 +236,7 @@ class FoxgloveServer(BroadcastServer[_Encoded]):
                 subprotocols=SUBPROTOCOLS,
                 compression=None,  # compressing a megabyte takes longer than sending it
             )
-            server = await self._broadcast.servers.enter_async_context(guarded)
+            server = await self._servers.enter_async_context(guarded)
         self.port = next(iter(server.sockets)).getsockname()[1]
 
     async def _feed(self, connection: ServerConnection) -> None:
@@ -249,7 +245,7 @@ class FoxgloveServer(BroadcastServer[_Encoded]):
         await connection.send(json.dumps({"op": "serverInfo", **info}))
         await connection.send(json.dumps({"op": "advertise", "channels": self._advertised()}))
         subscriptions: dict[int, int] = {}
-        with self._broadcast.queue() as queue:
+        with self._queue() as queue:
             sending = self._send_readings(connection, subscriptions, queue)
             await feed_until_closed(connection, sending, self._obey(connection, subscriptions))
 
@@ -274,7 +270,7 @@ class FoxgloveServer(BroadcastServer[_Encoded]):
                 case _Subscribe(wanted):
                     known = range(len(self._channels))
                     subscriptions |= {one.id: one.channel for one in wanted if one.channel in known}
-                    self._broadcast.repeat_status()  # the first one came before there was a subscription
+                    self._repeat_status()  # the first one came before there was a subscription
                     if unknown := [one.channel for one in wanted if one.id not in subscriptions]:
                         sentence = f"expected channels 0 to {len(self._channels) - 1}, got {unknown}; see 'advertise'"
                         status = {"op": "status", "level": _STATUS_WARNING, "message": sentence}

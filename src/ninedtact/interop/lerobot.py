@@ -20,8 +20,7 @@ from numpy import ndarray as Array
 from ninedtact._version import installation_command
 from ninedtact.atomic_write import create_folder_atomically
 from ninedtact.errors import InputError, MissingLibraryError
-from ninedtact.recording.errors import ExportTargetTaken
-from ninedtact.recording.export import require_exportable
+from ninedtact.recording.export import WRENCH_COLUMNS, require_empty_folder, require_exportable
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import Topic
@@ -33,7 +32,6 @@ WRENCHES = {"observation.wrench": Topic.MEASURED, "observation.wrench_estimated"
 STD, WARNINGS = "observation.wrench_estimated_std", "wrench_estimated_warnings"
 UNKNOWN_STD = 1e6
 """Standard deviation in N and N·m of an estimate that knows nothing, in place of infinity, which statistics cannot hold."""
-WRENCH_NAMES = ["force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm"]
 FILES_PER_CHUNK = 1000
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES_PATH = "meta/episodes/chunk-000/file-000.parquet"
@@ -71,8 +69,7 @@ def export_lerobot(
         raise PyArrowMissing(
             f"expected pyarrow, which writes LeRobot's files, got none; run {installation_command('datasets')}"
         )
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise ExportTargetTaken(f"expected --out to be a new or empty folder, got {out}; choose another name")
+    require_empty_folder(out)
     for recording in recordings:
         require_exportable([recording])
     features, fps = _common_features(recordings)
@@ -100,9 +97,9 @@ def _common_features(recordings: Sequence[Recording]) -> tuple[dict[str, Any], i
         raise RecordingsDiffer("expected a recording with images, got one without; record a camera")
     names = {"image": ["height", "width", "channels"]}
     features: dict[str, Any] = {IMAGE: {"dtype": "image", "shape": list(shape), "names": names["image"]}}
-    features |= {key: {"dtype": "float32", "shape": [6], "names": WRENCH_NAMES} for key in wrenches}
+    features |= {key: {"dtype": "float32", "shape": [6], "names": list(WRENCH_COLUMNS)} for key in wrenches}
     if "observation.wrench_estimated" in features:
-        features[STD] = {"dtype": "float32", "shape": [6], "names": WRENCH_NAMES}
+        features[STD] = {"dtype": "float32", "shape": [6], "names": list(WRENCH_COLUMNS)}
         features[WARNINGS] = {"dtype": "int64", "shape": [1], "names": None}
     features[TIME] = {"dtype": "float64", "shape": [1], "names": None}
     return features | {key: {"dtype": dtype, "shape": [1], "names": None} for key, dtype in _SCALARS.items()}, fps

@@ -1,6 +1,6 @@
 """Readings of one sensor, and its status where that changes, to the clients of a server that runs in a thread of its own.
 
-    sensor thread ──Reading or SensorSnapshot──▶ ReadingBroadcast.publish ──▶ server thread: a short queue for each client
+    sensor thread ──Reading or SensorSnapshot──▶ BroadcastServer.publish ──▶ server thread: a short queue for each client
 
 `publish` never waits: a client that is too slow misses readings, the oldest first. `reading_stream` (JSON) and `foxglove` are
 such servers.
@@ -63,8 +63,8 @@ class ReadingQueue(Generic[Shared]):
             self._arrived.clear()
 
 
-class ReadingBroadcast(Generic[Shared]):
-    """The thread of a server and the queues of its clients; it runs from `start` to `stop`.
+class BroadcastServer(ABC, Generic[Shared]):
+    """The base of the servers that hand readings to all clients: a thread, which runs while it is open (`with`), and queues.
 
     share: makes of a reading or a status what all clients are handed, such as an object that encodes it once; called in the
     server thread, and only while there are clients. queued: messages that wait for one client at most.
@@ -72,8 +72,8 @@ class ReadingBroadcast(Generic[Shared]):
 
     def __init__(self, share: Callable[[Reading | SensorSnapshot], Shared], queued: int) -> None:
         self._queued = queued
-        self.queues = set[ReadingQueue[Shared]]()
-        self.servers = AsyncExitStack()
+        self._queues = set[ReadingQueue[Shared]]()
+        self._servers = AsyncExitStack()
         """What is closed when the server ends."""
         self._share = share
         self._status: SensorSnapshot | None = None
@@ -81,49 +81,41 @@ class ReadingBroadcast(Generic[Shared]):
         self._loop = asyncio.new_event_loop()
         self._thread = Thread(target=self._loop.run_forever, name="serve readings", daemon=True)
 
-    @property
-    def is_running(self) -> bool:
-        """Whether the server thread runs."""
-        return self._loop.is_running()
+    @abstractmethod
+    async def _listen(self) -> None:
+        """Open the ports; called in the server thread."""
 
-    def start(self, listen: Coroutine[Any, Any, None]) -> None:
-        """Start the thread and run a coroutine in it that opens the ports; where it fails, everything is ended again."""
+    def __enter__(self: Opened) -> Opened:
+        """Start the thread and listen, or end everything again; raises `StreamPortRefused`."""
         self._thread.start()
         try:
-            self.call(listen)
+            self._call(self._listen())
         except BaseException:
-            self.stop()
+            self._stop()
             raise
+        return self
 
-    def stop(self) -> None:
-        """Close the server and end its thread."""
-        self.call(self.servers.aclose())
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
-        self._loop.close()
-
-    def call(self, work: Coroutine[Any, Any, None]) -> None:
-        """Run a coroutine in the server thread and wait for it."""
-        asyncio.run_coroutine_threadsafe(work, self._loop).result()
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._stop()
 
     def publish(self, message: Reading | SensorSnapshot) -> None:
         """Hand a reading or a changed status to all clients; returns at once."""
         self._loop.call_soon_threadsafe(self._distribute, message)
 
     @contextmanager
-    def queue(self) -> Iterator[ReadingQueue[Shared]]:
+    def _queue(self) -> Iterator[ReadingQueue[Shared]]:
         """Yield the queue of a new client, which begins with the status where the sensor does not simply read."""
         queue = ReadingQueue[Shared](self._queued)
-        self.queues.add(queue)
+        self._queues.add(queue)
         self._add_status(queue)
         try:
             yield queue
         finally:
-            self.queues.discard(queue)
+            self._queues.discard(queue)
 
-    def repeat_status(self) -> None:
+    def _repeat_status(self) -> None:
         """Hand all clients the status again where the sensor does not simply read; called in the server thread."""
-        self._add_status(*self.queues)
+        self._add_status(*self._queues)
 
     def _add_status(self, *queues: ReadingQueue[Shared]) -> None:
         if self._status is not None:
@@ -136,33 +128,26 @@ class ReadingBroadcast(Generic[Shared]):
         if isinstance(message, SensorSnapshot):
             is_plain = message.phase is SensorPhase.READING and message.trouble is None
             self._status = None if is_plain else message
-        if self.queues:
+        if self._queues:
             shared = self._share(message)
-            for queue in self.queues:
+            for queue in self._queues:
                 queue.add(shared, is_reading)
 
+    @property
+    def _is_running(self) -> bool:
+        """Whether the server thread runs."""
+        return self._loop.is_running()
 
-class BroadcastServer(ABC, Generic[Shared]):
-    """The base of the servers that broadcast readings from a thread of their own while they are open (`with`)."""
+    def _call(self, work: Coroutine[Any, Any, None]) -> None:
+        """Run a coroutine in the server thread and wait for it."""
+        asyncio.run_coroutine_threadsafe(work, self._loop).result()
 
-    def __init__(self, share: Callable[[Reading | SensorSnapshot], Shared], queued: int) -> None:
-        self._broadcast = ReadingBroadcast(share, queued)
-
-    def publish(self, message: Reading | SensorSnapshot) -> None:
-        """Hand a reading or a changed status to all clients; returns at once."""
-        self._broadcast.publish(message)
-
-    def __enter__(self: Opened) -> Opened:
-        """Listen; raises `StreamPortRefused`."""
-        self._broadcast.start(self._listen())
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._broadcast.stop()
-
-    @abstractmethod
-    async def _listen(self) -> None:
-        """Open the ports; called in the server thread."""
+    def _stop(self) -> None:
+        """Close the server and end its thread."""
+        self._call(self._servers.aclose())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
 
 
 async def feed_until_closed(connection: ServerConnection, *feeds: Awaitable[None]) -> None:

@@ -9,7 +9,6 @@ import asyncio
 import base64
 import hmac
 import json
-import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from functools import cached_property, partial
@@ -26,6 +25,7 @@ from websockets.http11 import Request, Response
 from ninedtact.interop.reading_broadcast import BroadcastServer, feed_until_closed, port_errors
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
+from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.studio.sensor_poller import SensorSnapshot
 from ninedtact.studio.socket_guard import SocketGuard
 
@@ -137,12 +137,12 @@ class _SharedReading:
             sensor=self._sensor,
             format=STREAM_FORMAT,
             index=reading.frame.index,
-            stamp_ns=reading.stamp_ns + time.time_ns() - monotonic_ns(),
+            stamp_ns=wall_time_ns(reading.stamp_ns),
             age_ms=0.0,
             max_indentation_mm=reading.max_indentation_mm,
             contact_area_mm2=reading.contact_area_mm2,
             wrench=None if reading.force is None else _streamed_wrench(reading.force),
-            warnings=[warning.value for warning in reading.warnings],
+            warnings=list(reading.warnings),
         )
 
     def _image(self, images: ImageFormat) -> StreamedImage:
@@ -171,8 +171,8 @@ def _share(message: Reading | SensorSnapshot, sensor: str) -> _SharedReading | _
 
 
 def _streamed_wrench(estimate: WrenchEstimate) -> StreamedWrench:
-    wrench = estimate.about(np.zeros(3)).wrench
-    std = [float(value) if np.isfinite(value) else None for value in estimate.about(np.zeros(3)).std]
+    centred = estimate.about_skin_centre()
+    wrench, std = centred.wrench, [float(value) if np.isfinite(value) else None for value in centred.std]
     return StreamedWrench(wrench.force_n.tolist(), wrench.torque_nm.tolist(), std[:3], std[3:], estimate.touching)
 
 
@@ -204,7 +204,7 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
         return urlsplit(self.guard.page_address(self.tcp_port)).netloc
 
     async def _listen(self) -> None:
-        host, servers = self.guard.host, self._broadcast.servers
+        host, servers = self.guard.host, self._servers
         with port_errors(host, self.port, "--port"):
             guarded = self.guard.serve(
                 self._feed_websocket, host, self.port, is_expected=lambda _: False, process_request=_answer_request
@@ -223,7 +223,7 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
 
     async def _feed(self, images: ImageFormat, send: Callable[[bytes], Awaitable[None]]) -> None:
         """Send readings and statuses to a client until it leaves."""
-        with self._broadcast.queue() as queue:
+        with self._queue() as queue:
             async for message, missed in queue.arrivals():
                 await send(message.encode(images, missed))
 
@@ -255,7 +255,7 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
         except (OSError, TimeoutError):  # the client has left, or does not read
             pass
         except asyncio.CancelledError:
-            if not self._broadcast.is_running:
+            if not self._is_running:
                 raise
         finally:
             self._connections.discard(connection)

@@ -36,7 +36,7 @@ from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import ExportTargetTaken
 from ninedtact.recording.export import require_exportable
-from ninedtact.recording.metadata import wall_minus_monotonic_ns
+from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.topics_and_messages import Topic, ros_name
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
@@ -289,13 +289,13 @@ class RerunViewer:
         log = RerunLog(self._sensor, self._stream)
         log.log_blueprint()
         while (reading := self._waiting.get()) is not None:
-            wall_ns = reading.stamp_ns + wall_minus_monotonic_ns()
+            wall_ns = wall_time_ns(reading.stamp_ns)
             log.log_reading(reading, wall_ns)
             if reading.force is not None:
-                estimate = reading.force.about(np.zeros(3))
+                estimate = reading.force.about_skin_centre()
                 log.log_wrenches("wrench_estimated", np.array([wall_ns]), estimate.wrench.six[None], estimate.std[None])
             if reading.warnings:
-                log.log_warnings([warning.value for warning in reading.warnings], wall_ns, reading.frame.index)
+                log.log_warnings(list(reading.warnings), wall_ns, reading.frame.index)
 
 
 def _abandon(stream: rr.RecordingStream) -> None:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -105,6 +105,26 @@ class FittedPinholeCamera:
     residual_px: float
     """Root mean square distance between the fitted and the calibrated pixels."""
 
+    @property
+    def matrix(self) -> Float64[Array, "3 3"]:
+        """The matrix K, which maps points at unit distance to undistorted pixels."""
+        (u, v), f = self.centre_px, self.focal_length_px
+        return np.array([[f, 0, u], [0, f, v], [0, 0, 1]], float)
+
+    @property
+    def projection(self) -> Float64[Array, "3 4"]:
+        """The matrix P = [K 0] of ROS."""
+        return np.hstack([self.matrix, np.zeros((3, 1))])
+
+
+class ChildFrame(NamedTuple):
+    """A frame of the sensor, seen from that of the skin: a translation along the common z axis, and a rotation about it."""
+
+    name: str
+    z_m: float
+    rotation_zw: tuple[float, float]
+    """The quaternion's z and w; x and y are zero."""
+
 
 def fit_pinhole_camera(rectification: Rectification, distance_mm: float) -> FittedPinholeCamera:
     """Return the pinhole camera at this distance that sees the skin as the calibration does.
@@ -170,6 +190,16 @@ class SensorMessages:
         """The pinhole camera of `camera_info`, fitted once."""
         return fit_pinhole_camera(self.folder.shape.rectify, self.folder.record.design.camera.distance_mm)
 
+    @property
+    def child_frames(self) -> tuple[ChildFrame, ...]:
+        """The frames of camera and gel below that of the skin."""
+        half_roll = -self.camera.roll_rad / 2
+        rotation_zw = float(np.sin(half_roll)), float(np.cos(half_roll))
+        return (
+            ChildFrame(self.frame("camera_optical"), -self.camera.distance_mm * _M_PER_MM, rotation_zw),
+            ChildFrame(self.frame("gel"), -self.folder.gel.thickness_mm * _M_PER_MM, (0.0, 1.0)),
+        )
+
     def encode(self, reading: Reading, wall_ns: int, topics: Collection[str]) -> dict[str, bytes]:
         """Return the messages of a reading on these topics; none on topics for which it has nothing (no wrench, no warning).
 
@@ -183,7 +213,7 @@ class SensorMessages:
             POINTS: self._points,
             Topic.ESTIMATED: self._wrench,
             Topic.COVARIANCE: lambda reading, at: (
-                encode_covariance(reading.force.about(np.zeros(3)).covariance) if reading.force else None
+                encode_covariance(reading.force.about_skin_centre().covariance) if reading.force else None
             ),
             Topic.WARNINGS: self._warnings,
         }
@@ -193,7 +223,6 @@ class SensorMessages:
     def encode_camera_info(self, wall_ns: int) -> bytes:
         """Return the camera information of the raw image."""
         camera, (rows, cols) = self.camera, self.camera.raw_shape
-        (u, v), f = camera.centre_px, camera.focal_length_px
         region = type_store().types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
         return encode_message(
             _CAMERA_INFO_TYPE,
@@ -202,9 +231,9 @@ class SensorMessages:
             width=cols,
             distortion_model="plumb_bob",
             d=np.array(camera.distortion),
-            k=np.array([f, 0, u, 0, f, v, 0, 0, 1], float),
+            k=camera.matrix.ravel(),
             r=np.eye(3).ravel(),
-            p=np.array([f, 0, u, 0, 0, f, v, 0, 0, 0, 1, 0], float),
+            p=camera.projection.ravel(),
             binning_x=0,
             binning_y=0,
             roi=region,
@@ -215,18 +244,15 @@ class SensorMessages:
         types = type_store().types
         vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
 
-        def transform(part: str, depth_mm: float, roll_rad: float) -> Any:
-            turn = quaternion(0.0, 0.0, float(np.sin(roll_rad / 2)), float(np.cos(roll_rad / 2)))
-            moved = types["geometry_msgs/msg/Transform"](vector(0.0, 0.0, -depth_mm * _M_PER_MM), turn)
+        def transform(child: ChildFrame) -> Any:
+            moved = types["geometry_msgs/msg/Transform"](
+                vector(0.0, 0.0, child.z_m), quaternion(0.0, 0.0, *child.rotation_zw)
+            )
             return types["geometry_msgs/msg/TransformStamped"](
-                message_header(wall_ns, self.frame("skin")), self.frame(part), moved
+                message_header(wall_ns, self.frame("skin")), child.name, moved
             )
 
-        parts = [
-            transform("camera_optical", self.camera.distance_mm, -self.camera.roll_rad),
-            transform("gel", self.folder.gel.thickness_mm, 0.0),
-        ]
-        return encode_message(TF_TYPE, transforms=parts)
+        return encode_message(TF_TYPE, transforms=[transform(child) for child in self.child_frames])
 
     def _compressed_image(self, image: UInt8[Array, "rows cols 3"], wall_ns: int) -> bytes:
         jpeg = cv2.imencode(".jpg", image)[1].reshape(-1)
@@ -234,8 +260,7 @@ class SensorMessages:
         return encode_message(_COMPRESSED_TYPE, header=stamped, format="bgr8; jpeg compressed bgr8", data=jpeg)
 
     def _height(self, reading: Reading, wall_ns: int) -> bytes:
-        z_mm = np.where(reading.height.in_view, reading.height.z_mm, np.float32(np.nan))
-        return encode_height(z_mm, wall_ns, frame=self.frame("skin"))
+        return encode_height(reading.height.visible_z_mm, wall_ns, frame=self.frame("skin"))
 
     def point_values(self, reading: Reading) -> Float32[Array, "n 7"]:
         """Return `POINT_FIELDS` of every point: metres, outward unit normal, and the grey level of the rectified image."""
@@ -274,8 +299,9 @@ class SensorMessages:
         return None if reading.wrench is None else encode_wrench(reading.wrench, wall_ns, self.frame("skin"))
 
     def _warnings(self, reading: Reading, wall_ns: int) -> bytes | None:
-        warnings = [warning.value for warning in reading.warnings]
-        return encode_warnings_as_diagnostics(warnings, self.name, wall_ns, self.frame("skin")) if warnings else None
+        if not reading.warnings:
+            return None
+        return encode_warnings_as_diagnostics(reading.warnings, self.name, wall_ns, self.frame("skin"))
 
 
 def encode_ros2_status(fields: Mapping[str, Any]) -> bytes:

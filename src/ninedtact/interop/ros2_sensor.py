@@ -35,7 +35,7 @@ from ninedtact.interop.ros2_messages import (
 from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingStopped
-from ninedtact.recording.metadata import RecordingMetadata, wall_minus_monotonic_ns
+from ninedtact.recording.metadata import RecordingMetadata, wall_time_ns
 from ninedtact.recording.recorder import new_reading_writer, notify_partial_recording
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
@@ -121,7 +121,7 @@ class ReadingRecorder:
         """Begin a recording and say so in a sentence; raises `InvalidRos2Option` and what creating the file raises."""
         if self.writer is not None:
             raise InvalidRos2Option(f"expected no recording in progress, got {self.writer.path}; stop it first")
-        name = name or f"{self.messages.name}_{monotonic_ns() + wall_minus_monotonic_ns()}"
+        name = name or f"{self.messages.name}_{wall_time_ns(monotonic_ns())}"
         if Path(name).name != name or name.startswith(".") or not name.isprintable():
             raise InvalidRos2Option(
                 f"expected the printable name of a recording without a folder, got {name!r}; leave it out"
@@ -194,7 +194,7 @@ class SensorOnRos2:
             for topic, profile in self.profiles.items()
         }
         transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
-        transforms.write(self.messages.encode_static_transforms(monotonic_ns() + wall_minus_monotonic_ns()))
+        transforms.write(self.messages.encode_static_transforms(wall_time_ns(monotonic_ns())))
         commands = self.participant.reader(self.messages.path(COMMAND), STRING_TYPE, QosProfile.RELIABLE)
         last, status_at, watch = None, 0.0, SensorOutageNotifier(self.notify)
         try:
@@ -223,7 +223,7 @@ class SensorOnRos2:
 
     def publish(self, reading: Reading) -> None:
         """Publish a reading on all topics to which anybody subscribes."""
-        wall_ns = reading.stamp_ns + wall_minus_monotonic_ns()
+        wall_ns = wall_time_ns(reading.stamp_ns)
         wanted = {topic for topic, writer in self._writers.items() if writer.has_subscribers}
         for topic, message in self.messages.encode(reading, wall_ns, wanted).items():
             self._writers[topic].write(message)
@@ -261,7 +261,7 @@ class SensorOnRos2:
                 wrench = source.read()
                 self._recorder.add(wrench)
                 if writer.has_subscribers:
-                    wall_ns = wrench.stamp_ns + wall_minus_monotonic_ns()
+                    wall_ns = wall_time_ns(wrench.stamp_ns)
                     writer.write(self.messages.encode_measured(wrench, wall_ns))
         except SourceEnded:
             return

@@ -182,7 +182,7 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         if found is None or found.wrench is None:
             wrench, heights = reading.wrench, reading.heights
         else:
-            wrench, heights = found.wrench.about(np.zeros(3)), found.height
+            wrench, heights = found.wrench.about_skin_centre(), found.height
         grey, size = cv2.cvtColor(reading.frame.image, cv2.COLOR_BGR2GRAY), IMAGE_SHAPE[::-1]
         return {
             "image": cv2.resize(grey, size, interpolation=cv2.INTER_AREA),

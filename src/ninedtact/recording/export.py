@@ -17,8 +17,9 @@ from ninedtact.recording.errors import ExportTargetTaken, RecordingUnreadable
 from ninedtact.recording.reader import SENSOR_FOLDER, Recording
 from ninedtact.recording.topics_and_messages import Topic
 
-_WRENCH_COLUMNS = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
-_STD_COLUMNS = tuple(f"{name}_std" for name in _WRENCH_COLUMNS)
+WRENCH_COLUMNS = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
+"""Names of the six components of a wrench in exported files."""
+_STD_COLUMNS = tuple(f"{name}_std" for name in WRENCH_COLUMNS)
 _TIME_COLUMNS = ("monotonic_ns", "wall_ns")
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
@@ -40,8 +41,7 @@ def export_each_sensor(
     recordings: Sequence[Recording], out: Path, on_image: Callable[[], None] = lambda: None
 ) -> dict[str, int]:
     """Write the sensors of one recording, each into a folder of its name where there are several, as `export_recording`."""
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise ExportTargetTaken(f"expected --out to be a new or empty folder, got {out}; choose another name")
+    require_empty_folder(out)
     require_exportable(recordings)
     written: Counter[str] = Counter()
     with create_folder_atomically(out) as folder:
@@ -50,6 +50,12 @@ def export_each_sensor(
             place.mkdir(exist_ok=True)
             written.update(_export_into(recording, place, on_image))
     return dict(written)
+
+
+def require_empty_folder(out: Path) -> None:
+    """Raise `ExportTargetTaken` for a path at which there is more than an empty folder."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise ExportTargetTaken(f"expected --out to be a new or empty folder, got {out}; choose another name")
 
 
 def require_exportable(recordings: Sequence[Recording]) -> None:
@@ -101,7 +107,7 @@ def _export_references(recording: Recording, out: Path) -> int:
 def _export_measured(recording: Recording, path: Path) -> int:
     """Write a table of the measured wrenches about the skin centre."""
     rows = ((*_both_times(recording, wrench.stamp_ns), *wrench.six.tolist()) for wrench in recording.wrenches())
-    return _write_csv(path, (*_TIME_COLUMNS, *_WRENCH_COLUMNS), rows)
+    return _write_csv(path, (*_TIME_COLUMNS, *WRENCH_COLUMNS), rows)
 
 
 def _export_estimates(recording: Recording, path: Path) -> int:
@@ -115,7 +121,7 @@ def _export_estimates(recording: Recording, path: Path) -> int:
         )
         for one in recording.estimates()
     )
-    return _write_csv(path, (*_TIME_COLUMNS, *_WRENCH_COLUMNS, *_STD_COLUMNS, "warnings"), rows)
+    return _write_csv(path, (*_TIME_COLUMNS, *WRENCH_COLUMNS, *_STD_COLUMNS, "warnings"), rows)
 
 
 def _export_heights(recording: Recording, out: Path) -> int:
@@ -134,7 +140,7 @@ def _export_pairs(recording: Recording, path: Path) -> int:
         (f"image_{pair.image:08d}.png", pair.object, pair.contact, pair.kind, pair.reference, *pair.wrench.six.tolist())
         for pair in recording.kept_labels()
     )
-    return _write_csv(path, ("image", "object", "contact", "kind", "reference", *_WRENCH_COLUMNS), rows)
+    return _write_csv(path, ("image", "object", "contact", "kind", "reference", *WRENCH_COLUMNS), rows)
 
 
 def _export_events(recording: Recording, path: Path) -> int:

@@ -13,6 +13,7 @@ from math import isfinite
 from secrets import token_hex
 from typing import Any, Literal, get_args
 
+from ninedtact._version import __version__
 from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
 
@@ -33,6 +34,11 @@ _NUMBERS = ("mm_per_px", "height_step_mm", "camera_delay_ms")
 def wall_minus_monotonic_ns() -> int:
     """Return how far the wall clock is ahead of the monotonic clock now."""
     return time.time_ns() - time.monotonic_ns()
+
+
+def wall_time_ns(stamp_ns: int) -> int:
+    """Return the wall time of a monotonic stamp, as the clocks are now."""
+    return stamp_ns + wall_minus_monotonic_ns()
 
 
 def _new_recording_id() -> str:
@@ -62,7 +68,8 @@ class RecordingMetadata:
     """Delay of the camera that was subtracted from the arrival times of its images; their stamps are times of exposure then."""
     name: str = ""
     """Name of the sensor among several of one recording, such as left; empty in a recording of one sensor."""
-    software: str = ""
+    software: str = __version__
+    """Version of the package that made the recording."""
     id: str = field(default_factory=_new_recording_id)
     wall_minus_monotonic_ns: int = field(default_factory=wall_minus_monotonic_ns)
 

@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from threading import Event
 from time import monotonic, monotonic_ns
@@ -24,7 +23,7 @@ from ninedtact.recording.errors import RecordingStopped, ReferenceMomentRefused
 from ninedtact.recording.merge_streams import BackgroundReader
 from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses, sensor_folder_attachments
-from ninedtact.recording.topics_and_messages import RecordingEvent, RecordingEventKind, Topic
+from ninedtact.recording.topics_and_messages import ESTIMATE_TOPICS, RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, FindReferenceFaults
 from ninedtact.shape.depth import DepthReader
@@ -176,7 +175,6 @@ def _new_recorder(
         force_torque=force_torque.name if force_torque else "",
         mm_per_px=sensor.shape.rectify.mm_per_px if estimates else 0.0,
         camera_delay_ms=part.camera_delay_ms,
-        software=version("ninedtact"),
     )
     attachments = sensor_folder_attachments(sensor.path, name)
     writer = RecordingWriter(out, metadata, topics, attachments, notify, beside)
@@ -195,14 +193,11 @@ def new_reading_writer(
 ) -> RecordingWriter:
     """Return the writer of readings (`RecordingWriter.write_reading`) into a new file, which is not open yet.
 
-    metadata: is completed with what is known of the sensor and the software. measured, estimated: whether such wrenches are
+    metadata: is completed with what is known of the sensor. measured, estimated: whether such wrenches are
     written. topics: those beside images, reference images and wrenches. beside: the first writer of the same file.
     """
-    complete = replace(
-        metadata, sensor=sensor.id, mm_per_px=sensor.shape.rectify.mm_per_px, software=version("ninedtact")
-    )
-    written = {Topic.IMAGES, Topic.REFERENCE_GREY, *topics}
-    written |= {Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS} if estimated else set()
+    complete = replace(metadata, sensor=sensor.id, mm_per_px=sensor.shape.rectify.mm_per_px)
+    written = {Topic.IMAGES, Topic.REFERENCE_GREY, *topics, *(ESTIMATE_TOPICS if estimated else ())}
     written |= {Topic.MEASURED} if measured else set()
     attachments = sensor_folder_attachments(sensor.path, metadata.name)
     return RecordingWriter(path, complete, written, attachments, beside=beside)
@@ -278,8 +273,7 @@ class EstimateRecorder:
     @property
     def topics(self) -> set[Topic]:
         """The topics that `write` writes to."""
-        force = {Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS} if self._estimates_force else set()
-        return force | ({Topic.HEIGHTS} if self.heights else set())
+        return {*(ESTIMATE_TOPICS if self._estimates_force else ()), *([Topic.HEIGHTS] if self.heights else ())}
 
     def require_reference(self) -> None:
         """Raise `ReferenceMomentRefused` where nothing could be written for lack of reference images."""
@@ -288,14 +282,10 @@ class EstimateRecorder:
     def write(self, frame: Frame, writer: RecordingWriter) -> None:
         """Write heights and estimate of a frame, and of the first frames once the reference is known."""
         for reading in self._computer.readings(frame):
-            index = reading.frame.index
             self._report_faults(reading.stamp_ns, writer)
-            if self.heights:
-                writer.write_height(reading.height, index)
             if self._estimates_force:
-                estimate = self.estimator.estimate(reading)
-                warnings = reading.with_force(estimate).warnings
-                writer.write_estimated(replace(estimate, warnings=warnings), index)
+                reading = reading.with_force(self.estimator.estimate(reading))
+            writer.write_measurements(reading)
 
     def _report_faults(self, stamp_ns: int, writer: RecordingWriter) -> None:
         """Report the faults of the reference once, as remarks in the recording and to the person who records."""

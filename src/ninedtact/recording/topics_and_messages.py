@@ -95,6 +95,10 @@ MESSAGE_TYPES = {
 }
 
 
+ESTIMATE_TOPICS = frozenset({Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS})
+"""Topics of an estimated wrench."""
+
+
 class RecordingEventKind(StrEnum):
     """What happened beside images and wrenches."""
 
@@ -186,7 +190,7 @@ def encode_height(
 def encode_wrench(wrench: Wrench, wall_ns: int, frame: str = SKIN_FRAME) -> bytes:
     """Return a wrench message about the skin centre."""
     types = type_store().types
-    about_centre = wrench.about(np.zeros(3)) if wrench.about_mm.any() else wrench
+    about_centre = wrench.about_skin_centre()
     vector = types["geometry_msgs/msg/Vector3"]
     force, torque = vector(*about_centre.force_n.tolist()), vector(*about_centre.torque_nm.tolist())
     message = types["geometry_msgs/msg/Wrench"](force, torque)

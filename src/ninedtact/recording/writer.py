@@ -10,7 +10,6 @@ from threading import RLock
 from time import monotonic, monotonic_ns
 from types import TracebackType
 
-import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from ninedtact.errors import NinedtactError
@@ -98,7 +97,7 @@ class RecordingWriter:
         opened.records = _RecordFile(self.path)
         opened.mcap = Writer(opened.records, CHUNK_BYTES, CompressionType.ZSTD)  # type: ignore[arg-type]
         try:
-            opened.mcap.start("ros2", f"ninedtact {self.metadata.software}".strip())
+            opened.mcap.start("ros2", f"ninedtact {self.metadata.software}")
             for writer in opened.writers:
                 writer._begin()
             for writer in opened.writers:
@@ -111,12 +110,15 @@ class RecordingWriter:
         return self
 
     def write_reading(self, reading: Reading) -> None:
-        """Write a reading: its reference image where that is a new one, its image, and its heights and its estimate with all
-        warnings where the file has topics for them."""
+        """Write a reading: its reference image where that is a new one, its image, and what `write_measurements` writes."""
         if reading.reference is not self._reference:
             self._reference = reading.reference
             self.write_reference_grey(reading.reference, reading.stamp_ns)
         self.write_image(reading.frame)
+        self.write_measurements(reading)
+
+    def write_measurements(self, reading: Reading) -> None:
+        """Write the heights of a reading and its estimate with all warnings, where the file has topics for them."""
         if Topic.HEIGHTS in self._topics:
             self.write_height(reading.height, reading.frame.index)
         if reading.force is not None and Topic.ESTIMATED in self._topics:
@@ -158,7 +160,7 @@ class RecordingWriter:
         wall_ns = self.metadata.wall_ns(stamp_ns)
         frame_id = self._frame_id(SKIN_FRAME)
         self._add(Topic.ESTIMATED, stamp_ns, encode_wrench(estimate.wrench, wall_ns, frame_id), index)
-        covariance = estimate.about(np.zeros(3)).covariance  # as `encode_wrench`
+        covariance = estimate.about_skin_centre().covariance  # as `encode_wrench`
         self._add(Topic.COVARIANCE, stamp_ns, encode_covariance(covariance), index)
         if estimate.warnings:
             texts = [warning.value for warning in estimate.warnings]
@@ -171,9 +173,8 @@ class RecordingWriter:
 
     def write_height(self, height: HeightMap, index: int) -> None:
         """Write the heights of the image with this index, NaN out of view."""
-        z_mm = np.where(height.in_view, height.z_mm, np.float32(np.nan))
         wall_ns, frame_id = self.metadata.wall_ns(height.stamp_ns), self._frame_id(SKIN_FRAME)
-        message = encode_height(z_mm, wall_ns, self.metadata.height_step_mm, frame_id)
+        message = encode_height(height.visible_z_mm, wall_ns, self.metadata.height_step_mm, frame_id)
         self._add(Topic.HEIGHTS, height.stamp_ns, message, index)
 
     def write_label(self, label: PairLabel) -> None:

@@ -145,7 +145,7 @@ def export_shape(height: HeightMap, path: Path | str, every: int = 1) -> None:
 def write_npy(path: Path | str, height: HeightMap) -> None:
     """Write float32 heights in mm, NaN out of view; `numpy.load` reads the file."""
     buffer = BytesIO()
-    np.save(buffer, np.where(height.in_view, height.z_mm, np.float32(np.nan)))
+    np.save(buffer, height.visible_z_mm)
     write_file_atomically(path, buffer.getvalue())
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.design import SensingArea, SensorDesign
+from ninedtact.design import RectifiedImageSize, SensingArea, SensorDesign
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import centred_axis_mm
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap
@@ -55,6 +55,14 @@ class RectifiedRenderer:
 def rectified_mm_per_px(size: tuple[int, int], design: SensorDesign = SensorDesign()) -> float:
     """Return the pixel pitch of rectified images of this size (cols, rows), which are as wide as the sensing area."""
     return PUBLISHED_MM_PER_PX * _PUBLISHED_COLS / size[0] * (design.sensing_area.width_mm / SensingArea().width_mm)
+
+
+def rectified_grid_of_design(design: SensorDesign) -> tuple[tuple[int, int], float]:
+    """Return the (rows, cols) and the mm per pixel of the rectified images of a design of which no sensor is calibrated yet."""
+    view = design.field_of_view
+    finer = view.raw_long_side_px / RectifiedImageSize().raw_long_side_px
+    wider = design.sensing_area.width_mm / SensingArea().width_mm
+    return (view.rows, view.cols), PUBLISHED_MM_PER_PX * wider / finer
 
 
 def rectified_renderer(member: SampledSensor, size: tuple[int, int]) -> RectifiedRenderer:

@@ -4,6 +4,7 @@ Both are sources like those of real hardware (`FrameSource`, `WrenchSource`) and
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import radians
 from threading import Lock
 
@@ -163,7 +164,11 @@ class DemoSources:
 
     camera: SimulatedCamera
     force_torque: SimulatedForceTorque
-    reference_frames: tuple[Frame, ...]
+
+    @cached_property
+    def reference_frames(self) -> tuple[Frame, ...]:
+        """The reference images (no contact) of the twin."""
+        return simulate_reference_frames(self.simulation.twin)
 
     @property
     def simulation(self) -> PressSequence:
@@ -174,9 +179,11 @@ class DemoSources:
 def demo_sources(twin: Twin, rounds: int | None = None) -> DemoSources:
     """Return the sources of the demo, not yet opened."""
     simulation = PressSequence(twin, demo_press_sequence(), rounds=rounds)
-    reference_frames = tuple(Frame(twin.renderer(None, number)) for number in range(-REFERENCE_FRAMES, 0))
     return DemoSources(
-        SimulatedCamera(simulation),
-        SimulatedForceTorque(simulation, SAMPLES_HZ, NO_FORCE_TORQUE_ERRORS),
-        reference_frames,
+        SimulatedCamera(simulation), SimulatedForceTorque(simulation, SAMPLES_HZ, NO_FORCE_TORQUE_ERRORS)
     )
+
+
+def simulate_reference_frames(twin: Twin) -> tuple[Frame, ...]:
+    """Return as many images without contact as a reference image is the mean of; their noise is that of no image of a press."""
+    return tuple(Frame(twin.renderer(None, number)) for number in range(-REFERENCE_FRAMES, 0))

@@ -19,7 +19,7 @@ from numpy import ndarray as Array
 from ninedtact.capture.force_torque.bota import BotaDriver
 from ninedtact.capture.force_torque.driver_source import DriverWrenchSource, ForceTorqueDriver
 from ninedtact.capture.force_torque.netft import NetFtDriver
-from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
+from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings, SkippingWrenchSource
 from ninedtact.capture.force_torque.serial_driver import SerialPortDriver
 from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareSettings
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
@@ -134,3 +134,17 @@ def build_wrench_source(
     """Return the wrench that the object applies to the skin, in the sensor frame: checked, tared on opening, reopened when lost."""
     checked = CheckedWrenchSource(ReconnectingWrenchSource(device, on_lost, on_back), settings.checks)
     return TaredWrenchSource(MountedWrenchSource(checked, mount), settings.tare)
+
+
+def untared_wrench_source_for(address: str, mount: ForceTorqueMount, notify: Callable[[str], None]) -> WrenchSource:
+    """Return what the sensor at an address measures, in the sensor frame and without a tare; not yet opened.
+
+    It is reopened when lost, and samples that the device marks as wrong are left out; `notify` receives a sentence about either.
+    Raises `ForceTorqueAddressUnknown`.
+    """
+    reopened = ReconnectingWrenchSource(
+        force_torque_sensor_for(address),
+        on_lost=lambda loss: notify(f"{loss}; waiting for it"),
+        on_back=lambda: notify("it is back"),
+    )
+    return MountedWrenchSource(SkippingWrenchSource(reopened, lambda reason: notify(f"{reason}; left out")), mount)

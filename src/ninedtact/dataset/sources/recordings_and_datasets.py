@@ -107,7 +107,7 @@ class _RecordingPart(SourcePart):
             id=f"{pair.contact}/{step:03d}",
             image=_encode_grey_levels(rectify(Frame(pair.image)).grey),
             reference_id=pair.reference.id,
-            wrench=pair.wrench.about(np.zeros(3)).six.astype(np.float32),
+            wrench=pair.wrench.about_skin_centre().six.astype(np.float32),
             object=pair.object,
             contact_id=pair.contact,
             step=step,

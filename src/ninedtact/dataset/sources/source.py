@@ -63,7 +63,7 @@ class SourceConventions:
         force_n, torque_nm = (signs * vector[order] for vector in (measured[:3], measured[3:]))
         about_mm = np.array(self.origin_mm or usual_origin_mm)
         with np.errstate(invalid="ignore"):  # values that are not finite stay so, and the checks list them
-            return Wrench(force_n, torque_nm, about_mm).about(np.zeros(3)).six.astype(np.float32)
+            return Wrench(force_n, torque_nm, about_mm).about_skin_centre().six.astype(np.float32)
 
     def stated_options(self) -> Iterator[str]:
         """Yield the options of `ninedtact dataset build` that differ from their defaults."""

@@ -5,14 +5,19 @@ image ──waits until later samples are known──▶ wrench at its time ─�
 Only stamps count, never the time of processing: live devices, simulated sensors and recordings are collected by the same steps.
 """
 
+import json
 from bisect import bisect_left
 from collections import Counter, deque
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from itertools import count
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass, field
+from itertools import chain, count
+from pathlib import Path
 
 import numpy as np
 
+from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
+from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.force_torque.sample_checks import (
     REJECTION_FAULTS,
     ClockDriftMonitor,
@@ -22,6 +27,7 @@ from ninedtact.capture.force_torque.sample_checks import (
 from ninedtact.capture.training_pair_rule import SamplingRule
 from ninedtact.capture.wrench_source import WrenchSampleRejected
 from ninedtact.quantities import NO_OBJECT, Frame, Wrench
+from ninedtact.recording.collecting.collection_sources import CollectSetup
 from ninedtact.recording.collecting.pair_selection import (
     CollectSettings,
     ImageWrenchCandidate,
@@ -30,7 +36,9 @@ from ninedtact.recording.collecting.pair_selection import (
     ZeroDriftMonitor,
 )
 from ninedtact.recording.collecting.tare_and_reference import TareInProgress, TareResult
-from ninedtact.recording.merge_streams import Arrival
+from ninedtact.recording.merge_streams import Arrival, MergedArrival
+from ninedtact.recording.metadata import RecordingMetadata, wall_minus_monotonic_ns
+from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import PairLabel, RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import FindReferenceFaults
@@ -82,20 +90,18 @@ class _WrenchHistory:
         return before, self.samples[after] if after < len(self.samples) else None
 
 
+def _numbered_objects() -> Iterator[str]:
+    """Yield object_001, object_002 and so on."""
+    return (f"object_{number:03d}" for number in count(1))
+
+
 @dataclass
 class Collector:
-    """Saves pairs into an open recording. It starts with a tare.
-
-    collector = Collector(writer)
-    for arrival in merge_live_streams(camera, force_torque):
-        if arrival is not None:
-            collector.add(arrival)
-    collector.finish()
-    """
+    """Saves pairs into an open recording, beginning with a tare. `collect_pairs` adds what a sensor's devices deliver."""
 
     writer: RecordingWriter
     settings: CollectSettings = CollectSettings()
-    objects: Iterator[str] = field(default_factory=lambda: (f"object_{number:03d}" for number in count(1)))
+    objects: Iterator[str] = field(default_factory=_numbered_objects)
     """Names of the objects, in turn."""
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
     find_reference_faults: FindReferenceFaults = lambda _: ()
@@ -150,7 +156,7 @@ class Collector:
             self._decide_pending()
 
     def _add_wrench(self, sample: Wrench) -> None:
-        wrench = sample.about(np.zeros(3))
+        wrench = sample.about_skin_centre()
         self.writer.write_measured(wrench)
         if not self.sample_faults.accept(wrench):
             return
@@ -289,3 +295,66 @@ class Collector:
                 name, text = fault.name.lower(), self.fault_text(fault)
                 self.writer.write_event(RecordingEvent(self._newest_ns, RecordingEventKind.REMARK, name, text))
         self.fault = fault
+
+
+def collect_pairs(
+    setup: CollectSetup,
+    out: Path | str,
+    sensor: SensorFolder,
+    settings: CollectSettings = CollectSettings(),
+    objects: Sequence[str] = (),
+    seed: int | None = None,
+    should_stop: Callable[[Collector], bool] = lambda collector: False,
+    notify: Callable[[str], None] = lambda sentence: None,
+    on_progress: Callable[[Collector], None] = lambda collector: None,
+) -> Collector:
+    """Collect training pairs into a new MCAP file until `should_stop` is true or the sources end; return the collector.
+
+    sensor: its folder is attached to the file. objects: their names in turn; after the last, object_001, object_002 and so on.
+    seed: of the load below which the first pair of each contact is saved; None for a random one. should_stop: called before every
+    image and sample, and while none arrives; it may also begin the next object, undo a contact or take a tare. notify: receives a
+    sentence for the person who collects. on_progress: called after every image and sample.
+
+    Raises `RecordingRefused`, `RecordingStopped` and what a lost device raises; every pair that was saved before is kept.
+    """
+    ahead_ns = setup.wall_minus_monotonic_ns
+    metadata = RecordingMetadata(
+        sensor=sensor.id,
+        purpose="collect",
+        source=setup.camera.name,
+        force_torque=setup.force_torque.name,
+        settings=json.dumps(asdict(settings)),
+        camera_delay_ms=setup.camera_delay_ms,
+        wall_minus_monotonic_ns=wall_minus_monotonic_ns() if ahead_ns is None else ahead_ns,
+    )
+    writer = RecordingWriter(out, metadata, COLLECTED_TOPICS, sensor_folder_attachments(sensor.path), notify)
+    collector = Collector(
+        writer,
+        settings,
+        chain(objects, _numbered_objects()),
+        np.random.default_rng(seed),
+        load_reference_image_checker(sensor).find_faults,
+        notify,
+    )
+    with writer, closing(setup.arrivals()) as arrivals:
+        for arrival in arrivals:
+            if should_stop(collector):
+                break
+            _add_arrival(collector, arrival, setup)
+            on_progress(collector)
+        collector.finish()
+    return collector
+
+
+def _add_arrival(collector: Collector, arrival: MergedArrival, setup: CollectSetup) -> None:
+    """Add what arrived, and take notice of a new object and of a force/torque sensor that is back."""
+    if setup.was_away.is_set():
+        setup.was_away.clear()
+        collector.sample_faults.mark_zero_uncertain()
+    if arrival is None:
+        return
+    if isinstance(arrival.item, Frame) and setup.object_at is not None:
+        name = setup.object_at(arrival.item)
+        if name != collector.object:
+            collector.begin_object(name, arrival.item.stamp_ns)
+    collector.add(arrival)
