@@ -16,7 +16,7 @@ from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.design import Gel
 from ninedtact.studio.guided_page import GuidedPageImage
 from ninedtact.studio.page_and_server import PORTS_TRIED, PagePortRefused, SensorPage, find_default_port, page_server
-from ninedtact.studio.page_controller import PageController
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.saved_files import SaveLimits
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
@@ -34,7 +34,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
     tab.on("request", lambda request: asked.add(request.url.split("/")[2] if "//" in request.url else ""))
     sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
-        studio = PageController(loop, tmp_path, save_limits=SaveLimits(per_minute=1))
+        studio = PageController([DisplayedSensor(loop)], tmp_path, save_limits=SaveLimits(per_minute=1))
         page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
         address = f"127.0.0.1:{server.get_port()}"
 
@@ -81,7 +81,9 @@ def test_a_browser_keeps_the_choice_of_a_dark_page(tmp_path: Path, is_guided: bo
         if is_guided:
             GuidedPageImage(server, "Calibration").serve(server)
         else:
-            SensorPage(server, PageController(loop, tmp_path), gel_block_under_skin(SHAPE, Gel()), "small")
+            SensorPage(
+                server, PageController([DisplayedSensor(loop)], tmp_path), gel_block_under_skin(SHAPE, Gel()), "small"
+            )
         for kept, chosen in ((None, True), ("dark", False), ("light", True)):
             with page_socket(server.get_port()) as browser:
                 messages, themes = received_messages(browser), list[bool]()

@@ -24,7 +24,7 @@ from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_cards import _curves_of, explained_wrench_table_html, wrench_table_html
-from ninedtact.studio.page_controller import PageController
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
 from ninedtact.studio.wrench_history import WrenchHistory, WrenchPoller, WrenchWithUncertainty
@@ -149,7 +149,7 @@ def test_a_browser_shows_the_twin_move_and_its_true_and_estimated_wrench(
     tab, seen, pushes = browser.new_page(viewport={"width": 1200, "height": 800}), set(), set()
     errors = page_errors(tab)
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep_estimate) as loop, pollers[0]:
-        studio = PageController(loop, tmp_path, [true, estimated])
+        studio = PageController([DisplayedSensor(loop, [true, estimated])], tmp_path)
         page = SensorPage(
             server, studio, gel_block_under_skin(twin_sensor.shape, twin_sensor.record.design.gel), "twin"
         )
@@ -167,7 +167,7 @@ def test_a_browser_shows_the_twin_move_and_its_true_and_estimated_wrench(
         pressed = Path(tmp_path / "page.png")
         tab.screenshot(path=pressed)
         assert pressed.stat().st_size > 10_000
-        reading = studio.shown_reading
+        reading = studio.sensors[0].shown_reading
         assert reading is not None and loop.snapshot(0).phase in (SensorPhase.READING, SensorPhase.ENDED)
         assert reading.force is not None
         at_reading = true.snapshot(reading.frame.stamp_ns, time.monotonic_ns()).sample

@@ -15,7 +15,6 @@ from viser._messages import RunJavascriptMessage
 
 from ninedtact.errors import DeviceError
 from ninedtact.studio.page_controller import PageController, PageMoment
-from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.scene_3d import GelBlock, set_up_view
 from ninedtact.studio.sensor_group import SensorGroupCurvesPanel
 from ninedtact.studio.sensor_panels import ReferenceAndRatesPanel, StatusPanel, WrenchAndCurvesPanel, WrenchPanel
@@ -105,18 +104,17 @@ class SensorPage:
         controller: PageController,
         block: GelBlock,
         title: str,
-        press: TwinPressController | Sequence[TwinPressController] | None = None,
         more_panels: Sequence[PanelFactory] = (),
     ) -> None:
-        """press: what a person does with a twin; None for a sensor that is no twin, one for each sensor where all are twins.
-        more_panels: further tabs, before the last."""
+        """more_panels: further tabs, before the last."""
         self._server, self._controller, self._block = server, controller, block
         self._viewers: dict[int, ViewerPage] = {}
         self._lock = Lock()
-        presses = (press,) if isinstance(press, TwinPressController) else tuple(press or ())
-        press_panels: list[PanelFactory] = [partial(TwinPressPanel, controls=presses)] if presses else []
-        several = len(controller.sensors) > 1
-        curves: PanelFactory = SensorGroupCurvesPanel if several else WrenchAndCurvesPanel
+        presses = [one.press for one in controller.sensors if one.press is not None]
+        are_twins = len(presses) == len(controller.sensors)
+        press_panels: list[PanelFactory] = [partial(TwinPressPanel, controls=presses)] if are_twins else []
+        curves: PanelFactory = SensorGroupCurvesPanel if len(controller.sensors) > 1 else WrenchAndCurvesPanel
+        has_wrenches = any(one.wrenches for one in controller.sensors)
         self._panels: tuple[PanelFactory, ...] = (
             ImagesPanel,
             StatusPanel,
@@ -126,7 +124,7 @@ class SensorPage:
             ProfilePanel,
             *more_panels,
             ReferenceAndRatesPanel,
-            *([curves] if controller.wrenches else []),
+            *([curves] if has_wrenches else []),
         )
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.gui.set_panel_label(title)

@@ -32,7 +32,7 @@ from ninedtact.studio.page_cards import (
 )
 from ninedtact.studio.page_controller import WITHOUT_READING, NothingToSave, PageMoment
 from ninedtact.studio.page_recorder import PageRecorder, RecorderState
-from ninedtact.studio.recording_player import SPEEDS, LabelledSpanRefused, RecordingPlayer
+from ninedtact.studio.recording_player import SPEEDS, LabelledSpanRefused, RecordedSensor, RecordingPlayer
 from ninedtact.studio.saved_files import Exporter, save_surface_sequence, save_video, standalone_moment_html
 from ninedtact.studio.viewer import Side, ViewerPage, is_user_event, set_gui_control
 
@@ -205,14 +205,12 @@ class RecordingsPanel:
         """Show a recording in place of the sensor, to this viewer."""
         viewer = self._viewer
         with self._viewer.notify_refusal("Not opened"), ExitStack() as opened:
-            paths, sensors = list(map(Path, recorded_sensor_addresses(path))), viewer.controller.sensors
-            others: list[RecordingPlayer] = []
-            for number, one in enumerate(paths[1:], start=1):
-                columns = sensors[min(number, len(sensors) - 1)].wrenches
-                others.append(RecordingPlayer(one, self._context.shape_of(one), viewer.controller.scale, columns))
-                opened.callback(others[-1].close)
-            shape = self._context.shape_of(paths[0])
-            player = RecordingPlayer(paths[0], shape, viewer.controller.scale, sensors[0].wrenches, others)
+            recorded, columns = list[RecordedSensor](), [one.wrenches for one in viewer.controller.sensors]
+            for number, address in enumerate(map(Path, recorded_sensor_addresses(path))):
+                sources, shape = columns[min(number, len(columns) - 1)], self._context.shape_of(address)
+                recorded.append(RecordedSensor(address, shape, viewer.controller.scale, sources))
+                opened.callback(recorded[-1].close)
+            player = RecordingPlayer(recorded)
             opened.pop_all()
             player.speed = _SPEED_OF_NAME.get(str(self._speed.value), 1.0)
             self._player, self._opened_name = player, path.name
@@ -310,7 +308,8 @@ class RecordingsPanel:
         self._progress.content = result
 
     def _export_page(self, time: str) -> Path:
-        moment = self._viewer.moment
+        newest = self._viewer.moment
+        moment = None if newest is None else self._viewer.choose_shown(newest)[0]
         if moment is None or moment.view is None:
             raise NothingToSave(WITHOUT_READING)
         view, path = moment.view.bright_copy(), self._out / f"moment_{time}.html"
@@ -330,13 +329,13 @@ class RecordingsPanel:
         return path
 
     def _export_with(self, exporter: Exporter, time: str) -> Path:
-        players = self._opened().sensors if exporter.has_all_sensors else (self._chosen_player(),)
-        name = self._opened().path.stem if exporter.has_all_sensors else _file_name(players[0].path)
+        sensors = self._opened().sensors if exporter.has_all_sensors else (self._chosen_sensor(),)
+        name = self._opened().path.stem if exporter.has_all_sensors else _file_name(sensors[0].path)
         path = self._out / f"{name}_{exporter.word}_{time}{exporter.ending}"
         with ExitStack() as opened:
-            recordings = [opened.enter_context(Recording(one.path)) for one in players]
+            recordings = [opened.enter_context(Recording(one.path)) for one in sensors]
             count = sum(len(recording.positions(Topic.IMAGES)) for recording in recordings)
-            first = None if self._viewer.moment is None else self._viewer.moment.reading
+            first = None if self._viewer.moment is None else self._viewer.moment.sensors[0].reading
             image_bytes = 0 if first is None else first.frame.image.nbytes + _HEIGHT_BYTES * first.height.z_mm.size
             self._quota.require_space(count * image_bytes, self._out, "an export")
             said = iter(range(1, count + 1))
@@ -345,21 +344,21 @@ class RecordingsPanel:
         return path
 
     def _export_surfaces(self, time: str) -> Path:
-        path = self._out / f"{_file_name(self._chosen_player().path)}_surfaces_{time}"
+        path = self._out / f"{_file_name(self._chosen_sensor().path)}_surfaces_{time}"
         with self._readings_of_choice() as readings:
             save_surface_sequence(readings, path, self._quota)
         return path
 
     def _export_video(self, time: str) -> Path:
-        path = self._out / f"{_file_name(self._chosen_player().path)}_{time}.mp4"
+        path = self._out / f"{_file_name(self._chosen_sensor().path)}_{time}.mp4"
         with self._readings_of_choice() as readings:
-            save_video(readings, self._viewer.controller.scale, self._chosen_player().hz, path, self._quota)
+            save_video(readings, self._viewer.controller.scale, self._chosen_sensor().readings.hz, path, self._quota)
         return path
 
     @contextmanager
     def _readings_of_choice(self) -> Iterator[Iterator[Reading]]:
         """Give the readings of the chosen label, or all, and say how many have been asked for."""
-        readings, numbers = self._chosen_player().readings_within(self._chosen_span())
+        readings, numbers = self._chosen_sensor().readings_within(self._chosen_span())
         with readings:
             if not numbers:
                 raise NothingToSave(f"expected images in {self._label_choice.value}, got none; choose another label")
@@ -373,8 +372,8 @@ class RecordingsPanel:
         if number % 10 == 1 or number == count:
             self._progress.content = f'<div style="{_SMALL}">exporting {number} of {count}</div>'
 
-    def _chosen_player(self) -> RecordingPlayer:
-        """Return the player of the sensor that the views show, or of the first; raises `NothingToSave`."""
+    def _chosen_sensor(self) -> RecordedSensor:
+        """Return the recorded sensor that the views show, or of the first; raises `NothingToSave`."""
         sensors = self._opened().sensors
         return sensors[min(self._viewer.options.sensor or 0, len(sensors) - 1)]
 

@@ -25,7 +25,7 @@ from ninedtact.studio.page_cards import (
     component_curve_and_error_band,
     warning_badge_html,
 )
-from ninedtact.studio.page_controller import PageMoment
+from ninedtact.studio.page_controller import PageMoment, SensorMoment
 from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.viewer import Side, ViewerPage, is_user_event
 from ninedtact.studio.wrench_history import WrenchSourceSnapshot, WrenchWithUncertainty
@@ -59,7 +59,7 @@ class GripForce:
     """Which sensor has no force."""
 
 
-def grip_forces(moments: Sequence[PageMoment]) -> Iterator[GripForce]:
+def grip_forces(moments: Sequence[SensorMoment]) -> Iterator[GripForce]:
     """Yield the grip force of every pair of opposing sensors, by each kind of source that both have."""
     for one, other in zip(moments[::2], moments[1::2], strict=False):
         for first in one.wrenches:
@@ -69,7 +69,7 @@ def grip_forces(moments: Sequence[PageMoment]) -> Iterator[GripForce]:
 
 
 def _grip_force(
-    one: PageMoment, other: PageMoment, first: WrenchSourceSnapshot, second: WrenchSourceSnapshot
+    one: SensorMoment, other: SensorMoment, first: WrenchSourceSnapshot, second: WrenchSourceSnapshot
 ) -> GripForce:
     fingers, samples = (one.name, other.name), (first.sample, second.sample)
     known = [_has_force(moment, sample) for moment, sample in zip((one, other), samples, strict=True)]
@@ -80,17 +80,17 @@ def _grip_force(
     return GripForce(fingers, first.name, force_n, float(samples[0].std[2] + samples[1].std[2]) / 2)
 
 
-def _has_force(moment: PageMoment, sample: WrenchWithUncertainty | None) -> bool:
+def _has_force(moment: SensorMoment, sample: WrenchWithUncertainty | None) -> bool:
     """Return whether the normal force of a sensor is current and known."""
     return sample is not None and not moment.status.is_past and not np.isinf(sample.std[2])
 
 
-def group_status_html(moments: Sequence[PageMoment]) -> str:
+def group_status_html(moments: Sequence[SensorMoment]) -> str:
     """Return the state of every sensor as HTML, with its maximum indentation and contact area."""
     return "".join(map(_sensor_status_html, moments))
 
 
-def _sensor_status_html(moment: PageMoment) -> str:
+def _sensor_status_html(moment: SensorMoment) -> str:
     measures = ""
     if moment.view is not None:
         summary = moment.view.summary
@@ -103,7 +103,7 @@ def _sensor_status_html(moment: PageMoment) -> str:
     )
 
 
-def group_wrench_table_html(moments: Sequence[PageMoment]) -> str:
+def group_wrench_table_html(moments: Sequence[SensorMoment]) -> str:
     """Return the grip forces, then the wrench of every sensor from every source as a row, with errors and warnings, as HTML."""
     if not any(moment.wrenches for moment in moments):
         return ""
@@ -148,7 +148,7 @@ def _grip_html(grip: GripForce) -> str:
     )
 
 
-def _sensor_rows_html(number: int, moment: PageMoment) -> str:
+def _sensor_rows_html(number: int, moment: SensorMoment) -> str:
     """Return the wrenches of one sensor as rows of the table."""
     known = [one for one in moment.wrenches if one.sample is not None]
     warnings = dict.fromkeys(warning for one in known if one.sample for warning in one.sample.warnings)
@@ -188,7 +188,9 @@ def colour_of_sensor(number: int) -> str:
 
 def is_curve_redraw_due(viewer: ViewerPage, moment: PageMoment, moments: int) -> bool:
     """Return whether curves are redrawn: from time to time, and with every moment of a recording, but not while frozen."""
-    return not viewer.is_frozen and (moments % PLOT_EVERY == 0 or moment.sensor.phase is SensorPhase.RECORDED)
+    return not viewer.is_frozen and (
+        moments % PLOT_EVERY == 0 or moment.sensors[0].sensor.phase is SensorPhase.RECORDED
+    )
 
 
 class SensorGroupCurvesPanel:
@@ -252,7 +254,7 @@ class SensorGroupCurvesPanel:
             if self._viewer.moment is not None:
                 self._draw(self._viewer.moment.sensors)
 
-    def _draw(self, moments: Sequence[PageMoment]) -> None:
+    def _draw(self, moments: Sequence[SensorMoment]) -> None:
         """Draw the chosen component of every source."""
         axis, scale = _COMPONENTS[self._shown]
         at_s, absent = np.linspace(-HISTORY_S, 0.0, CURVE_POINTS), np.full(CURVE_POINTS, np.nan)
@@ -277,7 +279,7 @@ class SensorGroupCurvesPanel:
             "y": uplot.Scale(range=(low, half)),
         }
 
-    def _legend_html(self, moments: Sequence[PageMoment]) -> str:
+    def _legend_html(self, moments: Sequence[SensorMoment]) -> str:
         """Return the colours of the sensors as HTML."""
         colours = [(moment.name, colour_of_sensor(number)) for number, moment in enumerate(moments)]
         colours += [("grip force", GRIP_COLOUR)] if self._grips and self._shown == _NORMAL else []
@@ -286,7 +288,7 @@ class SensorGroupCurvesPanel:
         return f'<div style="margin:0 0.9em;font-size:0.85em">{" ".join(parts)}{dashed}</div>'
 
 
-def _find_source(moments: Sequence[PageMoment], number: int, name: str) -> WrenchSourceSnapshot | None:
+def _find_source(moments: Sequence[SensorMoment], number: int, name: str) -> WrenchSourceSnapshot | None:
     """Return a source of wrenches of one sensor; None where the moment has none, as that of another recording."""
     found = moments[number].wrenches if number < len(moments) else ()
     return next((source for source in found if source.name == name), None)

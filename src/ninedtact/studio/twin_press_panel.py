@@ -22,7 +22,7 @@ from ninedtact.simulation.objects.catalogue import PRIMITIVES, indenter_from_nam
 from ninedtact.simulation.objects.mesh_objects import FITTING, MM_PER_UNIT, MeshPlacement
 from ninedtact.simulation.trajectory import HOVER_MM
 from ninedtact.studio.page_cards import TONES
-from ninedtact.studio.page_controller import PageMoment
+from ninedtact.studio.page_controller import PageMoment, SensorMoment
 from ninedtact.studio.press_control import (
     FIT,
     MAX_DEPTH_MM,
@@ -129,8 +129,9 @@ class TwinPressPanel:
         state, followed = self._control.state, (self._viewer.options.sensor or 0, self._control.revision)
         if followed != self._followed:
             self._followed = followed if self._follow(state) else (-1, -1)
-        self._says.content = _contact_html(moment, self._control)
-        self._show_handle(state, moment)
+        shown = self._viewer.choose_shown(moment)[0]
+        self._says.content = _contact_html(shown, self._control)
+        self._show_handle(state, shown)
 
     def _add_handle(self) -> None:
         """Add the handle with which the object is dragged in 3D; up and down is its depth."""
@@ -142,7 +143,7 @@ class TwinPressPanel:
         self._handle.on_update(self._note_drag)
         self._handle.on_update(self._follow_drag)
 
-    def _show_handle(self, state: HandPressState, moment: PageMoment) -> None:
+    def _show_handle(self, state: HandPressState, moment: SensorMoment) -> None:
         """Put the handle where the object is held, unless this viewer is dragging it."""
         press = None if moment.view is None else moment.view.press
         pose = press.contact.pose if press is not None and (state.is_playing or state.by_load) else state.target.pose
@@ -260,7 +261,7 @@ def _mode_of(state: HandPressState) -> str:
     return _SEQUENCE if state.is_playing else _BY_LOAD if state.by_load else _BY_DEPTH
 
 
-def _contact_html(moment: PageMoment, control: TwinPressController) -> str:
+def _contact_html(moment: SensorMoment, control: TwinPressController) -> str:
     """Return what presses, whether it slips, and why the object does not go where it is held, as HTML."""
     press = None if moment.view is None else moment.view.press
     if press is None:

@@ -14,7 +14,7 @@ from ninedtact.studio.page_cards import (
     profile_summary_html,
     sticking_legend_html,
 )
-from ninedtact.studio.page_controller import PageMoment
+from ninedtact.studio.page_controller import PageMoment, SensorMoment
 from ninedtact.studio.reading_view import (
     PROFILE_POINTS,
     ImageKind,
@@ -59,18 +59,20 @@ class ImagesPanel:
 
     def update(self, moment: PageMoment) -> None:
         """Draw both images."""
-        view, options = moment.view, self._viewer.options
-        if view is None:
+        shown, options = self._viewer.choose_shown(moment), self._viewer.options
+        views, names = (
+            [one.view for one in shown if one.view is not None],
+            [one.name for one in shown if one.view is not None],
+        )
+        if not views:
             return
-        shown = [one for one in self._viewer.choose_shown(moment.sensors) if one.view is not None]
-        views, names = [one.view for one in shown if one.view is not None], [one.name for one in shown]
         for image, legend, kind in zip(self._images, self._legends, options.images, strict=True):
             # viser would encode the image for every viewer anew; the view has encoded it once for all.
             if len(views) > 1:
                 image._data = sensor_tiles_jpeg(views, names, kind, options.with_outline, options.source)
             else:
-                image._data = view.jpeg(kind, options.with_outline, options.source)
-            legend.content = _legend_html(view, kind, self._scale, options.source)
+                image._data = views[0].jpeg(kind, options.with_outline, options.source)
+            legend.content = _legend_html(views[0], kind, self._scale, options.source)
 
     def _choose(self, slot: int, event: GuiEvent[Any]) -> None:
         """Show another image in one of both places."""
@@ -127,10 +129,10 @@ class ScenePanel:
 
     def update(self, moment: PageMoment) -> None:
         """Draw the scene where it differs from what was drawn last; a recording may have fewer sensors than the page."""
-        sensors, chosen = moment.sensors, self._viewer.options.sensor
+        chosen = self._viewer.options.sensor
         shown = range(len(self._scenes)) if chosen is None else (min(chosen, len(self._scenes) - 1),)
         arrangement = self._viewer.arrangement
-        drawn = dict(zip(shown, self._viewer.choose_shown(sensors), strict=False))
+        drawn = dict(zip(shown, self._viewer.choose_shown(moment), strict=False))
         for number, frame in enumerate(self._frames):
             frame.visible = number in drawn
         for number, place in zip(shown, arrangement.places_mm, strict=True):
@@ -142,7 +144,7 @@ class ScenePanel:
             camera = self._viewer.client.camera
             camera.position, camera.look_at = arrangement.camera_mm, arrangement.target_mm
 
-    def _draw(self, number: int, moment: PageMoment) -> None:
+    def _draw(self, number: int, moment: SensorMoment) -> None:
         """Draw one sensor."""
         view, options, scene = moment.view, self._viewer.options, self._scenes[number]
         if view is None:
