@@ -250,9 +250,9 @@ def test_labels_are_kept_in_the_file_and_exported_and_the_rest_of_it_stays(
     player = player_of(path, bench)
     player.add_span(0.0, player.duration_s, " whole ")
     deep_s, (whole, *marks) = player.span_s(deep), time_slider_marks(player)
-    assert (whole.value, whole.label) == (0.0, "whole") and marks[-1].value == player.duration_s
-    assert {round(mark.value, 6) for mark in marks} >= {round(at_s, 6) for at_s in deep_s}
-    assert [mark.label for mark in marks if mark.value == deep_s[0]] == [
+    assert whole == (0.0, "whole") and marks[-1][0] == player.duration_s
+    assert {round(value, 6) for value, _ in marks} >= {round(at_s, 6) for at_s in deep_s}
+    assert [label for value, label in marks if value == deep_s[0]] == [
         "deep" if deep_s[0] > 0.2 * player.duration_s else None
     ]
     size = path.stat().st_size

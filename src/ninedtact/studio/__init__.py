@@ -12,5 +12,6 @@ sensors have in common: their wrenches in one table and one plot, and the grip f
 one reading, `skin_fields` its pressure and shear, `scene_3d` the 3D scene. `press_control` is what people do with a twin.
 `page_recorder` writes recordings, `recording_player` makes moments of them, `saved_files` holds what is saved.
 `calibration_session` is a guided calibration, and `calibration_page` its page. `page_and_server` is the page with its web server,
-`socket_guard` says who may connect to it and how much clients may cost, `viser_server` puts that guard under viser.
+`socket_guard` says who may connect to it and how much clients may cost, `viser_server` puts that guard under viser and holds
+everything else that relies on parts of viser that it does not document.
 """

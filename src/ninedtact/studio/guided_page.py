@@ -17,25 +17,18 @@ from viser import ClientHandle, GuiApi, GuiEvent, GuiImageHandle, Icon, ViserSer
 from ninedtact.capture.frame_source import ExposureWithLimits
 from ninedtact.errors import NinedtactError
 from ninedtact.studio.guided_camera import ImageQuality
-from ninedtact.studio.page_and_server import set_title_and_icon
 from ninedtact.studio.page_cards import DIM, TONES
 from ninedtact.studio.viewer import (
     LIGHT,
-    NARROW_PX,
     NOTICE_S,
-    PHONE_STYLE,
     ControlFollower,
     ThemeChoice,
     is_user_event,
 )
+from ninedtact.studio.viser_server import NARROW_PX, PHONE_STYLE, TALL_PHONE_STYLE, set_title_and_icon
 
 _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900
 """Width of the controls on a desktop, and limits of the width of the image beside them."""
-_TALL_STYLE = (
-    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'] "
-    "{ max-height: 100% !important; } }</style>"
-)
-"""Lets the controls fill the screen of a phone; there is nothing behind them."""
 _BRIGHTER = {"darker": 0.8, "brighter": 1.25}
 """Factors of the exposure of the two buttons."""
 
@@ -198,7 +191,7 @@ def steps_html(names: Sequence[str], done: int) -> str:
             f'<span{current} style="padding:0.1em 0.5em;border-radius:1em;font-size:0.8em;background:{colour};color:{ink};'
             f'border:1px solid var(--mantine-color-default-border)">{mark}{escape(name)}</span>'
         )
-    return f'{PHONE_STYLE}{_TALL_STYLE}<div style="margin:0.5em;display:flex;flex-wrap:wrap;gap:0.3em">{"".join(chips)}</div>'
+    return f'{PHONE_STYLE}{TALL_PHONE_STYLE}<div style="margin:0.5em;display:flex;flex-wrap:wrap;gap:0.3em">{"".join(chips)}</div>'
 
 
 def instruction_html(sentence: str, detail: str, tone: str) -> str:

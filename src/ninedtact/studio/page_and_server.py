@@ -1,7 +1,6 @@
 """The live page and its web server: one page for each browser, made of the same panels, and the port that it is served at."""
 
 import errno
-import json
 import socket
 import time
 from collections.abc import Iterator, Sequence
@@ -11,7 +10,6 @@ from io import StringIO
 from threading import Lock
 
 from viser import ClientHandle, ViserServer
-from viser._messages import RunJavascriptMessage
 
 from ninedtact.errors import DeviceError
 from ninedtact.studio.page_controller import PageController, PageMoment
@@ -22,7 +20,7 @@ from ninedtact.studio.socket_guard import SocketGuard
 from ninedtact.studio.twin_press_panel import TwinPressPanel
 from ninedtact.studio.view_panels import ImagesPanel, ProfilePanel, ScenePanel
 from ninedtact.studio.viewer import LIGHT, PanelFactory, ViewerPage
-from ninedtact.studio.viser_server import start_guarded_viser
+from ninedtact.studio.viser_server import set_title_and_icon, start_guarded_viser
 
 LAST_WORDS_S = 0.1
 """Time to wait for the last messages, because viser drops unsent ones when it stops."""
@@ -86,13 +84,6 @@ def _port_refusal(host: str, port: int, got: str) -> PagePortRefused:
         f"expected port {port} on {host} to be free for the page, got {got}; choose another with --port, or a host of "
         "this machine with --host"
     )
-
-
-PAGE_ICON = (
-    "data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 32 32'%3E%3Crect width='32' height='32' rx='7' "
-    "fill='%2308306b'/%3E%3Cpath d='M3 12h6c3 0 3 9 7 9s4-9 7-9h6' fill='none' stroke='%23f7f7f7' stroke-width='3'/%3E%3C/svg%3E"
-)
-"""A dent in the skin."""
 
 
 class SensorPage:
@@ -164,12 +155,3 @@ class SensorPage:
             viewer = self._viewers.pop(client.client_id, None)
         if viewer is not None:
             viewer.leave()
-
-
-def set_title_and_icon(server: ViserServer, title: str) -> None:
-    """Name the tab of the browser, and give it an icon; viser 1.1 has no function for either."""
-    source = (
-        f"document.title = {json.dumps(title)}; let icon = document.querySelector('link[rel~=icon]') || "
-        f"document.head.appendChild(document.createElement('link')); icon.rel = 'icon'; icon.href = {json.dumps(PAGE_ICON)};"
-    )
-    server._websock_server.queue_message(RunJavascriptMessage(source))

@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 from viser import GuiApi, GuiUplotHandle, uplot
-from viser._messages import GuiSliderMark
 
 from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES
 from ninedtact.shape.coloured_height_map import ColourScale
@@ -312,7 +311,7 @@ _MARK_LETTERS, _MARK_ROOM = 10, 0.2
 """Number of letters of a label that are drawn on the time slider, and the share of it that they take."""
 
 
-def time_slider_marks(player: "RecordingPlayer") -> Iterator[GuiSliderMark]:
+def time_slider_marks(player: "RecordingPlayer") -> Iterator[tuple[float, str | None]]:
     """Yield what is drawn on the time slider: its end, and both ends of every label, with its name where there is room for it."""
     duration_s, free_s = player.duration_s, 0.0
     room_s = _MARK_ROOM * duration_s
@@ -320,5 +319,5 @@ def time_slider_marks(player: "RecordingPlayer") -> Iterator[GuiSliderMark]:
     for at_s, label in sorted((min(max(at_s, 0.0), duration_s), label) for at_s, label in ends):
         has_room = bool(label) and free_s <= at_s <= duration_s - room_s
         free_s = at_s + room_s if has_room else free_s
-        yield GuiSliderMark(at_s, label[:_MARK_LETTERS] if has_room else None)
-    yield GuiSliderMark(duration_s, f"{duration_s:.1f} s")
+        yield at_s, label[:_MARK_LETTERS] if has_room else None
+    yield duration_s, f"{duration_s:.1f} s"

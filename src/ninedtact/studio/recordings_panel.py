@@ -35,6 +35,7 @@ from ninedtact.studio.page_recorder import PageRecorder, RecorderState
 from ninedtact.studio.recording_player import SPEEDS, LabelledSpanRefused, RecordedSensor, RecordingPlayer
 from ninedtact.studio.saved_files import Exporter, save_surface_sequence, save_video, standalone_moment_html
 from ninedtact.studio.viewer import Side, ViewerPage, is_user_event, set_gui_control
+from ninedtact.studio.viser_server import set_slider_marks
 
 NOTHING, WHOLE = "none", "the whole recording"
 STEPS = {"back": -1, "play": 0, "next": 1}
@@ -287,7 +288,7 @@ class RecordingsPanel:
         if player is not None:
             names = [_span_name(player, span) for span in player.spans]
             self._label_choice.options = (WHOLE, *dict.fromkeys(names))
-            self._slider._marks = tuple(time_slider_marks(player))  # viser 1.1 takes marks only when a slider is made
+            set_slider_marks(self._slider, time_slider_marks(player))
             self._list.content = f'<div style="{_SMALL}">' + "<br>".join(map(escape, names)) + "</div>"
             self._show_marks()
 

@@ -24,15 +24,16 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray as Array
 from viser import SceneApi, ViserServer
-from viser.infra import WebsockMessageHandler
 
 from ninedtact.atomic_write import FileNotWritten, create_folder_atomically, write_file_atomically
 from ninedtact.errors import OutputError
+from ninedtact.quantities import Wrench
 from ninedtact.reading import Reading
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.export import export_shape
 from ninedtact.studio.reading_view import ImageKind, ReadingView, ShownTraction, SkinColouring
 from ninedtact.studio.scene_3d import GelBlock, SkinScene
+from ninedtact.studio.viser_server import standalone_scene_html
 from ninedtact.studio.wrench_history import WrenchSourceSnapshot
 
 if TYPE_CHECKING:
@@ -259,37 +260,19 @@ def _draw_picture(reading: Reading, scale: ColourScale, at_s: float) -> UInt8[Ar
     return np.ascontiguousarray(even)
 
 
-class _NoBuffer:
-    """Takes messages that nobody is sent."""
-
-    def push(self, message: object) -> None: ...
-    def atomic_start(self) -> None: ...
-    def atomic_end(self) -> None: ...
-
-
-class _DetachedConnection(WebsockMessageHandler):
-    """Stands in for the connection of a browser, so that a scene can be recorded that nobody sees."""
-
-    def get_message_buffer(self) -> Any:
-        """Return a buffer that keeps nothing."""
-        return _NoBuffer()
-
-
-class _DetachedOwner:
-    """Stands in for a browser as the owner of a scene."""
-
-    def __init__(self, server: ViserServer) -> None:
-        self.client_id, self._viser_server, self._websock_connection = 0, server, _DetachedConnection()
-
-
 def standalone_moment_html(
-    view: ReadingView, cards: Iterable[str], server: ViserServer, block: GelBlock, title: str, wrench: Any = None
+    view: ReadingView,
+    cards: Iterable[str],
+    server: ViserServer,
+    block: GelBlock,
+    title: str,
+    wrench: Wrench | None = None,
 ) -> str:
     """Return one HTML page of a moment that needs no other file: the surface in 3D, camera image, heights and cards.
 
     cards: HTML beside the images. wrench: is drawn as an arrow; None draws none.
     """
-    scene_page = _scene_page(view, server, block, wrench)
+    scene_page = standalone_scene_html(server, lambda scene: _draw_scene(scene, view, block, wrench))
     pictures = "".join(
         f'<figure><img alt="{escape(str(kind))}" src="data:image/jpeg;base64,{base64.b64encode(view.jpeg(kind, True)).decode()}">'
         f"<figcaption>{escape(str(kind))}</figcaption></figure>"
@@ -307,19 +290,9 @@ def standalone_moment_html(
     )
 
 
-def _scene_page(view: ReadingView, server: ViserServer, block: GelBlock, wrench: Any) -> str:
-    """Return the scene of a view as a page of viser without a server, seen as a new viewer would see it."""
-    owner: Any = _DetachedOwner(server)
-    serializer = owner._websock_connection.get_message_serializer(
-        lambda message: message.include_in_scene_serialization
-    )
-    shared = server._websock_server._broadcast_buffer
-    with shared.buffer_lock:
-        messages = list(shared.message_from_id.values())
-    for message in messages:  # light, camera and background
-        serializer._insert_message(message)
-    scene = SkinScene(SceneApi(owner, server._thread_executor, server._event_loop), block)
-    scene.show_surface(view.surface(SkinColouring.HEIGHT, 1, ShownTraction.ESTIMATED), True, False)
-    scene.show_lines(view.outline_mm(), None)
-    scene.show_wrench(wrench)
-    return str(serializer.as_html())
+def _draw_scene(scene: SceneApi, view: ReadingView, block: GelBlock, wrench: Wrench | None) -> None:
+    """Draw the surface of a view as a new viewer sees it."""
+    skin = SkinScene(scene, block)
+    skin.show_surface(view.surface(SkinColouring.HEIGHT, 1, ShownTraction.ESTIMATED), True, False)
+    skin.show_lines(view.outline_mm(), None)
+    skin.show_wrench(wrench)

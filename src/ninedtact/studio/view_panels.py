@@ -33,6 +33,7 @@ from ninedtact.studio.viewer import (
     is_user_event,
     set_gui_control,
 )
+from ninedtact.studio.viser_server import show_encoded_image
 
 BLANK = np.full((3, 4, 3), 90, np.uint8)
 _DENSITIES = {"all": 1, "a quarter": 2, "a sixteenth": 4}
@@ -67,11 +68,11 @@ class ImagesPanel:
         if not views:
             return
         for image, legend, kind in zip(self._images, self._legends, options.images, strict=True):
-            # viser would encode the image for every viewer anew; the view has encoded it once for all.
             if len(views) > 1:
-                image._data = sensor_tiles_jpeg(views, names, kind, options.with_outline, options.source)
+                jpeg = sensor_tiles_jpeg(views, names, kind, options.with_outline, options.source)
             else:
-                image._data = views[0].jpeg(kind, options.with_outline, options.source)
+                jpeg = views[0].jpeg(kind, options.with_outline, options.source)
+            show_encoded_image(image, jpeg)
             legend.content = _legend_html(views[0], kind, self._scale, options.source)
 
     def _choose(self, slot: int, event: GuiEvent[Any]) -> None:

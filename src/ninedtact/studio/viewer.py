@@ -20,13 +20,12 @@ from ninedtact.errors import NinedtactError
 from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
 from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
 from ninedtact.studio.scene_3d import GelBlock, SideBySideLayout
+from ninedtact.studio.viser_server import NARROW_PX, PHONE_STYLE, has_unsent_messages
 
 NOTICE_S = 8.0
 """Time for which a notification stays."""
 MOST_DOWNLOAD_BYTES = 32_000_000
 """Larger files are only written on the sensor's computer."""
-NARROW_PX = 600
-"""Width of a browser below which the surface is sent coarser from the start: a phone."""
 MAX_EXAGGERATION = 10.0
 MAX_COARSER = 4
 """Largest factor by which points of the surface are farther apart than in the finest one."""
@@ -41,11 +40,6 @@ LEFT_PX, RIGHT_PX = 330, 350
 
 PHONE_PANEL_SHARE = 0.6
 """Share of the height of a phone that viser's panel covers, at the bottom."""
-PHONE_STYLE = (
-    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'], [style*='max-height: 60%'] [style*='width: 20em'] "
-    "{ width: 100% !important; } }</style>"
-)
-"""Lets the controls be as wide as the screen of a phone, of which viser gives them a part."""
 
 
 LIGHT, DARK = np.full((2, 2, 3), (236, 239, 242), np.uint8), np.full((2, 2, 3), (36, 38, 42), np.uint8)
@@ -272,7 +266,7 @@ class ViewerPage:
     def show(self, newest: PageMoment) -> None:
         """Show the newest moment, or the frozen one with its age; a client that has not got the last one goes on with that one."""
         with self._lock:
-            is_behind = bool(self.client._websock_connection.get_message_buffer().message_from_id)
+            is_behind = has_unsent_messages(self.client)
             self.pace.count_moment(is_behind, monotonic())
             if is_behind and not all(one.status.is_past for one in newest.sensors):
                 return
