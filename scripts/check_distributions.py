@@ -21,6 +21,8 @@ NOT_CODE = (
     "ninedtact/calibration/certificate/certificate.html.jinja",
     "ninedtact/force/evaluation/evaluation.html.jinja",
     "ninedtact/hardware/bill_of_materials.html.jinja",
+    "ninedtact/studio/exported_moment.html.jinja",
+    "ninedtact/studio/page_cards.html.jinja",
 )
 """Files of the package besides its Python source."""
 _FOREIGN = re.compile(r"(^|/)(tests|benchmarks|out|\.venv[^/]*|__pycache__)/|\.(mcap|png|jpg|pyc|onnx\.data)$")

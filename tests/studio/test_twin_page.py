@@ -119,6 +119,21 @@ def test_a_wrench_without_a_stated_error_is_a_number() -> None:
     assert "unknown" not in said and said.count("±") == 1 and "+0.50<" in said and "\N{MINUS SIGN}2.00<" in said
 
 
+def test_a_component_that_rounds_to_zero_is_not_negative() -> None:
+    true = WrenchHistory("true", "of the simulation")
+    true.add(WrenchWithUncertainty(Wrench(np.array([-0.004, 0, -0.006]), np.zeros(3)), np.full(6, np.nan)))
+    said = wrench_table_html([true.snapshot(None, 0)], is_past=False)
+    assert "\N{MINUS SIGN}0.00" not in said and "+0.00" in said and "\N{MINUS SIGN}0.01" in said
+
+
+def test_texts_on_the_page_are_escaped() -> None:
+    true = WrenchHistory("true", 'of <b>"this"</b>', ("<i>notice</i>",))
+    true.trouble = ValueError("<u>trouble</u>")
+    true.add(WrenchWithUncertainty(Wrench(np.zeros(3), np.zeros(3)), np.full(6, np.nan), ("<s>warning</s>",)))
+    said = explained_wrench_table_html([true.snapshot(None, 0)], is_past=False)
+    assert not re.search("<[bius]>", said) and all(word in said for word in ("notice", "trouble", "warning"))
+
+
 def test_curves_have_the_band_of_their_error_where_samples_are() -> None:
     history, now_ns = WrenchHistory("estimated", "by physics", states_errors=True), 10**10
     for second in range(1, 10):

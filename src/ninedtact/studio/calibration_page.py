@@ -5,7 +5,6 @@ The parts that it shares with other guided pages are in `guided_page`.
 
 from dataclasses import replace
 from functools import partial
-from html import escape
 from typing import Any
 
 import cv2
@@ -30,11 +29,10 @@ from ninedtact.studio.guided_page import (
     GuidedPageImage,
     ListCameras,
     attempt,
-    instruction_html,
     live_image_quality_rows,
     steps_html,
 )
-from ninedtact.studio.page_cards import DIM, TONES, name_value_table_html
+from ninedtact.studio.page_cards import card_html, name_value_table_html
 from ninedtact.studio.viewer import NOTICE_S, ControlFollower, is_user_event, set_gui_control
 
 REFRESH_HZ = 8.0
@@ -49,7 +47,7 @@ _GRADES = {
     "poor": ("Calibrate again", "lost"),
     "fail": ("Do not use", "lost"),
 }
-_CHECK_MARKS = {"pass": ("✓", TONES["live"]), "warn": ("!", TONES["busy"]), "fail": ("✗", TONES["lost"])}
+_CHECK_MARKS = {"pass": ("✓", "live"), "warn": ("!", "busy"), "fail": ("✗", "lost")}
 
 
 class CalibrationPage:
@@ -231,7 +229,7 @@ def _advice_html(state: CalibrationState) -> str:
     elif state.phase is CalibrationPhase.RESULT and state.result is not None:
         sentence, tone = _GRADES[overall_check_level(_certificate(state))]
         detail = certificate_headline(_certificate(state))
-    return instruction_html(sentence, detail, tone)
+    return card_html("instruction", sentence=sentence, detail=detail, tone=tone)
 
 
 def _figures_html(state: CalibrationState) -> str:
@@ -255,20 +253,11 @@ def _result_html(state: CalibrationState) -> str:
     if state.result is None:
         return ""
     certificate = _certificate(state)
-    lines = [f'<div style="margin:0.4em 0.9em">Saved in {escape(str(state.result.path))}.</div>']
-    for warning in certificate.warnings:
-        lines.append(f'<div role="alert" style="margin:0.4em 0.9em;color:{TONES["busy"]}">{escape(warning)}</div>')
-    for check in compute_certificate_checks(certificate):
-        mark, colour = _CHECK_MARKS[check.level]
-        lines.append(
-            f'<div style="margin:0.25em 0.9em;display:flex;gap:0.6em;font-size:0.9em"><b style="color:{colour}">{mark}</b>'
-            f"<span>{escape(check.text)}</span></div>"
-        )
-    return f'<div style="overflow-wrap:anywhere">{"".join(lines)}</div>'
+    checks = [(*_CHECK_MARKS[check.level], check.text) for check in compute_certificate_checks(certificate)]
+    return card_html("calibration_result", path=state.result.path, warnings=certificate.warnings, checks=checks)
 
 
 def _held_html(held: HeldCalibrationObject, refusal: str) -> str:
     """Return what is held on the simulated sensor, and why a press is refused, as HTML."""
     words = "nothing touches" if held.gauge == "nothing" else f"the {held.gauge} is held {held.depth_mm:.2f} mm deep"
-    warning = f'<div role="alert" style="color:{TONES["lost"]}">{escape(refusal)}</div>' if refusal else ""
-    return f'<div style="margin:0.2em 0.9em;font-size:0.9em;{DIM}">{words}{warning}</div>'
+    return card_html("held_object", said=words, refusal=refusal, is_dim=True)

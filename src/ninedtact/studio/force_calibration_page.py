@@ -1,7 +1,6 @@
 """The page of a force calibration with known loads: one large sentence, the camera's image, the presses and the scale so far."""
 
 from functools import partial
-from html import escape
 from typing import Any
 
 import cv2
@@ -23,11 +22,10 @@ from ninedtact.studio.guided_page import (
     GuidedPageImage,
     ListCameras,
     attempt,
-    instruction_html,
     live_image_quality_rows,
     steps_html,
 )
-from ninedtact.studio.page_cards import DIM, TONES, name_value_table_html
+from ninedtact.studio.page_cards import card_html, name_value_table_html
 from ninedtact.studio.viewer import ControlFollower, is_user_event
 
 _IMAGE_PX = 640
@@ -148,9 +146,7 @@ class ForceCalibrationPage:
         self._follower.follow((self._plays, simulated.plays_by_itself))
         self._follower.follow((self._weight, round((held.load_n or 0.0) / weight_of_grams_n(1.0))))
         self._follower.follow((self._place, held.at_mm[0] if held.load_n else self._place.value))
-        self._refusal.content = (
-            f'<div role="alert" style="margin:0 0.9em;color:{TONES["lost"]}">{escape(simulated.refusal)}</div>'
-        )
+        self._refusal.content = card_html("alert", text=simulated.refusal, margin="0 0.9em")
 
     def _set_load(self, event: GuiEvent[Any]) -> None:
         """State the load that a person has typed."""
@@ -166,8 +162,8 @@ class ForceCalibrationPage:
         """Return what to do in one large sentence, and below it what the images say, as HTML."""
         detail, tone, phase = state.advice, "held", state.phase
         if state.camera_trouble:
-            return instruction_html("No images arrive.", state.camera_trouble, "lost")
-        if phase is ForceCalibrationPhase.PREVIEW:
+            sentence, detail, tone = "No images arrive.", state.camera_trouble, "lost"
+        elif phase is ForceCalibrationPhase.PREVIEW:
             sentence = "Choose the camera of the sensor."
         elif phase is ForceCalibrationPhase.REFERENCE:
             sentence = "Do not touch the gel."
@@ -183,12 +179,8 @@ class ForceCalibrationPage:
         else:
             sentence, tone = "All loads are taken.", "live"
             detail = "Save the force scale if its error is small enough for you."
-        how = (
-            f'<div style="margin:0 0.9em;font-size:0.85em;{DIM}">{_HOW}</div>'
-            if phase is ForceCalibrationPhase.PRESS
-            else ""
-        )
-        return instruction_html(sentence, detail, tone) + how
+        how = _HOW if phase is ForceCalibrationPhase.PRESS and not state.camera_trouble else ""
+        return card_html("instruction", sentence=sentence, detail=detail, tone=tone, how=how)
 
     def _show_image(self, state: ForceCalibrationState) -> None:
         """Send the image to all browsers where it has changed."""
@@ -240,50 +232,24 @@ def _progress_html(state: ForceCalibrationState, suggested: int) -> str:
 
 def _scale_html(state: ForceCalibrationState, stiffness: float | None) -> str:
     """Return the presses, the scale and why there is none as HTML."""
-    lines = [_presses_table_html(state.presses, state.scale)] if state.presses else []
-    if state.scale.refusal:
-        lines.append(
-            f'<div role="alert" style="margin:0.4em 0.9em;color:{TONES["lost"]}">{escape(state.scale.refusal)}</div>'
-        )
-    if state.scale.fit is not None:
-        lines.append(name_value_table_html(_fit_rows(state.scale.fit)))
-    elif state.presses and not state.scale.refusal:
-        lines.append(f'<div style="margin:0.4em 0.9em;{DIM}">One more press gives the first scale.</div>')
-    if state.phase is ForceCalibrationPhase.SAVED and stiffness is not None:
-        lines.append(
-            f'<div style="margin:0.4em 0.9em">The simulated gel is {stiffness:.3f} times as stiff as the calibration assumes.</div>'
-        )
-    return f'<div style="overflow-wrap:anywhere">{"".join(lines)}</div>'
+    scale, is_saved = state.scale, state.phase is ForceCalibrationPhase.SAVED
+    return card_html(
+        "force_scale",
+        presses=[(_press_cells(number, press, scale), press.warnings) for number, press in enumerate(state.presses, 1)],
+        refusal=scale.refusal,
+        fit=None if scale.fit is None else _fit_rows(scale.fit),
+        is_fit_awaited=scale.fit is None and state.presses and not scale.refusal,
+        stiffness=f"{stiffness:.3f}" if is_saved and stiffness is not None else "",
+    )
 
 
-def _presses_table_html(presses: tuple[TakenPress, ...], scale: LoadScaleSoFar) -> str:
-    """Return load, estimate and calibrated force of every press as HTML."""
-    cell = '<td style="text-align:right;padding:0.1em 0.6em 0.1em 0">'
-    head = "".join(
-        f'<th style="text-align:right;font-weight:600;padding-right:0.6em">{name}</th>'
-        for name in ("press", "load", "estimated", "calibrated", "off by")
-    )
-    rows = []
-    for number, press in enumerate(presses):
-        weighed_n, calibrated, off = weight_of_grams_n(press.grams), "", ""
-        if scale.fit is not None:
-            calibrated_n = press.estimated_n * scale.fit.adaptation.at(press.estimated_n)
-            calibrated, off = f"{calibrated_n:.2f} N", f"{calibrated_n / weighed_n - 1:+.1%}"
-        mark = (
-            f' <span style="color:{TONES["busy"]}">{escape(", ".join(press.warnings))}</span>' if press.warnings else ""
-        )
-        cells = (
-            f"{number + 1}",
-            f"{press.grams:g} g = {weighed_n:.2f} N",
-            f"{press.estimated_n:.2f} N",
-            calibrated,
-            off + mark,
-        )
-        rows.append(f"<tr>{''.join(f'{cell}{text}</td>' for text in cells)}</tr>")
-    return (
-        '<table style="margin:0.2em 0.9em;font-size:0.85em;border-collapse:collapse;font-variant-numeric:tabular-nums">'
-        f"<tr>{head}</tr>{''.join(rows)}</table>"
-    )
+def _press_cells(number: int, press: TakenPress, scale: LoadScaleSoFar) -> tuple[str, ...]:
+    """Return number, load, estimate, calibrated force and its error of a press, as far as they are known."""
+    weighed_n, calibrated, off = weight_of_grams_n(press.grams), "", ""
+    if scale.fit is not None:
+        calibrated_n = press.estimated_n * scale.fit.adaptation.at(press.estimated_n)
+        calibrated, off = f"{calibrated_n:.2f} N", f"{calibrated_n / weighed_n - 1:+.1%}"
+    return f"{number}", f"{press.grams:g} g = {weighed_n:.2f} N", f"{press.estimated_n:.2f} N", calibrated, off
 
 
 def _fit_rows(fit: ForceScaleFit) -> dict[str, str]:

@@ -5,7 +5,6 @@ Only the place of the image is each browser's own (beside the controls, or on a 
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from html import escape
 from time import monotonic
 from typing import Any, Protocol, runtime_checkable
 
@@ -17,7 +16,7 @@ from viser import ClientHandle, GuiApi, GuiEvent, GuiImageHandle, Icon, ViserSer
 from ninedtact.capture.frame_source import ExposureWithLimits
 from ninedtact.errors import NinedtactError
 from ninedtact.studio.guided_camera import ImageQuality
-from ninedtact.studio.page_cards import DIM, TONES
+from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.viewer import (
     LIGHT,
     NOTICE_S,
@@ -31,6 +30,7 @@ _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900
 """Width of the controls on a desktop, and limits of the width of the image beside them."""
 _BRIGHTER = {"darker": 0.8, "brighter": 1.25}
 """Factors of the exposure of the two buttons."""
+_NO_EXPOSURE = "The exposure of this source cannot be set here; a camera has its own tool for it."
 
 
 class GuidedPageImage:
@@ -131,8 +131,7 @@ class CameraChoiceControls:
             self._exposure.min, self._exposure.max = exposure.least_ms, exposure.most_ms
             self._follower.follow((self._exposure, round(exposure.now_ms, 2)))
         self._no_exposure.content = (
-            f'<div style="margin:0.2em 0.9em;font-size:0.85em;{DIM}">The exposure of this source cannot be set here; a camera has '
-            "its own tool for it.</div>"
+            card_html("line", text=_NO_EXPOSURE, margin="0.2em", is_dim=True)
             if is_shown and has_image and exposure is None
             else ""
         )
@@ -181,26 +180,7 @@ def attempt(client: ClientHandle | None, action: Callable[[], Any]) -> None:
 
 def steps_html(names: Sequence[str], done: int) -> str:
     """Return the steps as HTML, those that are done ticked and the present one marked; -1 marks none."""
-    chips = []
-    for number, name in enumerate(names):
-        colour = TONES["live"] if number < done else TONES["held"] if number == done else "transparent"
-        ink = "#fff" if number <= done else "inherit"
-        mark = "✓ " if number < done else ""
-        current = ' aria-current="step"' if number == done else ""
-        chips.append(
-            f'<span{current} style="padding:0.1em 0.5em;border-radius:1em;font-size:0.8em;background:{colour};color:{ink};'
-            f'border:1px solid var(--mantine-color-default-border)">{mark}{escape(name)}</span>'
-        )
-    return f'{PHONE_STYLE}{TALL_PHONE_STYLE}<div style="margin:0.5em;display:flex;flex-wrap:wrap;gap:0.3em">{"".join(chips)}</div>'
-
-
-def instruction_html(sentence: str, detail: str, tone: str) -> str:
-    """Return the instruction in large letters, and below it the advice about the images, as HTML."""
-    return (
-        f'<div role="status" style="margin:0.5em;padding:0.6em 0.8em;border-radius:6px;color:#fff;background:{TONES[tone]};'
-        f'overflow-wrap:anywhere"><div style="font-size:1.35em;font-weight:600;line-height:1.25">{escape(sentence)}</div>'
-        f'<div style="margin-top:0.3em;min-height:1.3em;font-size:1.1em">{escape(detail)}</div></div>'
-    )
+    return PHONE_STYLE + TALL_PHONE_STYLE + card_html("steps", names=names, done=done)
 
 
 def live_image_quality_rows(quality: ImageQuality) -> dict[str, str]:

@@ -8,7 +8,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
-from html import escape
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -24,16 +23,18 @@ from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.studio.page_cards import (
+    card_html,
     explained_wrench_table_html,
     recorder_html,
     shape_summary_html,
+    standalone_moment_html,
     status_html,
     time_slider_marks,
 )
 from ninedtact.studio.page_controller import WITHOUT_READING, NothingToSave, PageMoment
 from ninedtact.studio.page_recorder import PageRecorder, RecorderState
 from ninedtact.studio.recording_player import SPEEDS, LabelledSpanRefused, RecordedSensor, RecordingPlayer
-from ninedtact.studio.saved_files import Exporter, save_surface_sequence, save_video, standalone_moment_html
+from ninedtact.studio.saved_files import Exporter, save_surface_sequence, save_video
 from ninedtact.studio.viewer import Side, ViewerPage, is_user_event, set_gui_control
 from ninedtact.studio.viser_server import set_slider_marks
 
@@ -45,7 +46,6 @@ _LIST_EVERY_S = 1.0
 _HEIGHT_BYTES = 4
 _OF_CHOICE = "of the chosen label or of the whole recording"
 _TABLES = Exporter(export_each_sensor, "export", "PNG, CSV, .npy and the sensor folder", has_all_sensors=True)
-_SMALL = "margin:0.2em 0.9em;font-size:0.85em"
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class RecordingsPanel:
             self._slider.on_update(self._seek)
             self._steps.on_click(lambda event: self._step(STEPS[event.target.value]))
             self._speed.on_update(self._set_speed)
-            self._keys = gui.add_html(f'<div style="{_SMALL}">{PLAY_KEYS}</div>', visible=False)
+            self._keys = gui.add_html(card_html("lines", texts=[PLAY_KEYS]), visible=False)
         self._labels = gui.add_folder("labels", visible=False)
         with self._labels:
             self._list = gui.add_html("")
@@ -289,11 +289,11 @@ class RecordingsPanel:
             names = [_span_name(player, span) for span in player.spans]
             self._label_choice.options = (WHOLE, *dict.fromkeys(names))
             set_slider_marks(self._slider, time_slider_marks(player))
-            self._list.content = f'<div style="{_SMALL}">' + "<br>".join(map(escape, names)) + "</div>"
+            self._list.content = card_html("lines", texts=names)
             self._show_marks()
 
     def _show_marks(self) -> None:
-        self._marked.content = '<div style="{}">marked: {:.2f} to {:.2f} s</div>'.format(_SMALL, *self._marks_s)
+        self._marked.content = card_html("lines", texts=["marked: {:.2f} to {:.2f} s".format(*self._marks_s)])
 
     def _export(self, export: "Export", event: GuiEvent[Any]) -> None:
         """Write into a new file or folder, one export at a time, and offer a file to the browser too."""
@@ -303,7 +303,7 @@ class RecordingsPanel:
                 self._quota.count_save(0, self._out, "an export")
                 self._out.mkdir(parents=True, exist_ok=True)
                 path = export(f"{datetime.now():%Y%m%d_%H%M%S_%f}")
-            result = f'<div style="{_SMALL}">exported to {escape(str(path))}</div>'
+            result = card_html("lines", texts=[f"exported to {path}"])
             self._viewer.notify("Exported", path.name, "green")
             self._viewer.offer_download(path)
         self._progress.content = result
@@ -371,7 +371,7 @@ class RecordingsPanel:
 
     def _say_progress(self, number: int, count: int) -> None:
         if number % 10 == 1 or number == count:
-            self._progress.content = f'<div style="{_SMALL}">exporting {number} of {count}</div>'
+            self._progress.content = card_html("lines", texts=[f"exporting {number} of {count}"])
 
     def _chosen_sensor(self) -> RecordedSensor:
         """Return the recorded sensor that the views show, or of the first; raises `NothingToSave`."""

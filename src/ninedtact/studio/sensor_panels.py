@@ -8,6 +8,7 @@ from viser import CommandEvent, GuiApi, GuiEvent, Icon, uplot
 from ninedtact.errors import NinedtactError
 from ninedtact.studio.page_cards import (
     WrenchCurves,
+    card_html,
     explained_wrench_table_html,
     name_value_table_html,
     shape_summary_html,
@@ -66,7 +67,7 @@ class StatusPanel:
         """Show state and values, whether the moment is frozen, and whether the browser keeps up."""
         self._show_freeze()
         sentence = self._viewer.pace.sentence
-        self._pace.content = f'<div style="margin:0 0.9em;font-size:0.85em">{sentence}</div>' if sentence else ""
+        self._pace.content = card_html("line", text=sentence) if sentence else ""
         if len(moment.sensors) > 1:
             self._status.content, self._figures.content = group_status_html(moment.sensors), ""
             return
@@ -172,7 +173,7 @@ class ReferenceAndRatesPanel:
         )
         with gui.add_folder("rates and costs", expand_by_default=False):
             self._costs = gui.add_html("")
-        gui.add_html(f'<div style="margin:0.3em 0.9em;font-size:0.8em">{KEYS}</div>')
+        gui.add_html(card_html("line", text=KEYS, margin="0.3em", size="0.8em"))
         self._reference.on_click(self._take_reference)
         gui.add_command("Take reference", hotkey="R").on_trigger(self._take_reference)
 

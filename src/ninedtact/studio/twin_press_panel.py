@@ -5,7 +5,6 @@ Every viewer has these controls; they move one object, so each follows what the 
 
 from collections.abc import Sequence
 from functools import lru_cache, partial
-from html import escape
 from threading import Lock
 from typing import Any
 
@@ -21,7 +20,7 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.simulation.objects.catalogue import PRIMITIVES, indenter_from_name
 from ninedtact.simulation.objects.mesh_objects import FITTING, MM_PER_UNIT, MeshPlacement
 from ninedtact.simulation.trajectory import HOVER_MM
-from ninedtact.studio.page_cards import TONES
+from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_controller import PageMoment, SensorMoment
 from ninedtact.studio.press_control import (
     FIT,
@@ -269,9 +268,7 @@ def _contact_html(moment: SensorMoment, control: TwinPressController) -> str:
     words, slip = [f"{press.indenter.name}, {float(press.contact.pose.depth_mm):.2f} mm deep"], press.slip_share
     if slip is not None:
         words.append("sticks" if slip == 0 else "slips" if slip == 1 else f"slips on {slip:.0%} of the contact")
-    refusal = control.simulation.hand.refusal
-    warning = f'<div role="alert" style="color:{TONES["lost"]}">{escape(refusal)}</div>' if refusal else ""
-    return f'<div style="margin:0.2em 0.9em;font-size:0.9em">{escape(" · ".join(words))}{warning}</div>'
+    return card_html("held_object", said=" · ".join(words), refusal=control.simulation.hand.refusal)
 
 
 @lru_cache(maxsize=16)

@@ -9,6 +9,7 @@ from viser import GuiApi, GuiEvent, GuiImageHandle, Icon, SceneClickEvent, uplot
 
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.studio.page_cards import (
+    card_html,
     height_legend_html,
     magnitude_legend_html,
     profile_summary_html,
@@ -191,7 +192,7 @@ class ProfilePanel:
         self._start = gui.add_vector2("A: x, y (mm)", start, min=least, max=most, step=0.1)
         self._end = gui.add_vector2("B: x, y (mm)", end, min=least, max=most, step=0.1)
         picks = gui.add_checkbox("pick on the skin", False, hint="a click or tap on the skin sets A, then B")
-        gui.add_html('<div style="margin:0 0.9em;font-size:0.8em">Shift and click does so without this.</div>')
+        gui.add_html(card_html("line", text="Shift and click does so without this.", size="0.8em"))
         self._text = gui.add_html("")
         self._plot = gui.add_uplot(
             (np.zeros(PROFILE_POINTS),) * 3,
