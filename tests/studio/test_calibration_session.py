@@ -16,8 +16,9 @@ from ninedtact.capture.frame_source import CameraNotFound, FrameSource, SourceEn
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject
-from ninedtact.studio.calibration_page import draw_found_pins
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession, SensorWouldBeReplaced
+from ninedtact.studio.guided_page import draw_found_pins
+from ninedtact.studio.guided_session import SwitchableCamera
 
 PATIENCE_S = 120.0
 SETTINGS = CalibrationSettings(method="ratio")
@@ -31,7 +32,11 @@ def camera() -> PluggedCamera:
 @pytest.fixture
 def session(camera: PluggedCamera, tmp_path: Path) -> Iterator[CalibrationSession]:
     one = CalibrationSession(
-        tmp_path / "s", lambda address: camera, "sim", settings=SETTINGS, sensor_id="s", on_step=camera.follow
+        SwitchableCamera(lambda address: camera, "sim"),
+        tmp_path / "s",
+        settings=SETTINGS,
+        sensor_id="s",
+        on_step=camera.follow,
     )
     with one:
         wait_until(lambda: one.state.quality is not None)
@@ -128,7 +133,7 @@ def test_another_camera_is_chosen_only_before_the_start(tmp_path: Path, camera: 
             raise CameraNotFound("expected camera none, got none; plug it in")
         return camera
 
-    with CalibrationSession(tmp_path / "s", open_source, "none", settings=SETTINGS) as session:
+    with CalibrationSession(SwitchableCamera(open_source, "none"), tmp_path / "s", settings=SETTINGS) as session:
         wait_until(lambda: "plug it in" in session.state.camera_trouble)
         session.choose_source("sim")
         wait_until(lambda: session.state.image is not None)
@@ -179,7 +184,7 @@ class ShortRecording(FrameSource):
 
 
 def test_a_recording_repeats_in_the_preview_and_is_refused_where_it_ends_too_soon(tmp_path: Path) -> None:
-    with CalibrationSession(tmp_path / "s", lambda address: ShortRecording(), "video") as session:
+    with CalibrationSession(SwitchableCamera(lambda address: ShortRecording(), "video"), tmp_path / "s") as session:
         wait_until(lambda: session.state.quality is not None)
         session.start()
         wait_until(lambda: session.state.phase is CalibrationPhase.REFUSED)
@@ -192,5 +197,8 @@ def test_an_error_of_the_program_is_not_kept_from_the_page(tmp_path: Path) -> No
     def open_source(address: str) -> FrameSource:
         raise ZeroDivisionError
 
-    with CalibrationSession(tmp_path / "s", open_source, "sim") as session, pytest.raises(ZeroDivisionError):
+    with (
+        CalibrationSession(SwitchableCamera(open_source, "sim"), tmp_path / "s") as session,
+        pytest.raises(ZeroDivisionError),
+    ):
         wait_until(lambda: session.state.phase is CalibrationPhase.RESULT)

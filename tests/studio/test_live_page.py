@@ -14,7 +14,9 @@ from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.design import Gel
-from ninedtact.studio.guided_page import GuidedPageImage
+from ninedtact.studio.calibration_session import CalibrationSession
+from ninedtact.studio.guided_page import GuidedPageLayout
+from ninedtact.studio.guided_session import SwitchableCamera
 from ninedtact.studio.page_and_server import PORTS_TRIED, PagePortRefused, SensorPage, find_default_port, page_server
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.saved_files import SaveLimits
@@ -79,7 +81,8 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
 def test_a_browser_keeps_the_choice_of_a_dark_page(tmp_path: Path, is_guided: bool) -> None:
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         if is_guided:
-            GuidedPageImage(server, "Calibration").serve(server)
+            session = CalibrationSession(SwitchableCamera(lambda address: SkinCamera(), "0"), tmp_path)
+            GuidedPageLayout(server, session, lambda: {"0": "a camera"}, "Calibration").serve()
         else:
             SensorPage(
                 server, PageController([DisplayedSensor(loop)], tmp_path), gel_block_under_skin(SHAPE, Gel()), "small"

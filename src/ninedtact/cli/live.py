@@ -220,7 +220,7 @@ class Play:
         """Serve the recording of these sensors; raises what reading it raises, before anything is served."""
         from ninedtact.recording.recorded_source import RecordedFrameSource
         from ninedtact.sensor import Sensor
-        from ninedtact.studio.page_and_server import SensorPage, find_default_port, page_server
+        from ninedtact.studio.page_and_server import SensorPage, page_server
         from ninedtact.studio.page_controller import DisplayedSensor, PageController
         from ninedtact.studio.recording_player import empty_wrench_histories
         from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
@@ -231,8 +231,7 @@ class Play:
         columns = {address: empty_wrench_histories(Path(address), one.shape) for address, one in folders.items()}
         folder, shapes = next(iter(folders.values())), {address: one.shape for address, one in folders.items()}
         guard = SocketGuard.for_host(self.host, self.allow_origin)
-        port = find_default_port(self.host) if self.port is None else self.port
-        with page_server(self.host, port, guard) as server:
+        with page_server(self.host, self.port, guard) as server:
             # These sensors are never opened: every viewer is shown a moment of the recording in their place.
             sensors = [
                 DisplayedSensor(

@@ -85,7 +85,7 @@ class PageSensor:
 
 def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends: bool = True) -> None:
     """Serve the page of one or several sensors until Ctrl-C, or with `ends` until the last round of their twins has ended."""
-    from ninedtact.studio.page_and_server import SensorPage, find_default_port, page_server
+    from ninedtact.studio.page_and_server import SensorPage, page_server
     from ninedtact.studio.page_controller import DisplayedSensor, PageController
     from ninedtact.studio.press_control import TwinPressController
     from ninedtact.studio.scene_3d import gel_block_under_skin
@@ -94,8 +94,7 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
 
     with ExitStack() as opened:
         guard = settings.guard or SocketGuard.for_host(settings.host, settings.allow_origin)
-        port = find_default_port(settings.host) if settings.port is None else settings.port
-        server = opened.enter_context(page_server(settings.host, port, guard))
+        server = opened.enter_context(page_server(settings.host, settings.port, guard))
         listeners: list[Callable[[Reading, int], None]] = []
         shown: list[DisplayedSensor] = []
         for number, part in enumerate(parts):

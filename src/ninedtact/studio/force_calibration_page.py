@@ -3,8 +3,6 @@
 from functools import partial
 from typing import Any
 
-import cv2
-import numpy as np
 from viser import GuiEvent, Icon, ViserServer
 
 from ninedtact.force.known_load_scale import ForceScaleFit, weight_of_grams_n
@@ -18,9 +16,9 @@ from ninedtact.studio.force_calibration_session import (
     TakenPress,
 )
 from ninedtact.studio.guided_page import (
-    CameraChoiceControls,
-    GuidedPageImage,
+    GuidedPageLayout,
     ListCameras,
+    SimulatedSensorControls,
     attempt,
     live_image_quality_rows,
     steps_html,
@@ -28,8 +26,6 @@ from ninedtact.studio.guided_page import (
 from ninedtact.studio.page_cards import card_html, name_value_table_html
 from ninedtact.studio.viewer import ControlFollower, is_user_event
 
-_IMAGE_PX = 640
-"""Largest number of columns of the image that is sent."""
 _MOST_G = 5000.0
 _MOST_SIMULATED_G = 800.0
 _HOW = (
@@ -56,40 +52,28 @@ class ForceCalibrationPage:
         """
         self._server, self._session, self._simulated, self._stiffness = server, session, simulated, stiffness
         self._ball = f"the ball (radius {ball_radius_mm:g} mm)"
-        self._drawn: int | None = None
         self._named_press: TakenPress | None = None
         """The press that the button to remove one names."""
         self._follower = ControlFollower()
-        gui, self._images = server.gui, GuidedPageImage(server, "Force calibration")
-        self._steps, self._advice = gui.add_html(""), gui.add_html("")
-        self._camera = CameraChoiceControls(gui, session, list_cameras)
+        self._layout = GuidedPageLayout(server, session, list_cameras, "Force calibration")
         self._build_buttons()
-        self._presses, self._figures = gui.add_html(""), gui.add_html("")
+        self._presses, self._figures = server.gui.add_html(""), server.gui.add_html("")
         if simulated is not None:
             self._build_simulated_load(simulated)
         self.refresh()
-        self._images.order_on_phone = self._advice.order + 0.5
-        self._images.serve(server)
+        self._layout.serve()
 
     def refresh(self) -> None:
         """Show the present state of the session in all browsers."""
         state = self._session.state
         with self._server.atomic():
-            self._steps.content = _progress_html(state, len(self._session.loads_g))
-            self._advice.content = self._advice_html(state)
+            self._layout.show(state, _progress_html(state, len(self._session.loads_g)), self._advice_html(state))
             self._presses.content = _scale_html(state, self._stiffness if is_twin_address(state.source) else None)
             self._figures.content = (
                 ""
                 if state.quality is None or state.presses
                 else name_value_table_html(live_image_quality_rows(state.quality))
             )
-            self._camera.show(
-                state.source,
-                state.exposure,
-                state.phase is ForceCalibrationPhase.PREVIEW,
-                has_image=state.image is not None,
-            )
-            self._show_image(state)
             self._show_buttons(state)
             if self._simulated is not None:
                 self._follow_load(state, self._simulated)
@@ -115,37 +99,26 @@ class ForceCalibrationPage:
     def _build_simulated_load(self, simulated: SimulatedCalibrationCamera) -> None:
         """Add the controls that load the ball on a simulated sensor."""
         gui = self._server.gui
-        self._folder = gui.add_folder("Load the simulated sensor")
-        with self._folder:
-            self._plays = gui.add_checkbox("loads by itself", simulated.plays_by_itself)
+        self._loads = SimulatedSensorControls(gui, simulated, "Load the simulated sensor", "loads by itself")
+        with self._loads.folder:
             self._weight = gui.add_slider("load on the ball (g)", 0.0, _MOST_SIMULATED_G, 5.0, 0.0)
             self._place = gui.add_slider("place of the ball, x (mm)", -8.0, 8.0, 0.5, 0.0)
             self._refusal = gui.add_html("")
 
         def hold(event: GuiEvent[Any]) -> None:
             if is_user_event(event):
-                grams = float(self._weight.value)
-                simulated.plays_by_itself = False
-                simulated.hold(ball_press_under_load(grams, float(self._place.value)))
+                self._loads.hold(ball_press_under_load(float(self._weight.value), float(self._place.value)))
 
-        def play(event: GuiEvent[Any]) -> None:
-            if is_user_event(event):
-                simulated.plays_by_itself = self._plays.value
-
-        self._plays.on_update(play)
         self._weight.on_update(hold)
         self._place.on_update(hold)
 
     def _follow_load(self, state: ForceCalibrationState, simulated: SimulatedCalibrationCamera) -> None:
         """Show what rests on the simulated sensor."""
         held = simulated.held
-        self._folder.visible = is_twin_address(state.source) and state.phase not in (
-            ForceCalibrationPhase.PREVIEW,
-            ForceCalibrationPhase.SAVED,
-        )
-        self._follower.follow((self._plays, simulated.plays_by_itself))
-        self._follower.follow((self._weight, round((held.load_n or 0.0) / weight_of_grams_n(1.0))))
-        self._follower.follow((self._place, held.at_mm[0] if held.load_n else self._place.value))
+        is_pressed = state.phase not in (ForceCalibrationPhase.PREVIEW, ForceCalibrationPhase.SAVED)
+        weight = self._weight, round((held.load_n or 0.0) / weight_of_grams_n(1.0))
+        place = self._place, held.at_mm[0] if held.load_n else self._place.value
+        self._loads.follow(state, is_pressed, weight, place)
         self._refusal.content = card_html("alert", text=simulated.refusal, margin="0 0.9em")
 
     def _set_load(self, event: GuiEvent[Any]) -> None:
@@ -181,14 +154,6 @@ class ForceCalibrationPage:
             detail = "Save the force scale if its error is small enough for you."
         how = _HOW if phase is ForceCalibrationPhase.PRESS and not state.camera_trouble else ""
         return card_html("instruction", sentence=sentence, detail=detail, tone=tone, how=how)
-
-    def _show_image(self, state: ForceCalibrationState) -> None:
-        """Send the image to all browsers where it has changed."""
-        if state.image is not None and id(state.image) != self._drawn:
-            self._drawn = id(state.image)
-            scale = min(1.0, _IMAGE_PX / state.image.shape[1])
-            small = cv2.resize(state.image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-            self._images.show(np.asarray(small[..., ::-1], np.uint8))
 
     def _show_buttons(self, state: ForceCalibrationState) -> None:
         """Show the controls that do something now."""

@@ -34,12 +34,16 @@ class PagePortRefused(DeviceError):
 
 
 @contextmanager
-def page_server(host: str, port: int, guard: SocketGuard | None = None) -> Iterator[ViserServer]:
-    """Serve until the `with` block ends; port 0 takes any free port. Raises `PagePortRefused`, `UnknownPageServer`.
+def page_server(host: str, port: int | None, guard: SocketGuard | None = None) -> Iterator[ViserServer]:
+    """Serve until the `with` block ends; raises `PagePortRefused`, `UnknownPageServer`.
 
-    guard: the rules by which requests are accepted; without it those of the host, without further allowed origins.
+    port: 0 takes any free port, None the default one or the next that is free. guard: the rules by which requests are accepted;
+    without it those of the host, without further allowed origins.
     """
-    _require_port_free(host, port)
+    if port is None:
+        port = find_default_port(host)
+    else:
+        _require_port_free(host, port)
     server = start_guarded_viser(guard or SocketGuard.for_host(host), host, port, label="9DTact")
     try:
         # viser takes another port where the requested one is in use; a page at another address would not be found.
