@@ -435,7 +435,7 @@ def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_v
         assert (pose.x_mm, pose.y_mm, pose.twist_rad) == pytest.approx((1.5, -1.0, 0.1), abs=1e-3)
         (frozen,) = second.moment.sensors
         assert frozen.reading is kept.reading and frozen.wrenches is kept.wrenches
-        assert frozen.sensor is kept.sensor and frozen.status.sentence.startswith("frozen, what is shown is ")
+        assert frozen.snapshot is kept.snapshot and frozen.status.sentence.startswith("frozen, what is shown is ")
         assert moment.status.tone == "live"
         second.choose(images=(ImageKind.GEL_FLOW, ImageKind.STICKING), source=ShownTraction.TRUE, pressure_arrows=True)
         twin.studio.refresh(twin.page)

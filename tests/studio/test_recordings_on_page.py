@@ -167,11 +167,11 @@ def test_every_moment_of_a_recording_is_the_one_that_the_page_had(
         np.testing.assert_allclose(estimated.sample.wrench.six, kept.force.wrench.six)
         np.testing.assert_allclose(estimated.sample.std, kept.force.std)
         assert true.sample.wrench.stamp_ns <= kept.stamp_ns
-        assert all(at <= kept.stamp_ns for at, _ in estimated.samples) and moment.sensor.phase is SensorPhase.RECORDED
+        assert all(at <= kept.stamp_ns for at, _ in estimated.samples) and moment.snapshot.phase is SensorPhase.RECORDED
         assert f"of {player.duration_s:.2f} s, paused" in moment.status.sentence
     same = moment_of(player)
     assert same.view is moment_of(player).view
-    wait_until(lambda: moment_of(player).sensor.history.shape[1] == 4)
+    wait_until(lambda: moment_of(player).snapshot.history.shape[1] == 4)
     player.close()
 
 

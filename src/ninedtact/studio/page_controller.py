@@ -129,7 +129,7 @@ class SensorMoment:
     """Everything that the page shows of one sensor at one refresh."""
 
     status: SensorStatusMessage
-    sensor: SensorSnapshot
+    snapshot: SensorSnapshot
     view: ReadingView | None
     """The newest reading with what is drawn of it, dimmed where it is not current; None before the first reading."""
     wrenches: tuple[WrenchSourceSnapshot, ...] = ()
@@ -147,10 +147,10 @@ class SensorMoment:
         """Return this moment as a viewer who has frozen it is shown it while the sensor is in another moment now."""
         if self.view is None:
             return now
-        if now.sensor.phase is SensorPhase.RECORDED:
+        if now.snapshot.phase is SensorPhase.RECORDED:
             status = SensorStatusMessage("held", "frozen, a moment of a recording is shown")
         else:
-            status = most_urgent_status(now.sensor, self.reading, True, now_ns)
+            status = most_urgent_status(now.snapshot, self.reading, True, now_ns)
         return replace(self, status=status, view=self.view.dimmed_copy() if status.is_past else self.view.bright_copy())
 
 
@@ -228,14 +228,14 @@ class DisplayedSensor:
         self._view, self._views = ReadingView(reading, scale, press), self._views + 1
         self._shown.tick(time.monotonic_ns(), self._views)
 
-    def moment(self, sensor: SensorSnapshot, status: SensorStatusMessage) -> SensorMoment:
+    def moment(self, snapshot: SensorSnapshot, status: SensorStatusMessage) -> SensorMoment:
         """Return the newest view with everything that belongs to its moment."""
         if self._view is not None and self._view.is_past != status.is_past:
             # A view that is dimmed, or no longer, is another view: nothing of it has been drawn yet.
             self._view = self._view.dimmed_copy() if status.is_past else self._view.bright_copy()
         now_ns = time.monotonic_ns()
         wrenches = tuple(self._wrench_of_moment(history, now_ns) for history in self.wrenches)
-        return SensorMoment(status, sensor, self._view, wrenches, self._shown.hz(now_ns), self.name)
+        return SensorMoment(status, snapshot, self._view, wrenches, self._shown.hz(now_ns), self.name)
 
     def _wrench_of_moment(self, history: WrenchHistory, now_ns: int) -> WrenchSourceSnapshot:
         """Return the wrench at the time of the shown reading: its own estimate, of which the history has not every one."""

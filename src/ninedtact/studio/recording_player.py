@@ -211,7 +211,7 @@ class RecordedSensor:
         reading = None if self._view is None else self._view.reading
         heard_ns, rate_hz = int(self.readings.stamps_ns[self._number]), self.readings.hz
         history = self._history_until(at_ns)
-        sensor = SensorSnapshot(SensorPhase.RECORDED, reading, heard_ns, rate_hz, rate_hz, history)
+        snapshot = SensorSnapshot(SensorPhase.RECORDED, reading, heard_ns, rate_hz, rate_hz, history)
         wrenches = tuple(self._wrenches_at(at_ns, None if reading is None else reading.force))
         if self.trouble:
             status = SensorStatusMessage("lost", self.trouble)
@@ -220,7 +220,7 @@ class RecordedSensor:
         else:
             warnings = () if reading is None else (*reading.reference_warnings, *reading.image_warnings)
             status = SensorStatusMessage("warned" if warnings else "held", "; ".join((state, *warnings)))
-        return SensorMoment(status, sensor, self._view, wrenches, shown_hz, self.readings.recording.metadata.name)
+        return SensorMoment(status, snapshot, self._view, wrenches, shown_hz, self.readings.recording.metadata.name)
 
     def readings_within(self, span: LabelledSpan | None) -> tuple[RecordedReadings, range]:
         """Return the readings of this sensor anew, to be closed by whoever asks, and the numbers of those in a span, or of all."""

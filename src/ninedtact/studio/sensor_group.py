@@ -137,7 +137,7 @@ def colour_of_sensor(number: int) -> str:
 def is_curve_redraw_due(viewer: ViewerPage, moment: PageMoment, moments: int) -> bool:
     """Return whether curves are redrawn: from time to time, and with every moment of a recording, but not while frozen."""
     return not viewer.is_frozen and (
-        moments % PLOT_EVERY == 0 or moment.sensors[0].sensor.phase is SensorPhase.RECORDED
+        moments % PLOT_EVERY == 0 or moment.sensors[0].snapshot.phase is SensorPhase.RECORDED
     )
 
 

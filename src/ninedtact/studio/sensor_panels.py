@@ -184,10 +184,10 @@ class ReferenceAndRatesPanel:
         }
         shown = self._viewer.choose_shown(moment)[0]
         self._costs.content = name_value_table_html(rates | _format_stage_costs(shown, moment.page_ms))
-        self._reference.disabled = shown.sensor.phase is not SensorPhase.READING
+        self._reference.disabled = shown.snapshot.phase is not SensorPhase.READING
         self._moments += 1
         if is_curve_redraw_due(self._viewer, moment, self._moments):
-            self._plot.data = tuple(shown.sensor.history)
+            self._plot.data = tuple(shown.snapshot.history)
 
     def _take_reference(self, event: GuiEvent[Any] | CommandEvent) -> None:
         """Take the reference of the sensors that are shown; while a recording is, they are not seen, and others use them."""
@@ -202,8 +202,8 @@ def _format_rates(moment: SensorMoment) -> dict[str, str]:
     """Return the rates from camera to browser."""
     dropped = moment.reading.dropped if moment.reading else 0
     return {
-        "camera": f"{moment.sensor.delivered_hz:.1f} images/s",
-        "read": f"{moment.sensor.read_hz:.1f} /s, {dropped} dropped",
+        "camera": f"{moment.snapshot.delivered_hz:.1f} images/s",
+        "read": f"{moment.snapshot.read_hz:.1f} /s, {dropped} dropped",
         "shown": f"{moment.shown_hz:.1f} /s",
     }
 
