@@ -1,5 +1,6 @@
 """A guided calibration of a simulated sensor, without a browser: what all viewers of its page share."""
 
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -18,7 +19,7 @@ from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession, SensorWouldBeReplaced
 from ninedtact.studio.guided_page import draw_found_pins
-from ninedtact.studio.guided_session import SwitchableCamera
+from ninedtact.studio.guided_session import ImageQuality, SwitchableCamera, measure_image_quality
 
 PATIENCE_S = 120.0
 SETTINGS = CalibrationSettings(method="ratio")
@@ -86,6 +87,24 @@ def test_a_person_is_led_through_both_presses(session: CalibrationSession, camer
         session.fit_again()
     session.back()
     assert session.state.step == 2  # the images of the board stay
+
+
+def test_a_person_who_goes_back_while_an_image_is_measured_is_followed(
+    session: CalibrationSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session.start()
+    at_step(session, 1)
+    has_gone_back = threading.Event()
+
+    def go_back_and_measure(image: np.ndarray, last: ImageQuality | None) -> ImageQuality:
+        if not has_gone_back.is_set():
+            session.back()
+            has_gone_back.set()
+        return measure_image_quality(image, last)
+
+    monkeypatch.setattr("ninedtact.studio.guided_session.measure_image_quality", go_back_and_measure)
+    wait_until(has_gone_back.is_set)
+    at_step(session, 1)  # the image without contact is taken again
 
 
 def test_an_image_that_was_overexposed_does_not_hold_the_step_up(

@@ -234,11 +234,11 @@ class CalibrationSession(GuidedSession[CalibrationState]):
 
     def _evaluate(self, image: BgrImage) -> None:
         """Update quality and advice by one image, and go on to the next step where this one is done."""
-        before = self._show_image(image, "Check brightness and focus, then start.")
-        if before.phase is not CalibrationPhase.CAPTURE:
-            return
+        self._show_image(image, "Check brightness and focus, then start.")
         with self._changed:
-            step, taken, progress = self._steps[before.step], dict(self._taken), self._progress
+            if self._state.phase is not CalibrationPhase.CAPTURE:
+                return
+            step, taken, progress = self._steps[self._state.step], dict(self._taken), self._progress
         try:
             self._require_same_size(image, taken)
             progress = progress or _StepProgress(step, step.watch(taken))

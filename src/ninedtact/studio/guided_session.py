@@ -226,12 +226,13 @@ class GuidedSession(ABC, Generic[State]):
 
     def _show_image(self, image: BgrImage, hint: str) -> State:
         """Show an image and its quality, in the preview with advice: hint where its exposure is fine. Return the state before."""
-        before = self.state
-        quality = measure_image_quality(image, before.quality)
-        exposure = self.camera.exposure if before.image is None else before.exposure
-        advice = {"advice": quality.advice or hint} if before.is_preview else {}
-        self._set(image=image, quality=quality, exposure=exposure, camera_trouble="", **advice)
-        return before
+        quality = measure_image_quality(image, self.state.quality)
+        with self._changed:
+            before = self._state
+            exposure = self.camera.exposure if before.image is None else before.exposure
+            advice = {"advice": quality.advice or hint} if before.is_preview else {}
+            self._set(image=image, quality=quality, exposure=exposure, camera_trouble="", **advice)
+            return before
 
     def _watch_camera(self, is_wanted: Callable[[], bool]) -> None:
         """Evaluate the images of the chosen source while they are wanted, until another is chosen or it is lost."""
