@@ -25,7 +25,7 @@ from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.design import Gel
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_controller import PageController
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 
@@ -57,7 +57,7 @@ def page_clients(clients: int = 20, rounds: int = 5, images: int = 240, json: bo
     sensor = Sensor(LatestFrameSource(PacedCamera(pictures["ball_reference"], pictures["ball"])), shape, 2)
     alone, crowded, few, memory_mb = [], [], [], []
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as poller:
-        studio, stop = PageController(poller, Path("out/readings")), threading.Event()
+        studio, stop = PageController([DisplayedSensor(poller)], Path("out/readings")), threading.Event()
         page = SensorPage(server, studio, gel_block_under_skin(shape, Gel()), "sensor_a")
         showing = threading.Thread(target=studio.run, args=(page, DISPLAY_HZ, stop.is_set))
         showing.start()
@@ -89,19 +89,16 @@ def lost_of_several(
     pictures: dict[str, np.ndarray], shape: CalibratedShape, sensors: int, images: int
 ) -> tuple[float, float]:
     """The largest share of images that one of several sensors loses while a client watches all, and processor time per time."""
-    changed, stop = threading.Event(), threading.Event()
+    stop = threading.Event()
     pollers = [
-        SensorPoller(
-            Sensor(LatestFrameSource(PacedCamera(pictures["ball_reference"], pictures["ball"])), shape, 2),
-            changed=changed,
-        )
+        SensorPoller(Sensor(LatestFrameSource(PacedCamera(pictures["ball_reference"], pictures["ball"])), shape, 2))
         for _ in range(sensors)
     ]
     with page_server("127.0.0.1", 0) as server, ExitStack() as opened:
         for poller in pollers:
             opened.enter_context(poller)
-        others = [PageController(one, Path("out/readings"), name=f"finger_{n}") for n, one in enumerate(pollers[1:], 1)]
-        studio = PageController(pollers[0], Path("out/readings"), name="finger_0", others=others)
+        shown = [DisplayedSensor(one, name=f"finger_{number}") for number, one in enumerate(pollers)]
+        studio = PageController(shown, Path("out/readings"))
         page = SensorPage(server, studio, gel_block_under_skin(shape, Gel()), "fingers")
         showing = threading.Thread(target=studio.run, args=(page, DISPLAY_HZ, stop.is_set))
         showing.start()

@@ -30,7 +30,7 @@ from ninedtact.cli.sensor_page import twin_sensor_and_true_wrench
 from ninedtact.force.estimator_loading import load_estimator
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_controller import PageController
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
@@ -105,10 +105,9 @@ def press_through_page(folder: SensorFolder, moves: int) -> tuple[list[float], f
         estimates.add_estimate(reading.force)  # type: ignore[attr-defined]
 
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep) as poller, pollers[0]:
-        studio = PageController(
-            poller, Path("out/readings"), [pollers[0].history, estimates], press_at=control.press_at
-        )
-        page = SensorPage(server, studio, gel_block_under_skin(folder.shape, folder.record.design.gel), "twin", control)
+        twin = DisplayedSensor(poller, [pollers[0].history, estimates], control)
+        studio = PageController([twin], Path("out/readings"))
+        page = SensorPage(server, studio, gel_block_under_skin(folder.shape, folder.record.design.gel), "twin")
         showing = threading.Thread(target=studio.run, args=(page, DISPLAY_HZ, stop.is_set))
         showing.start()
         person = context.Process(target=move_handle, args=(server.get_port(), moves, there))

@@ -28,7 +28,7 @@ from ninedtact import Sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.design import Gel
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_controller import PageController
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 
@@ -82,7 +82,7 @@ def page_updates(seconds: float = 20.0, json: bool = False) -> None:
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as poller:
-        studio, stop = PageController(poller, Path("out/readings")), threading.Event()
+        studio, stop = PageController([DisplayedSensor(poller)], Path("out/readings")), threading.Event()
         page = SensorPage(server, studio, gel_block_under_skin(shape, Gel()), "sensor_a")
         showing = threading.Thread(target=studio.run, args=(page, DISPLAY_HZ, stop.is_set))
         showing.start()

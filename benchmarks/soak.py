@@ -31,7 +31,7 @@ from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorder import record
 from ninedtact.reference_images import FollowingSettings, ReferenceImages
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_controller import PageController
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.wrench_history import WrenchHistory
@@ -98,7 +98,7 @@ def watch_page(sensor: SensorFolder, camera: FastCamera, folder: Path, images: i
         estimates.add_estimate(reading.force)
 
     with page_server("127.0.0.1", 0) as server, SensorPoller(read, keep) as poller:
-        studio, stop = PageController(poller, folder / "readings", [estimates]), threading.Event()
+        studio, stop = PageController([DisplayedSensor(poller, [estimates])], folder / "readings"), threading.Event()
         page = SensorPage(server, studio, gel_block_under_skin(sensor.shape, sensor.gel), "soak")
         showing = threading.Thread(target=studio.run, args=(page, 15.0, stop.is_set))
         showing.start()

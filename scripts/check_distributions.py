@@ -23,6 +23,8 @@ NOT_CODE = (
     "ninedtact/hardware/bill_of_materials.html.jinja",
     "ninedtact/hardware/fabrication.md.jinja",
     "ninedtact/hardware/led_board/led_board.kicad_pcb.jinja",
+    "ninedtact/studio/exported_moment.html.jinja",
+    "ninedtact/studio/page_cards.html.jinja",
 )
 """Files of the package besides its Python source."""
 _FOREIGN = re.compile(r"(^|/)(tests|benchmarks|out|\.venv[^/]*|__pycache__)/|\.(mcap|png|jpg|pyc|onnx\.data)$")

@@ -23,6 +23,7 @@ from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin
 from ninedtact.studio.force_calibration_page import ball_press_under_load
 from ninedtact.studio.force_calibration_session import USUAL_LOADS_G, ForceCalibrationPhase, ForceCalibrationSession
+from ninedtact.studio.guided_session import SwitchableCamera
 from ninedtact.workflows.force_calibration import UnscaledForceReader
 
 DEPTHS_MM = (0.4, 0.7, 1.0, 1.3)
@@ -104,10 +105,9 @@ def test_known_loads_on_the_twin_find_how_stiff_its_gel_is(desk: Path, tmp_path:
     folder = load_sensor(shutil.copytree(desk / "sensor", tmp_path / "s"))
     camera, stiffness = simulated_loaded_camera(folder)
     session = ForceCalibrationSession(
+        SwitchableCamera(lambda address: camera, "sim"),
         folder.path,
         UnscaledForceReader(folder),
-        lambda address: camera,
-        "sim",
         on_load=lambda grams: camera.offer(ball_press_under_load(grams)),
         hold_s=0.1,
     )

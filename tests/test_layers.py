@@ -60,7 +60,7 @@ HEAVY = {
     "serial": {"capture"},
     # simulation: one press and a show of several as figures, beside what they are figures of.
     "matplotlib": {"shape", "calibration", "simulation", "force", "hardware"},
-    "jinja2": {"calibration", "force", "hardware"},
+    "jinja2": {"calibration", "force", "hardware", "studio"},
 }
 
 

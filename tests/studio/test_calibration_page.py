@@ -29,7 +29,8 @@ from ninedtact.cli.calibration_page import CalibrationPageOptions, serve_calibra
 from ninedtact.design import SensorDesign
 from ninedtact.studio.calibration_page import CalibrationPage
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession
-from ninedtact.studio.guided_page import GuidedPageImage
+from ninedtact.studio.guided_page import GuidedPageLayout
+from ninedtact.studio.guided_session import SwitchableCamera
 from ninedtact.studio.page_and_server import page_server
 from ninedtact.studio.socket_guard import SocketGuard
 
@@ -46,21 +47,24 @@ def run_callbacks_late(server: ViserServer, monkeypatch: pytest.MonkeyPatch, del
     monkeypatch.setattr(server.gui._thread_executor, "submit", submit_late)
 
 
-def test_no_image_is_kept_for_a_browser_that_left_while_its_page_was_made(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_image_is_kept_for_a_browser_that_left_while_its_page_was_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = CalibrationSession(SwitchableCamera(lambda address: PluggedCamera(TWIN, SensorDesign()), "sim"), tmp_path)
     with page_server("127.0.0.1", 0) as server:
-        image = GuidedPageImage(server, "Calibration")
+        layout = GuidedPageLayout(server, session, lambda: {"sim": "simulated sensor"}, "Calibration")
         run_callbacks_late(server, monkeypatch)
-        image.serve(server)
+        layout.serve()
         with page_socket(server.get_port()):
             wait_until(lambda: len(server.get_clients()) == 1)
-            wait_until(lambda: len(image._images) == 1)
-        wait_until(lambda: not image._images)
+            wait_until(lambda: len(layout._images) == 1)
+        wait_until(lambda: not layout._images)
         made = []
         monkeypatch.setattr("ninedtact.studio.guided_page.ThemeChoice", made.append)
         with page_socket(server.get_port()):
             wait_until(lambda: len(server.get_clients()) == 1)
         wait_until(lambda: len(made) == 1)  # after the browser has left
-        wait_until(lambda: not image._images)
+        wait_until(lambda: not layout._images)
 
 
 def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
@@ -68,7 +72,11 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
 ) -> None:
     camera, settings = PluggedCamera(TWIN, SensorDesign(), rate_hz=60.0), CalibrationSettings(method="ratio")
     session = CalibrationSession(
-        tmp_path / "s", lambda address: camera, "sim", settings=settings, sensor_id="s", on_step=camera.follow
+        SwitchableCamera(lambda address: camera, "sim"),
+        tmp_path / "s",
+        settings=settings,
+        sensor_id="s",
+        on_step=camera.follow,
     )
     desk, phone = (
         browser.new_page(viewport={"width": w, "height": h}, accept_downloads=True)
@@ -92,7 +100,7 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
         box = phone.get_by_role("button", name="Start").bounding_box()
         assert box is not None and box["width"] > 330  # the controls fill the phone
 
-        menu = page._camera._camera
+        menu = page._layout._camera._camera
         cameras["/dev/video9"] = "a camera"  # is plugged in
         wait(lambda: menu.options == ("sim: simulated sensor", "/dev/video9: a camera"))
         cameras.clear()  # the one that is shown stays, even if it was unplugged

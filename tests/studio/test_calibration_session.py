@@ -1,5 +1,6 @@
 """A guided calibration of a simulated sensor, without a browser: what all viewers of its page share."""
 
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,8 +17,9 @@ from ninedtact.capture.frame_source import CameraNotFound, FrameSource, SourceEn
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject
-from ninedtact.studio.calibration_page import draw_found_pins
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession, SensorWouldBeReplaced
+from ninedtact.studio.guided_page import draw_found_pins
+from ninedtact.studio.guided_session import ImageQuality, SwitchableCamera, measure_image_quality
 
 PATIENCE_S = 120.0
 SETTINGS = CalibrationSettings(method="ratio")
@@ -31,7 +33,11 @@ def camera() -> PluggedCamera:
 @pytest.fixture
 def session(camera: PluggedCamera, tmp_path: Path) -> Iterator[CalibrationSession]:
     one = CalibrationSession(
-        tmp_path / "s", lambda address: camera, "sim", settings=SETTINGS, sensor_id="s", on_step=camera.follow
+        SwitchableCamera(lambda address: camera, "sim"),
+        tmp_path / "s",
+        settings=SETTINGS,
+        sensor_id="s",
+        on_step=camera.follow,
     )
     with one:
         wait_until(lambda: one.state.quality is not None)
@@ -83,6 +89,24 @@ def test_a_person_is_led_through_both_presses(session: CalibrationSession, camer
     assert session.state.step == 2  # the images of the board stay
 
 
+def test_a_person_who_goes_back_while_an_image_is_measured_is_followed(
+    session: CalibrationSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session.start()
+    at_step(session, 1)
+    has_gone_back = threading.Event()
+
+    def go_back_and_measure(image: np.ndarray, last: ImageQuality | None) -> ImageQuality:
+        if not has_gone_back.is_set():
+            session.back()
+            has_gone_back.set()
+        return measure_image_quality(image, last)
+
+    monkeypatch.setattr("ninedtact.studio.guided_session.measure_image_quality", go_back_and_measure)
+    wait_until(has_gone_back.is_set)
+    at_step(session, 1)  # the image without contact is taken again
+
+
 def test_an_image_that_was_overexposed_does_not_hold_the_step_up(
     session: CalibrationSession, camera: PluggedCamera
 ) -> None:
@@ -128,7 +152,7 @@ def test_another_camera_is_chosen_only_before_the_start(tmp_path: Path, camera: 
             raise CameraNotFound("expected camera none, got none; plug it in")
         return camera
 
-    with CalibrationSession(tmp_path / "s", open_source, "none", settings=SETTINGS) as session:
+    with CalibrationSession(SwitchableCamera(open_source, "none"), tmp_path / "s", settings=SETTINGS) as session:
         wait_until(lambda: "plug it in" in session.state.camera_trouble)
         session.choose_source("sim")
         wait_until(lambda: session.state.image is not None)
@@ -179,7 +203,7 @@ class ShortRecording(FrameSource):
 
 
 def test_a_recording_repeats_in_the_preview_and_is_refused_where_it_ends_too_soon(tmp_path: Path) -> None:
-    with CalibrationSession(tmp_path / "s", lambda address: ShortRecording(), "video") as session:
+    with CalibrationSession(SwitchableCamera(lambda address: ShortRecording(), "video"), tmp_path / "s") as session:
         wait_until(lambda: session.state.quality is not None)
         session.start()
         wait_until(lambda: session.state.phase is CalibrationPhase.REFUSED)
@@ -192,5 +216,8 @@ def test_an_error_of_the_program_is_not_kept_from_the_page(tmp_path: Path) -> No
     def open_source(address: str) -> FrameSource:
         raise ZeroDivisionError
 
-    with CalibrationSession(tmp_path / "s", open_source, "sim") as session, pytest.raises(ZeroDivisionError):
+    with (
+        CalibrationSession(SwitchableCamera(open_source, "sim"), tmp_path / "s") as session,
+        pytest.raises(ZeroDivisionError),
+    ):
         wait_until(lambda: session.state.phase is CalibrationPhase.RESULT)

@@ -16,7 +16,7 @@ from websockets.sync.client import connect
 
 from ninedtact.design import Gel
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_controller import PageController
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.socket_guard import SocketGuard, SocketLimits
@@ -64,7 +64,7 @@ def connected(page: SensorPage, *clients: Client) -> Iterator[None]:
 
 def test_a_moment_is_sent_at_once_and_whole(tmp_path: Path) -> None:
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(camera := SkinCamera())) as loop:
-        studio = PageController(loop, tmp_path)
+        studio = PageController([DisplayedSensor(loop)], tmp_path)
         page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
         client = Client(server.get_port())
         with connected(page, client):
@@ -89,7 +89,7 @@ def test_a_client_that_is_too_slow_gets_fewer_points_and_it_alone(
         SensorPoller(sensor_on(SkinCamera(period_s=0.02))) as loop,
         ThreadPoolExecutor(1) as page_thread,
     ):
-        studio = PageController(loop, tmp_path)
+        studio = PageController([DisplayedSensor(loop)], tmp_path)
         page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
         fast, slow = Client(server.get_port()), Client(server.get_port(), pause_s=0.4)
         showing = page_thread.submit(studio.run, page, 10.0, stop.is_set)

@@ -37,6 +37,7 @@ from ninedtact.studio.force_calibration_session import (
     TakenPress,
     fit_scale_so_far,
 )
+from ninedtact.studio.guided_session import SwitchableCamera
 from ninedtact.studio.page_and_server import page_server
 from ninedtact.workflows.force_calibration import UnscaledForceReader
 
@@ -60,10 +61,9 @@ def session(
     monkeypatch.setattr(ESTIMATOR, lambda force, folder: TractionForce(HeightObservationModel(), Gel()))
     folder = load_sensor(shutil.copytree(twin_sensor.path, tmp_path / "s"))
     one = ForceCalibrationSession(
+        SwitchableCamera(lambda address: camera, "sim"),
         folder.path,
         UnscaledForceReader(folder),
-        lambda address: camera,
-        "sim",
         loads_g=(100.0, 200.0, 400.0),
         on_load=lambda grams: camera.offer(ball_press_under_load(grams)),
         hold_s=0.2,

@@ -14,9 +14,11 @@ from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.design import Gel
-from ninedtact.studio.guided_page import GuidedPageImage
+from ninedtact.studio.calibration_session import CalibrationSession
+from ninedtact.studio.guided_page import GuidedPageLayout
+from ninedtact.studio.guided_session import SwitchableCamera
 from ninedtact.studio.page_and_server import PORTS_TRIED, PagePortRefused, SensorPage, find_default_port, page_server
-from ninedtact.studio.page_controller import PageController
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.saved_files import SaveLimits
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
@@ -34,7 +36,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
     tab.on("request", lambda request: asked.add(request.url.split("/")[2] if "//" in request.url else ""))
     sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
-        studio = PageController(loop, tmp_path, save_limits=SaveLimits(per_minute=1))
+        studio = PageController([DisplayedSensor(loop)], tmp_path, save_limits=SaveLimits(per_minute=1))
         page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
         address = f"127.0.0.1:{server.get_port()}"
 
@@ -79,9 +81,12 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
 def test_a_browser_keeps_the_choice_of_a_dark_page(tmp_path: Path, is_guided: bool) -> None:
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         if is_guided:
-            GuidedPageImage(server, "Calibration").serve(server)
+            session = CalibrationSession(SwitchableCamera(lambda address: SkinCamera(), "0"), tmp_path)
+            GuidedPageLayout(server, session, lambda: {"0": "a camera"}, "Calibration").serve()
         else:
-            SensorPage(server, PageController(loop, tmp_path), gel_block_under_skin(SHAPE, Gel()), "small")
+            SensorPage(
+                server, PageController([DisplayedSensor(loop)], tmp_path), gel_block_under_skin(SHAPE, Gel()), "small"
+            )
         for kept, chosen in ((None, True), ("dark", False), ("light", True)):
             with page_socket(server.get_port()) as browser:
                 messages, themes = received_messages(browser), list[bool]()

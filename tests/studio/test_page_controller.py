@@ -17,6 +17,7 @@ from ninedtact.quantities import Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.studio.page_controller import (
     MAX_SLOWDOWN,
+    DisplayedSensor,
     NothingToSave,
     PageController,
     PageMoment,
@@ -40,11 +41,12 @@ class Screen:
 
     @property
     def views(self) -> list[ReadingView]:
-        return [moment.view for moment in self.moments if moment.view is not None]
+        moments = [moment.sensors[0] for moment in self.moments]
+        return [moment.view for moment in moments if moment.view is not None]
 
     @property
     def sentence(self) -> str:
-        return self.moments[-1].status.sentence
+        return self.moments[-1].sensors[0].status.sentence
 
     @property
     def deepest_mm(self) -> float:
@@ -58,7 +60,8 @@ class Stage:
         self.camera, self.screen = SkinCamera(), Screen()
         self.losses: list[CameraLost] = []
         self.loop = SensorPoller(sensor_on(ReconnectingFrameSource(self.camera, self.losses.append, retry_ms=20.0)))
-        self.studio = PageController(self.loop, out)
+        self.sensor = DisplayedSensor(self.loop)
+        self.studio = PageController([self.sensor], out)
 
     def sees(self, depth_mm: float) -> bool:
         self.studio.refresh(self.screen)
@@ -87,7 +90,7 @@ def test_the_screen_follows_the_skin_and_nothing_is_drawn_twice(stage: Stage) ->
 
 def test_one_moment_has_the_reading_and_the_wrench_of_the_same_stamp(stage: Stage) -> None:
     history = WrenchHistory("measured", "by a sensor")
-    stage.studio.wrenches = (history,)
+    stage.sensor.wrenches = (history,)
     with stage.loop:
         wait_until(lambda: stage.sees(0.0))
         for _ in range(5):
@@ -100,7 +103,7 @@ def test_one_moment_has_the_reading_and_the_wrench_of_the_same_stamp(stage: Stag
                 history.add(WrenchWithUncertainty(wrench, np.full(6, np.nan)))
             stage.loop.snapshot = lambda now_ns, held=stage.loop.snapshot(0): held  # type: ignore[method-assign, misc]
             stage.studio.refresh(stage.screen)
-            moment = stage.screen.moments[-1]
+            (moment,) = stage.screen.moments[-1].sensors
             sample = moment.wrenches[0].sample
             assert moment.reading is not None and sample is not None
             assert sample.wrench.stamp_ns == moment.reading.stamp_ns
@@ -117,7 +120,7 @@ def test_one_moment_has_the_estimate_of_its_own_reading(stage: Stage) -> None:
         shown.append(reading.with_force(WrenchEstimate(wrench, np.eye(6), True, ())))
         history.add_estimate(shown[-1].force)  # type: ignore[arg-type]
 
-    stage.studio.wrenches = (history,)
+    stage.sensor.wrenches = (history,)
     with stage.loop:
         wait_until(lambda: stage.sees(0.0))
         read = stage.loop.snapshot(0)
@@ -127,7 +130,7 @@ def test_one_moment_has_the_estimate_of_its_own_reading(stage: Stage) -> None:
         estimate_and_show(replace(read.reading, frame=frame))
         stage.loop.snapshot = lambda now_ns: replace(read, reading=shown[-1])  # type: ignore[method-assign]
         stage.studio.refresh(stage.screen)
-        sample = stage.screen.moments[-1].wrenches[0].sample
+        sample = stage.screen.moments[-1].sensors[0].wrenches[0].sample
         assert sample is not None and sample.wrench.stamp_ns == frame.stamp_ns
     assert len(history.snapshot(None, 0).samples) < 10
 
@@ -160,11 +163,11 @@ def test_nothing_is_drawn_while_nobody_looks(stage: Stage) -> None:
 def test_what_is_saved_is_what_was_shown(stage: Stage, tmp_path: Path) -> None:
     with stage.loop:
         with pytest.raises(NothingToSave, match="wait for the first image"):
-            stage.studio.save(None)
+            stage.studio.save(())
         wait_until(lambda: stage.sees(0.0))
         stage.camera.level = 75
         wait_until(lambda: stage.sees(1.0))
-        shown, stage.camera.level = stage.screen.moments[-1], 50
+        shown, stage.camera.level = stage.screen.moments[-1].sensors, 50
         wait_until(lambda: stage.sees(2.0))
         paths = stage.studio.save(shown)
     by_ending = {path.name.split("_", maxsplit=4)[-1]: path for path in paths}
@@ -175,17 +178,17 @@ def test_what_is_saved_is_what_was_shown(stage: Stage, tmp_path: Path) -> None:
 
 
 def test_too_many_saves_are_refused_and_write_nothing(stage: Stage, tmp_path: Path) -> None:
-    hasty = PageController(stage.loop, tmp_path / "hasty", save_limits=SaveLimits(per_minute=2))
-    small = PageController(stage.loop, tmp_path / "small", save_limits=SaveLimits(disk_share=0.0))
+    hasty = PageController([stage.sensor], tmp_path / "hasty", save_limits=SaveLimits(per_minute=2))
+    small = PageController([stage.sensor], tmp_path / "small", save_limits=SaveLimits(disk_share=0.0))
     with stage.loop:
         wait_until(lambda: stage.sees(0.0))
         hasty.refresh(stage.screen)
         small.refresh(stage.screen)
         with ThreadPoolExecutor(20) as clicks:
-            results = [clicks.submit(hasty.save, stage.screen.moments[-1]) for _ in range(20)]
+            results = [clicks.submit(hasty.save, stage.screen.moments[-1].sensors) for _ in range(20)]
         refusals = [result.exception() for result in results if result.exception() is not None]
         with pytest.raises(SaveRefused, match=r"at most 0% of the free disk, 0 MB, got 0 MB and another reading; free"):
-            small.save(stage.screen.moments[-1])
+            small.save(stage.screen.moments[-1].sensors)
     assert len(refusals) == 18 and len(list((tmp_path / "hasty").iterdir())) == 10 and not (tmp_path / "small").exists()
     assert re.fullmatch(
         r"expected at most 2 saves a minute, got one more; wait (59|60) s, or use 'ninedtact record'", str(refusals[0])
@@ -221,7 +224,7 @@ def test_a_sensor_thread_that_gives_up_is_told_to_the_screen_and_to_the_caller(s
 def test_an_interrupted_page_says_that_it_is_over(stage: Stage) -> None:
     def interrupted(moment: PageMoment) -> None:
         stage.screen.moments.append(moment)
-        if moment.status.tone == "live":
+        if moment.sensors[0].status.tone == "live":
             raise KeyboardInterrupt
 
     stage.screen.show = interrupted  # type: ignore[method-assign]

@@ -32,7 +32,7 @@ from websockets.sync.client import ClientConnection, connect
 from ninedtact.design import Gel
 from ninedtact.studio import viser_server
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_controller import PageController
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.socket_guard import InvalidAllowedOrigin, SocketGuard, SocketLimits
@@ -348,7 +348,7 @@ def test_twenty_clients_do_not_slow_the_sensor(tmp_path: Path) -> None:
         SensorPoller(sensor_on(camera)) as loop,
         ThreadPoolExecutor(1) as page_thread,
     ):
-        studio = PageController(loop, tmp_path)
+        studio = PageController([DisplayedSensor(loop)], tmp_path)
         page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
         showing = page_thread.submit(studio.run, page, 15.0, stop.is_set)
         script = Path(__file__).with_name("reading_clients.py")

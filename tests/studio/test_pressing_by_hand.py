@@ -35,7 +35,7 @@ from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press_sequence import PressSequence
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_controller import PageController, PageMoment
+from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
 from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
 from ninedtact.studio.press_control import (
     MAX_DEPTH_MM,
@@ -81,7 +81,7 @@ class PressedTwin:
         self.studio.refresh(self.page)
         if not self.page.viewers or self.page.viewers[0].moment is None:
             return False
-        view = self.moment.view
+        view = self.moment.sensors[0].view
         return view is not None and view.press is not None and abs(view.press.contact.pose.depth_mm - depth_mm) < 1e-6
 
 
@@ -99,10 +99,10 @@ def pressed_twin(
 ) -> Iterator[PressedTwin]:
     """A twin on a page, or several; the first one's control."""
     controls: list[TwinPressController] = []
-    studios: list[PageController] = []
+    sensors: list[DisplayedSensor] = []
     listeners: list[Callable[[Reading, int], None]] = []
     with page_server("127.0.0.1", 0) as server, ExitStack() as opened:
-        for name in reversed(names):
+        for number, name in enumerate(names):
             sources = demo_sources(TWIN)
             simulation = PressSequence(TWIN, [PRESSED], steps_hz)
             sources.camera.simulation = sources.force_torque.simulation = simulation
@@ -111,23 +111,22 @@ def pressed_twin(
             sensor, pollers = twin_sensor_and_true_wrench(folder.shape, sources)
             sensor.estimator = TractionForce(HeightObservationModel(), Gel())
             estimated = WrenchHistory("estimated", "by physics", states_errors=True)
-            keep = partial(keep_reading, estimated=estimated, number=names.index(name), listeners=listeners)
+            keep = partial(keep_reading, estimated=estimated, number=number, listeners=listeners)
             loop = opened.enter_context(SensorPoller(sensor, keep))
             opened.enter_context(pollers[0])
-            controls.insert(0, TwinPressController(simulation))
-            histories, others = [pollers[0].history, estimated], studios if name == names[0] else ()
-            one = PageController(loop, out, histories, press_at=controls[0].press_at, name=name, others=others)
-            studios = [one, *studios]
+            controls.append(TwinPressController(simulation))
+            sensors.append(DisplayedSensor(loop, [pollers[0].history, estimated], controls[-1], name))
+        studio = PageController(sensors, out)
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
         recorded = [
-            PageSensorToRecord(folder, "twin", one.wrenches, name) for one, name in zip(studios, names, strict=True)
+            PageSensorToRecord(folder, "twin", one.wrenches, name) for one, name in zip(sensors, names, strict=True)
         ]
-        recorder = PageRecorder(recorded, out, studios[0].quota)
+        recorder = PageRecorder(recorded, out, studio.quota)
         opened.callback(recorder.stop)
         listeners.append(recorder.keep)
         desk = partial(RecordingsPanel, context=RecordingsPanelContext(server, folder, recorder))
-        page = SensorPage(server, studios[0], block, "twin", controls if len(names) > 1 else controls[0], [desk])
-        yield PressedTwin(controls[0], studios[0], page, server)
+        page = SensorPage(server, studio, block, "twin", [desk])
+        yield PressedTwin(controls[0], studio, page, server)
 
 
 def open_tab(browser: Browser, twin: PressedTwin, width: int, height: int) -> tuple[Page, list[str]]:
@@ -163,7 +162,7 @@ def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
         wait_until(lambda: (twin.studio.refresh(twin.page), "ball_8mm" in tab.inner_text("body"))[1], PATIENCE_S, 0.05)
         twin.control.choose("primitives", "ball")
         wait_until(lambda: twin.rests_at(0.6), PATIENCE_S, 0.05)
-        before, shallow = images_of(tab), twin.moment
+        before, (shallow,) = images_of(tab), twin.moment.sensors
         depth = tab.locator("label:has-text('depth (mm)')").first.locator("xpath=ancestor::*[.//input][1]//input").last
         depth.fill("1.2")
         depth.press("Enter")
@@ -173,11 +172,11 @@ def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
         def the_page_shows_the_true_wrench() -> bool:
             if not twin.rests_at(1.2) or "1.20 mm deep" not in (text := tab.inner_text("body")):
                 return False
-            press = twin.moment.view.press  # type: ignore[union-attr]
+            press = twin.moment.sensors[0].view.press  # type: ignore[union-attr]
             return f_z_on_page(text) == pytest.approx(press.contact.wrench().force_n[2], abs=0.02)  # type: ignore[union-attr]
 
         wait_until(the_page_shows_the_true_wrench, PATIENCE_S, 0.05)
-        said, moment = tab.inner_text("body"), twin.moment
+        said, (moment,) = tab.inner_text("body"), twin.moment.sensors
         view = moment.view
         assert view is not None and view.press is not None and moment.reading is not None
         true = true_height_map_like(
@@ -357,7 +356,7 @@ def test_a_moment_without_wrenches_shows_none_of_the_moment_before(tmp_path: Pat
         (panel,) = (one for one in viewer._panels if isinstance(one, WrenchAndCurvesPanel))
         wait_until(lambda: (twin.studio.refresh(twin.page), "N·mm" in panel._table.content)[1], PATIENCE_S)
         assert "about the skin" in panel._meaning.content
-        panel.update(replace(twin.moment, wrenches=()))  # of a recording that has none
+        panel.update(PageMoment((replace(twin.moment.sensors[0], wrenches=()),)))  # of a recording that has none
         assert panel._table.content == panel._meaning.content == ""
 
 
@@ -365,7 +364,8 @@ def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor
     with pressed_twin(twin_sensor, tmp_path, ("left", "right")) as twin, socket_client(twin) as hand:
         (viewer,) = twin.page.viewers
         wait_until(
-            lambda: (twin.studio.refresh(twin.page), viewer.moment is not None and viewer.moment.view)[1], PATIENCE_S
+            lambda: (twin.studio.refresh(twin.page), viewer.moment is not None and viewer.moment.sensors[0].view)[1],
+            PATIENCE_S,
         )
         x, y, z = viewer.arrangement.places_mm[0]
         drag_handle(hand, viewer, (x + 1.5, y - 1.0, z + HANDLE_LIFT_MM - 0.9))
@@ -404,8 +404,8 @@ def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor
         wait_until(only_the_right_is_pressed_less, PATIENCE_S, 0.01)
 
 
-def shows_the_true_wrench(moment: PageMoment | None) -> bool:
-    if moment is None or moment.view is None or moment.view.press is None or moment.wrenches[0].sample is None:
+def shows_the_true_wrench(moment: SensorMoment) -> bool:
+    if moment.view is None or moment.view.press is None or moment.wrenches[0].sample is None:
         return False
     true = moment.view.press.contact.wrench().six
     return bool(moment.wrenches[0].sample.wrench.six == pytest.approx(true, rel=0.02, abs=0.02))
@@ -416,32 +416,36 @@ def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_v
 ) -> None:
     with pressed_twin(twin_sensor, tmp_path) as twin, socket_client(twin) as hand, socket_client(twin):
         first, second = twin.page.viewers
-        wait_until(
-            lambda: (twin.studio.refresh(twin.page), first.moment is not None and first.moment.view)[1], PATIENCE_S
-        )
+
+        def both_see_the_skin() -> bool:
+            twin.studio.refresh(twin.page)
+            return all(one.moment is not None and one.moment.sensors[0].view for one in (first, second))
+
+        wait_until(both_see_the_skin, PATIENCE_S)
         second.toggle_freeze()
-        kept = second.moment
-        assert kept is not None and second.is_frozen and not first.is_frozen
+        assert first.moment is not None and second.moment is not None
+        (kept,) = second.moment.sensors
+        assert second.is_frozen and not first.is_frozen
         drag_handle(hand, first, (1.5, -1.0, HANDLE_LIFT_MM - 0.9), twist_rad=0.1)
         # The samples of the wrench come from another thread, so the last step of the motion may reach them a moment later.
-        wait_until(lambda: twin.rests_at(0.9) and shows_the_true_wrench(first.moment), PATIENCE_S, 0.01)
-        moment = first.moment
-        assert moment is not None and moment.view is not None and moment.view.press is not None
+        wait_until(lambda: twin.rests_at(0.9) and shows_the_true_wrench(first.moment.sensors[0]), PATIENCE_S, 0.01)
+        (moment,) = first.moment.sensors
+        assert moment.view is not None and moment.view.press is not None
         pose = moment.view.press.contact.pose
         assert (pose.x_mm, pose.y_mm, pose.twist_rad) == pytest.approx((1.5, -1.0, 0.1), abs=1e-3)
-        frozen = second.moment
-        assert frozen is not None and frozen.reading is kept.reading and frozen.wrenches is kept.wrenches
-        assert frozen.sensor is kept.sensor and frozen.status.sentence.startswith("frozen, what is shown is ")
+        (frozen,) = second.moment.sensors
+        assert frozen.reading is kept.reading and frozen.wrenches is kept.wrenches
+        assert frozen.snapshot is kept.snapshot and frozen.status.sentence.startswith("frozen, what is shown is ")
         assert moment.status.tone == "live"
         second.choose(images=(ImageKind.GEL_FLOW, ImageKind.STICKING), source=ShownTraction.TRUE, pressure_arrows=True)
         twin.studio.refresh(twin.page)
-        assert second.moment is not None and second.moment.reading is kept.reading
+        assert second.moment.sensors[0].reading is kept.reading
         assert first.options.images != second.options.images
         second.toggle_freeze()
 
         def both_show_the_same() -> bool:
             twin.studio.refresh(twin.page)
-            return second.moment.reading is first.moment.reading  # type: ignore[union-attr]
+            return second.moment.sensors[0].reading is first.moment.sensors[0].reading  # type: ignore[union-attr]
 
         wait_until(both_show_the_same, PATIENCE_S, 0.01)  # a client that is behind is left out for some moments
 
@@ -499,7 +503,12 @@ def test_names_under_objects_are_whole_and_within_their_tiles() -> None:
 def test_the_side_of_a_mesh_that_faces_the_skin_is_chosen_on_the_page(tmp_path: Path) -> None:
     control = TwinPressController(PressSequence(TWIN, [PRESSED]))
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
-        page = SensorPage(server, PageController(loop, tmp_path), gel_block_under_skin(SHAPE, Gel()), "twin", control)
+        page = SensorPage(
+            server,
+            PageController([DisplayedSensor(loop, press=control)], tmp_path),
+            gel_block_under_skin(SHAPE, Gel()),
+            "twin",
+        )
         with page_client(page, server.get_port()) as client:
             plate, sizes = stl(trimesh.creation.box((2, 4, 70))), []
             for unit, side in (("mm", "bottom (−z)"), ("mm", "left (−x)"), ("fit to 16 mm", "front (−y)")):
@@ -521,8 +530,8 @@ def test_the_side_of_a_mesh_that_faces_the_skin_is_chosen_on_the_page(tmp_path: 
 def test_viewers_who_come_later_are_shown_the_mesh_that_presses(tmp_path: Path) -> None:
     control = TwinPressController(PressSequence(TWIN, [PRESSED]))
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
-        controller = PageController(loop, tmp_path)
-        page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "twin", control)
+        controller = PageController([DisplayedSensor(loop, press=control)], tmp_path)
+        page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "twin")
         with page_client(page, server.get_port()) as client:
             client.upload("Upload a mesh", "part.stl", stl(trimesh.creation.box((2, 4, 7))))
             wait_until(lambda: len(client.notices) == 1, PATIENCE_S)
@@ -543,8 +552,8 @@ def test_a_handle_without_a_direction_moves_nothing(tmp_path: Path) -> None:
         control.move(depth_mm=0.5, twist_deg=float("nan"))
     assert control.state == HandPressState()
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
-        controller = PageController(loop, tmp_path)
-        page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "twin", control)
+        controller = PageController([DisplayedSensor(loop, press=control)], tmp_path)
+        page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "twin")
         with page_client(page, server.get_port()) as client:
             handle = {"type": "TransformControlsUpdateMessage", "name": "/handle"}
             handle |= {"owner": client.viewer.client.scene._owner_id, "position": (1.0, 0.0, HANDLE_LIFT_MM - 0.5)}

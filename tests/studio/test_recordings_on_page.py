@@ -42,12 +42,19 @@ from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_cards import time_slider_marks
-from ninedtact.studio.page_controller import PageController, PageMoment, SensorStatusMessage
+from ninedtact.studio.page_controller import (
+    DisplayedSensor,
+    PageController,
+    PageMoment,
+    SensorMoment,
+    SensorStatusMessage,
+)
 from ninedtact.studio.page_recorder import NotRecording, PageRecorder, PageSensorToRecord, RecorderState
 from ninedtact.studio.reading_view import full_range_colour_scale
 from ninedtact.studio.recording_player import (
     LabelledSpanRefused,
     RecordedReadings,
+    RecordedSensor,
     RecordingPlayer,
     empty_wrench_histories,
 )
@@ -125,15 +132,20 @@ def recorded(tmp_path: Path) -> tuple[Path, Bench]:
     return path, bench
 
 
-NEWEST = PageMoment(
-    SensorStatusMessage("live", "now"), SensorSnapshot(SensorPhase.READING, None, 0, 0.0, 0.0, np.zeros((2, 0))), None
-)
+NO_READING = SensorSnapshot(SensorPhase.READING, None, 0, 0.0, 0.0, np.zeros((2, 0)))
+NEWEST = PageMoment((SensorMoment(SensorStatusMessage("live", "now"), NO_READING, None),))
 
 
 def player_of(path: Path, bench: Bench) -> RecordingPlayer:
-    return RecordingPlayer(
-        path, bench.folder.shape, full_range_colour_scale(bench.folder.shape.curve), [bench.true, bench.estimated]
-    )
+    shape = bench.folder.shape
+    recorded = RecordedSensor(path, shape, full_range_colour_scale(shape.curve), [bench.true, bench.estimated])
+    return RecordingPlayer([recorded])
+
+
+def moment_of(player: RecordingPlayer) -> SensorMoment:
+    """What is shown of the only sensor of a recording."""
+    (moment,) = player.moment(NEWEST).sensors
+    return moment
 
 
 def test_every_moment_of_a_recording_is_the_one_that_the_page_had(
@@ -145,7 +157,7 @@ def test_every_moment_of_a_recording_is_the_one_that_the_page_had(
     assert len(player) == len(bench.kept) == 8
     for number in (5, 0, 7, 3):  # in any order
         player.seek((bench.kept[number].stamp_ns - bench.kept[0].stamp_ns) / 1e9)
-        moment, kept = player.moment(NEWEST), bench.kept[number]
+        moment, kept = moment_of(player), bench.kept[number]
         assert moment.view is not None and moment.reading is not None and kept.force is not None
         assert np.array_equal(moment.reading.image, kept.image) and moment.reading.stamp_ns == kept.stamp_ns
         np.testing.assert_allclose(moment.reading.height.z_mm, kept.height.z_mm, atol=0.0006)
@@ -155,11 +167,11 @@ def test_every_moment_of_a_recording_is_the_one_that_the_page_had(
         np.testing.assert_allclose(estimated.sample.wrench.six, kept.force.wrench.six)
         np.testing.assert_allclose(estimated.sample.std, kept.force.std)
         assert true.sample.wrench.stamp_ns <= kept.stamp_ns
-        assert all(at <= kept.stamp_ns for at, _ in estimated.samples) and moment.sensor.phase is SensorPhase.RECORDED
+        assert all(at <= kept.stamp_ns for at, _ in estimated.samples) and moment.snapshot.phase is SensorPhase.RECORDED
         assert f"of {player.duration_s:.2f} s, paused" in moment.status.sentence
-    same = player.moment(NEWEST)
-    assert same.view is player.moment(NEWEST).view
-    wait_until(lambda: player.moment(NEWEST).sensor.history.shape[1] == 4)
+    same = moment_of(player)
+    assert same.view is moment_of(player).view
+    wait_until(lambda: moment_of(player).snapshot.history.shape[1] == 4)
     player.close()
 
 
@@ -192,7 +204,7 @@ def test_a_moment_has_no_wrench_of_another_time(recorded: tuple[Path, Bench], tm
     found = []
     for second in range(6):
         player.seek(second)
-        found.append(tuple(one.sample is not None for one in player.moment(NEWEST).wrenches))
+        found.append(tuple(one.sample is not None for one in moment_of(player).wrenches))
     player.close()
     assert found == [(True, False), (True, False), (True, True), *[(False, False)] * 3]
 
@@ -238,9 +250,9 @@ def test_labels_are_kept_in_the_file_and_exported_and_the_rest_of_it_stays(
     player = player_of(path, bench)
     player.add_span(0.0, player.duration_s, " whole ")
     deep_s, (whole, *marks) = player.span_s(deep), time_slider_marks(player)
-    assert (whole.value, whole.label) == (0.0, "whole") and marks[-1].value == player.duration_s
-    assert {round(mark.value, 6) for mark in marks} >= {round(at_s, 6) for at_s in deep_s}
-    assert [mark.label for mark in marks if mark.value == deep_s[0]] == [
+    assert whole == (0.0, "whole") and marks[-1][0] == player.duration_s
+    assert {round(value, 6) for value, _ in marks} >= {round(at_s, 6) for at_s in deep_s}
+    assert [label for value, label in marks if value == deep_s[0]] == [
         "deep" if deep_s[0] > 0.2 * player.duration_s else None
     ]
     size = path.stat().st_size
@@ -392,16 +404,16 @@ def test_a_recording_is_closed_for_a_viewer_who_left_before_it_was_opened(record
             gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel),
         )
         panels = [partial(RecordingsPanel, context=context), partial(UntilAlone, server=server, built=built)]
-        page = SensorPage(server, PageController(loop, path.parent), block, "small", None, panels)
+        page = SensorPage(server, PageController([DisplayedSensor(loop)], path.parent), block, "small", panels)
         with page_socket(server.get_port()):
             wait_until(lambda: len(server.get_clients()) == 1)
         wait_until(lambda: len(built) == 1 and not built[0].plays_recording)
         (player,) = [recordings_panel(built[0])._player]
         assert player is not None and not page.viewers
-        wait_until(player._closing.is_set)
+        wait_until(player.sensors[0]._closing.is_set)
         late = player_of(path, bench)
         built[0].play(late)  # by a callback that ends after the viewer has left
-        assert late._closing.is_set() and not built[0].plays_recording
+        assert late.sensors[0]._closing.is_set() and not built[0].plays_recording
 
 
 def test_controls_of_a_recording_show_what_is_open(recorded: tuple[Path, Bench]) -> None:
@@ -463,10 +475,10 @@ def recordings_page(
     server: ViserServer, loop: SensorPoller, bench: Bench, out: Path
 ) -> tuple[SensorPage, PageController]:
     """Return the page of a sensor with the recorder of the bench, and its controller."""
-    controller = PageController(loop, out, save_limits=SaveLimits(per_minute=100))
+    controller = PageController([DisplayedSensor(loop)], out, save_limits=SaveLimits(per_minute=100))
     panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, bench.recorder))
     block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
-    return SensorPage(server, controller, block, "small", None, [panel]), controller
+    return SensorPage(server, controller, block, "small", [panel]), controller
 
 
 def recordings_panel(viewer: ViewerPage) -> RecordingsPanel:
@@ -520,12 +532,12 @@ def test_files_that_cannot_be_played_are_refused_in_one_sentence(
 def test_an_image_that_is_damaged_is_said_and_the_last_whole_one_stays(recorded: tuple[Path, Bench]) -> None:
     path, bench = recorded
     player = player_of(path, bench)
-    whole = player.moment(NEWEST).view
-    player._readings.recording.message = lambda position: (_ for _ in ()).throw(  # type: ignore[method-assign]
+    whole = moment_of(player).view
+    player.sensors[0].readings.recording.message = lambda position: (_ for _ in ()).throw(  # type: ignore[method-assign]
         RecordingUnreadable("expected it as it was recorded, got damaged data at byte 7; restore it")
     )
     player.step(1)
-    moment = player.moment(NEWEST)
+    moment = moment_of(player)
     assert moment.view is whole and moment.status.tone == "lost" and "damaged data at byte 7" in moment.status.sentence
     player.close()
 
@@ -636,10 +648,10 @@ def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp
         recorder.keep(reading)
 
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep) as loop:
-        controller = PageController(loop, out, [estimated], limits)
+        controller = PageController([DisplayedSensor(loop, [estimated])], out, limits)
         panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, folder, recorder))
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-        page = SensorPage(server, controller, block, "small", None, [panel])
+        page = SensorPage(server, controller, block, "small", [panel])
         journey = Journey(tab, out, lambda: controller.refresh(page))
         tab.goto(f"http://127.0.0.1:{server.get_port()}")
         journey.until_shown("live, ", "0.00 mm")
@@ -674,11 +686,11 @@ def test_a_browser_says_why_a_recording_cannot_be_opened_and_goes_on_after_a_rel
     tab.set_default_timeout(PATIENCE_S * 200)
     sensor = sensor_on(SkinCamera())
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
-        controller = PageController(loop, out)
+        controller = PageController([DisplayedSensor(loop)], out)
         recorder = PageRecorder([PageSensorToRecord(bench.folder, "bench", [])], out, controller.quota)
         panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, recorder))
         block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
-        page = SensorPage(server, controller, block, "small", None, [panel])
+        page = SensorPage(server, controller, block, "small", [panel])
         journey = Journey(tab, out, lambda: controller.refresh(page))
         tab.goto(f"http://127.0.0.1:{server.get_port()}")
         journey.until_shown("live, ", "0.00 mm")
@@ -698,16 +710,16 @@ def test_a_viewer_of_a_recording_is_not_frozen_and_takes_no_reference_of_the_sen
 ) -> None:
     path, bench = recorded
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
-        controller = PageController(loop, path.parent)
+        controller = PageController([DisplayedSensor(loop)], path.parent)
         panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder))
         block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
-        page = SensorPage(server, controller, block, "small", None, [panel])
+        page = SensorPage(server, controller, block, "small", [panel])
         with page_client(page, server.get_port()) as client:
             viewer = client.viewer
 
             def shows(sentence: str, freeze: str) -> bool:
                 controller.refresh(page)
-                shown = viewer.moment is not None and viewer.moment.status.sentence.startswith(sentence)
+                shown = viewer.moment is not None and viewer.moment.sensors[0].status.sentence.startswith(sentence)
                 return shown and any(each.label == freeze for each in buttons)
 
             buttons = [client.control("Freeze")]
@@ -735,13 +747,13 @@ def test_a_page_exports_into_the_formats_that_its_program_hands_in(recorded: tup
     pytest.importorskip("pyarrow", reason="the extra 'datasets' is not installed")
     path, bench = recorded
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
-        controller = PageController(loop, path.parent, save_limits=SaveLimits(per_minute=100))
+        controller = PageController([DisplayedSensor(loop)], path.parent, save_limits=SaveLimits(per_minute=100))
         exporters = {**installed_exporters(), "Stamps": Exporter(write_stamps, "stamps", "a list", ".txt")}
         panel = partial(
             RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, opens=path, exporters=exporters)
         )
         block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
-        page = SensorPage(server, controller, block, "small", None, [panel])
+        page = SensorPage(server, controller, block, "small", [panel])
         with page_client(page, server.get_port()) as client:
             wait_until(lambda: controller.refresh(page) and client.viewer.moment is not None)
             for number, (name, exporter) in enumerate(exporters.items(), start=1):

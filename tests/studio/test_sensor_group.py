@@ -31,9 +31,16 @@ from ninedtact.reading import Reading
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_controller import PageController, PageMoment, SensorStatusMessage
+from ninedtact.studio.page_controller import (
+    DisplayedSensor,
+    PageController,
+    PageMoment,
+    SensorMoment,
+    SensorStatusMessage,
+)
 from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
-from ninedtact.studio.recording_player import RecordingPlayer
+from ninedtact.studio.reading_view import full_range_colour_scale
+from ninedtact.studio.recording_player import RecordedSensor, RecordingPlayer
 from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
 from ninedtact.studio.saved_files import SaveLimits
 from ninedtact.studio.scene_3d import FIELD_OF_VIEW_RAD, GelBlock, SideBySideLayout, gel_block_under_skin
@@ -89,34 +96,35 @@ def gripper(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Gripper]
     cameras = {name: SkinCamera(0.03) for name in names}
     histories = {name: WrenchHistory("estimated", "by the bench", states_errors=True) for name in names}
     recorders: list[PageRecorder] = []
-    controllers: list[PageController] = []
+    sensors: list[DisplayedSensor] = []
     with ExitStack() as opened:
         server = opened.enter_context(page_server("127.0.0.1", 0))
-        for number, (name, camera) in reversed(tuple(enumerate(cameras.items()))):
+        for number, (name, camera) in enumerate(cameras.items()):
             sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
             sensor.estimator = ScaledForce()
             kept = partial(keep, number=number, history=histories[name], recorder=recorders)
             loop = opened.enter_context(SensorPoller(sensor, kept))
-            limits, others = SaveLimits(per_minute=100), () if number else tuple(controllers)
-            one = PageController(loop, out, [histories[name]], limits, name=name, others=others)
-            controllers.insert(0, one)
+            sensors.append(DisplayedSensor(loop, [histories[name]], name=name))
+        controller = PageController(sensors, out, SaveLimits(per_minute=100))
         # A level that a test sets before a sensor has read would become its reference.
-        wait_until(lambda: all(one._loop.snapshot(0).reading is not None for one in controllers))
+        wait_until(lambda: all(one.poller.snapshot(0).reading is not None for one in sensors))
         recorded = [PageSensorToRecord(folder, "bench", [histories[name]], name) for name in names]
-        recorders.append(PageRecorder(recorded, out, controllers[0].quota))
+        recorders.append(PageRecorder(recorded, out, controller.quota))
         panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, folder, recorders[0]))
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-        page = SensorPage(server, controllers[0], block, " · ".join(names), None, [panel])
-        yield Gripper(folder, cameras, controllers[0], page, out, f"http://127.0.0.1:{server.get_port()}")
+        page = SensorPage(server, controller, block, " · ".join(names), [panel])
+        yield Gripper(folder, cameras, controller, page, out, f"http://127.0.0.1:{server.get_port()}")
         recorders[0].stop()
 
 
-def moment_with(name: str, force_z_n: float, std_n: float, tone: str = "live", source: str = "estimated") -> PageMoment:
+def moment_with(
+    name: str, force_z_n: float, std_n: float, tone: str = "live", source: str = "estimated"
+) -> SensorMoment:
     """The moment of a sensor with one wrench."""
     sample = WrenchWithUncertainty(Wrench(np.array([0.1, 0.2, force_z_n]), np.zeros(3)), np.full(6, std_n))
     wrench = WrenchSourceSnapshot(source, "by hand", sample, (), 0, states_errors=True)
     snapshot = SensorSnapshot(SensorPhase.READING, None, 0, 0.0, 0.0, np.zeros((2, 0)))
-    return PageMoment(SensorStatusMessage(tone, "here"), snapshot, None, (wrench,), name=name)  # type: ignore[arg-type]
+    return SensorMoment(SensorStatusMessage(tone, "here"), snapshot, None, (wrench,), name=name)  # type: ignore[arg-type]
 
 
 def test_grip_force_is_the_mean_of_each_two_opposing_normal_forces() -> None:
@@ -218,7 +226,7 @@ def test_no_skin_of_the_sensors_stands_beside_a_recording_of_one_sensor(gripper:
 
         def stand(*visible: bool, status: str) -> bool:
             gripper.controller.refresh(gripper.page)
-            shown = viewer.moment is not None and viewer.moment.status.sentence.startswith(status)
+            shown = viewer.moment is not None and viewer.moment.sensors[0].status.sentence.startswith(status)
             return shown and tuple(frame.visible for frame in scene._frames) == visible
 
         wait_until(lambda: stand(True, True, status="live") and path.name in client.control("recording").options)
@@ -226,7 +234,7 @@ def test_no_skin_of_the_sensors_stands_beside_a_recording_of_one_sensor(gripper:
         wait_until(lambda: stand(True, False, status="recorded"))
         client.use("sensor", "right")  # which the recording has not: what is shown of it is the sensor that it has
         wait_until(lambda: stand(False, True, status="recorded"))
-        assert viewer.moment is not None and scene._drawn[1][0] == id(viewer.moment.view)
+        assert viewer.moment is not None and scene._drawn[1][0] == id(viewer.moment.sensors[0].view)
         client.use("Back to the sensor")
         client.use("sensor", "all side by side")
         wait_until(lambda: stand(True, True, status="live"))
@@ -244,7 +252,7 @@ def test_what_one_finger_reads_is_saved_before_the_other_has_read(gripper: Gripp
         wait_until(has_read)
         assert viewer.moment is not None
         left, right = viewer.moment.sensors
-        viewer.moment = replace(viewer.moment, beside=(left, replace(right, view=None)))
+        viewer.moment = replace(viewer.moment, sensors=(left, replace(right, view=None)))
         client.use("Save this reading")
         wait_until(lambda: bool(client.notices))
     assert client.notices == [f"Saved: 5 files in {gripper.out}"]
@@ -267,7 +275,8 @@ def test_a_lost_finger_is_said_and_the_other_goes_on(browser: Browser, gripper: 
     viewer.toggle_freeze()
     viewer.choose(sensor=1)
     gripper.until_shown(tab, "2.00 N")
-    assert viewer.moment is not None and viewer.moment.name == "right" and viewer.shown_controllers[0].name == "right"
+    assert viewer.moment is not None and [one.name for one in viewer.choose_shown(viewer.moment)] == ["right"]
+    assert [one.name for one in viewer.shown_sensors] == ["right"]
 
 
 def overlaps(tab: Page) -> list[str]:
@@ -348,16 +357,14 @@ def test_a_recording_of_a_finger_that_was_lost_is_played_to_the_end_of_the_other
     sensors = [f"{name}={folder}" for name in ("left", "right")]
     assert main(["record", "--source", *sources, "--sensor", *sensors, "--out", str(path)]) == 0
     shape, addresses = load_sensor(folder).shape, [Path(address) for address in recorded_sensor_addresses(path)]
-    newest = moment_with("", 0.0, 0.1)
-    scale = PageController(SensorPoller(sensor_on(SkinCamera())), tmp_path).scale
-    right = RecordingPlayer(addresses[1], shape, scale)
-    player = RecordingPlayer(addresses[0], shape, scale, (), [right])
+    newest, scale = PageMoment((moment_with("", 0.0, 0.1),)), full_range_colour_scale(shape.curve)
+    player = RecordingPlayer([RecordedSensor(address, shape, scale) for address in addresses])
     player.seek(1e9)
-    left, other = player.moment(newest).beside
+    left, other = player.moment(newest).sensors
     assert left.status.tone == "lost" and "no image of this sensor here" in left.status.sentence
     assert other.reading is not None and other.reading.image.min() == 41 and other.name == "right"
     player.seek(0.0)
-    assert [one.status.tone for one in player.moment(newest).beside] == ["held", "held"]
+    assert [one.status.tone for one in player.moment(newest).sensors] == ["held", "held"]
     player.add_span(0.0, player.duration_s, "grasp")
     player.close()
     with Recording(f"{path}#right") as recording:

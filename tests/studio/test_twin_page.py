@@ -24,7 +24,7 @@ from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_cards import _curves_of, explained_wrench_table_html, wrench_table_html
-from ninedtact.studio.page_controller import PageController
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
 from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
 from ninedtact.studio.wrench_history import WrenchHistory, WrenchPoller, WrenchWithUncertainty
@@ -119,6 +119,21 @@ def test_a_wrench_without_a_stated_error_is_a_number() -> None:
     assert "unknown" not in said and said.count("±") == 1 and "+0.50<" in said and "\N{MINUS SIGN}2.00<" in said
 
 
+def test_a_component_that_rounds_to_zero_is_not_negative() -> None:
+    true = WrenchHistory("true", "of the simulation")
+    true.add(WrenchWithUncertainty(Wrench(np.array([-0.004, 0, -0.006]), np.zeros(3)), np.full(6, np.nan)))
+    said = wrench_table_html([true.snapshot(None, 0)], is_past=False)
+    assert "\N{MINUS SIGN}0.00" not in said and "+0.00" in said and "\N{MINUS SIGN}0.01" in said
+
+
+def test_texts_on_the_page_are_escaped() -> None:
+    true = WrenchHistory("true", 'of <b>"this"</b>', ("<i>notice</i>",))
+    true.trouble = ValueError("<u>trouble</u>")
+    true.add(WrenchWithUncertainty(Wrench(np.zeros(3), np.zeros(3)), np.full(6, np.nan), ("<s>warning</s>",)))
+    said = explained_wrench_table_html([true.snapshot(None, 0)], is_past=False)
+    assert not re.search("<[bius]>", said) and all(word in said for word in ("notice", "trouble", "warning"))
+
+
 def test_curves_have_the_band_of_their_error_where_samples_are() -> None:
     history, now_ns = WrenchHistory("estimated", "by physics", states_errors=True), 10**10
     for second in range(1, 10):
@@ -149,7 +164,7 @@ def test_a_browser_shows_the_twin_move_and_its_true_and_estimated_wrench(
     tab, seen, pushes = browser.new_page(viewport={"width": 1200, "height": 800}), set(), set()
     errors = page_errors(tab)
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep_estimate) as loop, pollers[0]:
-        studio = PageController(loop, tmp_path, [true, estimated])
+        studio = PageController([DisplayedSensor(loop, [true, estimated])], tmp_path)
         page = SensorPage(
             server, studio, gel_block_under_skin(twin_sensor.shape, twin_sensor.record.design.gel), "twin"
         )
@@ -167,7 +182,7 @@ def test_a_browser_shows_the_twin_move_and_its_true_and_estimated_wrench(
         pressed = Path(tmp_path / "page.png")
         tab.screenshot(path=pressed)
         assert pressed.stat().st_size > 10_000
-        reading = studio.shown_reading
+        reading = studio.sensors[0].shown_reading
         assert reading is not None and loop.snapshot(0).phase in (SensorPhase.READING, SensorPhase.ENDED)
         assert reading.force is not None
         at_reading = true.snapshot(reading.frame.stamp_ns, time.monotonic_ns()).sample

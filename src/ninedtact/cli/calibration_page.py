@@ -1,11 +1,13 @@
 """The guided calibrations in the browser, of shape (`ninedtact calibrate --page`) and of force with known loads (`ninedtact adapt
 --page`), and the live page that follows them."""
 
-from contextlib import ExitStack, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from random import uniform
+from threading import Event
 from time import sleep
 from typing import TYPE_CHECKING
 
@@ -59,38 +61,28 @@ class CalibrationPageServer:
     def serve(self) -> "SensorFolder | None":
         """Serve the page until Ctrl-C, and the live page once somebody asks for it; return the sensor, None without one."""
         require_page_library()
-        from ninedtact.studio.calibration_page import REFRESH_HZ, CalibrationPage
+        from ninedtact.studio.calibration_page import CalibrationPage
         from ninedtact.studio.calibration_session import CalibrationSession
-        from ninedtact.studio.page_and_server import find_default_port, page_server
+        from ninedtact.studio.guided_session import SwitchableCamera
+        from ninedtact.studio.page_and_server import page_server
         from ninedtact.studio.socket_guard import SocketGuard
 
         guard = SocketGuard.for_host(self.options.host, self.options.allow_origin)
-        port = find_default_port(self.options.host) if self.options.port is None else self.options.port
-        list_cameras, simulated = (
-            partial(list_calibration_cameras, self.source),
-            simulated_calibration_camera(self.design),
+        list_cameras = partial(list_calibration_cameras, self.source)
+        simulated = simulated_calibration_camera(self.design)
+        camera = SwitchableCamera(
+            lambda address: simulated if is_twin_address(address) else _live_camera(address, self.automatic),
+            self.source or next(iter(list_cameras())),
         )
-        source = self.source or next(iter(list_cameras()))
         session = CalibrationSession(
-            self.out,
-            lambda address: simulated if is_twin_address(address) else self._camera(address),
-            source,
-            self.design,
-            self.settings,
-            self.sensor_id,
-            simulated.follow,
+            camera, self.out, self.design, self.settings, self.sensor_id, on_step=simulated.follow
         )
         with suppress(KeyboardInterrupt):
-            with ExitStack() as opened:
-                server = opened.enter_context(page_server(self.options.host, port, guard))
-                opened.enter_context(session)
+            with page_server(self.options.host, self.options.port, guard) as server, session:
                 page, port = CalibrationPage(server, session, list_cameras, simulated), server.get_port()
-                print(f"calibration: open {guard.page_address(port)} in a browser; Ctrl-C ends", flush=True)
-                stop = opened.enter_context(stop_on_signal())
-                while not (stop.now or session.live_requested.is_set() or session.force_requested.is_set()):
-                    page.refresh()
-                    sleep(1 / REFRESH_HZ)
-            if stop.now:
+                wanted = session.live_requested, session.force_requested
+                is_wanted = _refresh_until("calibration", guard.page_address(port), page.refresh, *wanted)
+            if not is_wanted:
                 return session.saved
             result, source = session.state.result, session.state.source
             assert result is not None
@@ -100,10 +92,6 @@ class CalibrationPageServer:
             else:
                 serve_calibrated_sensor(result, source, port, guard, self.automatic)
         return session.saved
-
-    def _camera(self, address: str) -> "FrameSource":
-        """Return a camera or recording."""
-        return _live_camera(address, self.automatic)
 
 
 @dataclass(frozen=True)
@@ -123,10 +111,10 @@ class ForceCalibrationPageServer:
         """Serve the page until Ctrl-C, and the live page once somebody asks for it; return the file that was written, if any."""
         require_page_library()
         from ninedtact.capture.frame_source import CameraNotFound
-        from ninedtact.studio.calibration_page import REFRESH_HZ
         from ninedtact.studio.force_calibration_page import ForceCalibrationPage, ball_press_under_load
         from ninedtact.studio.force_calibration_session import ForceCalibrationSession
-        from ninedtact.studio.page_and_server import find_default_port, page_server
+        from ninedtact.studio.guided_session import SwitchableCamera
+        from ninedtact.studio.page_and_server import page_server
         from ninedtact.studio.socket_guard import SocketGuard
         from ninedtact.workflows.force_calibration import UnscaledForceReader
 
@@ -137,7 +125,6 @@ class ForceCalibrationPageServer:
         if not cameras:
             raise CameraNotFound("expected a camera, got none; plug it in, or name a stream or recording with --source")
         guard = guard or SocketGuard.for_host(options.host, options.allow_origin)
-        port = find_default_port(options.host) if options.port is None else options.port
 
         def open_source(address: str) -> "FrameSource":
             return (
@@ -150,20 +137,15 @@ class ForceCalibrationPageServer:
             if simulated is not None:
                 simulated.offer(ball_press_under_load(grams))
 
-        first = self.source or next(iter(cameras))
-        session = ForceCalibrationSession(folder.path, reader, open_source, first, on_load=offer_load)
+        camera = SwitchableCamera(open_source, self.source or next(iter(cameras)))
+        session = ForceCalibrationSession(camera, folder.path, reader, on_load=offer_load)
         with suppress(KeyboardInterrupt):
-            with ExitStack() as opened:
-                server = opened.enter_context(page_server(options.host, port, guard))
-                opened.enter_context(session)
+            with page_server(options.host, options.port, guard) as server, session:
                 radius_mm, port = folder.record.design.ball.radius_mm, server.get_port()
                 page = ForceCalibrationPage(server, session, list_cameras, radius_mm, simulated, stiffness)
-                print(f"force calibration: open {guard.page_address(port)} in a browser; Ctrl-C ends", flush=True)
-                stop = opened.enter_context(stop_on_signal())
-                while not (stop.now or session.live_requested.is_set()):
-                    page.refresh()
-                    sleep(1 / REFRESH_HZ)
-            if not stop.now:
+                address, wanted = guard.page_address(port), session.live_requested
+                is_wanted = _refresh_until("force calibration", address, page.refresh, wanted)
+            if is_wanted:
                 serve_calibrated_sensor(folder, session.state.source, port, guard, self.automatic, self.force)
         return session.saved
 
@@ -171,6 +153,18 @@ class ForceCalibrationPageServer:
         """Return the sensor's twin under loads and its stiffness; nothing for a sensor without a twin, unless it is named."""
         has_twin = self.folder.record.twin is not None or (self.source is not None and is_twin_address(self.source))
         return simulated_loaded_camera(self.folder) if has_twin else (None, None)
+
+
+def _refresh_until(what: str, address: str, refresh: Callable[[], None], *wanted: Event) -> bool:
+    """Print the address of a page and refresh it until one of the events is set; return False where Ctrl-C ends it before."""
+    from ninedtact.studio.guided_page import REFRESH_HZ
+
+    print(f"{what}: open {address} in a browser; Ctrl-C ends", flush=True)
+    with stop_on_signal() as stop:
+        while not (stop.now or any(event.is_set() for event in wanted)):
+            refresh()
+            sleep(1 / REFRESH_HZ)
+        return not stop.now
 
 
 def _live_camera(address: str, automatic: bool) -> "FrameSource":

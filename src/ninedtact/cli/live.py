@@ -1,6 +1,5 @@
 """ninedtact live: show a sensor live in the browser. ninedtact play: a recording there, with its time on a slider."""
 
-from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -155,8 +154,8 @@ class Play:
         """Serve the recording of these sensors; raises what reading it raises, before anything is served."""
         from ninedtact.recording.recorded_source import RecordedFrameSource
         from ninedtact.sensor import Sensor
-        from ninedtact.studio.page_and_server import SensorPage, find_default_port, page_server
-        from ninedtact.studio.page_controller import PageController
+        from ninedtact.studio.page_and_server import SensorPage, page_server
+        from ninedtact.studio.page_controller import DisplayedSensor, PageController
         from ninedtact.studio.recording_player import empty_wrench_histories
         from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
         from ninedtact.studio.scene_3d import gel_block_under_skin
@@ -166,23 +165,21 @@ class Play:
         columns = {address: empty_wrench_histories(Path(address), one.shape) for address, one in folders.items()}
         folder, shapes = next(iter(folders.values())), {address: one.shape for address, one in folders.items()}
         guard = SocketGuard.for_host(self.host, self.allow_origin)
-        port = find_default_port(self.host) if self.port is None else self.port
-        with page_server(self.host, port, guard) as server:
-            # The sensors of these pollers are never opened: every viewer is shown a moment of the recording in their place.
-            def controller_of(address: str, others: Sequence[PageController] = ()) -> PageController:
-                idle, name = (
-                    SensorPoller(Sensor(RecordedFrameSource(address), shapes[address])),
-                    address.partition("#")[2],
+        with page_server(self.host, self.port, guard) as server:
+            # These sensors are never opened: every viewer is shown a moment of the recording in their place.
+            sensors = [
+                DisplayedSensor(
+                    SensorPoller(Sensor(RecordedFrameSource(address), shape)),
+                    columns[address],
+                    name=address.partition("#")[2],
                 )
-                return PageController(idle, self.out, columns[address], name=name, others=others)
-
-            first, *rest = folders
-            controller = controller_of(first, [controller_of(address) for address in rest])
-            controller.recheck_s = 0.0
+                for address, shape in shapes.items()
+            ]
+            controller = PageController(sensors, self.out, recheck_s=0.0)
             block = gel_block_under_skin(folder.shape, folder.record.design.gel)
             context = RecordingsPanelContext(server, folder, None, self.recording, shapes, installed_exporters())
             title = folder.id if len(folders) == 1 else self.recording.stem
-            page = SensorPage(server, controller, block, title, None, [partial(RecordingsPanel, context=context)])
+            page = SensorPage(server, controller, block, title, [partial(RecordingsPanel, context=context)])
             print(
                 f"{self.recording}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True
             )

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Event
 from time import monotonic_ns
 from typing import TYPE_CHECKING, Any
 
@@ -94,8 +93,8 @@ def page_sensor(folder: "SensorFolder", live: "LiveSensor", name: str = "") -> P
 
 def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends: bool = True) -> None:
     """Serve the page of one or several sensors until Ctrl-C, or with `ends` until the last round of their twins has ended."""
-    from ninedtact.studio.page_and_server import SensorPage, find_default_port, page_server
-    from ninedtact.studio.page_controller import PageController
+    from ninedtact.studio.page_and_server import SensorPage, page_server
+    from ninedtact.studio.page_controller import DisplayedSensor, PageController
     from ninedtact.studio.press_control import TwinPressController
     from ninedtact.studio.scene_3d import gel_block_under_skin
     from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
@@ -103,30 +102,25 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
 
     with ExitStack() as opened:
         guard = settings.guard or SocketGuard.for_host(settings.host, settings.allow_origin)
-        port = find_default_port(settings.host) if settings.port is None else settings.port
-        server = opened.enter_context(page_server(settings.host, port, guard))
+        server = opened.enter_context(page_server(settings.host, settings.port, guard))
         listeners: list[Callable[[Reading, int], None]] = []
-        loops, changed = list[SensorPoller](), Event()
-        controllers: list[PageController] = []
-        presses = [None if part.pressed is None else TwinPressController(part.pressed) for part in parts]
-        for number, part in reversed(tuple(enumerate(parts))):
+        shown: list[DisplayedSensor] = []
+        for number, part in enumerate(parts):
             estimates = _estimate_history(part.sensor, settings.force, part.folder)
             keep = partial(_keep_reading, number=number, estimates=estimates, listeners=listeners)
-            loops.insert(0, SensorPoller(part.sensor, keep, changed))
-            press, histories = presses[number], [*(poller.history for poller in part.wrenches), *estimates]
-            press_at, others = None if press is None else press.press_at, () if number else tuple(controllers)
-            one = PageController(loops[0], settings.out, histories, press_at=press_at, name=part.name, others=others)
-            controllers.insert(0, one)
-        for loop, part in zip(loops, parts, strict=True):
-            opened.enter_context(loop)
+            press = None if part.pressed is None else TwinPressController(part.pressed)
+            histories = [*(poller.history for poller in part.wrenches), *estimates]
+            shown.append(DisplayedSensor(SensorPoller(part.sensor, keep), histories, press, part.name))
+        controller = PageController(shown, settings.out)
+        for one, part in zip(shown, parts, strict=True):
+            opened.enter_context(one.poller)
             for poller in part.wrenches:
                 opened.enter_context(poller)
-        first, controller = parts[0], controllers[0]
+        first = parts[0]
         block = gel_block_under_skin(first.folder.shape, first.folder.record.design.gel)
         panels = connect_recordings_panel(opened, server, parts, controller, listeners)
         title = " · ".join(part.name or part.folder.id for part in parts)
-        pressed = [press for press in presses if press is not None]
-        page = SensorPage(server, controller, block, title, pressed if len(pressed) == len(parts) else None, panels)
+        page = SensorPage(server, controller, block, title, panels)
         sources = ", ".join(f"{part.name}: " * bool(part.name) + part.sensor.source.name for part in parts)
         address = guard.page_address(server.get_port())
         print(f"{sources}: open {address} in a browser; Ctrl-C ends", flush=True)
@@ -134,7 +128,7 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
             webbrowser.open(address)
 
         def is_over() -> bool:
-            return ends and all(loop.snapshot(monotonic_ns()).phase is SensorPhase.ENDED for loop in loops)
+            return ends and all(one.poller.snapshot(monotonic_ns()).phase is SensorPhase.ENDED for one in shown)
 
         if settings.rerun:
             listeners.append(_show_in_rerun(opened, parts))

@@ -5,13 +5,8 @@ The parts that it shares with other guided pages are in `guided_page`.
 
 from dataclasses import replace
 from functools import partial
-from html import escape
 from typing import Any
 
-import cv2
-import numpy as np
-from jaxtyping import UInt8
-from numpy import ndarray as Array
 from viser import GuiEvent, Icon, ViserServer
 
 from ninedtact.calibration.certificate.checks import (
@@ -19,29 +14,21 @@ from ninedtact.calibration.certificate.checks import (
     compute_certificate_checks,
     overall_check_level,
 )
-from ninedtact.calibration.guidance import PinSearchResult
 from ninedtact.calibration.save import CERTIFICATE_FILE
 from ninedtact.calibration.sensor_toml_schema import Certificate
-from ninedtact.open_sensor import is_twin_address
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession, CalibrationState
 from ninedtact.studio.guided_page import (
-    CameraChoiceControls,
-    GuidedPageImage,
+    GuidedPageLayout,
     ListCameras,
+    SimulatedSensorControls,
     attempt,
-    instruction_html,
     live_image_quality_rows,
     steps_html,
 )
-from ninedtact.studio.page_cards import DIM, TONES, name_value_table_html
-from ninedtact.studio.viewer import NOTICE_S, ControlFollower, is_user_event, set_gui_control
+from ninedtact.studio.page_cards import card_html, name_value_table_html
+from ninedtact.studio.viewer import NOTICE_S, is_user_event, set_gui_control
 
-REFRESH_HZ = 8.0
-_IMAGE_PX = 640
-"""Largest number of columns of the image that is sent."""
-_FOUND_BGR, _MISSING_BGR = (232, 180, 86), (0, 94, 213)
-"""Sky blue and vermilion of Okabe and Ito."""
 _STEP_NAMES = ("untouched", "board", "untouched", "ball", "fit")
 _GRADES = {
     "pass": ("Ready to measure", "live"),
@@ -49,7 +36,7 @@ _GRADES = {
     "poor": ("Calibrate again", "lost"),
     "fail": ("Do not use", "lost"),
 }
-_CHECK_MARKS = {"pass": ("✓", TONES["live"]), "warn": ("!", TONES["busy"]), "fail": ("✗", TONES["lost"])}
+_CHECK_MARKS = {"pass": ("✓", "live"), "warn": ("!", "busy"), "fail": ("✗", "lost")}
 
 
 class CalibrationPage:
@@ -64,33 +51,27 @@ class CalibrationPage:
     ) -> None:
         """list_cameras: returns the cameras that can be chosen. simulated: the camera that is pressed on the page."""
         self._server, self._session, self._simulated = server, session, simulated
-        self._drawn: tuple[int, int] | None = None
-        gui, self._images = server.gui, GuidedPageImage(server, "Calibration")
-        self._follower = ControlFollower()
-        self._steps, self._advice = gui.add_html(""), gui.add_html("")
-        self._progress = gui.add_progress_bar(0.0, visible=False)
-        self._camera = CameraChoiceControls(gui, session, list_cameras)
+        self._layout = GuidedPageLayout(server, session, list_cameras, "Calibration")
+        self._progress = server.gui.add_progress_bar(0.0, visible=False)
         self._build_buttons()
-        self._figures, self._result = gui.add_html(""), gui.add_html("")
+        self._figures, self._result = server.gui.add_html(""), server.gui.add_html("")
         if simulated is not None:
             self._build_presses(simulated)
         self.refresh()
-        self._images.order_on_phone = self._advice.order + 0.5
-        self._images.serve(server)
+        self._layout.serve()
 
     def refresh(self) -> None:
         """Show the present state of the session in all browsers."""
         state = self._session.state
         with self._server.atomic():
-            self._steps.content, self._advice.content = _steps_html(state), _advice_html(state)
+            self._layout.show(state, _steps_html(state), _advice_html(state), state.pins)
             self._figures.content = "" if state.phase is CalibrationPhase.RESULT else _figures_html(state)
             self._result.content = _result_html(state)
-            self._show_image(state)
             self._show_buttons(state)
             self._progress.visible = state.phase is CalibrationPhase.FIT
             set_gui_control(self._progress, 100 * state.fit_progress)
             if self._simulated is not None:
-                self._follow_presses(self._simulated)
+                self._follow_presses(state, self._simulated)
 
     def _build_buttons(self) -> None:
         """Add the buttons."""
@@ -114,47 +95,30 @@ class CalibrationPage:
     def _build_presses(self, simulated: SimulatedCalibrationCamera) -> None:
         """Add the controls that press the pin board and the ball on a simulated sensor."""
         gui = self._server.gui
-        self._presses = gui.add_folder("Press the simulated sensor")
-        with self._presses:
-            self._plays = gui.add_checkbox("presses by itself", simulated.plays_by_itself)
+        self._presses = SimulatedSensorControls(gui, simulated, "Press the simulated sensor", "presses by itself")
+        with self._presses.folder:
             hold = gui.add_button_group("hold", ("board", "ball", "nothing"))
             self._depth = gui.add_slider("depth (mm)", 0.0, 2.5, 0.05, 0.0)
             self._tilt_x = gui.add_slider("tilt about x (°)", -4.0, 4.0, 0.1, 0.0)
             self._tilt_y = gui.add_slider("tilt about y (°)", -4.0, 4.0, 0.1, 0.0)
             self._held = gui.add_html("")
 
-        def choose(event: GuiEvent[Any]) -> None:
-            simulated.plays_by_itself = False
-            simulated.hold(simulated.good_press(hold.value))
-
         def move(event: GuiEvent[Any]) -> None:
             if is_user_event(event):
                 tilt = self._tilt_x.value, self._tilt_y.value
-                simulated.plays_by_itself = False
-                simulated.hold(replace(simulated.held, depth_mm=self._depth.value, tilt_deg=tilt))
+                self._presses.hold(replace(simulated.held, depth_mm=self._depth.value, tilt_deg=tilt))
 
-        def play(event: GuiEvent[Any]) -> None:
-            if is_user_event(event):
-                simulated.plays_by_itself = self._plays.value
-
-        hold.on_click(choose)
-        self._plays.on_update(play)
+        hold.on_click(lambda event: self._presses.hold(simulated.good_press(hold.value)))
         for slider in (self._depth, self._tilt_x, self._tilt_y):
             slider.on_update(move)
 
-    def _follow_presses(self, simulated: SimulatedCalibrationCamera) -> None:
+    def _follow_presses(self, state: CalibrationState, simulated: SimulatedCalibrationCamera) -> None:
         """Show what is held on the simulated sensor."""
-        held = simulated.held
-        state = self._session.state
-        self._presses.visible = is_twin_address(state.source) and state.phase not in (
-            CalibrationPhase.FIT,
-            CalibrationPhase.RESULT,
-        )
-        self._follower.follow((self._plays, simulated.plays_by_itself))
-        for slider, value in zip(
-            (self._depth, self._tilt_x, self._tilt_y), (held.depth_mm, *held.tilt_deg), strict=True
-        ):
-            self._follower.follow((slider, round(value, 2)))
+        held, sliders = simulated.held, (self._depth, self._tilt_x, self._tilt_y)
+        values = [round(value, 2) for value in (held.depth_mm, *held.tilt_deg)]
+        is_pressed = state.phase not in (CalibrationPhase.FIT, CalibrationPhase.RESULT)
+        self._presses.follow(state, is_pressed, *zip(sliders, values, strict=True))
+        for slider in sliders:
             slider.disabled = held.gauge == "nothing"
         self._held.content = _held_html(held, simulated.refusal)
 
@@ -170,18 +134,10 @@ class CalibrationPage:
         else:
             event.client.send_file_download(f"{folder.id}_certificate.html", content, save_immediately=True)
 
-    def _show_image(self, state: CalibrationState) -> None:
-        """Send the image to all browsers where it has changed."""
-        drawn = id(state.image), id(state.pins)
-        if state.image is not None and drawn != self._drawn:
-            self._drawn = drawn
-            self._images.show(draw_found_pins(state.image, state.pins)[..., ::-1])
-
     def _show_buttons(self, state: CalibrationState) -> None:
         """Show the buttons that do something now."""
         phase, complete = state.phase, state.step == len(_STEP_NAMES) - 1
         can_fit = phase is CalibrationPhase.REFUSED and complete
-        self._camera.show(state.source, state.exposure, phase is CalibrationPhase.PREVIEW, state.image is not None)
         self._start.visible = phase is CalibrationPhase.PREVIEW
         self._start.disabled = bool(state.camera_trouble) or state.image is None
         self._replace.visible = (phase is CalibrationPhase.PREVIEW or can_fit) and self._session.would_replace
@@ -190,21 +146,6 @@ class CalibrationPage:
         self._force.visible = state.result is not None and state.result.record.twin is not None
         self._back.visible = phase in (CalibrationPhase.CAPTURE, CalibrationPhase.REFUSED) and state.step > 0
         self._start_over.visible = phase not in (CalibrationPhase.PREVIEW, CalibrationPhase.FIT)
-
-
-def draw_found_pins(
-    image: UInt8[Array, "rows cols 3"], pins: PinSearchResult | None
-) -> UInt8[Array, "few_rows few_cols 3"]:
-    """Return an image with the pins that were found circled and the missing ones crossed, BGR, at most 640 columns wide."""
-    scale = min(1.0, _IMAGE_PX / image.shape[1])
-    canvas = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image.copy()
-    if pins is not None:
-        radius = max(3, canvas.shape[1] // 60)
-        for x, y in np.rint(pins.found_px * scale).astype(int).tolist():
-            cv2.circle(canvas, (x, y), radius, _FOUND_BGR, 1, cv2.LINE_AA)
-        for x, y in np.rint(pins.missing_px * scale).astype(int).tolist():
-            cv2.drawMarker(canvas, (x, y), _MISSING_BGR, cv2.MARKER_TILTED_CROSS, 3 * radius, 2, cv2.LINE_AA)
-    return np.asarray(canvas, np.uint8)
 
 
 def _steps_html(state: CalibrationState) -> str:
@@ -231,7 +172,7 @@ def _advice_html(state: CalibrationState) -> str:
     elif state.phase is CalibrationPhase.RESULT and state.result is not None:
         sentence, tone = _GRADES[overall_check_level(_certificate(state))]
         detail = certificate_headline(_certificate(state))
-    return instruction_html(sentence, detail, tone)
+    return card_html("instruction", sentence=sentence, detail=detail, tone=tone)
 
 
 def _figures_html(state: CalibrationState) -> str:
@@ -255,20 +196,11 @@ def _result_html(state: CalibrationState) -> str:
     if state.result is None:
         return ""
     certificate = _certificate(state)
-    lines = [f'<div style="margin:0.4em 0.9em">Saved in {escape(str(state.result.path))}.</div>']
-    for warning in certificate.warnings:
-        lines.append(f'<div role="alert" style="margin:0.4em 0.9em;color:{TONES["busy"]}">{escape(warning)}</div>')
-    for check in compute_certificate_checks(certificate):
-        mark, colour = _CHECK_MARKS[check.level]
-        lines.append(
-            f'<div style="margin:0.25em 0.9em;display:flex;gap:0.6em;font-size:0.9em"><b style="color:{colour}">{mark}</b>'
-            f"<span>{escape(check.text)}</span></div>"
-        )
-    return f'<div style="overflow-wrap:anywhere">{"".join(lines)}</div>'
+    checks = [(*_CHECK_MARKS[check.level], check.text) for check in compute_certificate_checks(certificate)]
+    return card_html("calibration_result", path=state.result.path, warnings=certificate.warnings, checks=checks)
 
 
 def _held_html(held: HeldCalibrationObject, refusal: str) -> str:
     """Return what is held on the simulated sensor, and why a press is refused, as HTML."""
     words = "nothing touches" if held.gauge == "nothing" else f"the {held.gauge} is held {held.depth_mm:.2f} mm deep"
-    warning = f'<div role="alert" style="color:{TONES["lost"]}">{escape(refusal)}</div>' if refusal else ""
-    return f'<div style="margin:0.2em 0.9em;font-size:0.9em;{DIM}">{words}{warning}</div>'
+    return card_html("held_object", said=words, refusal=refusal, is_dim=True)

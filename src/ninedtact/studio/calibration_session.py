@@ -9,10 +9,11 @@ waited for; the images that were taken stay.
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from pathlib import Path
-from threading import Condition, Event, Thread
+from threading import Event
 from time import monotonic
 
 import numpy as np
@@ -30,10 +31,9 @@ from ninedtact.calibration.press_brightness import BgrImage, require_same_image_
 from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
 from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
-from ninedtact.capture.frame_source import ExposureWithLimits, FrameSource
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError, OutputError
-from ninedtact.studio.guided_camera import ImageQuality, SwitchableCamera, measure_image_quality
+from ninedtact.studio.guided_session import GuidedSession, GuidedState
 
 _PIN_COUNT_PAUSE = 1.0
 """Pause between two searches for pins while the board moves, in durations of a search, so that the images are not slowed."""
@@ -58,27 +58,24 @@ class CalibrationPhase(Enum):
 
 
 @dataclass(frozen=True)
-class CalibrationState:
+class CalibrationState(GuidedState):
     """All that a page shows of a guided calibration."""
 
     phase: CalibrationPhase = CalibrationPhase.PREVIEW
-    source: str = ""
     step: int = 0
     """Number of images taken."""
     instruction: str = ""
-    advice: str = "Waiting for the first image."
-    camera_trouble: str = ""
-    """Why no images arrive; empty while they do."""
-    image: BgrImage | None = None
     pins: PinSearchResult | None = None
     """The pins in the latest image that was searched for them."""
-    quality: ImageQuality | None = None
-    exposure: ExposureWithLimits | None = None
-    """The camera's exposure; None where it cannot be set."""
     fit_progress: float = 0.0
     """Share of the usual number of steps of a fit that are done."""
     result: SensorFolder | None = None
     """The calibrated sensor."""
+
+    @property
+    def is_preview(self) -> bool:
+        """Whether nothing has begun."""
+        return self.phase is CalibrationPhase.PREVIEW
 
 
 @dataclass
@@ -93,85 +90,36 @@ class _StepProgress:
 
 
 @dataclass
-class CalibrationSession:
-    """Calibrates one sensor for all viewers of a page; used in a `with` statement, and from any thread."""
+class CalibrationSession(GuidedSession[CalibrationState]):
+    """Calibrates one sensor for all viewers of a page."""
 
     out: Path
     """Sensor folder to write."""
-    open_source: Callable[[str], FrameSource]
-    """Returns the source of an address, not yet opened."""
-    source: str
     design: SensorDesign = SensorDesign()
     settings: CalibrationSettings = CalibrationSettings()
     sensor_id: str = "9dtact"
     on_step: Callable[[str], None] = lambda step: None
     """Called with the name of each step that begins, and with an empty text when the images are complete or given up."""
-    live_requested: Event = field(default_factory=Event)
-    """Set when somebody wants to see the calibrated sensor live."""
-    force_requested: Event = field(default_factory=Event)
+    force_requested: Event = field(default_factory=Event, init=False)
     """Set when somebody wants to calibrate its force with known loads."""
+    saved: SensorFolder | None = field(default=None, init=False)
+    """The sensor that was written last, also after somebody has started over."""
+    _taken: dict[str, BgrImage] = field(default_factory=dict, init=False, repr=False)
+    _progress: _StepProgress | None = field(default=None, init=False, repr=False)
+    _last_back_s: float = field(default=-np.inf, init=False, repr=False)
+    _agreed: bytes | None = field(default=None, init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        self._changed, self.camera = Condition(), SwitchableCamera(self.open_source, self.source)
-        self._steps = list(guided_capture_steps(self.design, self.settings))
-        self._taken: dict[str, BgrImage] = {}
-        self._progress: _StepProgress | None = None
-        self._last_back_s = -np.inf
-        self._agreed: bytes | None = None
-        self.saved: SensorFolder | None = None
-        """The sensor that was written last, also after somebody has started over."""
-        self._state = CalibrationState(source=self.source)
-        self._searches = ThreadPoolExecutor(1, "pins")
-        self._failure: BaseException | None = None
-        self._thread = Thread(target=self._run_until_closed, name="guided calibration", daemon=True)
+    @cached_property
+    def _steps(self) -> list[CaptureStep]:
+        return list(guided_capture_steps(self.design, self.settings))
 
-    def __enter__(self) -> "CalibrationSession":
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.camera.closing.set()
-        with self._changed:
-            self._changed.notify_all()
-        self._thread.join()
-        self._searches.shutdown(cancel_futures=True)
-
-    @property
-    def state(self) -> CalibrationState:
-        """What all viewers show; raises an error of the program that has ended the session."""
-        with self._changed:
-            if self._failure is not None:
-                raise self._failure
-            return self._state
+    def _first_state(self) -> CalibrationState:
+        return CalibrationState(source=self.camera.source)
 
     @property
     def would_replace(self) -> bool:
         """Whether the folder to write holds a sensor already, other than the one just calibrated."""
         return (self.out / SENSOR_FILE).is_file() and self.state.result is None
-
-    def choose_source(self, source: str) -> None:
-        """Show another camera; nothing happens while images are being taken, since all four must be of one camera."""
-        with self._changed:
-            if self._state.phase is CalibrationPhase.PREVIEW and source != self.source:
-                self.source = source
-                self.camera.choose(source)
-                self._set(
-                    source=source,
-                    image=None,
-                    quality=None,
-                    exposure=None,
-                    camera_trouble="",
-                    advice="Opening the camera.",
-                )
-
-    def set_exposure(self, exposure_ms: float) -> None:
-        """Set the camera's exposure; nothing happens while images are being taken, since all four must be of one exposure.
-
-        Raises `CameraSettingRefused`.
-        """
-        if self.state.phase is CalibrationPhase.PREVIEW:
-            self.camera.set_exposure(exposure_ms)
-            self._set(exposure=self.camera.exposure)
 
     def start(self, replace_sensor: bool = False) -> None:
         """Take the first image; raises `SensorWouldBeReplaced`, `SensorFolderNotReplaceable`. Once started, nothing happens."""
@@ -202,7 +150,7 @@ class CalibrationSession:
             is_left = self.live_requested.is_set() or self.force_requested.is_set()
             if self._state.phase not in (CalibrationPhase.PREVIEW, CalibrationPhase.FIT) and not is_left:
                 self._taken, self._progress = {}, None
-                self._state = CalibrationState(source=self.source)
+                self._state = self._first_state()
                 self.camera.restart_recording()
                 self.on_step("")
                 self._changed.notify_all()
@@ -239,12 +187,6 @@ class CalibrationSession:
         if _read_sensor_file(self.out) not in (None, self._agreed):
             raise _replacement_refusal(self.out)
 
-    def _set(self, **changes: object) -> None:
-        """Change fields of the state."""
-        with self._changed:
-            self._state = replace(self._state, **changes)  # type: ignore[arg-type]
-            self._changed.notify_all()
-
     def _begin_step(self, number: int) -> None:
         """Watch the images of a step, or fit once all are taken."""
         self._progress = None
@@ -263,31 +205,23 @@ class CalibrationSession:
         self.on_step(step.name)
         self._set(phase=CalibrationPhase.CAPTURE, step=number, instruction=step.instruction, advice="", pins=None)
 
-    def _run_until_closed(self) -> None:
-        """Run the session, and hand an error that is no refusal to whoever asks for the state."""
-        try:
-            self._run()
-        except BaseException as error:
-            self._failure = error
-
     def _run(self) -> None:
         """Fit when all images are taken; else read images, and wait for a source that is absent."""
-        while not self.camera.closing.is_set():
-            if self.state.phase is CalibrationPhase.FIT:
-                self._fit()
-            elif self.state.phase is CalibrationPhase.RESULT:
-                with self._changed:
-                    self._changed.wait_for(
-                        lambda: self.camera.closing.is_set() or self._state.phase is not CalibrationPhase.RESULT
-                    )
-            else:
-                self._watch_camera()
 
-    def _watch_camera(self) -> None:
-        """Evaluate the images of the chosen source until another is chosen, all are taken, or it is lost."""
-        is_wanted = lambda: self.state.phase not in (CalibrationPhase.FIT, CalibrationPhase.RESULT)  # noqa: E731
-        for image in self.camera.images(is_wanted, self._end_recording, lambda said: self._set(camera_trouble=said)):
-            self._evaluate(image)
+        def needs_images() -> bool:
+            return self.state.phase not in (CalibrationPhase.FIT, CalibrationPhase.RESULT)
+
+        with ThreadPoolExecutor(1, "pins") as self._searches:
+            while not self.camera.closing.is_set():
+                if needs_images():
+                    self._watch_camera(needs_images)
+                elif self.state.phase is CalibrationPhase.FIT:
+                    self._fit()
+                else:
+                    with self._changed:
+                        self._changed.wait_for(
+                            lambda: self.camera.closing.is_set() or self._state.phase is not CalibrationPhase.RESULT
+                        )
 
     def _end_recording(self) -> None:
         """Begin a recording again in the preview; refuse one that has ended before all images were taken."""
@@ -300,16 +234,11 @@ class CalibrationSession:
 
     def _evaluate(self, image: BgrImage) -> None:
         """Update quality and advice by one image, and go on to the next step where this one is done."""
-        quality, before = measure_image_quality(image, self.state.quality), self.state
-        if before.phase is not CalibrationPhase.CAPTURE:
-            hint = quality.advice or "Check brightness and focus, then start."
-            advice = hint if before.phase is CalibrationPhase.PREVIEW else before.advice
-            exposure = self.camera.exposure if before.image is None else before.exposure
-            self._set(image=image, quality=quality, exposure=exposure, camera_trouble="", advice=advice)
-            return
-        self._set(image=image, quality=quality, camera_trouble="")
+        self._show_image(image, "Check brightness and focus, then start.")
         with self._changed:
-            step, taken, progress = self._steps[before.step], dict(self._taken), self._progress
+            if self._state.phase is not CalibrationPhase.CAPTURE:
+                return
+            step, taken, progress = self._steps[self._state.step], dict(self._taken), self._progress
         try:
             self._require_same_size(image, taken)
             progress = progress or _StepProgress(step, step.watch(taken))

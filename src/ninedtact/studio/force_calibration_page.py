@@ -1,11 +1,8 @@
 """The page of a force calibration with known loads: one large sentence, the camera's image, the presses and the scale so far."""
 
 from functools import partial
-from html import escape
 from typing import Any
 
-import cv2
-import numpy as np
 from viser import GuiEvent, Icon, ViserServer
 
 from ninedtact.force.known_load_scale import ForceScaleFit, weight_of_grams_n
@@ -19,19 +16,16 @@ from ninedtact.studio.force_calibration_session import (
     TakenPress,
 )
 from ninedtact.studio.guided_page import (
-    CameraChoiceControls,
-    GuidedPageImage,
+    GuidedPageLayout,
     ListCameras,
+    SimulatedSensorControls,
     attempt,
-    instruction_html,
     live_image_quality_rows,
     steps_html,
 )
-from ninedtact.studio.page_cards import DIM, TONES, name_value_table_html
+from ninedtact.studio.page_cards import card_html, name_value_table_html
 from ninedtact.studio.viewer import ControlFollower, is_user_event
 
-_IMAGE_PX = 640
-"""Largest number of columns of the image that is sent."""
 _MOST_G = 5000.0
 _MOST_SIMULATED_G = 800.0
 _HOW = (
@@ -58,40 +52,28 @@ class ForceCalibrationPage:
         """
         self._server, self._session, self._simulated, self._stiffness = server, session, simulated, stiffness
         self._ball = f"the ball (radius {ball_radius_mm:g} mm)"
-        self._drawn: int | None = None
         self._named_press: TakenPress | None = None
         """The press that the button to remove one names."""
         self._follower = ControlFollower()
-        gui, self._images = server.gui, GuidedPageImage(server, "Force calibration")
-        self._steps, self._advice = gui.add_html(""), gui.add_html("")
-        self._camera = CameraChoiceControls(gui, session, list_cameras)
+        self._layout = GuidedPageLayout(server, session, list_cameras, "Force calibration")
         self._build_buttons()
-        self._presses, self._figures = gui.add_html(""), gui.add_html("")
+        self._presses, self._figures = server.gui.add_html(""), server.gui.add_html("")
         if simulated is not None:
             self._build_simulated_load(simulated)
         self.refresh()
-        self._images.order_on_phone = self._advice.order + 0.5
-        self._images.serve(server)
+        self._layout.serve()
 
     def refresh(self) -> None:
         """Show the present state of the session in all browsers."""
         state = self._session.state
         with self._server.atomic():
-            self._steps.content = _progress_html(state, len(self._session.loads_g))
-            self._advice.content = self._advice_html(state)
+            self._layout.show(state, _progress_html(state, len(self._session.loads_g)), self._advice_html(state))
             self._presses.content = _scale_html(state, self._stiffness if is_twin_address(state.source) else None)
             self._figures.content = (
                 ""
                 if state.quality is None or state.presses
                 else name_value_table_html(live_image_quality_rows(state.quality))
             )
-            self._camera.show(
-                state.source,
-                state.exposure,
-                state.phase is ForceCalibrationPhase.PREVIEW,
-                has_image=state.image is not None,
-            )
-            self._show_image(state)
             self._show_buttons(state)
             if self._simulated is not None:
                 self._follow_load(state, self._simulated)
@@ -117,40 +99,27 @@ class ForceCalibrationPage:
     def _build_simulated_load(self, simulated: SimulatedCalibrationCamera) -> None:
         """Add the controls that load the ball on a simulated sensor."""
         gui = self._server.gui
-        self._folder = gui.add_folder("Load the simulated sensor")
-        with self._folder:
-            self._plays = gui.add_checkbox("loads by itself", simulated.plays_by_itself)
+        self._loads = SimulatedSensorControls(gui, simulated, "Load the simulated sensor", "loads by itself")
+        with self._loads.folder:
             self._weight = gui.add_slider("load on the ball (g)", 0.0, _MOST_SIMULATED_G, 5.0, 0.0)
             self._place = gui.add_slider("place of the ball, x (mm)", -8.0, 8.0, 0.5, 0.0)
             self._refusal = gui.add_html("")
 
         def hold(event: GuiEvent[Any]) -> None:
             if is_user_event(event):
-                grams = float(self._weight.value)
-                simulated.plays_by_itself = False
-                simulated.hold(ball_press_under_load(grams, float(self._place.value)))
+                self._loads.hold(ball_press_under_load(float(self._weight.value), float(self._place.value)))
 
-        def play(event: GuiEvent[Any]) -> None:
-            if is_user_event(event):
-                simulated.plays_by_itself = self._plays.value
-
-        self._plays.on_update(play)
         self._weight.on_update(hold)
         self._place.on_update(hold)
 
     def _follow_load(self, state: ForceCalibrationState, simulated: SimulatedCalibrationCamera) -> None:
         """Show what rests on the simulated sensor."""
         held = simulated.held
-        self._folder.visible = is_twin_address(state.source) and state.phase not in (
-            ForceCalibrationPhase.PREVIEW,
-            ForceCalibrationPhase.SAVED,
-        )
-        self._follower.follow((self._plays, simulated.plays_by_itself))
-        self._follower.follow((self._weight, round((held.load_n or 0.0) / weight_of_grams_n(1.0))))
-        self._follower.follow((self._place, held.at_mm[0] if held.load_n else self._place.value))
-        self._refusal.content = (
-            f'<div role="alert" style="margin:0 0.9em;color:{TONES["lost"]}">{escape(simulated.refusal)}</div>'
-        )
+        is_pressed = state.phase not in (ForceCalibrationPhase.PREVIEW, ForceCalibrationPhase.SAVED)
+        weight = self._weight, round((held.load_n or 0.0) / weight_of_grams_n(1.0))
+        place = self._place, held.at_mm[0] if held.load_n else self._place.value
+        self._loads.follow(state, is_pressed, weight, place)
+        self._refusal.content = card_html("alert", text=simulated.refusal, margin="0 0.9em")
 
     def _set_load(self, event: GuiEvent[Any]) -> None:
         """State the load that a person has typed."""
@@ -166,8 +135,8 @@ class ForceCalibrationPage:
         """Return what to do in one large sentence, and below it what the images say, as HTML."""
         detail, tone, phase = state.advice, "held", state.phase
         if state.camera_trouble:
-            return instruction_html("No images arrive.", state.camera_trouble, "lost")
-        if phase is ForceCalibrationPhase.PREVIEW:
+            sentence, detail, tone = "No images arrive.", state.camera_trouble, "lost"
+        elif phase is ForceCalibrationPhase.PREVIEW:
             sentence = "Choose the camera of the sensor."
         elif phase is ForceCalibrationPhase.REFERENCE:
             sentence = "Do not touch the gel."
@@ -183,20 +152,8 @@ class ForceCalibrationPage:
         else:
             sentence, tone = "All loads are taken.", "live"
             detail = "Save the force scale if its error is small enough for you."
-        how = (
-            f'<div style="margin:0 0.9em;font-size:0.85em;{DIM}">{_HOW}</div>'
-            if phase is ForceCalibrationPhase.PRESS
-            else ""
-        )
-        return instruction_html(sentence, detail, tone) + how
-
-    def _show_image(self, state: ForceCalibrationState) -> None:
-        """Send the image to all browsers where it has changed."""
-        if state.image is not None and id(state.image) != self._drawn:
-            self._drawn = id(state.image)
-            scale = min(1.0, _IMAGE_PX / state.image.shape[1])
-            small = cv2.resize(state.image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-            self._images.show(np.asarray(small[..., ::-1], np.uint8))
+        how = _HOW if phase is ForceCalibrationPhase.PRESS and not state.camera_trouble else ""
+        return card_html("instruction", sentence=sentence, detail=detail, tone=tone, how=how)
 
     def _show_buttons(self, state: ForceCalibrationState) -> None:
         """Show the controls that do something now."""
@@ -240,50 +197,24 @@ def _progress_html(state: ForceCalibrationState, suggested: int) -> str:
 
 def _scale_html(state: ForceCalibrationState, stiffness: float | None) -> str:
     """Return the presses, the scale and why there is none as HTML."""
-    lines = [_presses_table_html(state.presses, state.scale)] if state.presses else []
-    if state.scale.refusal:
-        lines.append(
-            f'<div role="alert" style="margin:0.4em 0.9em;color:{TONES["lost"]}">{escape(state.scale.refusal)}</div>'
-        )
-    if state.scale.fit is not None:
-        lines.append(name_value_table_html(_fit_rows(state.scale.fit)))
-    elif state.presses and not state.scale.refusal:
-        lines.append(f'<div style="margin:0.4em 0.9em;{DIM}">One more press gives the first scale.</div>')
-    if state.phase is ForceCalibrationPhase.SAVED and stiffness is not None:
-        lines.append(
-            f'<div style="margin:0.4em 0.9em">The simulated gel is {stiffness:.3f} times as stiff as the calibration assumes.</div>'
-        )
-    return f'<div style="overflow-wrap:anywhere">{"".join(lines)}</div>'
+    scale, is_saved = state.scale, state.phase is ForceCalibrationPhase.SAVED
+    return card_html(
+        "force_scale",
+        presses=[(_press_cells(number, press, scale), press.warnings) for number, press in enumerate(state.presses, 1)],
+        refusal=scale.refusal,
+        fit=None if scale.fit is None else _fit_rows(scale.fit),
+        is_fit_awaited=scale.fit is None and state.presses and not scale.refusal,
+        stiffness=f"{stiffness:.3f}" if is_saved and stiffness is not None else "",
+    )
 
 
-def _presses_table_html(presses: tuple[TakenPress, ...], scale: LoadScaleSoFar) -> str:
-    """Return load, estimate and calibrated force of every press as HTML."""
-    cell = '<td style="text-align:right;padding:0.1em 0.6em 0.1em 0">'
-    head = "".join(
-        f'<th style="text-align:right;font-weight:600;padding-right:0.6em">{name}</th>'
-        for name in ("press", "load", "estimated", "calibrated", "off by")
-    )
-    rows = []
-    for number, press in enumerate(presses):
-        weighed_n, calibrated, off = weight_of_grams_n(press.grams), "", ""
-        if scale.fit is not None:
-            calibrated_n = press.estimated_n * scale.fit.adaptation.at(press.estimated_n)
-            calibrated, off = f"{calibrated_n:.2f} N", f"{calibrated_n / weighed_n - 1:+.1%}"
-        mark = (
-            f' <span style="color:{TONES["busy"]}">{escape(", ".join(press.warnings))}</span>' if press.warnings else ""
-        )
-        cells = (
-            f"{number + 1}",
-            f"{press.grams:g} g = {weighed_n:.2f} N",
-            f"{press.estimated_n:.2f} N",
-            calibrated,
-            off + mark,
-        )
-        rows.append(f"<tr>{''.join(f'{cell}{text}</td>' for text in cells)}</tr>")
-    return (
-        '<table style="margin:0.2em 0.9em;font-size:0.85em;border-collapse:collapse;font-variant-numeric:tabular-nums">'
-        f"<tr>{head}</tr>{''.join(rows)}</table>"
-    )
+def _press_cells(number: int, press: TakenPress, scale: LoadScaleSoFar) -> tuple[str, ...]:
+    """Return number, load, estimate, calibrated force and its error of a press, as far as they are known."""
+    weighed_n, calibrated, off = weight_of_grams_n(press.grams), "", ""
+    if scale.fit is not None:
+        calibrated_n = press.estimated_n * scale.fit.adaptation.at(press.estimated_n)
+        calibrated, off = f"{calibrated_n:.2f} N", f"{calibrated_n / weighed_n - 1:+.1%}"
+    return f"{number}", f"{press.grams:g} g = {weighed_n:.2f} N", f"{press.estimated_n:.2f} N", calibrated, off
 
 
 def _fit_rows(fit: ForceScaleFit) -> dict[str, str]:

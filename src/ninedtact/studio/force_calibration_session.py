@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
-from threading import Event, RLock, Thread
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -24,7 +23,6 @@ from ninedtact.calibration.guidance import (
     make_untouched_skin_watcher,
 )
 from ninedtact.calibration.press_brightness import BgrImage
-from ninedtact.capture.frame_source import ExposureWithLimits, FrameSource
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.known_load_scale import (
@@ -39,7 +37,7 @@ from ninedtact.force.known_load_scale import (
 )
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
-from ninedtact.studio.guided_camera import ImageQuality, SwitchableCamera, measure_image_quality
+from ninedtact.studio.guided_session import GuidedSession, GuidedState
 
 USUAL_LOADS_G = (50.0, 100.0, 200.0, 400.0)
 """Loads that are suggested one after the other; enough for a curve, and light enough for the range in which the gel is linear."""
@@ -104,24 +102,21 @@ class LoadScaleSoFar:
 
 
 @dataclass(frozen=True)
-class ForceCalibrationState:
+class ForceCalibrationState(GuidedState):
     """All that a page shows of a force calibration."""
 
     phase: ForceCalibrationPhase = ForceCalibrationPhase.PREVIEW
-    source: str = ""
     load_g: float = USUAL_LOADS_G[0]
     """The load of the press that is awaited, or of the one that was just taken."""
-    advice: str = "Waiting for the first image."
-    camera_trouble: str = ""
-    """Why no images arrive; empty while they do."""
-    image: BgrImage | None = None
-    quality: ImageQuality | None = None
-    exposure: ExposureWithLimits | None = None
-    """The camera's exposure; None where it cannot be set."""
     presses: tuple[TakenPress, ...] = ()
     scale: LoadScaleSoFar = LoadScaleSoFar()
     saved: Path | None = None
     """The file that was written."""
+
+    @property
+    def is_preview(self) -> bool:
+        """Whether nothing has begun."""
+        return self.phase is ForceCalibrationPhase.PREVIEW
 
 
 def fit_scale_so_far(presses: Sequence[TakenPress]) -> LoadScaleSoFar:
@@ -150,66 +145,28 @@ def _most_doubtful(presses: Sequence[KnownLoadPress]) -> int | None:
 
 
 @dataclass
-class ForceCalibrationSession:
-    """Calibrates the force of one sensor for all viewers of a page; used in a `with` statement, and from any thread."""
+class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
+    """Calibrates the force of one sensor for all viewers of a page."""
 
     sensor: Path
     """Sensor folder, in which the scale is kept."""
     reader: _PressReader
-    open_source: Callable[[str], FrameSource]
-    """Returns the source of an address, not yet opened."""
-    source: str
     loads_g: Sequence[float] = USUAL_LOADS_G
     on_load: Callable[[float], None] = lambda grams: None
     """Called with the load of each press that is awaited, g, and with 0 where nothing may touch."""
     hold_s: float = HOLD_S
-    live_requested: Event = field(default_factory=Event)
-    """Set when somebody wants to see the sensor live."""
+    saved: Path | None = field(default=None, init=False)
+    """The file that was written last, also after somebody has started over."""
+    _watch: ImageWatcher | None = field(default=None, init=False, repr=False)
+    _reference: BgrImage | None = field(default=None, init=False, repr=False)
+    _refusal: str = field(default="", init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        self._lock, self.camera = RLock(), SwitchableCamera(self.open_source, self.source)
-        self._state = ForceCalibrationState(source=self.source, load_g=self.loads_g[0])
-        self._watch: ImageWatcher | None = None
-        self._reference: BgrImage | None = None
-        self._refusal = ""
-        self.saved: Path | None = None
-        """The file that was written last, also after somebody has started over."""
-        self._failure: BaseException | None = None
-        self._thread = Thread(target=self._run_until_closed, name="force calibration", daemon=True)
-
-    def __enter__(self) -> "ForceCalibrationSession":
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.camera.closing.set()
-        self._thread.join()
-
-    @property
-    def state(self) -> ForceCalibrationState:
-        """What all viewers show; raises an error of the program that has ended the session."""
-        with self._lock:
-            if self._failure is not None:
-                raise self._failure
-            return self._state
-
-    def choose_source(self, source: str) -> None:
-        """Show another camera; nothing happens once the calibration has begun."""
-        with self._lock:
-            if self._state.phase is ForceCalibrationPhase.PREVIEW and source != self.source:
-                self.source = source
-                self.camera.choose(source)
-                self._set(source=source, image=None, quality=None, exposure=None, camera_trouble="")
-
-    def set_exposure(self, exposure_ms: float) -> None:
-        """Set the camera's exposure before the calibration begins; raises `CameraSettingRefused`."""
-        if self.state.phase is ForceCalibrationPhase.PREVIEW:
-            self.camera.set_exposure(exposure_ms)
-            self._set(exposure=self.camera.exposure)
+    def _first_state(self) -> ForceCalibrationState:
+        return ForceCalibrationState(source=self.camera.source, load_g=self.loads_g[0])
 
     def start(self) -> None:
         """Take the first reference image; once started, nothing happens."""
-        with self._lock:
+        with self._changed:
             if self._state.phase is ForceCalibrationPhase.PREVIEW:
                 self.camera.restart_recording()
                 self._enter(ForceCalibrationPhase.REFERENCE)
@@ -218,7 +175,7 @@ class ForceCalibrationSession:
         """State the load of the press that is awaited, or correct that of the press just taken; raises `ForceScaleImpossible`."""
         if not 0 < grams < np.inf:
             raise ForceScaleImpossible(f"expected a load above zero, got {grams:g} g; read the scale again")
-        with self._lock:
+        with self._changed:
             phase, presses = self._state.phase, self._state.presses
             if phase is ForceCalibrationPhase.LIFT:
                 self._set_presses((*presses[:-1], replace(presses[-1], grams=grams)))
@@ -229,7 +186,7 @@ class ForceCalibrationSession:
 
     def remove(self, press: TakenPress) -> None:
         """Drop a press; its load is asked for again. A press that is gone already does nothing, as where two people drop it."""
-        with self._lock:
+        with self._changed:
             presses, phase = self._state.presses, self._state.phase
             if any(one is press for one in presses) and phase is not ForceCalibrationPhase.SAVED:
                 self._set_presses(tuple(one for one in presses if one is not press))
@@ -240,13 +197,13 @@ class ForceCalibrationSession:
 
     def take_another(self) -> None:
         """Wait for one more press than was suggested."""
-        with self._lock:
+        with self._changed:
             if self._state.phase is ForceCalibrationPhase.COMPLETE:
                 self._enter(ForceCalibrationPhase.PRESS)
 
     def save(self) -> None:
         """Keep the scale in the sensor folder; raises `ForceScaleImpossible` where there is none, and what writing raises."""
-        with self._lock:
+        with self._changed:
             scale = self._state.scale
             if self._state.phase is ForceCalibrationPhase.SAVED:
                 return
@@ -266,16 +223,11 @@ class ForceCalibrationSession:
 
     def start_over(self) -> None:
         """Give up the presses and go back to the choice of the camera; a file that was written stays."""
-        with self._lock:
-            self._state = ForceCalibrationState(source=self.source, load_g=self.loads_g[0])
+        with self._changed:
+            self._state = self._first_state()
             self.camera.restart_recording()
             self._watch, self._reference, self._refusal = None, None, ""
             self.on_load(0.0)
-
-    def _set(self, **changes: object) -> None:
-        """Change fields of the state."""
-        with self._lock:
-            self._state = replace(self._state, **changes)  # type: ignore[arg-type]
 
     def _set_presses(self, presses: tuple[TakenPress, ...]) -> None:
         """Change the presses and fit the scale to them."""
@@ -283,43 +235,31 @@ class ForceCalibrationSession:
 
     def _enter(self, phase: ForceCalibrationPhase) -> None:
         """Begin a phase with a new watcher."""
-        with self._lock:
+        with self._changed:
             self._watch, self._refusal = None, ""
             self._set(phase=phase, advice="")
             self.on_load(self._state.load_g if phase is ForceCalibrationPhase.PRESS else 0.0)
 
-    def _run_until_closed(self) -> None:
-        """Run the session, and hand an error that is no refusal to whoever asks for the state."""
-        try:
-            while not self.camera.closing.is_set():
-                for image in self.camera.images(lambda: True, self._end_recording, self._report_trouble):
-                    self._evaluate(image)
-        except BaseException as error:
-            self._failure = error
-
-    def _report_trouble(self, sentence: str) -> None:
-        self._set(camera_trouble=sentence)
+    def _run(self) -> None:
+        while not self.camera.closing.is_set():
+            self._watch_camera(lambda: True)
 
     def _end_recording(self) -> None:
         """Say that a recording has ended; the presses that it showed stay."""
         if self.state.phase not in (ForceCalibrationPhase.PREVIEW, ForceCalibrationPhase.SAVED):
-            self._report_trouble("expected further images, got the end of the recording; save the scale, or start over")
+            ended = "expected further images, got the end of the recording; save the scale, or start over"
+            self._set(camera_trouble=ended)
 
     def _evaluate(self, image: BgrImage) -> None:
         """Update the state by one image, and go on to the next phase where this one is done."""
-        before = self.state
-        quality = measure_image_quality(image, before.quality)
-        exposure = self.camera.exposure if before.image is None else before.exposure
-        self._set(image=image, quality=quality, exposure=exposure, camera_trouble="")
-        if before.phase is ForceCalibrationPhase.PREVIEW:
-            self._set(advice=quality.advice or "Check the brightness, then start.")
+        before = self._show_image(image, "Check the brightness, then start.")
         if before.phase not in (
             ForceCalibrationPhase.REFERENCE,
             ForceCalibrationPhase.PRESS,
             ForceCalibrationPhase.LIFT,
         ):
             return
-        with self._lock:
+        with self._changed:
             if self._state.phase is not before.phase:
                 return  # somebody has pressed a button meanwhile
             watch = self._watch = self._watch or self._watcher(before.phase)
@@ -330,7 +270,7 @@ class ForceCalibrationSession:
             refusal = self._refusal if seen.sentence.startswith(STILL) else ""
         except (NinedtactError, OSError) as trouble:
             done, refusal = None, str(trouble)
-        with self._lock:
+        with self._changed:
             if self._watch is not watch:
                 return
             self._refusal = refusal  # which stays while the same press is held on

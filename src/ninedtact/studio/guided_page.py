@@ -1,82 +1,97 @@
-"""The parts that the pages of guided procedures share: the sentence, the steps, the camera's image, its choice and its exposure.
+"""The parts that the pages of guided procedures share: steps, sentence, the camera with its image, and a simulated sensor.
 
 All controls of such a page are shared by all browsers, so that everybody, and a page that is loaded again, sees the same state.
 Only the place of the image is each browser's own (beside the controls, or on a phone among them), and whether the page is dark.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from html import escape
 from time import monotonic
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
+import cv2
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
 from viser import ClientHandle, GuiApi, GuiEvent, GuiImageHandle, Icon, ViserServer
 
+from ninedtact.calibration.guidance import PinSearchResult
 from ninedtact.capture.frame_source import ExposureWithLimits
 from ninedtact.errors import NinedtactError
-from ninedtact.studio.guided_camera import ImageQuality
-from ninedtact.studio.page_and_server import set_title_and_icon
-from ninedtact.studio.page_cards import DIM, TONES
+from ninedtact.open_sensor import is_twin_address
+from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
+from ninedtact.studio.guided_session import GuidedSession, GuidedState, ImageQuality
+from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.viewer import (
     LIGHT,
-    NARROW_PX,
     NOTICE_S,
-    PHONE_STYLE,
     ControlFollower,
     ThemeChoice,
     is_user_event,
 )
+from ninedtact.studio.viser_server import NARROW_PX, PHONE_STYLE, TALL_PHONE_STYLE, set_title_and_icon
 
+REFRESH_HZ = 8.0
 _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900
 """Width of the controls on a desktop, and limits of the width of the image beside them."""
-_TALL_STYLE = (
-    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'] "
-    "{ max-height: 100% !important; } }</style>"
-)
-"""Lets the controls fill the screen of a phone; there is nothing behind them."""
+_IMAGE_PX = 640
+"""Largest number of columns of the image that is sent."""
+_FOUND_BGR, _MISSING_BGR = (232, 180, 86), (0, 94, 213)
+"""Sky blue and vermilion of Okabe and Ito."""
 _BRIGHTER = {"darker": 0.8, "brighter": 1.25}
 """Factors of the exposure of the two buttons."""
+_NO_EXPOSURE = "The exposure of this source cannot be set here; a camera has its own tool for it."
 
 
-class GuidedPageImage:
-    """The camera's image in every browser of a guided page, and the look of that page."""
+ListCameras = Callable[[], Mapping[str, str]]
+"""Returns the address and the name of each camera that can be chosen."""
+_LIST_EVERY_S = 2.0
 
-    def __init__(self, server: ViserServer, title: str) -> None:
+
+class GuidedPageLayout:
+    """What every guided page has in every browser: its look, the steps, the sentence, the choice of the camera, and its image."""
+
+    def __init__(self, server: ViserServer, session: GuidedSession[Any], list_cameras: ListCameras, title: str) -> None:
+        """Add these parts; the controls that follow are those of the page, which then calls `serve`."""
         self._server = server
         self._images: dict[int, GuiImageHandle] = {}
         """The image of each browser that is connected."""
-        self._canvas = LIGHT
-        self.order_on_phone = 0.0
-        """Place of the image among the controls on a phone."""
-        server.gui.configure_theme(show_logo=False, show_share_button=False)
-        server.gui.set_panel_label(title)
+        self._canvas, self._drawn = LIGHT, (0, 0)
+        gui = server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.set_panel_label(title)
         server.scene.set_background_image(LIGHT)
-        server.gui.main_panel.dock_right()
-        server.gui.main_panel.set_width(_WIDTH_PX)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(_WIDTH_PX)
         set_title_and_icon(server, f"{title} · 9DTact")
+        self._steps, self._instruction = gui.add_html(""), gui.add_html("")
+        self._camera = _CameraChoiceControls(gui, session, list_cameras)
 
-    def serve(self, server: ViserServer) -> None:
+    def serve(self) -> None:
         """Give the image to every browser that connects, once all shared controls are there."""
-        server.on_client_connect(self._add)
-        server.on_client_disconnect(self._forget)
+        self._server.on_client_connect(self._add_image)
+        self._server.on_client_disconnect(self._forget)
 
-    def show(self, canvas: UInt8[Array, "rows cols 3"]) -> None:
-        """Send an image (RGB) to all browsers."""
-        self._canvas = canvas
-        for handle in tuple(self._images.values()):
-            handle.image = canvas
+    def show(
+        self, state: GuidedState, steps_html: str, instruction_html: str, pins: PinSearchResult | None = None
+    ) -> None:
+        """Show the present state in all browsers. pins: are drawn into the image."""
+        self._steps.content, self._instruction.content = steps_html, instruction_html
+        self._camera.show(state)
+        drawn = id(state.image), id(pins)
+        if state.image is not None and drawn != self._drawn:
+            self._drawn, self._canvas = drawn, draw_found_pins(state.image, pins)[..., ::-1]
+            for handle in tuple(self._images.values()):
+                handle.image = self._canvas
 
     def _forget(self, client: ClientHandle) -> None:
         """Forget the image of a browser that has left."""
         self._images.pop(client.client_id, None)
 
-    def _add(self, client: ClientHandle) -> None:
+    def _add_image(self, client: ClientHandle) -> None:
         """Add the image, and the choice of the theme below the shared controls, to the page of one browser."""
         gui, width_px = client.gui, client.camera.image_width
         if width_px < NARROW_PX:
-            image = gui.add_image(self._canvas, format="jpeg", order=self.order_on_phone)
+            image = gui.add_image(self._canvas, format="jpeg", order=self._instruction.order + 0.5)
         else:
             panel = gui.add_panel()
             panel.dock_left()
@@ -89,33 +104,30 @@ class GuidedPageImage:
         ThemeChoice(client)
 
 
-ListCameras = Callable[[], Mapping[str, str]]
-"""Returns the address and the name of each camera that can be chosen."""
-_LIST_EVERY_S = 2.0
+def draw_found_pins(
+    image: UInt8[Array, "rows cols 3"], pins: PinSearchResult | None
+) -> UInt8[Array, "few_rows few_cols 3"]:
+    """Return an image with the pins that were found circled and the missing ones crossed, BGR, at most 640 columns wide."""
+    scale = min(1.0, _IMAGE_PX / image.shape[1])
+    canvas = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image.copy()
+    if pins is not None:
+        radius = max(3, canvas.shape[1] // 60)
+        for x, y in np.rint(pins.found_px * scale).astype(int).tolist():
+            cv2.circle(canvas, (x, y), radius, _FOUND_BGR, 1, cv2.LINE_AA)
+        for x, y in np.rint(pins.missing_px * scale).astype(int).tolist():
+            cv2.drawMarker(canvas, (x, y), _MISSING_BGR, cv2.MARKER_TILTED_CROSS, 3 * radius, 2, cv2.LINE_AA)
+    return np.asarray(canvas, np.uint8)
 
 
-@runtime_checkable
-class _CameraSession(Protocol):
-    """A guided procedure whose camera can be chosen and exposed."""
-
-    source: str
-
-    def choose_source(self, source: str) -> None:
-        """Show another camera."""
-
-    def set_exposure(self, exposure_ms: float) -> None:
-        """Set the exposure; raises `CameraSettingRefused`."""
-
-
-class CameraChoiceControls:
+class _CameraChoiceControls:
     """The choice of the camera and its exposure, which are shown until the procedure begins."""
 
-    def __init__(self, gui: GuiApi, session: _CameraSession, list_cameras: ListCameras) -> None:
+    def __init__(self, gui: GuiApi, session: GuidedSession[Any], list_cameras: ListCameras) -> None:
         """list_cameras: is called again and again, so that a camera that is plugged in later can be chosen."""
         self._session, self._list_cameras = session, list_cameras
         self._labels, self._listed_at = self._present_labels(), monotonic()
         self._camera = gui.add_dropdown(
-            "camera", tuple(self._labels.values()), initial_value=self._labels[session.source]
+            "camera", tuple(self._labels.values()), initial_value=self._labels[session.state.source]
         )
         self._exposure = gui.add_number("exposure (ms)", 10.0, min=0.0, step=0.1, visible=False)
         self._brighter = gui.add_button_group("image", tuple(_BRIGHTER), visible=False)
@@ -126,22 +138,20 @@ class CameraChoiceControls:
         self._exposure.on_update(self._set_exposure)
         self._brighter.on_click(self._brighten)
 
-    def show(self, source: str, exposure: ExposureWithLimits | None, is_shown: bool, has_image: bool) -> None:
-        """Show the camera and its exposure, or nothing of them."""
-        self._limits = exposure
-        self._camera.visible = is_shown
-        if is_shown and monotonic() - self._listed_at > _LIST_EVERY_S:
-            self._list_again(source)
-        self._follower.follow((self._camera, self._labels[source]))
-        self._exposure.visible = self._brighter.visible = is_shown and exposure is not None
+    def show(self, state: GuidedState) -> None:
+        """Show the camera and its exposure in the preview, and nothing of them afterwards."""
+        self._limits = exposure = state.exposure
+        self._camera.visible = state.is_preview
+        if state.is_preview and monotonic() - self._listed_at > _LIST_EVERY_S:
+            self._list_again(state.source)
+        self._follower.follow((self._camera, self._labels[state.source]))
+        self._exposure.visible = self._brighter.visible = state.is_preview and exposure is not None
         if exposure is not None:
             self._exposure.min, self._exposure.max = exposure.least_ms, exposure.most_ms
             self._follower.follow((self._exposure, round(exposure.now_ms, 2)))
+        is_fixed = state.is_preview and state.image is not None and exposure is None
         self._no_exposure.content = (
-            f'<div style="margin:0.2em 0.9em;font-size:0.85em;{DIM}">The exposure of this source cannot be set here; a camera has '
-            "its own tool for it.</div>"
-            if is_shown and has_image and exposure is None
-            else ""
+            card_html("line", text=_NO_EXPOSURE, margin="0.2em", is_dim=True) if is_fixed else ""
         )
 
     def _present_labels(self) -> dict[str, str]:
@@ -177,6 +187,33 @@ class CameraChoiceControls:
             attempt(event.client, lambda: self._session.set_exposure(round(wanted_ms, 1)))
 
 
+class SimulatedSensorControls:
+    """The folder of controls that press a simulated sensor, which is pressed by itself until a person does it."""
+
+    def __init__(self, gui: GuiApi, simulated: SimulatedCalibrationCamera, title: str, plays_label: str) -> None:
+        """title, plays_label: of the folder and of its first control; the others are added in `folder` by the page."""
+        self._simulated, self._follower = simulated, ControlFollower()
+        self.folder = gui.add_folder(title)
+        with self.folder:
+            self._plays = gui.add_checkbox(plays_label, simulated.plays_by_itself)
+        self._plays.on_update(self._play)
+
+    def hold(self, held: HeldCalibrationObject) -> None:
+        """Press the sensor as a person wants it."""
+        self._simulated.plays_by_itself = False
+        self._simulated.hold(held)
+
+    def follow(self, state: GuidedState, is_pressed: bool, *values: tuple[Any, Any]) -> None:
+        """Show what is held. is_pressed: whether the procedure waits for presses. values: controls and what they show."""
+        self.folder.visible = is_twin_address(state.source) and is_pressed
+        for control, value in ((self._plays, self._simulated.plays_by_itself), *values):
+            self._follower.follow((control, value))
+
+    def _play(self, event: GuiEvent[Any]) -> None:
+        if is_user_event(event):
+            self._simulated.plays_by_itself = self._plays.value
+
+
 def attempt(client: ClientHandle | None, action: Callable[[], Any]) -> None:
     """Do what a button says, and show why where it is refused."""
     try:
@@ -188,26 +225,7 @@ def attempt(client: ClientHandle | None, action: Callable[[], Any]) -> None:
 
 def steps_html(names: Sequence[str], done: int) -> str:
     """Return the steps as HTML, those that are done ticked and the present one marked; -1 marks none."""
-    chips = []
-    for number, name in enumerate(names):
-        colour = TONES["live"] if number < done else TONES["held"] if number == done else "transparent"
-        ink = "#fff" if number <= done else "inherit"
-        mark = "✓ " if number < done else ""
-        current = ' aria-current="step"' if number == done else ""
-        chips.append(
-            f'<span{current} style="padding:0.1em 0.5em;border-radius:1em;font-size:0.8em;background:{colour};color:{ink};'
-            f'border:1px solid var(--mantine-color-default-border)">{mark}{escape(name)}</span>'
-        )
-    return f'{PHONE_STYLE}{_TALL_STYLE}<div style="margin:0.5em;display:flex;flex-wrap:wrap;gap:0.3em">{"".join(chips)}</div>'
-
-
-def instruction_html(sentence: str, detail: str, tone: str) -> str:
-    """Return the instruction in large letters, and below it the advice about the images, as HTML."""
-    return (
-        f'<div role="status" style="margin:0.5em;padding:0.6em 0.8em;border-radius:6px;color:#fff;background:{TONES[tone]};'
-        f'overflow-wrap:anywhere"><div style="font-size:1.35em;font-weight:600;line-height:1.25">{escape(sentence)}</div>'
-        f'<div style="margin-top:0.3em;min-height:1.3em;font-size:1.1em">{escape(detail)}</div></div>'
-    )
+    return PHONE_STYLE + TALL_PHONE_STYLE + card_html("steps", names=names, done=done)
 
 
 def live_image_quality_rows(quality: ImageQuality) -> dict[str, str]:

@@ -1,7 +1,6 @@
 """The live page and its web server: one page for each browser, made of the same panels, and the port that it is served at."""
 
 import errno
-import json
 import socket
 import time
 from collections.abc import Iterator, Sequence
@@ -11,11 +10,9 @@ from io import StringIO
 from threading import Lock
 
 from viser import ClientHandle, ViserServer
-from viser._messages import RunJavascriptMessage
 
 from ninedtact.errors import DeviceError
 from ninedtact.studio.page_controller import PageController, PageMoment
-from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.scene_3d import GelBlock, set_up_view
 from ninedtact.studio.sensor_group import SensorGroupCurvesPanel
 from ninedtact.studio.sensor_panels import ReferenceAndRatesPanel, StatusPanel, WrenchAndCurvesPanel, WrenchPanel
@@ -23,7 +20,7 @@ from ninedtact.studio.socket_guard import SocketGuard
 from ninedtact.studio.twin_press_panel import TwinPressPanel
 from ninedtact.studio.view_panels import ImagesPanel, ProfilePanel, ScenePanel
 from ninedtact.studio.viewer import LIGHT, PanelFactory, ViewerPage
-from ninedtact.studio.viser_server import start_guarded_viser
+from ninedtact.studio.viser_server import set_title_and_icon, start_guarded_viser
 
 LAST_WORDS_S = 0.1
 """Time to wait for the last messages, because viser drops unsent ones when it stops."""
@@ -37,12 +34,16 @@ class PagePortRefused(DeviceError):
 
 
 @contextmanager
-def page_server(host: str, port: int, guard: SocketGuard | None = None) -> Iterator[ViserServer]:
-    """Serve until the `with` block ends; port 0 takes any free port. Raises `PagePortRefused`, `UnknownPageServer`.
+def page_server(host: str, port: int | None, guard: SocketGuard | None = None) -> Iterator[ViserServer]:
+    """Serve until the `with` block ends; raises `PagePortRefused`, `UnknownPageServer`.
 
-    guard: the rules by which requests are accepted; without it those of the host, without further allowed origins.
+    port: 0 takes any free port, None the default one or the next that is free. guard: the rules by which requests are accepted;
+    without it those of the host, without further allowed origins.
     """
-    _require_port_free(host, port)
+    if port is None:
+        port = find_default_port(host)
+    else:
+        _require_port_free(host, port)
     server = start_guarded_viser(guard or SocketGuard.for_host(host), host, port, label="9DTact")
     try:
         # viser takes another port where the requested one is in use; a page at another address would not be found.
@@ -89,13 +90,6 @@ def _port_refusal(host: str, port: int, got: str) -> PagePortRefused:
     )
 
 
-PAGE_ICON = (
-    "data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 32 32'%3E%3Crect width='32' height='32' rx='7' "
-    "fill='%2308306b'/%3E%3Cpath d='M3 12h6c3 0 3 9 7 9s4-9 7-9h6' fill='none' stroke='%23f7f7f7' stroke-width='3'/%3E%3C/svg%3E"
-)
-"""A dent in the skin."""
-
-
 class SensorPage:
     """A `PageMomentDisplay` in browsers: each one gets its own panels, and all of them each moment."""
 
@@ -105,18 +99,17 @@ class SensorPage:
         controller: PageController,
         block: GelBlock,
         title: str,
-        press: TwinPressController | Sequence[TwinPressController] | None = None,
         more_panels: Sequence[PanelFactory] = (),
     ) -> None:
-        """press: what a person does with a twin; None for a sensor that is no twin, one for each sensor where all are twins.
-        more_panels: further tabs, before the last."""
+        """more_panels: further tabs, before the last."""
         self._server, self._controller, self._block = server, controller, block
         self._viewers: dict[int, ViewerPage] = {}
         self._lock = Lock()
-        presses = (press,) if isinstance(press, TwinPressController) else tuple(press or ())
-        press_panels: list[PanelFactory] = [partial(TwinPressPanel, controls=presses)] if presses else []
-        several = len(controller.sensors) > 1
-        curves: PanelFactory = SensorGroupCurvesPanel if several else WrenchAndCurvesPanel
+        presses = [one.press for one in controller.sensors if one.press is not None]
+        are_twins = len(presses) == len(controller.sensors)
+        press_panels: list[PanelFactory] = [partial(TwinPressPanel, controls=presses)] if are_twins else []
+        curves: PanelFactory = SensorGroupCurvesPanel if len(controller.sensors) > 1 else WrenchAndCurvesPanel
+        has_wrenches = any(one.wrenches for one in controller.sensors)
         self._panels: tuple[PanelFactory, ...] = (
             ImagesPanel,
             StatusPanel,
@@ -126,7 +119,7 @@ class SensorPage:
             ProfilePanel,
             *more_panels,
             ReferenceAndRatesPanel,
-            *([curves] if controller.wrenches else []),
+            *([curves] if has_wrenches else []),
         )
         server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.gui.set_panel_label(title)
@@ -166,12 +159,3 @@ class SensorPage:
             viewer = self._viewers.pop(client.client_id, None)
         if viewer is not None:
             viewer.leave()
-
-
-def set_title_and_icon(server: ViserServer, title: str) -> None:
-    """Name the tab of the browser, and give it an icon; viser 1.1 has no function for either."""
-    source = (
-        f"document.title = {json.dumps(title)}; let icon = document.querySelector('link[rel~=icon]') || "
-        f"document.head.appendChild(document.createElement('link')); icon.rel = 'icon'; icon.href = {json.dumps(PAGE_ICON)};"
-    )
-    server._websock_server.queue_message(RunJavascriptMessage(source))

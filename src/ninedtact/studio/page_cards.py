@@ -1,130 +1,99 @@
-"""The cards of the live page: measured values, status and wrenches as HTML, which follows the light or dark theme; and the marks
-of labels on the time slider."""
+"""The cards of the live page: measured values, status and wrenches as HTML, which follows the light or dark theme; curves of the
+wrenches, the marks of labels on the time slider, and a moment as a page of its own.
 
-from collections.abc import Iterator, Sequence
-from html import escape
-from typing import TYPE_CHECKING
+All HTML of the pages stands in `page_cards.html.jinja`, one macro for each card; `card_html` fills it in.
+"""
+
+from base64 import b64encode
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 from jaxtyping import Float64
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy import ndarray as Array
-from viser import GuiApi, GuiUplotHandle, uplot
-from viser._messages import GuiSliderMark
+from viser import GuiApi, GuiUplotHandle, SceneApi, ViserServer, uplot
 
-from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES
+from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Wrench
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.studio.page_controller import SensorStatusMessage
-from ninedtact.studio.page_recorder import RecorderState
-from ninedtact.studio.reading_view import HeightProfile
-from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, format_signed_tenths
+from ninedtact.studio.reading_view import HeightProfile, ImageKind, ReadingView, ShownTraction, SkinColouring
+from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, GelBlock, SkinScene, format_signed_tenths
 from ninedtact.studio.sensor_poller import HISTORY_S
 from ninedtact.studio.skin_fields import NO_CONTACT, SLIP, STICK
+from ninedtact.studio.viser_server import standalone_scene_html
 from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 
 if TYPE_CHECKING:  # a page without recordings does not need its libraries
+    from ninedtact.studio.page_recorder import RecorderState
     from ninedtact.studio.recording_player import RecordingPlayer
 
-TONES = {"live": "#2b8a3e", "busy": "#b7791f", "held": "#1c6fb7", "lost": "#c92a2a", "warned": "#c92a2a"}
-DIM = "color:var(--mantine-color-dimmed)"
-PALE = 0.35
-"""Opacity of numbers that are not current."""
 NOTABLE_SHARE = 0.01
 """Share of the contact beyond the calibrated range from which the page shows a warning."""
+
+_TEMPLATES = Environment(
+    loader=PackageLoader("ninedtact.studio", "."),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+_CARDS: Any = _TEMPLATES.get_template("page_cards.html.jinja").module
+
+
+def card_html(card: str, **values: object) -> str:
+    """Return a piece of HTML by the name of its macro in `page_cards.html.jinja`; texts are escaped there."""
+    return str(getattr(_CARDS, card)(**values))
 
 
 def status_html(status: SensorStatusMessage) -> str:
     """Return the state of the sensor as HTML, in its colour."""
-    return (
-        f'<div role="status" style="margin:0.5em;padding:0.5em 0.8em;border-radius:6px;color:#fff;font-weight:600;'
-        f'font-size:0.95em;line-height:1.35;background:{TONES[status.tone]}">{escape(status.sentence)}</div>'
-    )
+    return card_html("status", sentence=status.sentence, tone=status.tone)
 
 
 def shape_summary_html(summary: ShapeSummary, is_past: bool) -> str:
     """Return maximum indentation, contact area, contact centre and a warning as HTML."""
-    x_y = summary.contact_centre_mm
-    where = (
-        "nothing touches"
-        if x_y is None
-        else f"centre at x {format_signed_tenths(x_y[0])}, y {format_signed_tenths(x_y[1])} mm"
+    x_y, beyond = summary.contact_centre_mm, summary.extrapolated_share
+    centre = x_y and f"centre at x {format_signed_tenths(x_y[0])}, y {format_signed_tenths(x_y[1])} mm"
+    measures = (
+        ("maximum indentation", f"{summary.max_indentation_mm:.2f}", "mm"),
+        ("contact area", f"{summary.contact_area_mm2:.1f}", "mm²"),
     )
-    beyond = summary.extrapolated_share
-    warning = f"{beyond:.0%} of the contact lies beyond the calibrated range" if beyond > NOTABLE_SHARE else "&nbsp;"
-    return (
-        f'<div style="opacity:{PALE if is_past else 1}">'
-        '<div style="display:flex;gap:0.6em;margin:0.2em 0.5em">'
-        + _large_number_html("maximum indentation", f"{summary.max_indentation_mm:.2f}", "mm")
-        + _large_number_html("contact area", f"{summary.contact_area_mm2:.1f}", "mm²")
-        + "</div>"
-        + f'<div style="margin:0 0.9em;font-size:0.85em;{DIM}">{where}</div>'
-        + f'<div style="margin:0 0.9em;font-size:0.85em;color:{TONES["busy"]}">{warning}</div></div>'
-    )
-
-
-def _large_number_html(name: str, number: str, unit: str) -> str:
-    """Return one large number with its name and unit as HTML."""
-    return (
-        '<div style="flex:1;padding:0.4em 0.6em;border:1px solid var(--mantine-color-default-border);'
-        f'border-radius:6px"><div style="font-size:0.8em;{DIM}">{name}</div><div style="white-space:nowrap">'
-        f'<span style="font-size:1.7em;font-weight:600;font-variant-numeric:tabular-nums">{number}</span>'
-        f' <span style="{DIM}">{unit}</span></div></div>'
-    )
+    warning = f"{beyond:.0%} of the contact lies beyond the calibrated range" if beyond > NOTABLE_SHARE else ""
+    where = centre or "nothing touches"
+    return card_html("shape_summary", measures=measures, where=where, warning=warning, is_past=is_past)
 
 
 def name_value_table_html(rows: dict[str, str]) -> str:
     """Return a table of names and values as HTML."""
-    cells = "".join(
-        f'<tr><td style="{DIM};padding:0.1em 1em 0.1em 0">{escape(name)}</td>'
-        f'<td style="font-variant-numeric:tabular-nums">{escape(value)}</td></tr>'
-        for name, value in rows.items()
-    )
-    return f'<table style="margin:0.2em 0.9em;font-size:0.9em;border-collapse:collapse">{cells}</table>'
+    return card_html("name_value_table", rows=rows)
 
 
 def height_legend_html(scale: ColourScale) -> str:
     """Return the colours of heights with their mm as HTML."""
-    colours = ",".join("#" + bytes(colour).hex() for colour in scale.table[1::6].tolist())
-    ends = [
-        format_signed_tenths(-scale.pressed_mm),
-        format_signed_tenths(-scale.pressed_mm / 2),
-        "0 mm",
-        f"+{scale.bulged_mm:g}",
-    ]
+    deepest, half = format_signed_tenths(-scale.pressed_mm), format_signed_tenths(-scale.pressed_mm / 2)
     zero = 100 * scale.pressed_mm / (scale.pressed_mm + scale.bulged_mm)
-    texts = "".join(
-        f'<span style="position:absolute;left:{place:.1f}%;transform:translateX({shift}%)">{text}</span>'
-        for text, place, shift in zip(ends, (0, zero / 2, zero, 100), (0, -50, -50, -100), strict=True)
-    )
-    return (
-        f'<div style="margin:0 0.7em"><div style="height:10px;border-radius:3px;background:linear-gradient(90deg,'
-        f'{colours})"></div><div style="position:relative;height:1.6em;font-size:0.8em;{DIM}">{texts}</div></div>'
-    )
+    marks = ((deepest, 0, 0), (half, zero / 2, -50), ("0 mm", zero, -50), (f"+{scale.bulged_mm:g}", 100, -100))
+    return card_html("height_legend", colours=map(_hex_colour, scale.table[1::6].tolist()), marks=marks)
 
 
 def magnitude_legend_html(name: str, end_mpa: float) -> str:
     """Return the colours of pressure or shear with the MPa at their end as HTML."""
     levels = cv2.applyColorMap(np.arange(0, 256, 17, dtype=np.uint8)[None], cv2.COLORMAP_CIVIDIS)[0, :, ::-1]
-    colours = ",".join("#" + bytes(colour).hex() for colour in levels.tolist())
-    return (
-        f'<div style="margin:0 0.7em"><div style="height:10px;border-radius:3px;background:linear-gradient(90deg,{colours})">'
-        f'</div><div style="display:flex;justify-content:space-between;font-size:0.8em;{DIM}"><span>0</span>'
-        f"<span>{escape(name)}</span><span>{end_mpa:g} MPa</span></div></div>"
-    )
+    return card_html("magnitude_legend", colours=map(_hex_colour, levels.tolist()), name=name, end=f"{end_mpa:g} MPa")
 
 
 def sticking_legend_html() -> str:
     """Return the colours of stick and slip as HTML."""
-    parts = (("sticks", STICK), ("slips", SLIP), ("no contact", NO_CONTACT))
-    return (
-        '<div style="margin:0 0.7em;font-size:0.8em">'
-        + " ".join(
-            f'<span style="display:inline-block;width:0.9em;height:0.9em;background:#{bytes(bgr[::-1]).hex()}"></span> {name}'
-            for name, bgr in parts
-        )
-        + "</div>"
-    )
+    parts = {"sticks": STICK, "slips": SLIP, "no contact": NO_CONTACT}
+    return card_html("sticking_legend", colours={name: _hex_colour(bgr[::-1]) for name, bgr in parts.items()})
+
+
+def _hex_colour(rgb: Sequence[int]) -> str:
+    """Return a colour as CSS writes it."""
+    return f"#{bytes(rgb).hex()}"
 
 
 def profile_summary_html(profile: HeightProfile) -> str:
@@ -163,7 +132,7 @@ class WrenchCurves:
     def __init__(self, gui: GuiApi, sources: Sequence[WrenchHistory]) -> None:
         self._forces = _add_curves(gui, "force (N)", "F", LEAST_N, sources)
         self._torques = _add_curves(gui, "torque (N·mm)", "T", LEAST_NMM, sources)
-        gui.add_html(f'<div style="margin:0 0.9em;font-size:0.75em;{DIM}">{escape(_describe_lines(sources))}</div>')
+        gui.add_html(card_html("line", text=_describe_lines(sources), size="0.75em", is_dim=True))
 
     def draw(self, moments: Sequence[WrenchSourceSnapshot]) -> None:
         """Draw the last seconds of every source."""
@@ -177,21 +146,19 @@ class WrenchCurves:
 
 def wrench_table_html(moments: Sequence[WrenchSourceSnapshot], is_past: bool) -> str:
     """Return the wrenches in columns, with warnings, as HTML."""
-    known = [moment for moment in moments if moment.sample is not None]
-    head = "".join(
-        f'<th style="text-align:right;font-weight:600" title="{escape(moment.meaning)}">{escape(moment.name)}</th>'
-        for moment in known
-    )
-    rows = "".join(_component_row_html(number, known) for number in range(6))
-    warnings = [warning for moment in known if moment.sample for warning in moment.sample.warnings]
-    badges = "".join(warning_badge_html(warning) for warning in warnings)
-    lines = [(TONES["lost"], str(moment.trouble)) for moment in moments if moment.trouble is not None]
-    lines += [(TONES["busy"], notice) for moment in moments for notice in moment.notices]
-    below = "".join(f'<div style="font-size:0.85em;color:{colour}">{escape(line)}</div>' for colour, line in lines)
-    return (
-        f'<div style="margin:0.3em 0.9em;line-height:1.35;opacity:{PALE if is_past else 1}">'
-        f'<table style="width:100%;font-variant-numeric:tabular-nums"><tr><th style="text-align:left">wrench</th>{head}</tr>{rows}'
-        f"</table>{badges}{below}</div>"
+    known = [(moment, moment.sample) for moment in moments if moment.sample is not None]
+    rows = [
+        (letter, axis, unit, COLOURS[axis], [format_component(sample, number) for _, sample in known])
+        for number, ((letter, axis), unit) in enumerate(zip(map(tuple, WRENCH_AXES), DISPLAY_UNITS, strict=True))
+    ]
+    return card_html(
+        "wrench_table",
+        sources=[moment for moment, _ in known],
+        rows=rows,
+        warnings=[warning for _, sample in known for warning in sample.warnings],
+        troubles=[moment.trouble for moment in moments if moment.trouble is not None],
+        notices=[notice for moment in moments for notice in moment.notices],
+        is_past=is_past,
     )
 
 
@@ -199,7 +166,7 @@ def wrench_meaning_html(moments: Sequence[WrenchSourceSnapshot]) -> str:
     """Return what the columns of wrenches mean, and the scale of the arrow, as HTML."""
     meaning = "; ".join(f"{moment.name}: {moment.meaning}" for moment in moments)
     scale = f"about the skin's centre; arrow {MM_PER_N:g} mm per N, arc {ARC_DEG_PER_NMM:g}° per N·mm of twist"
-    return f'<div style="margin:0.3em 0.9em;font-size:0.75em;{DIM}">{escape(meaning)}; {scale}</div>'
+    return card_html("line", text=f"{meaning}; {scale}", margin="0.3em", size="0.75em", is_dim=True)
 
 
 def explained_wrench_table_html(moments: Sequence[WrenchSourceSnapshot], is_past: bool) -> str:
@@ -207,34 +174,18 @@ def explained_wrench_table_html(moments: Sequence[WrenchSourceSnapshot], is_past
     return wrench_table_html(moments, is_past) + wrench_meaning_html(moments) if moments else ""
 
 
-def _component_row_html(number: int, moments: Sequence[WrenchSourceSnapshot]) -> str:
-    """Return one component of every wrench as a row of a table, with one standard deviation where it is known."""
-    letter, axis = WRENCH_AXES[number][0], WRENCH_AXES[number][1]
-    unit, scale = DISPLAY_UNITS[number], DISPLAY_FACTORS[number]
-    cells = "".join(
-        f'<td style="text-align:right;white-space:nowrap">{_format_component(moment.sample, number, scale)}</td>'
-        for moment in moments
-        if moment.sample is not None
-    )
-    name = f'<td style="color:{COLOURS[axis]};font-weight:600">{letter}<sub style="line-height:0">{axis}</sub>'
-    return f'<tr>{name} <span style="font-weight:400;{DIM}">{unit}</span></td>{cells}</tr>'
-
-
-def _format_component(sample: WrenchWithUncertainty, number: int, scale: float) -> str:
-    """Return a component and its standard deviation; nothing is known where the standard deviation is infinite."""
+def format_component(sample: WrenchWithUncertainty, number: int, unknown: str = "unknown") -> tuple[str, str]:
+    """Return a component and its standard deviation, which may be empty; nothing is known where it is infinite."""
+    scale = DISPLAY_FACTORS[number]
     std = scale * sample.std[number]
     if np.isinf(std):
-        return "unknown"
-    value = f"{scale * sample.wrench.six[number]:+.2f}".replace("-", "\N{MINUS SIGN}")
-    return value + (f' <span style="{DIM}">± {std:.2f}</span>' if np.isfinite(std) else "")
+        return unknown, ""
+    return format_signed_hundredths(scale * sample.wrench.six[number], "+"), f"{std:.2f}" if np.isfinite(std) else ""
 
 
-def warning_badge_html(text: str) -> str:
-    """Return a warning as a badge."""
-    return (
-        f'<span style="display:inline-block;margin:0.1em 0.3em 0.1em 0;padding:0.1em 0.6em;border-radius:1em;color:#fff;'
-        f'font-size:0.8em;background:{TONES["busy"]}">{escape(text)}</span>'
-    )
+def format_signed_hundredths(number: float, sign: str = "-") -> str:
+    """Return a number as text, rounded to hundredths, with a true minus sign; zero is not negative. sign: "+" shows it always."""
+    return f"{round(number, 2) + 0.0:{sign}.2f}".replace("-", "\N{MINUS SIGN}")
 
 
 def _add_curves(gui: GuiApi, title: str, letter: str, half: float, sources: Sequence[WrenchHistory]) -> GuiUplotHandle:
@@ -296,23 +247,22 @@ def _curve_scales(half: float) -> dict[str, uplot.Scale]:
     return {"x": uplot.Scale(time=False, range=(-HISTORY_S, 0.0)), "y": uplot.Scale(range=(-half, half))}
 
 
-def recorder_html(state: RecorderState) -> str:
+def recorder_html(state: "RecorderState") -> str:
     """Return length, size, drops and labels of the recording, and why it ended."""
     if state.path is None:
         return ""
-    said = f"{state.seconds:.1f} s, {state.written_bytes / 1e6:.1f} MB, {state.dropped} images dropped"
+    begun = "recording" if state.is_running else "recorded"
+    said = f"{begun} {state.path.name}: {state.seconds:.1f} s, {state.written_bytes / 1e6:.1f} MB, {state.dropped} images dropped"
     if state.is_running:  # labels of a recording that has ended are added to its file
         said += f", {state.labels} labels"
-    begun = "recording" if state.is_running else "recorded"
-    trouble = f'<div style="color:{TONES["lost"]}">{escape(state.trouble)}</div>' if state.trouble else ""
-    return f'<div role="log" style="margin:0.2em 0.9em;font-size:0.85em">{begun} {escape(state.path.name)}: {said}{trouble}</div>'
+    return card_html("recorder", said=said, trouble=state.trouble)
 
 
 _MARK_LETTERS, _MARK_ROOM = 10, 0.2
 """Number of letters of a label that are drawn on the time slider, and the share of it that they take."""
 
 
-def time_slider_marks(player: "RecordingPlayer") -> Iterator[GuiSliderMark]:
+def time_slider_marks(player: "RecordingPlayer") -> Iterator[tuple[float, str | None]]:
     """Yield what is drawn on the time slider: its end, and both ends of every label, with its name where there is room for it."""
     duration_s, free_s = player.duration_s, 0.0
     room_s = _MARK_ROOM * duration_s
@@ -320,5 +270,31 @@ def time_slider_marks(player: "RecordingPlayer") -> Iterator[GuiSliderMark]:
     for at_s, label in sorted((min(max(at_s, 0.0), duration_s), label) for at_s, label in ends):
         has_room = bool(label) and free_s <= at_s <= duration_s - room_s
         free_s = at_s + room_s if has_room else free_s
-        yield GuiSliderMark(at_s, label[:_MARK_LETTERS] if has_room else None)
-    yield GuiSliderMark(duration_s, f"{duration_s:.1f} s")
+        yield at_s, label[:_MARK_LETTERS] if has_room else None
+    yield duration_s, f"{duration_s:.1f} s"
+
+
+def standalone_moment_html(
+    view: ReadingView,
+    cards: Iterable[str],
+    server: ViserServer,
+    block: GelBlock,
+    title: str,
+    wrench: Wrench | None = None,
+) -> str:
+    """Return one HTML page of a moment that needs no other file: the surface in 3D, camera image, heights and cards.
+
+    cards: HTML beside the images. wrench: is drawn as an arrow; None draws none.
+    """
+    scene_page = standalone_scene_html(server, lambda scene: _draw_scene(scene, view, block, wrench))
+    images = {kind: b64encode(view.jpeg(kind, True)).decode() for kind in (ImageKind.CAMERA, ImageKind.HEIGHT)}
+    page = _TEMPLATES.get_template("exported_moment.html.jinja")
+    return page.render(title=title, scene_page=scene_page, cards=cards, images=images)
+
+
+def _draw_scene(scene: SceneApi, view: ReadingView, block: GelBlock, wrench: Wrench | None) -> None:
+    """Draw the surface of a view as a new viewer sees it."""
+    skin = SkinScene(scene, block)
+    skin.show_surface(view.surface(SkinColouring.HEIGHT, 1, ShownTraction.ESTIMATED), True, False)
+    skin.show_lines(view.outline_mm(), None)
+    skin.show_wrench(wrench)

@@ -1,13 +1,16 @@
 """The controller of the live page: makes one consistent moment of each refresh, reports the sensor's status, saves readings.
 
-A `PageMoment` is everything that the page shows at one refresh. Each viewer shows a whole moment, the newest or the one that this
-viewer has frozen, so that images, surface, wrenches and plots always belong together.
+A `PageMoment` is everything that the page shows at one refresh: a `SensorMoment` of each of its sensors, of which there is usually
+one. Each viewer shows a whole moment, the newest or the one that this viewer has frozen, so that images, surface, wrenches and
+plots always belong together.
 """
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from pathlib import Path
+from threading import Event
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -17,7 +20,7 @@ from ninedtact.quantities import EstimateWarning
 from ninedtact.reading import Reading, Stopwatch
 from ninedtact.shape.calibrated_shape import ReferenceUnusable
 from ninedtact.shape.coloured_height_map import ColourScale
-from ninedtact.simulation.press_sequence import PressStep
+from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.reading_view import ReadingView, full_range_colour_scale
 from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_moment_files
 from ninedtact.studio.sensor_poller import RateMeter, SensorPhase, SensorPoller, SensorSnapshot
@@ -122,38 +125,50 @@ class NothingToSave(InputError):
 
 
 @dataclass(frozen=True)
-class PageMoment:
-    """Everything that the page shows of one sensor at one refresh, with the moments of the other sensors beside it."""
+class SensorMoment:
+    """Everything that the page shows of one sensor at one refresh."""
 
     status: SensorStatusMessage
-    sensor: SensorSnapshot
+    snapshot: SensorSnapshot
     view: ReadingView | None
     """The newest reading with what is drawn of it, dimmed where it is not current; None before the first reading."""
     wrenches: tuple[WrenchSourceSnapshot, ...] = ()
     """State of each wrench source at the time of the reading."""
     shown_hz: float = 0.0
-    page_ms: dict[str, float] = field(default_factory=dict)
-    """Time that drawing and sending the last moment took."""
     name: str = ""
     """Name of the sensor among several."""
-    beside: tuple["PageMoment", ...] = ()
-    """The moments of all sensors, this one among them; empty where there is one sensor."""
-
-    @property
-    def sensors(self) -> "tuple[PageMoment, ...]":
-        """The moments of all sensors, also where there is one."""
-        return self.beside or (self,)
 
     @property
     def reading(self) -> Reading | None:
         """The reading of this moment."""
         return None if self.view is None else self.view.reading
 
-    def status_while_frozen(self, now: "PageMoment", now_ns: int) -> SensorStatusMessage:
-        """Return the status for a viewer who has frozen this moment and for whom the sensor is now in another."""
-        if now.sensor.phase is SensorPhase.RECORDED:
-            return SensorStatusMessage("held", "frozen, a moment of a recording is shown")
-        return most_urgent_status(now.sensor, self.reading, True, now_ns)
+    def frozen_copy(self, now: "SensorMoment", now_ns: int) -> "SensorMoment":
+        """Return this moment as a viewer who has frozen it is shown it while the sensor is in another moment now."""
+        if self.view is None:
+            return now
+        if now.snapshot.phase is SensorPhase.RECORDED:
+            status = SensorStatusMessage("held", "frozen, a moment of a recording is shown")
+        else:
+            status = most_urgent_status(now.snapshot, self.reading, True, now_ns)
+        return replace(self, status=status, view=self.view.dimmed_copy() if status.is_past else self.view.bright_copy())
+
+
+@dataclass(frozen=True)
+class PageMoment:
+    """Everything that the page shows at one refresh."""
+
+    sensors: tuple[SensorMoment, ...]
+    """The moment of each sensor; those of a recording may be fewer than those of the page."""
+    page_ms: dict[str, float] = field(default_factory=dict)
+    """Time that drawing and sending the last moment took."""
+
+    def frozen_copy(self, now: "PageMoment", now_ns: int) -> "PageMoment":
+        """Return this moment as a viewer who has frozen it is shown it; a moment of other sensors replaces it."""
+        if len(now.sensors) != len(self.sensors):
+            return now
+        sensors = zip(self.sensors, now.sensors, strict=True)
+        return replace(self, sensors=tuple(kept.frozen_copy(newest, now_ns) for kept, newest in sensors))
 
 
 @runtime_checkable
@@ -185,103 +200,42 @@ def next_drawing_slowdown(slowdown: float, moment: SensorSnapshot) -> float:
 RECHECK_S = 0.1
 
 
-class PageController:
-    """Connects a sensor poller and histories of wrenches with a display; of several sensors, the first one's leads the others."""
+class DisplayedSensor:
+    """One sensor of the page: its poller, the histories of its wrenches, and the view of its newest reading."""
 
     def __init__(
         self,
-        loop: SensorPoller,
-        out: Path,
+        poller: SensorPoller,
         wrenches: Sequence[WrenchHistory] = (),
-        save_limits: SaveLimits = SaveLimits(),
-        press_at: Callable[[int], PressStep | None] | None = None,
+        press: TwinPressController | None = None,
         name: str = "",
-        others: Sequence["PageController"] = (),
     ) -> None:
-        """press_at: returns what pressed a twin at a stamp; None for a sensor that is no twin. name: of the sensor among several.
-        others: the controllers of the other sensors, which this one refreshes too."""
-        self.name, self.sensors = name, (self, *others)
-        scales = [full_range_colour_scale(loop.sensor.shape.curve), *(other.scale for other in others)]
-        self.scale: ColourScale = max(scales, key=lambda scale: scale.pressed_mm)
-        for other in others:
-            other.scale = self.scale
-        self.wrenches = tuple(wrenches)
-        self._loop, self.out, self.quota = loop, out, SaveQuota(save_limits)
-        self.recheck_s = RECHECK_S
-        """Longest time between two refreshes while no new reading arrives."""
-        self._press_at = press_at
+        """press: what people do with a twin; None for a sensor that is no twin. name: of the sensor among several."""
+        self.poller, self.wrenches, self.press, self.name = poller, tuple(wrenches), press, name
         self._view: ReadingView | None = None
-        self._views, self._shown, self._page_ms = 0, RateMeter(), dict[str, float]()
+        self._views, self._shown = 0, RateMeter()
 
     @property
     def shown_reading(self) -> Reading | None:
         """The newest reading on the page; None before the first."""
         return None if self._view is None else self._view.reading
 
-    def run(
-        self, display: PageMomentDisplay, display_hz: float = 15.0, until: Callable[[], bool] = lambda: False
-    ) -> None:
-        """Show readings until interrupted or `until` is true; raises the error with which the sensor thread failed."""
-        due_at, slowdown = time.monotonic(), 1.0
-        try:
-            while not until():
-                snapshots = self.refresh(display)
-                if self._loop.sensor.source.is_live:  # a folder of images is read faster than anybody needs
-                    slowdown = max(next_drawing_slowdown(slowdown, snapshot) for snapshot in snapshots)
-                due_at = max(due_at + slowdown / display_hz, time.monotonic())
-                time.sleep(max(due_at - time.monotonic(), 0))
-                self._loop.wait_for_change(self.recheck_s)
-        finally:
-            self.show_final_state(display)
-
-    def refresh(self, display: PageMomentDisplay) -> list[SensorSnapshot]:
-        """Update the display once and return the states of the sensors; raises the error with which the sensor thread failed, of
-        several when all have failed."""
-        now_ns = time.monotonic_ns()
-        snapshots = [one._loop.snapshot(now_ns) for one in self.sensors]
-        moments = []
-        for one, sensor in zip(self.sensors, snapshots, strict=True):
-            if display.is_watched:
-                one._take(sensor.reading)
-            moments.append(one._moment(sensor, most_urgent_status(sensor, one.shown_reading, False, now_ns)))
-        self._present(display, moments)
-        troubles = [sensor.trouble for sensor in snapshots if sensor.phase is SensorPhase.FAILED]
-        if len(troubles) == len(self.sensors) and troubles[0] is not None:
-            raise troubles[0]
-        return snapshots
-
-    def show_final_state(self, display: PageMomentDisplay) -> None:
-        """Mark the page as ended, because a browser keeps the last page that it received."""
-        snapshots = [(one, one._loop.snapshot(time.monotonic_ns())) for one in self.sensors]
-        self._present(display, [one._moment(sensor, _final_status(sensor)) for one, sensor in snapshots])
-
-    def take_reference(self) -> None:
-        """Make the next images the reference."""
-        self._loop.take_reference()
-
-    def save(self, moment: PageMoment | None) -> list[Path]:
-        """Write a moment to files, with its wrenches, their errors and warnings; raises `NothingToSave`, `SaveRefused` and
-        `FileNotWritten`."""
-        if moment is None or moment.reading is None:
-            raise NothingToSave(WITHOUT_READING)
-        status, wrenches = moment.status.sentence, moment.wrenches
-        return save_moment_files(moment.reading, status, wrenches, self.out, self.quota, moment.name)
-
-    def _take(self, reading: Reading | None) -> None:
+    def take(self, reading: Reading | None, scale: ColourScale) -> None:
+        """Show a reading from now on, with its heights in these colours."""
         if reading is None or reading is self.shown_reading:
             return
-        press = None if self._press_at is None else self._press_at(reading.stamp_ns)
-        self._view, self._views = ReadingView(reading, self.scale, press), self._views + 1
+        press = None if self.press is None else self.press.press_at(reading.stamp_ns)
+        self._view, self._views = ReadingView(reading, scale, press), self._views + 1
         self._shown.tick(time.monotonic_ns(), self._views)
 
-    def _moment(self, sensor: SensorSnapshot, status: SensorStatusMessage) -> PageMoment:
-        """Return the newest view of this sensor with everything that belongs to its moment."""
+    def moment(self, snapshot: SensorSnapshot, status: SensorStatusMessage) -> SensorMoment:
+        """Return the newest view with everything that belongs to its moment."""
         if self._view is not None and self._view.is_past != status.is_past:
             # A view that is dimmed, or no longer, is another view: nothing of it has been drawn yet.
             self._view = self._view.dimmed_copy() if status.is_past else self._view.bright_copy()
         now_ns = time.monotonic_ns()
         wrenches = tuple(self._wrench_of_moment(history, now_ns) for history in self.wrenches)
-        return PageMoment(status, sensor, self._view, wrenches, self._shown.hz(now_ns), self._page_ms, self.name)
+        return SensorMoment(status, snapshot, self._view, wrenches, self._shown.hz(now_ns), self.name)
 
     def _wrench_of_moment(self, history: WrenchHistory, now_ns: int) -> WrenchSourceSnapshot:
         """Return the wrench at the time of the shown reading: its own estimate, of which the history has not every one."""
@@ -291,9 +245,82 @@ class PageController:
             return snapshot
         return replace(snapshot, sample=WrenchWithUncertainty.of_estimate(reading.force))
 
-    def _present(self, display: PageMomentDisplay, moments: Sequence[PageMoment]) -> None:
-        """Show the moments of all sensors as one."""
+
+class PageController:
+    """Connects the sensors of a page with a display, and saves their readings."""
+
+    def __init__(
+        self,
+        sensors: Sequence[DisplayedSensor],
+        out: Path,
+        save_limits: SaveLimits = SaveLimits(),
+        recheck_s: float = RECHECK_S,
+    ) -> None:
+        """recheck_s: longest time between two refreshes while no new reading arrives."""
+        self.sensors, self.out, self.quota, self._recheck_s = tuple(sensors), out, SaveQuota(save_limits), recheck_s
+        scales = [full_range_colour_scale(one.poller.sensor.shape.curve) for one in self.sensors]
+        self.scale: ColourScale = max(scales, key=lambda scale: scale.pressed_mm)
+        """The colours of the heights of all sensors."""
+        self._changed, self._page_ms = Event(), dict[str, float]()
+        for one in self.sensors:
+            one.poller.notify(self._changed)
+
+    def run(
+        self, display: PageMomentDisplay, display_hz: float = 15.0, until: Callable[[], bool] = lambda: False
+    ) -> None:
+        """Show readings until interrupted or `until` is true; raises the error with which the sensor thread failed."""
+        due_at, slowdown = time.monotonic(), 1.0
+        # A folder of images is read faster than anybody needs.
+        is_live = [one.poller.sensor.source.is_live for one in self.sensors]
+        try:
+            while not until():
+                live = compress(self.refresh(display), is_live)
+                slowdown = max((next_drawing_slowdown(slowdown, snapshot) for snapshot in live), default=1.0)
+                due_at = max(due_at + slowdown / display_hz, time.monotonic())
+                time.sleep(max(due_at - time.monotonic(), 0))
+                self._changed.wait(self._recheck_s)
+                self._changed.clear()
+        finally:
+            self.show_final_state(display)
+
+    def refresh(self, display: PageMomentDisplay) -> list[SensorSnapshot]:
+        """Update the display once and return the states of the sensors; raises the error with which the sensor thread failed, of
+        several when all have failed."""
+        now_ns = time.monotonic_ns()
+        snapshots = [one.poller.snapshot(now_ns) for one in self.sensors]
+        moments = []
+        for one, snapshot in zip(self.sensors, snapshots, strict=True):
+            if display.is_watched:
+                one.take(snapshot.reading, self.scale)
+            moments.append(one.moment(snapshot, most_urgent_status(snapshot, one.shown_reading, False, now_ns)))
+        self._present(display, moments)
+        troubles = [snapshot.trouble for snapshot in snapshots if snapshot.phase is SensorPhase.FAILED]
+        if len(troubles) == len(self.sensors) and troubles[0] is not None:
+            raise troubles[0]
+        return snapshots
+
+    def show_final_state(self, display: PageMomentDisplay) -> None:
+        """Mark the page as ended, because a browser keeps the last page that it received."""
+        snapshots = [one.poller.snapshot(time.monotonic_ns()) for one in self.sensors]
+        ended = zip(self.sensors, snapshots, strict=True)
+        self._present(display, [one.moment(snapshot, _final_status(snapshot)) for one, snapshot in ended])
+
+    def save(self, moments: Sequence[SensorMoment]) -> list[Path]:
+        """Write the moments of sensors that have been read to files, with their wrenches, errors and warnings.
+
+        Raises `NothingToSave`, `SaveRefused` and `FileNotWritten`.
+        """
+        paths: list[Path] = []
+        for one in moments:
+            if one.reading is not None:
+                status = one.status.sentence
+                paths += save_moment_files(one.reading, status, one.wrenches, self.out, self.quota, one.name)
+        if not paths:
+            raise NothingToSave(WITHOUT_READING)
+        return paths
+
+    def _present(self, display: PageMomentDisplay, moments: Sequence[SensorMoment]) -> None:
         watch = Stopwatch()
-        display.show(replace(moments[0], beside=tuple(moments)) if len(moments) > 1 else moments[0])
+        display.show(PageMoment(tuple(moments), self._page_ms))
         watch.mark("page")
         self._page_ms = dict(watch.stage_ms)

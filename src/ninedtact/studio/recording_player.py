@@ -1,10 +1,10 @@
 """A recording on the page: its readings one by one, and the player that makes one consistent moment of each.
 
-    file ──RecordedReadings──▶ Reading ──RecordingPlayer──▶ PageMoment ──▶ one ViewerPage
+    file ──RecordedReadings──▶ Reading ──RecordedSensor──▶ SensorMoment ──RecordingPlayer──▶ PageMoment ──▶ one ViewerPage
 
-Each viewer has a player of its own. Image, heights, wrenches and curves of a moment are those of one stamp of the recording, which
-is "now" of the curves. Heights that are stored are shown as stored; the others are computed against the reference image that the
-recording has, or against its first ten images.
+Each viewer has a player of its own, which keeps the time; a `RecordedSensor` is one sensor of the recording. Image, heights,
+wrenches and curves of a moment are those of one stamp of the recording, which is "now" of the curves. Heights that are stored are
+shown as stored; the others are computed against the reference image that the recording has, or against its first ten images.
 """
 
 from bisect import bisect_right
@@ -39,7 +39,7 @@ from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.depth import DepthReader
 from ninedtact.shape.measures import max_indentation_mm
 from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
-from ninedtact.studio.page_controller import SILENT_AFTER_MS, WAITING_STATUS, PageMoment, SensorStatusMessage
+from ninedtact.studio.page_controller import SILENT_AFTER_MS, PageMoment, SensorMoment, SensorStatusMessage
 from ninedtact.studio.reading_view import ReadingView
 from ninedtact.studio.sensor_poller import HISTORY_S, NS_PER_S, SensorPhase, SensorSnapshot
 from ninedtact.studio.wrench_history import (
@@ -173,37 +173,125 @@ def empty_wrench_histories(path: Path, shape: CalibratedShape) -> list[WrenchHis
         return columns
 
 
-class RecordingPlayer:
-    """Plays one recording to one viewer: at any speed, one image forwards or backwards, from any time. Safe from all threads.
+class RecordedSensor:
+    """One sensor of a recording that is played: its image at a time, with the wrenches and the curve of the indentation until then.
 
-    Each sensor of a recording has a player. The first one leads the others; its time has the images of all of them.
+    Used by one thread at a time, that of its player.
     """
 
     def __init__(
-        self,
-        path: Path,
-        shape: CalibratedShape,
-        scale: ColourScale,
-        sources: Sequence[WrenchHistory] = (),
-        others: Sequence["RecordingPlayer"] = (),
+        self, path: Path, shape: CalibratedShape, scale: ColourScale, sources: Sequence[WrenchHistory] = ()
     ) -> None:
         """path: of the recording, with several sensors `grasp.mcap#left`. sources: the columns of wrenches that the page has.
-        others: the players of the other sensors. Raises what `RecordedReadings` raises."""
+        Raises what `RecordedReadings` raises."""
         self.path, self.shape, self._scale, self._sources = path, shape, scale, tuple(sources)
-        self.sensors = (self, *others)
-        """The players of all sensors."""
-        self._readings = RecordedReadings(path, shape)
-        self._stamps_ns = np.unique(np.concatenate([one._readings.stamps_ns for one in self.sensors]))
-        self._times_s = (self._stamps_ns - self._stamps_ns[0]) / NS_PER_S
-        self._samples = {topic: self._readings.samples(topic) for topic in (Topic.MEASURED, Topic.ESTIMATED)}
-        self.spans = self._readings.recording.spans()
-        """The labelled spans of the file, in the order of their beginnings, as of the last edit by this player."""
-        self.speed, self._is_playing, self._at_s = 1.0, False, 0.0
-        self._lock, self._ticked_at, self._closing = RLock(), monotonic(), Event()
-        self._shown: tuple[int, ReadingView | None, str] = (-1, None, "")
-        self._curve: list[tuple[int, float]] = []
+        self.readings = RecordedReadings(path, shape)
+        self.trouble = ""
+        """Why the image at the present time cannot be shown; empty where it can."""
+        self._number = -1
+        self._view: ReadingView | None = None
+        self._samples = {topic: self.readings.samples(topic) for topic in (Topic.MEASURED, Topic.ESTIMATED)}
+        self._closing, self._curve = Event(), list[tuple[int, float]]()
         self._thread = Thread(target=self._measure_curve, name=f"measure {path.name}", daemon=True)
         self._thread.start()
+
+    def seek(self, at_ns: int) -> None:
+        """Take the newest image at a stamp; where it is damaged, the last whole one stays and `trouble` says so."""
+        number = max(int(np.searchsorted(self.readings.stamps_ns, at_ns, side="right")) - 1, 0)
+        if number == self._number:
+            return
+        self._number, self.trouble = number, ""
+        try:
+            self._view = ReadingView(self.readings.reading(number), self._scale)
+        except (NinedtactError, OSError, cv2.error) as trouble:
+            self.trouble = str(trouble)
+
+    def moment(self, at_ns: int, at_s: float, state: str, shown_hz: float) -> SensorMoment:
+        """Return the image that `seek` took with what belongs to it. state: of the player, said in the status with the time."""
+        reading = None if self._view is None else self._view.reading
+        heard_ns, rate_hz = int(self.readings.stamps_ns[self._number]), self.readings.hz
+        history = self._history_until(at_ns)
+        snapshot = SensorSnapshot(SensorPhase.RECORDED, reading, heard_ns, rate_hz, rate_hz, history)
+        wrenches = tuple(self._wrenches_at(at_ns, None if reading is None else reading.force))
+        if self.trouble:
+            status = SensorStatusMessage("lost", self.trouble)
+        elif abs(at_ns - heard_ns) > SILENT_AFTER_MS * 1e6:
+            status = SensorStatusMessage("lost", f"recorded, {at_s:.2f} s; no image of this sensor here")
+        else:
+            warnings = () if reading is None else (*reading.reference_warnings, *reading.image_warnings)
+            status = SensorStatusMessage("warned" if warnings else "held", "; ".join((state, *warnings)))
+        return SensorMoment(status, snapshot, self._view, wrenches, shown_hz, self.readings.recording.metadata.name)
+
+    def readings_within(self, span: LabelledSpan | None) -> tuple[RecordedReadings, range]:
+        """Return the readings of this sensor anew, to be closed by whoever asks, and the numbers of those in a span, or of all."""
+        readings = RecordedReadings(self.path, self.shape)
+        begin_ns, end_ns = readings.stamps_ns[[0, -1]] if span is None else (span.begin_ns - 1000, span.end_ns + 1000)
+        inside = np.flatnonzero((readings.stamps_ns >= begin_ns) & (readings.stamps_ns <= end_ns))
+        return readings, range(int(inside[0]), int(inside[-1]) + 1) if len(inside) else range(0)
+
+    def close(self) -> None:
+        """Close the file; the sensor is not used afterwards."""
+        self._closing.set()
+        self._thread.join()
+        self.readings.close()
+
+    def _wrenches_at(self, stamp_ns: int, estimate: WrenchEstimate | None) -> Iterator[WrenchSourceSnapshot]:
+        """Yield the wrenches of the recording in the columns of the page; the estimate is that of the image itself.
+
+        Another wrench is the nearest one. One that is farther away than `SILENT_AFTER_MS` is not of this moment.
+        """
+        forces = self.readings.recording.metadata.force_torque
+        for source in self._sources:
+            samples = self._samples[Topic.ESTIMATED if source.states_errors else Topic.MEASURED]
+            end = bisect_right(samples, stamp_ns, key=lambda sample: sample[0])
+            begin = bisect_right(samples, stamp_ns - HISTORY_S * NS_PER_S, key=lambda sample: sample[0])
+            if source.states_errors:
+                sample = None if estimate is None else WrenchWithUncertainty.of_estimate(estimate)
+            else:
+                near = min(samples[max(end - 1, 0) : end + 1], key=lambda one: abs(one[0] - stamp_ns), default=None)
+                is_near = near is not None and abs(near[0] - stamp_ns) <= SILENT_AFTER_MS * 1e6
+                sample = near[1] if near is not None and is_near else None
+            meaning = "as recorded" if source.states_errors or not forces else f"as recorded: {forces}"
+            state = (None, (), source.states_errors)
+            yield WrenchSourceSnapshot(source.name, meaning, sample, tuple(samples[begin:end]), stamp_ns, *state)
+
+    def _history_until(self, stamp_ns: int) -> Array:
+        """Return seconds before a stamp and indentations, as far as they have been computed."""
+        curve = np.array(tuple(self._curve), np.float64).reshape(-1, 2)
+        seconds = (curve[:, 0] - stamp_ns) / NS_PER_S
+        inside = (seconds <= 0) & (seconds > -HISTORY_S)
+        return np.stack([seconds[inside], curve[inside, 1]])
+
+    def _measure_curve(self) -> None:
+        """Compute the indentation over the recording, in a thread of its own, with a file of its own."""
+        try:
+            with RecordedReadings(self.path, self.shape) as readings:
+                for number in range(0, len(readings), -(-len(readings) // CURVE_IMAGES)):
+                    if self._closing.is_set():
+                        return
+                    height = readings.reading(number).height
+                    self._curve.append((int(readings.stamps_ns[number]), max_indentation_mm(height)))
+        except (NinedtactError, OSError, cv2.error):
+            return  # the curve ends before the damage, which is said where the image itself is asked for
+
+
+class RecordingPlayer:
+    """Plays one recording to one viewer: at any speed, one image forwards or backwards, from any time. Safe from all threads.
+
+    Its time has the images of all sensors of the recording.
+    """
+
+    def __init__(self, sensors: Sequence[RecordedSensor]) -> None:
+        """sensors: all of one recording; they are closed with the player."""
+        self.sensors = tuple(sensors)
+        self._recording = self.sensors[0].readings.recording
+        self.path = self._recording.path
+        self._stamps_ns = np.unique(np.concatenate([one.readings.stamps_ns for one in self.sensors]))
+        self._times_s = (self._stamps_ns - self._stamps_ns[0]) / NS_PER_S
+        self.spans = self._recording.spans()
+        """The labelled spans of the file, in the order of their beginnings, as of the last edit by this player."""
+        self.speed, self._is_playing, self._at_s = 1.0, False, 0.0
+        self._lock, self._ticked_at = RLock(), monotonic()
 
     def __len__(self) -> int:
         return len(self._times_s)
@@ -226,12 +314,7 @@ class RecordingPlayer:
     @property
     def sensor_id(self) -> str:
         """The id of the sensor that was recorded."""
-        return self._readings.recording.sensor
-
-    @property
-    def hz(self) -> float:
-        """The usual rate of the images."""
-        return self._readings.hz
+        return self._recording.sensor
 
     @property
     def number(self) -> int:
@@ -268,61 +351,35 @@ class RecordingPlayer:
         first_ns = int(self._stamps_ns[0])
         begin_ns, end_ns = (first_ns + round(at_s * NS_PER_S) for at_s in (begin_s, end_s))
         added = LabelledSpan(begin_ns, end_ns, label.strip())
-        self.spans = edit_labelled_spans(self._readings.recording.path, lambda spans: [*spans, added])
+        self.spans = edit_labelled_spans(self.path, lambda spans: [*spans, added])
 
     def remove_span(self, span: LabelledSpan) -> None:
         """Remove a label from the file; raises what `add_span` raises."""
-        self.spans = edit_labelled_spans(
-            self._readings.recording.path, lambda spans: [one for one in spans if one != span]
-        )
+        self.spans = edit_labelled_spans(self.path, lambda spans: [one for one in spans if one != span])
 
     def span_s(self, span: LabelledSpan) -> tuple[float, float]:
         """Return beginning and end of a span in seconds after the first image."""
         first_ns = int(self._stamps_ns[0])
         return (span.begin_ns - first_ns) / NS_PER_S, (span.end_ns - first_ns) / NS_PER_S
 
-    def readings_within(self, span: LabelledSpan | None) -> tuple[RecordedReadings, range]:
-        """Return the readings of this sensor anew, to be closed by whoever asks, and the numbers of those in a span, or of all."""
-        readings = RecordedReadings(self.path, self.shape)
-        begin_ns, end_ns = readings.stamps_ns[[0, -1]] if span is None else (span.begin_ns - 1000, span.end_ns + 1000)
-        inside = np.flatnonzero((readings.stamps_ns >= begin_ns) & (readings.stamps_ns <= end_ns))
-        return readings, range(int(inside[0]), int(inside[-1]) + 1) if len(inside) else range(0)
-
     def moment(self, newest: PageMoment) -> PageMoment:
-        """Return the moment at the present time; an image that is damaged is said, and the last whole one stays."""
+        """Return the moment at the present time; at a damaged image the time stops."""
         with self._lock:
             self._advance()
-            moments = [one._moment_at(int(self._stamps_ns[self.number]), newest) for one in self.sensors]
-            self._is_playing = self._is_playing and not any(one._shown[2] for one in self.sensors)
-            states = [one._status(moment, self) for one, moment in zip(self.sensors, moments, strict=True)]
-            moments = [replace(moment, status=status) for moment, status in zip(moments, states, strict=True)]
-            return replace(moments[0], beside=tuple(moments)) if len(moments) > 1 else moments[0]
-
-    def _moment_at(self, at_ns: int, newest: PageMoment) -> PageMoment:
-        """Return the moment of this sensor at a stamp, still without its status."""
-        number = max(int(np.searchsorted(self._readings.stamps_ns, at_ns, side="right")) - 1, 0)
-        if self._shown[0] != number:
-            self._shown = number, *self._view(number)
-        view = self._shown[1]
-        reading = None if view is None else view.reading
-        history, rate_hz, heard_ns = (
-            self._history_until(at_ns),
-            self._readings.hz,
-            int(self._readings.stamps_ns[number]),
-        )
-        sensor = SensorSnapshot(SensorPhase.RECORDED, reading, heard_ns, rate_hz, rate_hz, history)
-        wrenches = tuple(self._wrenches_at(at_ns, None if reading is None else reading.force))
-        name = self._readings.recording.metadata.name
-        return PageMoment(WAITING_STATUS, sensor, view, wrenches, newest.shown_hz, newest.page_ms, name)
+            at_ns, at_s = int(self._stamps_ns[self.number]), self.at_s
+            for one in self.sensors:
+                one.seek(at_ns)
+            self._is_playing = self._is_playing and not any(one.trouble for one in self.sensors)
+            state = f"playing at {self.speed:g} ×" if self._is_playing else "paused"
+            state = f"recorded, {at_s:.2f} of {self.duration_s:.2f} s, {state}"
+            shown_hz = newest.sensors[0].shown_hz
+            return replace(newest, sensors=tuple(one.moment(at_ns, at_s, state, shown_hz) for one in self.sensors))
 
     def close(self) -> None:
         """Close the files; the player is not used afterwards."""
-        for other in self.sensors[1:]:
-            other.close()
-        self._closing.set()
-        self._thread.join()
         with self._lock:
-            self._readings.close()
+            for one in self.sensors:
+                one.close()
 
     def _advance(self) -> None:
         """Let the time that has passed go by, at the chosen speed."""
@@ -331,61 +388,3 @@ class RecordingPlayer:
             self._at_s = min(self._at_s + (now - self._ticked_at) * self.speed, self.duration_s)
             self._is_playing = self._at_s < self.duration_s
         self._ticked_at = now
-
-    def _view(self, number: int) -> tuple[ReadingView | None, str]:
-        """Return the view of an image, or the last one with the reason why this one cannot be shown."""
-        try:
-            return ReadingView(self._readings.reading(number), self._scale), ""
-        except (NinedtactError, OSError, cv2.error) as trouble:
-            return self._shown[1], str(trouble)
-
-    def _status(self, moment: PageMoment, lead: "RecordingPlayer") -> SensorStatusMessage:
-        """Return the status of this sensor, whose time is that of the first one."""
-        (_, view, trouble), silent_s = self._shown, (lead._stamps_ns[lead.number] - moment.sensor.heard_ns) / NS_PER_S
-        if trouble:
-            return SensorStatusMessage("lost", trouble)
-        if abs(silent_s) > SILENT_AFTER_MS / 1e3:
-            return SensorStatusMessage("lost", f"recorded, {lead.at_s:.2f} s; no image of this sensor here")
-        state = f"playing at {lead.speed:g} ×" if lead._is_playing else "paused"
-        place = f"recorded, {lead.at_s:.2f} of {lead.duration_s:.2f} s, {state}"
-        warnings = () if view is None else (*view.reading.reference_warnings, *view.reading.image_warnings)
-        return SensorStatusMessage("warned" if warnings else "held", "; ".join((place, *warnings)))
-
-    def _wrenches_at(self, stamp_ns: int, estimate: WrenchEstimate | None) -> Iterator[WrenchSourceSnapshot]:
-        """Yield the wrenches of the recording in the columns of the page; the estimate is that of the image itself.
-
-        Another wrench is the nearest one. One that is farther away than `SILENT_AFTER_MS` is not of this moment.
-        """
-        forces = self._readings.recording.metadata.force_torque
-        for source in self._sources:
-            samples = self._samples[Topic.ESTIMATED if source.states_errors else Topic.MEASURED]
-            end = bisect_right(samples, stamp_ns, key=lambda sample: sample[0])
-            begin = bisect_right(samples, stamp_ns - HISTORY_S * NS_PER_S, key=lambda sample: sample[0])
-            if source.states_errors:
-                sample = None if estimate is None else WrenchWithUncertainty.of_estimate(estimate)
-            else:
-                near = min(samples[max(end - 1, 0) : end + 1], key=lambda one: abs(one[0] - stamp_ns), default=None)
-                is_near = near is not None and abs(near[0] - stamp_ns) <= SILENT_AFTER_MS * 1e6
-                sample = near[1] if near is not None and is_near else None
-            meaning = "as recorded" if source.states_errors or not forces else f"as recorded: {forces}"
-            state = (None, (), source.states_errors)
-            yield WrenchSourceSnapshot(source.name, meaning, sample, tuple(samples[begin:end]), stamp_ns, *state)
-
-    def _history_until(self, stamp_ns: int) -> Array:
-        """Return seconds before a stamp and indentations, as far as they have been computed."""
-        curve = np.array(tuple(self._curve), np.float64).reshape(-1, 2)
-        seconds = (curve[:, 0] - stamp_ns) / NS_PER_S
-        inside = (seconds <= 0) & (seconds > -HISTORY_S)
-        return np.stack([seconds[inside], curve[inside, 1]])
-
-    def _measure_curve(self) -> None:
-        """Compute the indentation over the recording, in a thread of its own, with a file of its own."""
-        try:
-            with RecordedReadings(self.path, self.shape) as readings:
-                for number in range(0, len(readings), -(-len(readings) // CURVE_IMAGES)):
-                    if self._closing.is_set():
-                        return
-                    height = readings.reading(number).height
-                    self._curve.append((int(readings.stamps_ns[number]), max_indentation_mm(height)))
-        except (NinedtactError, OSError, cv2.error):
-            return  # the curve ends before the damage, which is said where the image itself is asked for

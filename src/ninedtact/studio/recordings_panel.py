@@ -8,7 +8,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
-from html import escape
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -24,17 +23,20 @@ from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.studio.page_cards import (
+    card_html,
     explained_wrench_table_html,
     recorder_html,
     shape_summary_html,
+    standalone_moment_html,
     status_html,
     time_slider_marks,
 )
 from ninedtact.studio.page_controller import WITHOUT_READING, NothingToSave, PageMoment
 from ninedtact.studio.page_recorder import PageRecorder, RecorderState
-from ninedtact.studio.recording_player import SPEEDS, LabelledSpanRefused, RecordingPlayer
-from ninedtact.studio.saved_files import Exporter, save_surface_sequence, save_video, standalone_moment_html
+from ninedtact.studio.recording_player import SPEEDS, LabelledSpanRefused, RecordedSensor, RecordingPlayer
+from ninedtact.studio.saved_files import Exporter, save_surface_sequence, save_video
 from ninedtact.studio.viewer import Side, ViewerPage, is_user_event, set_gui_control
+from ninedtact.studio.viser_server import set_slider_marks
 
 NOTHING, WHOLE = "none", "the whole recording"
 STEPS = {"back": -1, "play": 0, "next": 1}
@@ -44,7 +46,6 @@ _LIST_EVERY_S = 1.0
 _HEIGHT_BYTES = 4
 _OF_CHOICE = "of the chosen label or of the whole recording"
 _TABLES = Exporter(export_each_sensor, "export", "PNG, CSV, .npy and the sensor folder", has_all_sensors=True)
-_SMALL = "margin:0.2em 0.9em;font-size:0.85em"
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ class RecordingsPanel:
             self._slider.on_update(self._seek)
             self._steps.on_click(lambda event: self._step(STEPS[event.target.value]))
             self._speed.on_update(self._set_speed)
-            self._keys = gui.add_html(f'<div style="{_SMALL}">{PLAY_KEYS}</div>', visible=False)
+            self._keys = gui.add_html(card_html("lines", texts=[PLAY_KEYS]), visible=False)
         self._labels = gui.add_folder("labels", visible=False)
         with self._labels:
             self._list = gui.add_html("")
@@ -205,14 +206,12 @@ class RecordingsPanel:
         """Show a recording in place of the sensor, to this viewer."""
         viewer = self._viewer
         with self._viewer.notify_refusal("Not opened"), ExitStack() as opened:
-            paths, sensors = list(map(Path, recorded_sensor_addresses(path))), viewer.controller.sensors
-            others: list[RecordingPlayer] = []
-            for number, one in enumerate(paths[1:], start=1):
-                columns = sensors[min(number, len(sensors) - 1)].wrenches
-                others.append(RecordingPlayer(one, self._context.shape_of(one), viewer.controller.scale, columns))
-                opened.callback(others[-1].close)
-            shape = self._context.shape_of(paths[0])
-            player = RecordingPlayer(paths[0], shape, viewer.controller.scale, sensors[0].wrenches, others)
+            recorded, columns = list[RecordedSensor](), [one.wrenches for one in viewer.controller.sensors]
+            for number, address in enumerate(map(Path, recorded_sensor_addresses(path))):
+                sources, shape = columns[min(number, len(columns) - 1)], self._context.shape_of(address)
+                recorded.append(RecordedSensor(address, shape, viewer.controller.scale, sources))
+                opened.callback(recorded[-1].close)
+            player = RecordingPlayer(recorded)
             opened.pop_all()
             player.speed = _SPEED_OF_NAME.get(str(self._speed.value), 1.0)
             self._player, self._opened_name = player, path.name
@@ -289,12 +288,12 @@ class RecordingsPanel:
         if player is not None:
             names = [_span_name(player, span) for span in player.spans]
             self._label_choice.options = (WHOLE, *dict.fromkeys(names))
-            self._slider._marks = tuple(time_slider_marks(player))  # viser 1.1 takes marks only when a slider is made
-            self._list.content = f'<div style="{_SMALL}">' + "<br>".join(map(escape, names)) + "</div>"
+            set_slider_marks(self._slider, time_slider_marks(player))
+            self._list.content = card_html("lines", texts=names)
             self._show_marks()
 
     def _show_marks(self) -> None:
-        self._marked.content = '<div style="{}">marked: {:.2f} to {:.2f} s</div>'.format(_SMALL, *self._marks_s)
+        self._marked.content = card_html("lines", texts=["marked: {:.2f} to {:.2f} s".format(*self._marks_s)])
 
     def _export(self, export: "Export", event: GuiEvent[Any]) -> None:
         """Write into a new file or folder, one export at a time, and offer a file to the browser too."""
@@ -304,13 +303,14 @@ class RecordingsPanel:
                 self._quota.count_save(0, self._out, "an export")
                 self._out.mkdir(parents=True, exist_ok=True)
                 path = export(f"{datetime.now():%Y%m%d_%H%M%S_%f}")
-            result = f'<div style="{_SMALL}">exported to {escape(str(path))}</div>'
+            result = card_html("lines", texts=[f"exported to {path}"])
             self._viewer.notify("Exported", path.name, "green")
             self._viewer.offer_download(path)
         self._progress.content = result
 
     def _export_page(self, time: str) -> Path:
-        moment = self._viewer.moment
+        newest = self._viewer.moment
+        moment = None if newest is None else self._viewer.choose_shown(newest)[0]
         if moment is None or moment.view is None:
             raise NothingToSave(WITHOUT_READING)
         view, path = moment.view.bright_copy(), self._out / f"moment_{time}.html"
@@ -330,13 +330,13 @@ class RecordingsPanel:
         return path
 
     def _export_with(self, exporter: Exporter, time: str) -> Path:
-        players = self._opened().sensors if exporter.has_all_sensors else (self._chosen_player(),)
-        name = self._opened().path.stem if exporter.has_all_sensors else _file_name(players[0].path)
+        sensors = self._opened().sensors if exporter.has_all_sensors else (self._chosen_sensor(),)
+        name = self._opened().path.stem if exporter.has_all_sensors else _file_name(sensors[0].path)
         path = self._out / f"{name}_{exporter.word}_{time}{exporter.ending}"
         with ExitStack() as opened:
-            recordings = [opened.enter_context(Recording(one.path)) for one in players]
+            recordings = [opened.enter_context(Recording(one.path)) for one in sensors]
             count = sum(len(recording.positions(Topic.IMAGES)) for recording in recordings)
-            first = None if self._viewer.moment is None else self._viewer.moment.reading
+            first = None if self._viewer.moment is None else self._viewer.moment.sensors[0].reading
             image_bytes = 0 if first is None else first.frame.image.nbytes + _HEIGHT_BYTES * first.height.z_mm.size
             self._quota.require_space(count * image_bytes, self._out, "an export")
             said = iter(range(1, count + 1))
@@ -345,21 +345,21 @@ class RecordingsPanel:
         return path
 
     def _export_surfaces(self, time: str) -> Path:
-        path = self._out / f"{_file_name(self._chosen_player().path)}_surfaces_{time}"
+        path = self._out / f"{_file_name(self._chosen_sensor().path)}_surfaces_{time}"
         with self._readings_of_choice() as readings:
             save_surface_sequence(readings, path, self._quota)
         return path
 
     def _export_video(self, time: str) -> Path:
-        path = self._out / f"{_file_name(self._chosen_player().path)}_{time}.mp4"
+        path = self._out / f"{_file_name(self._chosen_sensor().path)}_{time}.mp4"
         with self._readings_of_choice() as readings:
-            save_video(readings, self._viewer.controller.scale, self._chosen_player().hz, path, self._quota)
+            save_video(readings, self._viewer.controller.scale, self._chosen_sensor().readings.hz, path, self._quota)
         return path
 
     @contextmanager
     def _readings_of_choice(self) -> Iterator[Iterator[Reading]]:
         """Give the readings of the chosen label, or all, and say how many have been asked for."""
-        readings, numbers = self._chosen_player().readings_within(self._chosen_span())
+        readings, numbers = self._chosen_sensor().readings_within(self._chosen_span())
         with readings:
             if not numbers:
                 raise NothingToSave(f"expected images in {self._label_choice.value}, got none; choose another label")
@@ -371,10 +371,10 @@ class RecordingsPanel:
 
     def _say_progress(self, number: int, count: int) -> None:
         if number % 10 == 1 or number == count:
-            self._progress.content = f'<div style="{_SMALL}">exporting {number} of {count}</div>'
+            self._progress.content = card_html("lines", texts=[f"exporting {number} of {count}"])
 
-    def _chosen_player(self) -> RecordingPlayer:
-        """Return the player of the sensor that the views show, or of the first; raises `NothingToSave`."""
+    def _chosen_sensor(self) -> RecordedSensor:
+        """Return the recorded sensor that the views show, or of the first; raises `NothingToSave`."""
         sensors = self._opened().sensors
         return sensors[min(self._viewer.options.sensor or 0, len(sensors) - 1)]
 

@@ -1,9 +1,8 @@
-"""Files that people save from the page: one moment, a moment as a web page, surfaces and a video of a recording; and their limits.
+"""Files that people save from the page: one moment, surfaces and a video of a recording; and their limits.
 
 Each file, and each folder of a sequence, appears whole or not at all. All viewers of a page share one `SaveQuota`.
 """
 
-import base64
 import json
 import shutil
 import time
@@ -12,7 +11,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
-from html import escape
 from math import ceil
 from pathlib import Path
 from secrets import token_hex
@@ -23,16 +21,12 @@ import cv2
 import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray as Array
-from viser import SceneApi, ViserServer
-from viser.infra import WebsockMessageHandler
 
 from ninedtact.atomic_write import FileNotWritten, create_folder_atomically, write_file_atomically
 from ninedtact.errors import OutputError
 from ninedtact.reading import Reading
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.export import export_shape
-from ninedtact.studio.reading_view import ImageKind, ReadingView, ShownTraction, SkinColouring
-from ninedtact.studio.scene_3d import GelBlock, SkinScene
 from ninedtact.studio.wrench_history import WrenchSourceSnapshot
 
 if TYPE_CHECKING:
@@ -257,69 +251,3 @@ def _draw_picture(reading: Reading, scale: ColourScale, at_s: float) -> UInt8[Ar
     cv2.putText(picture, text, (6, rows + 17), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (240, 240, 240), 1, cv2.LINE_AA)
     even = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]
     return np.ascontiguousarray(even)
-
-
-class _NoBuffer:
-    """Takes messages that nobody is sent."""
-
-    def push(self, message: object) -> None: ...
-    def atomic_start(self) -> None: ...
-    def atomic_end(self) -> None: ...
-
-
-class _DetachedConnection(WebsockMessageHandler):
-    """Stands in for the connection of a browser, so that a scene can be recorded that nobody sees."""
-
-    def get_message_buffer(self) -> Any:
-        """Return a buffer that keeps nothing."""
-        return _NoBuffer()
-
-
-class _DetachedOwner:
-    """Stands in for a browser as the owner of a scene."""
-
-    def __init__(self, server: ViserServer) -> None:
-        self.client_id, self._viser_server, self._websock_connection = 0, server, _DetachedConnection()
-
-
-def standalone_moment_html(
-    view: ReadingView, cards: Iterable[str], server: ViserServer, block: GelBlock, title: str, wrench: Any = None
-) -> str:
-    """Return one HTML page of a moment that needs no other file: the surface in 3D, camera image, heights and cards.
-
-    cards: HTML beside the images. wrench: is drawn as an arrow; None draws none.
-    """
-    scene_page = _scene_page(view, server, block, wrench)
-    pictures = "".join(
-        f'<figure><img alt="{escape(str(kind))}" src="data:image/jpeg;base64,{base64.b64encode(view.jpeg(kind, True)).decode()}">'
-        f"<figcaption>{escape(str(kind))}</figcaption></figure>"
-        for kind in (ImageKind.CAMERA, ImageKind.HEIGHT)
-    )
-    style = (
-        "body{font-family:sans-serif;margin:1em auto;max-width:75em;padding:0 1em}main{display:flex;flex-wrap:wrap;gap:1em}"
-        "iframe{flex:2 1 30em;height:34em;border:1px solid #ccc}aside{flex:1 1 18em}figure{margin:.5em 0}img{width:100%}"
-    )
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{style}</style></head><body><h1>{escape(title)}</h1>'
-        f'<main><iframe title="surface in 3D" srcdoc="{escape(scene_page, quote=True)}"></iframe>'
-        f"<aside>{''.join(cards)}{pictures}</aside></main></body></html>"
-    )
-
-
-def _scene_page(view: ReadingView, server: ViserServer, block: GelBlock, wrench: Any) -> str:
-    """Return the scene of a view as a page of viser without a server, seen as a new viewer would see it."""
-    owner: Any = _DetachedOwner(server)
-    serializer = owner._websock_connection.get_message_serializer(
-        lambda message: message.include_in_scene_serialization
-    )
-    shared = server._websock_server._broadcast_buffer
-    with shared.buffer_lock:
-        messages = list(shared.message_from_id.values())
-    for message in messages:  # light, camera and background
-        serializer._insert_message(message)
-    scene = SkinScene(SceneApi(owner, server._thread_executor, server._event_loop), block)
-    scene.show_surface(view.surface(SkinColouring.HEIGHT, 1, ShownTraction.ESTIMATED), True, False)
-    scene.show_lines(view.outline_mm(), None)
-    scene.show_wrench(wrench)
-    return str(serializer.as_html())

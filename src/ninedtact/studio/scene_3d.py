@@ -21,6 +21,7 @@ from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.surface import triangulate_view
 from ninedtact.simulation.press_sequence import PressStep
 from ninedtact.studio.reading_view import LIGHT_DIRECTION, SkinSurface
+from ninedtact.studio.viser_server import send_arrays
 
 Point = tuple[float, float, float]
 LINES_EVERY_MM = 5.0
@@ -229,10 +230,10 @@ class SkinScene:
     def show_surface(self, surface: SkinSurface, as_points: bool, is_past: bool) -> None:
         """Draw one surface, as coloured points or as a smooth surface in the colour of silicone."""
         if as_points:
-            _send_arrays(self._points, points=surface.half_precision_points_mm, colors=surface.colours)
+            send_arrays(self._points, points=surface.half_precision_points_mm, colors=surface.colours)
             self._points.point_size = surface.spacing_mm * POINT_OVERLAP / np.cbrt(self._exaggeration)
         else:
-            _send_arrays(self._mesh, vertices=surface.points_mm, faces=surface.faces)
+            send_arrays(self._mesh, vertices=surface.points_mm, faces=surface.faces)
             self._mesh.color = PAST if is_past else GEL
         self._points.visible, self._mesh.visible = as_points, not as_points
 
@@ -285,17 +286,6 @@ class SkinScene:
         for mark, label in self._marks:
             x, y, z = mark.at_mm
             label.position = (x, y, z * exaggeration)
-
-
-def _send_arrays(node: MeshHandle | PointCloudHandle, **arrays: Array) -> None:
-    """Send the arrays of a node that are others than before; they may not change later.
-
-    viser itself would convert, compare and copy them for every viewer, which costs more than to compute them.
-    """
-    for name, array in arrays.items():
-        if getattr(node, name) is not array:
-            setattr(node._impl.props, name, array)
-            node._queue_update(name, array)
 
 
 OBJECT_PITCH_MM, OBJECT_HALF_MM, OBJECT_HEIGHT_MM = 0.4, 14.0, 3.0

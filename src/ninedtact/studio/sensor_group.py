@@ -6,7 +6,6 @@ grip force of a pair is the mean of their normal forces −F_z. The readings of 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -17,15 +16,14 @@ from viser import GuiApi, GuiEvent, Icon, uplot
 from ninedtact.studio.page_cards import (
     BAND_OPACITY,
     CURVE_POINTS,
-    DIM,
     LEAST_N,
     LEAST_NMM,
-    PALE,
-    TONES,
+    card_html,
     component_curve_and_error_band,
-    warning_badge_html,
+    format_component,
+    format_signed_hundredths,
 )
-from ninedtact.studio.page_controller import PageMoment
+from ninedtact.studio.page_controller import PageMoment, SensorMoment
 from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.viewer import Side, ViewerPage, is_user_event
 from ninedtact.studio.wrench_history import WrenchSourceSnapshot, WrenchWithUncertainty
@@ -59,7 +57,7 @@ class GripForce:
     """Which sensor has no force."""
 
 
-def grip_forces(moments: Sequence[PageMoment]) -> Iterator[GripForce]:
+def grip_forces(moments: Sequence[SensorMoment]) -> Iterator[GripForce]:
     """Yield the grip force of every pair of opposing sensors, by each kind of source that both have."""
     for one, other in zip(moments[::2], moments[1::2], strict=False):
         for first in one.wrenches:
@@ -69,7 +67,7 @@ def grip_forces(moments: Sequence[PageMoment]) -> Iterator[GripForce]:
 
 
 def _grip_force(
-    one: PageMoment, other: PageMoment, first: WrenchSourceSnapshot, second: WrenchSourceSnapshot
+    one: SensorMoment, other: SensorMoment, first: WrenchSourceSnapshot, second: WrenchSourceSnapshot
 ) -> GripForce:
     fingers, samples = (one.name, other.name), (first.sample, second.sample)
     known = [_has_force(moment, sample) for moment, sample in zip((one, other), samples, strict=True)]
@@ -80,105 +78,55 @@ def _grip_force(
     return GripForce(fingers, first.name, force_n, float(samples[0].std[2] + samples[1].std[2]) / 2)
 
 
-def _has_force(moment: PageMoment, sample: WrenchWithUncertainty | None) -> bool:
+def _has_force(moment: SensorMoment, sample: WrenchWithUncertainty | None) -> bool:
     """Return whether the normal force of a sensor is current and known."""
     return sample is not None and not moment.status.is_past and not np.isinf(sample.std[2])
 
 
-def group_status_html(moments: Sequence[PageMoment]) -> str:
+def group_status_html(moments: Sequence[SensorMoment]) -> str:
     """Return the state of every sensor as HTML, with its maximum indentation and contact area."""
-    return "".join(map(_sensor_status_html, moments))
+    states = [(moment.name, moment.status.sentence, moment.status.tone, _format_measures(moment)) for moment in moments]
+    return card_html("group_status", sensors=states)
 
 
-def _sensor_status_html(moment: PageMoment) -> str:
-    measures = ""
-    if moment.view is not None:
-        summary = moment.view.summary
-        measures = f"{summary.max_indentation_mm:.2f} mm, {summary.contact_area_mm2:.1f} mm²"
-    return (
-        f'<div role="status" style="margin:0.3em 0.5em;padding:0.3em 0.8em;border-radius:6px;color:#fff;font-size:0.9em;'
-        f'line-height:1.35;background:{TONES[moment.status.tone]}"><b>{escape(moment.name)}</b>: '
-        f'{escape(moment.status.sentence)} <span style="float:right;white-space:nowrap;'
-        f'font-variant-numeric:tabular-nums">{measures}</span><span style="display:block;clear:both"></span></div>'
-    )
+def _format_measures(moment: SensorMoment) -> str:
+    if moment.view is None:
+        return ""
+    return f"{moment.view.summary.max_indentation_mm:.2f} mm, {moment.view.summary.contact_area_mm2:.1f} mm²"
 
 
-def group_wrench_table_html(moments: Sequence[PageMoment]) -> str:
+def group_wrench_table_html(moments: Sequence[SensorMoment]) -> str:
     """Return the grip forces, then the wrench of every sensor from every source as a row, with errors and warnings, as HTML."""
     if not any(moment.wrenches for moment in moments):
         return ""
-    units = "".join(
-        f'<th style="text-align:right;font-weight:600">{letter}<sub>{axis}</sub></th>'
-        for letter in "FT"
-        for axis in "xyz"
-    )
-    rows = "".join(_sensor_rows_html(number, moment) for number, moment in enumerate(moments))
-    lines: dict[str, list[str]] = {}
+    names_of_notice: dict[str, list[str]] = {}
     for moment in moments:
         for source in moment.wrenches:
-            for line in (*([str(source.trouble)] if source.trouble else []), *source.notices):
-                lines.setdefault(line, []).append(moment.name)
-    below = "".join(
-        f'<div style="font-size:0.8em;color:{TONES["busy"]}">{escape(", ".join(names))}: {escape(line)}</div>'
-        for line, names in lines.items()
-    )
-    meaning = dict.fromkeys(f"{one.name}: {one.meaning}" for moment in moments for one in moment.wrenches)
-    return (
-        '<div style="margin:0.3em 0.9em">'
-        + "".join(map(_grip_html, grip_forces(moments)))
-        + '<table style="width:100%;border-collapse:collapse;font-size:0.8em;font-variant-numeric:tabular-nums">'
-        + f'<tr><th style="text-align:left">N, N·mm</th>{units}</tr>{rows}</table>{below}'
-        + f'<div style="font-size:0.75em;{DIM}">{escape("; ".join(meaning))}; about the centre of each skin</div></div>'
+            for notice in (*([str(source.trouble)] if source.trouble else []), *source.notices):
+                names_of_notice.setdefault(notice, []).append(moment.name)
+    return card_html(
+        "group_wrench_table",
+        grips=[(grip, *_format_grip(grip)) for grip in grip_forces(moments)],
+        grip_colour=GRIP_COLOUR,
+        sensors=[_sensor_rows(number, moment) for number, moment in enumerate(moments)],
+        notices=[f"{', '.join(names)}: {notice}" for notice, names in names_of_notice.items()],
+        meaning=dict.fromkeys(f"{one.name}: {one.meaning}" for moment in moments for one in moment.wrenches),
     )
 
 
-def _grip_html(grip: GripForce) -> str:
-    """Return one grip force as HTML."""
-    said = f"unknown without {grip.missing}"
-    if grip.force_n is not None:
-        said = f"{round(grip.force_n, 2) + 0.0:.2f} N".replace("-", "\N{MINUS SIGN}")
-        said += f' <span style="font-size:0.75em;{DIM}">± {grip.std_n:.2f}</span>' if np.isfinite(grip.std_n) else ""
-    title = "mean of the normal forces −Fz of both; ± is one standard deviation"
-    return (
-        f'<div title="{title}" style="display:flex;justify-content:space-between;align-items:baseline;gap:0.5em">'
-        f'<span style="font-size:0.85em"><span style="color:{GRIP_COLOUR}">■</span> grip force '
-        f"{escape(' and '.join(grip.fingers))}, {escape(grip.source)}</span>"
-        f'<span style="font-size:1.1em;font-weight:600;white-space:nowrap;'
-        f'font-variant-numeric:tabular-nums">{said}</span></div>'
-    )
+def _format_grip(grip: GripForce) -> tuple[str, str]:
+    """Return a grip force and its standard deviation, which may be empty."""
+    if grip.force_n is None:
+        return f"unknown without {grip.missing}", ""
+    return f"{format_signed_hundredths(grip.force_n)} N", f"{grip.std_n:.2f}" if np.isfinite(grip.std_n) else ""
 
 
-def _sensor_rows_html(number: int, moment: PageMoment) -> str:
-    """Return the wrenches of one sensor as rows of the table."""
-    known = [one for one in moment.wrenches if one.sample is not None]
-    warnings = dict.fromkeys(warning for one in known if one.sample for warning in one.sample.warnings)
-    badges = "".join(map(warning_badge_html, warnings))
-    head = (
-        f'<tr><td colspan="7" style="padding-top:0.3em"><span style="color:{colour_of_sensor(number)}">■</span> '
-        f"<b>{escape(moment.name)}</b> {badges}</td></tr>"
-    )
-    pale = PALE if moment.status.is_past else 1
-    return head + "".join(_source_row_html(one, pale) for one in known)
-
-
-def _source_row_html(source: WrenchSourceSnapshot, opacity: float) -> str:
-    """Return one wrench as a row of the table: each component over its standard deviation."""
-    if source.sample is None:
-        return ""
-    cells = "".join(
-        f'<td style="text-align:right;vertical-align:top">{_component_html(source.sample, number)}</td>'
-        for number in range(6)
-    )
-    return f'<tr style="opacity:{opacity}"><td style="vertical-align:top">{escape(source.name)}</td>{cells}</tr>'
-
-
-def _component_html(sample: WrenchWithUncertainty, number: int) -> str:
-    scale = (1.0, 1e3)[number // 3]
-    std = scale * sample.std[number]
-    if np.isinf(std):
-        return "?"
-    value = f"{round(scale * sample.wrench.six[number], 2) + 0.0:+.2f}".replace("-", "\N{MINUS SIGN}")
-    return value + (f'<br><span style="font-size:0.85em;{DIM}">±{std:.2f}</span>' if np.isfinite(std) else "")
+def _sensor_rows(number: int, moment: SensorMoment) -> tuple[object, ...]:
+    """Return what the table says of one sensor: name, colour, whether it is past, warnings, and the wrench of each source."""
+    known = [(source.name, source.sample) for source in moment.wrenches if source.sample is not None]
+    warnings = dict.fromkeys(warning for _, sample in known for warning in sample.warnings)
+    wrenches = [(name, [format_component(sample, axis, "?") for axis in range(6)]) for name, sample in known]
+    return moment.name, colour_of_sensor(number), moment.status.is_past, warnings, wrenches
 
 
 def colour_of_sensor(number: int) -> str:
@@ -188,7 +136,9 @@ def colour_of_sensor(number: int) -> str:
 
 def is_curve_redraw_due(viewer: ViewerPage, moment: PageMoment, moments: int) -> bool:
     """Return whether curves are redrawn: from time to time, and with every moment of a recording, but not while frozen."""
-    return not viewer.is_frozen and (moments % PLOT_EVERY == 0 or moment.sensor.phase is SensorPhase.RECORDED)
+    return not viewer.is_frozen and (
+        moments % PLOT_EVERY == 0 or moment.sensors[0].snapshot.phase is SensorPhase.RECORDED
+    )
 
 
 class SensorGroupCurvesPanel:
@@ -252,7 +202,7 @@ class SensorGroupCurvesPanel:
             if self._viewer.moment is not None:
                 self._draw(self._viewer.moment.sensors)
 
-    def _draw(self, moments: Sequence[PageMoment]) -> None:
+    def _draw(self, moments: Sequence[SensorMoment]) -> None:
         """Draw the chosen component of every source."""
         axis, scale = _COMPONENTS[self._shown]
         at_s, absent = np.linspace(-HISTORY_S, 0.0, CURVE_POINTS), np.full(CURVE_POINTS, np.nan)
@@ -277,16 +227,14 @@ class SensorGroupCurvesPanel:
             "y": uplot.Scale(range=(low, half)),
         }
 
-    def _legend_html(self, moments: Sequence[PageMoment]) -> str:
+    def _legend_html(self, moments: Sequence[SensorMoment]) -> str:
         """Return the colours of the sensors as HTML."""
         colours = [(moment.name, colour_of_sensor(number)) for number, moment in enumerate(moments)]
         colours += [("grip force", GRIP_COLOUR)] if self._grips and self._shown == _NORMAL else []
-        parts = (f'<span style="color:{colour}">■</span> {escape(name)}' for name, colour in colours)
-        dashed = "; true and measured are dashed" if any(size == 1 for size in self._sizes) else ""
-        return f'<div style="margin:0 0.9em;font-size:0.85em">{" ".join(parts)}{dashed}</div>'
+        return card_html("sensor_legend", colours=colours, are_some_dashed=any(size == 1 for size in self._sizes))
 
 
-def _find_source(moments: Sequence[PageMoment], number: int, name: str) -> WrenchSourceSnapshot | None:
+def _find_source(moments: Sequence[SensorMoment], number: int, name: str) -> WrenchSourceSnapshot | None:
     """Return a source of wrenches of one sensor; None where the moment has none, as that of another recording."""
     found = moments[number].wrenches if number < len(moments) else ()
     return next((source for source in found if source.name == name), None)

@@ -8,6 +8,7 @@ from viser import CommandEvent, GuiApi, GuiEvent, Icon, uplot
 from ninedtact.errors import NinedtactError
 from ninedtact.studio.page_cards import (
     WrenchCurves,
+    card_html,
     explained_wrench_table_html,
     name_value_table_html,
     shape_summary_html,
@@ -15,7 +16,7 @@ from ninedtact.studio.page_cards import (
     wrench_meaning_html,
     wrench_table_html,
 )
-from ninedtact.studio.page_controller import WAITING_STATUS, PageMoment
+from ninedtact.studio.page_controller import WAITING_STATUS, PageMoment, SensorMoment
 from ninedtact.studio.sensor_group import group_status_html, group_wrench_table_html, is_curve_redraw_due
 from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.viewer import Side, ViewerPage
@@ -66,13 +67,14 @@ class StatusPanel:
         """Show state and values, whether the moment is frozen, and whether the browser keeps up."""
         self._show_freeze()
         sentence = self._viewer.pace.sentence
-        self._pace.content = f'<div style="margin:0 0.9em;font-size:0.85em">{sentence}</div>' if sentence else ""
-        if moment.beside:
-            self._status.content, self._figures.content = group_status_html(moment.beside), ""
+        self._pace.content = card_html("line", text=sentence) if sentence else ""
+        if len(moment.sensors) > 1:
+            self._status.content, self._figures.content = group_status_html(moment.sensors), ""
             return
-        self._status.content = status_html(moment.status)
-        if moment.view is not None:
-            self._figures.content = shape_summary_html(moment.view.summary, moment.status.is_past)
+        (alone,) = moment.sensors
+        self._status.content = status_html(alone.status)
+        if alone.view is not None:
+            self._figures.content = shape_summary_html(alone.view.summary, alone.status.is_past)
 
     def _toggle_freeze(self) -> None:
         self._viewer.toggle_freeze()
@@ -86,10 +88,8 @@ class StatusPanel:
     def _save(self) -> None:
         """Save the sensors that have been read, in a thread of viser, so that a slow disk delays neither sensor nor page."""
         try:
-            moment, save = self._viewer.moment, self._viewer.controller.save
-            shown = () if moment is None else self._viewer.choose_shown(moment.sensors)
-            reading = [one for one in shown if one.reading is not None]
-            paths = [path for one in reading or (None,) for path in save(one)]
+            moment = self._viewer.moment
+            paths = self._viewer.controller.save(() if moment is None else self._viewer.choose_shown(moment))
         except (NinedtactError, OSError) as trouble:
             self._viewer.notify("Not saved", str(trouble), "red")
         else:
@@ -103,7 +103,7 @@ class WrenchPanel:
     side: Side = "right"
 
     def __init__(self, viewer: ViewerPage) -> None:
-        self._is_here = viewer.is_shared or viewer.is_narrow or not viewer.controller.wrenches
+        self._is_here = viewer.is_shared or viewer.is_narrow or not viewer.controller.sensors[0].wrenches
 
     def build(self, gui: GuiApi) -> None:
         """Add the table."""
@@ -113,10 +113,11 @@ class WrenchPanel:
         """Show the wrenches of this moment, of several sensors with the grip force."""
         if not self._is_here:
             return
-        if moment.beside:
-            self._table.content = group_wrench_table_html(moment.beside)
+        if len(moment.sensors) > 1:
+            self._table.content = group_wrench_table_html(moment.sensors)
             return
-        self._table.content = explained_wrench_table_html(moment.wrenches, moment.status.is_past)
+        (alone,) = moment.sensors
+        self._table.content = explained_wrench_table_html(alone.wrenches, alone.status.is_past)
 
 
 class WrenchAndCurvesPanel:
@@ -131,17 +132,19 @@ class WrenchAndCurvesPanel:
     def build(self, gui: GuiApi) -> None:
         """Add the table and the plots."""
         self._table = gui.add_html("", visible=not self._viewer.is_narrow)
-        self._curves = WrenchCurves(gui, self._viewer.controller.wrenches)
+        self._sources = self._viewer.controller.sensors[0].wrenches
+        self._curves = WrenchCurves(gui, self._sources)
         self._meaning = gui.add_html("", visible=not self._viewer.is_narrow)
 
     def update(self, moment: PageMoment) -> None:
         """Show the wrenches of this moment; redraw the curves from time to time, and not while they are frozen."""
-        if not self._viewer.is_narrow:  # a recording may have no wrenches
-            self._table.content = wrench_table_html(moment.wrenches, moment.status.is_past) if moment.wrenches else ""
-            self._meaning.content = wrench_meaning_html(moment.wrenches) if moment.wrenches else ""
+        sensor = moment.sensors[0]  # a recording may have several, or no wrenches
+        if not self._viewer.is_narrow:
+            self._table.content = wrench_table_html(sensor.wrenches, sensor.status.is_past) if sensor.wrenches else ""
+            self._meaning.content = wrench_meaning_html(sensor.wrenches) if sensor.wrenches else ""
         self._moments += 1
-        if is_curve_redraw_due(self._viewer, moment, self._moments) and moment.wrenches:
-            self._curves.draw(moment.wrenches[: len(self._viewer.controller.wrenches)])
+        if is_curve_redraw_due(self._viewer, moment, self._moments) and sensor.wrenches:
+            self._curves.draw(sensor.wrenches[: len(self._sources)])
 
 
 class ReferenceAndRatesPanel:
@@ -170,7 +173,7 @@ class ReferenceAndRatesPanel:
         )
         with gui.add_folder("rates and costs", expand_by_default=False):
             self._costs = gui.add_html("")
-        gui.add_html(f'<div style="margin:0.3em 0.9em;font-size:0.8em">{KEYS}</div>')
+        gui.add_html(card_html("line", text=KEYS, margin="0.3em", size="0.8em"))
         self._reference.on_click(self._take_reference)
         gui.add_command("Take reference", hotkey="R").on_trigger(self._take_reference)
 
@@ -179,32 +182,33 @@ class ReferenceAndRatesPanel:
         rates = {
             f"{one.name} {name}".strip(): rate for one in moment.sensors for name, rate in _format_rates(one).items()
         }
-        self._costs.content = name_value_table_html(rates | _format_stage_costs(moment))
-        self._reference.disabled = moment.sensor.phase is not SensorPhase.READING
+        shown = self._viewer.choose_shown(moment)[0]
+        self._costs.content = name_value_table_html(rates | _format_stage_costs(shown, moment.page_ms))
+        self._reference.disabled = shown.snapshot.phase is not SensorPhase.READING
         self._moments += 1
         if is_curve_redraw_due(self._viewer, moment, self._moments):
-            self._plot.data = tuple(moment.sensor.history)
+            self._plot.data = tuple(shown.snapshot.history)
 
     def _take_reference(self, event: GuiEvent[Any] | CommandEvent) -> None:
         """Take the reference of the sensors that are shown; while a recording is, they are not seen, and others use them."""
         if self._viewer.plays_recording:
             self._viewer.notify("No reference taken", _NO_SENSOR_SHOWN, "red")
             return
-        for controller in self._viewer.shown_controllers:
-            controller.take_reference()
+        for one in self._viewer.shown_sensors:
+            one.poller.take_reference()
 
 
-def _format_rates(moment: PageMoment) -> dict[str, str]:
+def _format_rates(moment: SensorMoment) -> dict[str, str]:
     """Return the rates from camera to browser."""
     dropped = moment.reading.dropped if moment.reading else 0
     return {
-        "camera": f"{moment.sensor.delivered_hz:.1f} images/s",
-        "read": f"{moment.sensor.read_hz:.1f} /s, {dropped} dropped",
+        "camera": f"{moment.snapshot.delivered_hz:.1f} images/s",
+        "read": f"{moment.snapshot.read_hz:.1f} /s, {dropped} dropped",
         "shown": f"{moment.shown_hz:.1f} /s",
     }
 
 
-def _format_stage_costs(moment: PageMoment) -> dict[str, str]:
+def _format_stage_costs(moment: SensorMoment, page_ms: dict[str, float]) -> dict[str, str]:
     """Return the time of each stage of a reading and of drawing it, without the wait for the camera."""
-    stages = {} if moment.reading is None else moment.reading.stage_ms | moment.page_ms
+    stages = {} if moment.reading is None else moment.reading.stage_ms | page_ms
     return {name: f"{ms:.1f} ms" for name, ms in stages.items() if name != "capture"}

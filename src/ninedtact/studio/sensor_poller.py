@@ -155,16 +155,14 @@ class SensorPoller:
         self,
         sensor: Sensor,
         on_reading: Callable[[Reading], None] = lambda reading: None,
-        changed: Event | None = None,
     ) -> None:
-        """changed: is set with every reading and state; several sensors of one page share it."""
         self.sensor, self._on_reading = sensor, on_reading
         self._phase = SensorPhase.READING
         self._trouble: BaseException | None = None
         self._reading: Reading | None = None
         self._history, self._delivered, self._read = _IndentationHistory(), RateMeter(), RateMeter()
         self._lock = Lock()
-        self._closing, self._reference_wanted, self._changed = Event(), Event(), changed or Event()
+        self._closing, self._reference_wanted, self._changed = Event(), Event(), Event()
         self._thread = Thread(target=self._run, name=f"read {sensor.source.name}", daemon=True)
 
     def snapshot(self, now_ns: int) -> SensorSnapshot:
@@ -191,6 +189,10 @@ class SensorPoller:
         """Wait for the next reading or state, or until the time is over; for one waiting thread."""
         self._changed.wait(timeout_s)
         self._changed.clear()
+
+    def notify(self, changed: Event) -> None:
+        """Set an event with every reading and state from now on, which whoever waits for several sensors shares between them."""
+        self._changed = changed
 
     def take_reference(self) -> None:
         """Make the next images the reference. Returns at once; the sensor thread retries until it succeeds."""

@@ -5,7 +5,6 @@ Every viewer has these controls; they move one object, so each follows what the 
 
 from collections.abc import Sequence
 from functools import lru_cache, partial
-from html import escape
 from threading import Lock
 from typing import Any
 
@@ -21,8 +20,8 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.simulation.objects.catalogue import PRIMITIVES, indenter_from_name
 from ninedtact.simulation.objects.mesh_objects import FITTING, MM_PER_UNIT, MeshPlacement
 from ninedtact.simulation.trajectory import HOVER_MM
-from ninedtact.studio.page_cards import TONES
-from ninedtact.studio.page_controller import PageMoment
+from ninedtact.studio.page_cards import card_html
+from ninedtact.studio.page_controller import PageMoment, SensorMoment
 from ninedtact.studio.press_control import (
     FIT,
     MAX_DEPTH_MM,
@@ -129,8 +128,9 @@ class TwinPressPanel:
         state, followed = self._control.state, (self._viewer.options.sensor or 0, self._control.revision)
         if followed != self._followed:
             self._followed = followed if self._follow(state) else (-1, -1)
-        self._says.content = _contact_html(moment, self._control)
-        self._show_handle(state, moment)
+        shown = self._viewer.choose_shown(moment)[0]
+        self._says.content = _contact_html(shown, self._control)
+        self._show_handle(state, shown)
 
     def _add_handle(self) -> None:
         """Add the handle with which the object is dragged in 3D; up and down is its depth."""
@@ -142,7 +142,7 @@ class TwinPressPanel:
         self._handle.on_update(self._note_drag)
         self._handle.on_update(self._follow_drag)
 
-    def _show_handle(self, state: HandPressState, moment: PageMoment) -> None:
+    def _show_handle(self, state: HandPressState, moment: SensorMoment) -> None:
         """Put the handle where the object is held, unless this viewer is dragging it."""
         press = None if moment.view is None else moment.view.press
         pose = press.contact.pose if press is not None and (state.is_playing or state.by_load) else state.target.pose
@@ -260,7 +260,7 @@ def _mode_of(state: HandPressState) -> str:
     return _SEQUENCE if state.is_playing else _BY_LOAD if state.by_load else _BY_DEPTH
 
 
-def _contact_html(moment: PageMoment, control: TwinPressController) -> str:
+def _contact_html(moment: SensorMoment, control: TwinPressController) -> str:
     """Return what presses, whether it slips, and why the object does not go where it is held, as HTML."""
     press = None if moment.view is None else moment.view.press
     if press is None:
@@ -268,9 +268,7 @@ def _contact_html(moment: PageMoment, control: TwinPressController) -> str:
     words, slip = [f"{press.indenter.name}, {float(press.contact.pose.depth_mm):.2f} mm deep"], press.slip_share
     if slip is not None:
         words.append("sticks" if slip == 0 else "slips" if slip == 1 else f"slips on {slip:.0%} of the contact")
-    refusal = control.simulation.hand.refusal
-    warning = f'<div role="alert" style="color:{TONES["lost"]}">{escape(refusal)}</div>' if refusal else ""
-    return f'<div style="margin:0.2em 0.9em;font-size:0.9em">{escape(" · ".join(words))}{warning}</div>'
+    return card_html("held_object", said=" · ".join(words), refusal=control.simulation.hand.refusal)
 
 
 @lru_cache(maxsize=16)

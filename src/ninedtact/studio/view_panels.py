@@ -9,12 +9,13 @@ from viser import GuiApi, GuiEvent, GuiImageHandle, Icon, SceneClickEvent, uplot
 
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.studio.page_cards import (
+    card_html,
     height_legend_html,
     magnitude_legend_html,
     profile_summary_html,
     sticking_legend_html,
 )
-from ninedtact.studio.page_controller import PageMoment
+from ninedtact.studio.page_controller import PageMoment, SensorMoment
 from ninedtact.studio.reading_view import (
     PROFILE_POINTS,
     ImageKind,
@@ -33,6 +34,7 @@ from ninedtact.studio.viewer import (
     is_user_event,
     set_gui_control,
 )
+from ninedtact.studio.viser_server import show_encoded_image
 
 BLANK = np.full((3, 4, 3), 90, np.uint8)
 _DENSITIES = {"all": 1, "a quarter": 2, "a sixteenth": 4}
@@ -59,18 +61,20 @@ class ImagesPanel:
 
     def update(self, moment: PageMoment) -> None:
         """Draw both images."""
-        view, options = moment.view, self._viewer.options
-        if view is None:
+        shown, options = self._viewer.choose_shown(moment), self._viewer.options
+        views, names = (
+            [one.view for one in shown if one.view is not None],
+            [one.name for one in shown if one.view is not None],
+        )
+        if not views:
             return
-        shown = [one for one in self._viewer.choose_shown(moment.sensors) if one.view is not None]
-        views, names = [one.view for one in shown if one.view is not None], [one.name for one in shown]
         for image, legend, kind in zip(self._images, self._legends, options.images, strict=True):
-            # viser would encode the image for every viewer anew; the view has encoded it once for all.
             if len(views) > 1:
-                image._data = sensor_tiles_jpeg(views, names, kind, options.with_outline, options.source)
+                jpeg = sensor_tiles_jpeg(views, names, kind, options.with_outline, options.source)
             else:
-                image._data = view.jpeg(kind, options.with_outline, options.source)
-            legend.content = _legend_html(view, kind, self._scale, options.source)
+                jpeg = views[0].jpeg(kind, options.with_outline, options.source)
+            show_encoded_image(image, jpeg)
+            legend.content = _legend_html(views[0], kind, self._scale, options.source)
 
     def _choose(self, slot: int, event: GuiEvent[Any]) -> None:
         """Show another image in one of both places."""
@@ -127,10 +131,10 @@ class ScenePanel:
 
     def update(self, moment: PageMoment) -> None:
         """Draw the scene where it differs from what was drawn last; a recording may have fewer sensors than the page."""
-        sensors, chosen = moment.sensors, self._viewer.options.sensor
+        chosen = self._viewer.options.sensor
         shown = range(len(self._scenes)) if chosen is None else (min(chosen, len(self._scenes) - 1),)
         arrangement = self._viewer.arrangement
-        drawn = dict(zip(shown, self._viewer.choose_shown(sensors), strict=False))
+        drawn = dict(zip(shown, self._viewer.choose_shown(moment), strict=False))
         for number, frame in enumerate(self._frames):
             frame.visible = number in drawn
         for number, place in zip(shown, arrangement.places_mm, strict=True):
@@ -142,7 +146,7 @@ class ScenePanel:
             camera = self._viewer.client.camera
             camera.position, camera.look_at = arrangement.camera_mm, arrangement.target_mm
 
-    def _draw(self, number: int, moment: PageMoment) -> None:
+    def _draw(self, number: int, moment: SensorMoment) -> None:
         """Draw one sensor."""
         view, options, scene = moment.view, self._viewer.options, self._scenes[number]
         if view is None:
@@ -188,7 +192,7 @@ class ProfilePanel:
         self._start = gui.add_vector2("A: x, y (mm)", start, min=least, max=most, step=0.1)
         self._end = gui.add_vector2("B: x, y (mm)", end, min=least, max=most, step=0.1)
         picks = gui.add_checkbox("pick on the skin", False, hint="a click or tap on the skin sets A, then B")
-        gui.add_html('<div style="margin:0 0.9em;font-size:0.8em">Shift and click does so without this.</div>')
+        gui.add_html(card_html("line", text="Shift and click does so without this.", size="0.8em"))
         self._text = gui.add_html("")
         self._plot = gui.add_uplot(
             (np.zeros(PROFILE_POINTS),) * 3,

@@ -17,16 +17,15 @@ import numpy as np
 from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
 
 from ninedtact.errors import NinedtactError
-from ninedtact.studio.page_controller import PageController, PageMoment
+from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
 from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
 from ninedtact.studio.scene_3d import GelBlock, SideBySideLayout
+from ninedtact.studio.viser_server import NARROW_PX, PHONE_STYLE, has_unsent_messages
 
 NOTICE_S = 8.0
 """Time for which a notification stays."""
 MOST_DOWNLOAD_BYTES = 32_000_000
 """Larger files are only written on the sensor's computer."""
-NARROW_PX = 600
-"""Width of a browser below which the surface is sent coarser from the start: a phone."""
 MAX_EXAGGERATION = 10.0
 MAX_COARSER = 4
 """Largest factor by which points of the surface are farther apart than in the finest one."""
@@ -41,11 +40,6 @@ LEFT_PX, RIGHT_PX = 330, 350
 
 PHONE_PANEL_SHARE = 0.6
 """Share of the height of a phone that viser's panel covers, at the bottom."""
-PHONE_STYLE = (
-    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'], [style*='max-height: 60%'] [style*='width: 20em'] "
-    "{ width: 100% !important; } }</style>"
-)
-"""Lets the controls be as wide as the screen of a phone, of which viser gives them a part."""
 
 
 LIGHT, DARK = np.full((2, 2, 3), (236, 239, 242), np.uint8), np.full((2, 2, 3), (36, 38, 42), np.uint8)
@@ -193,7 +187,7 @@ class ViewerPage:
         sensor = None if self.is_shared and not self.is_narrow else 0
         self.options = ViewOptions(coarser=2 if self.is_narrow or self.is_shared else 1, sensor=sensor)
         self.moment: PageMoment | None = None
-        """The moment that this viewer is shown, of the sensor that the views show; None before the first."""
+        """The moment that this viewer is shown; None before the first."""
         self.pace = ClientSurfaceDensity()
         self._played: MomentSource | None = None
         self._has_left = False
@@ -202,10 +196,10 @@ class ViewerPage:
         self._panels = [make(self) for make in panels]
         self._place_panels()
 
-    def choose_shown(self, moments: Sequence[PageMoment]) -> tuple[PageMoment, ...]:
-        """Return those of the sensors' moments that the views show: one, or all side by side."""
+    def choose_shown(self, moment: PageMoment) -> tuple[SensorMoment, ...]:
+        """Return the moments of the sensors that the views show: of one, or of all side by side."""
         number = self.options.sensor
-        return tuple(moments) if number is None else (moments[min(number, len(moments) - 1)],)
+        return moment.sensors if number is None else (moment.sensors[min(number, len(moment.sensors) - 1)],)
 
     @property
     def profiled_sensor(self) -> int:
@@ -219,12 +213,12 @@ class ViewerPage:
         free_px = camera.image_width - (0 if self.is_narrow else LEFT_PX + RIGHT_PX)
         aspect = max(free_px / max(camera.image_height, 1), 0.5)
         return SideBySideLayout(
-            self.block, len(self.shown_controllers), aspect, PHONE_PANEL_SHARE if self.is_narrow else 0.0
+            self.block, len(self.shown_sensors), aspect, PHONE_PANEL_SHARE if self.is_narrow else 0.0
         )
 
     @property
-    def shown_controllers(self) -> tuple[PageController, ...]:
-        """The controllers of the sensors that the views show."""
+    def shown_sensors(self) -> tuple[DisplayedSensor, ...]:
+        """The sensors that the views show."""
         sensors, number = self.controller.sensors, self.options.sensor
         return sensors if number is None else (sensors[number],)
 
@@ -272,16 +266,14 @@ class ViewerPage:
     def show(self, newest: PageMoment) -> None:
         """Show the newest moment, or the frozen one with its age; a client that has not got the last one goes on with that one."""
         with self._lock:
-            is_behind = bool(self.client._websock_connection.get_message_buffer().message_from_id)
+            is_behind = has_unsent_messages(self.client)
             self.pace.count_moment(is_behind, monotonic())
-            if is_behind and not newest.status.is_past:
+            if is_behind and not all(one.status.is_past for one in newest.sensors):
                 return
-            newest = newest if self._played is None else self._played.moment(newest)
-            sensors = newest.sensors
-            if self._frozen and self.moment is not None and len(self.moment.sensors) == len(sensors):
-                sensors = tuple(map(_frozen_moment, self.moment.sensors, sensors))
-            shown = sensors[min(self.options.sensor or 0, len(sensors) - 1)]
-            self.moment = moment = replace(shown, beside=sensors if len(sensors) > 1 else ())
+            moment = newest if self._played is None else self._played.moment(newest)
+            if self._frozen and self.moment is not None:
+                moment = self.moment.frozen_copy(moment, monotonic_ns())
+            self.moment = moment
             with self.client.atomic():
                 for panel in self._panels:
                     panel.update(moment)
@@ -336,14 +328,6 @@ class ViewerPage:
             upper.set_width(LEFT_PX)
             if isinstance(lower, PanelHandle):
                 lower.dock_below(upper)
-
-
-def _frozen_moment(kept: PageMoment, newest: PageMoment) -> PageMoment:
-    """Return a frozen moment with the state of the sensor now."""
-    if kept.view is None:
-        return newest
-    status = kept.status_while_frozen(newest, monotonic_ns())
-    return replace(kept, status=status, view=kept.view.dimmed_copy() if status.is_past else kept.view.bright_copy())
 
 
 def is_user_event(event: GuiEvent[Any]) -> bool:

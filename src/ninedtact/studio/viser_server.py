@@ -1,16 +1,18 @@
-"""The guard of viser's web server: which messages it gets, and the one place where it starts.
+"""Everything that relies on parts of viser that it does not document: another version of viser means changes in this file alone.
 
-viser 1.1 accepts requests from every website, messages of 50 MB, uploads of any size, and a request to publish the page on the
-internet; a message that it cannot decode ends in a traceback. It offers no hook, but its server starts with one call of
-`websockets.serve`, which `start_guarded_viser` replaces by `SocketGuard.serve`. It also corrects an error of viser with many
-clients and one of its page with images that change fast, and keeps one upload of each client at a time.
+`start_guarded_viser` is the one place where its web server starts. viser 1.1 accepts requests from every website, messages of
+50 MB, uploads of any size, and a request to publish the page on the internet; a message that it cannot decode ends in a traceback.
+It offers no hook, but its server starts with one call of `websockets.serve`, which is replaced by `SocketGuard.serve`. An error of
+viser with many clients and one of its page with images that change fast are corrected, and one upload of each client is kept.
+
+The functions below it do what viser 1.1 has no function for, or what its functions do too slowly for many viewers.
 """
 
 import asyncio
 import json
 import logging
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from functools import wraps
 from importlib import import_module
@@ -22,7 +24,9 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 import viser
-from viser._messages import RunJavascriptMessage
+from numpy import ndarray as Array
+from viser._messages import GuiSliderMark, RunJavascriptMessage
+from viser.infra import WebsockMessageHandler
 from websockets.asyncio.server import serve
 
 from ninedtact._version import installation_command
@@ -56,7 +60,11 @@ _PartNumber = Annotated[int, msgspec.Meta(ge=0, le=MAX_UPLOAD_BYTES // PART_BYTE
 _Part = Annotated[bytes, msgspec.Meta(max_length=PART_BYTES)]
 
 
-class _CameraMessage(msgspec.Struct, tag_field="type", tag="ViewerCameraMessage", forbid_unknown_fields=True):
+class _PageMessage(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
+    """A message of viser's page."""
+
+
+class _CameraMessage(_PageMessage, tag="ViewerCameraMessage"):
     """The pose of a browser's view, which viser's page sends."""
 
     wxyz: _Quaternion
@@ -70,20 +78,20 @@ class _CameraMessage(msgspec.Struct, tag_field="type", tag="ViewerCameraMessage"
     up_direction: _Vector
 
 
-class _ControlMessage(msgspec.Struct, tag_field="type", tag="GuiUpdateMessage", forbid_unknown_fields=True):
+class _ControlMessage(_PageMessage, tag="GuiUpdateMessage"):
     """The new value of a button, a choice, a slider or a pair of numbers. viser would set any other attribute of it too."""
 
     uuid: _ShortText
     updates: Annotated[dict[Literal["value"], bool | _Number | _ShortText | _Pair], msgspec.Meta(min_length=1)]
 
 
-class _CommandMessage(msgspec.Struct, tag_field="type", tag="CommandTriggerMessage", forbid_unknown_fields=True):
+class _CommandMessage(_PageMessage, tag="CommandTriggerMessage"):
     """A key that stands for a command, or a command that was chosen."""
 
     uuid: _ShortText
 
 
-class _ClickMessage(msgspec.Struct, tag_field="type", tag="ScenePointerMessage", forbid_unknown_fields=True):
+class _ClickMessage(_PageMessage, tag="ScenePointerMessage"):
     """A click on the scene in 3D."""
 
     event_type: Literal["click"]
@@ -93,9 +101,7 @@ class _ClickMessage(msgspec.Struct, tag_field="type", tag="ScenePointerMessage",
     modifier: _ShortText | None
 
 
-class _HandleMessage(
-    msgspec.Struct, tag_field="type", tag="TransformControlsUpdateMessage", forbid_unknown_fields=True
-):
+class _HandleMessage(_PageMessage, tag="TransformControlsUpdateMessage"):
     """The pose of the 3D handle."""
 
     name: _ShortText
@@ -104,25 +110,21 @@ class _HandleMessage(
     owner: _ShortText = ""
 
 
-class _HandleStartMessage(
-    msgspec.Struct, tag_field="type", tag="TransformControlsDragStartMessage", forbid_unknown_fields=True
-):
+class _HandleStartMessage(_PageMessage, tag="TransformControlsDragStartMessage"):
     """The 3D handle is grasped."""
 
     name: _ShortText
     owner: _ShortText = ""
 
 
-class _HandleEndMessage(
-    msgspec.Struct, tag_field="type", tag="TransformControlsDragEndMessage", forbid_unknown_fields=True
-):
+class _HandleEndMessage(_PageMessage, tag="TransformControlsDragEndMessage"):
     """The 3D handle is let go."""
 
     name: _ShortText
     owner: _ShortText = ""
 
 
-class _UploadMessage(msgspec.Struct, tag_field="type", tag="FileTransferStartUpload", forbid_unknown_fields=True):
+class _UploadMessage(_PageMessage, tag="FileTransferStartUpload"):
     """A file will follow in parts."""
 
     source_component_uuid: _ShortText
@@ -133,7 +135,7 @@ class _UploadMessage(msgspec.Struct, tag_field="type", tag="FileTransferStartUpl
     size_bytes: _UploadSize
 
 
-class _PartMessage(msgspec.Struct, tag_field="type", tag="FileTransferPart", forbid_unknown_fields=True):
+class _PartMessage(_PageMessage, tag="FileTransferPart"):
     """One part of a file."""
 
     source_component_uuid: _ShortText
@@ -142,9 +144,7 @@ class _PartMessage(msgspec.Struct, tag_field="type", tag="FileTransferPart", for
     content: _Part
 
 
-class _KeptMessage(
-    msgspec.Struct, tag_field="type", tag="LocalStorageGetItemResponseMessage", forbid_unknown_fields=True
-):
+class _KeptMessage(_PageMessage, tag="LocalStorageGetItemResponseMessage"):
     """What the browser has kept for the page: its theme."""
 
     value: _ShortText | None
@@ -218,7 +218,12 @@ def _prepare_browsers(server: viser.ViserServer) -> None:
         f"URL.revokeObjectURL = (address) => setTimeout(() => drop(address), {_IMAGE_KEPT_MS}); }} "
         f"else if (window.pageProgram !== {program}) location.reload();"
     )
-    server._websock_server.queue_message(RunJavascriptMessage(source))
+    _run_in_browsers(server, source)
+
+
+def _run_in_browsers(server: viser.ViserServer, javascript: str) -> None:
+    """Run a script in every browser that is connected, and in every one that connects later."""
+    server._websock_server.queue_message(RunJavascriptMessage(javascript))
 
 
 @contextmanager
@@ -298,3 +303,97 @@ def _unknown_viser_message(got: str) -> str:
 def _log_in_one_line(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
     """Log what went wrong in a task of viser, without its traceback."""
     _LOG.warning("%s: %r", context["message"], context.get("exception"))
+
+
+_PAGE_ICON = (
+    "data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 32 32'%3E%3Crect width='32' height='32' rx='7' "
+    "fill='%2308306b'/%3E%3Cpath d='M3 12h6c3 0 3 9 7 9s4-9 7-9h6' fill='none' stroke='%23f7f7f7' stroke-width='3'/%3E%3C/svg%3E"
+)
+"""A dent in the skin."""
+
+
+def set_title_and_icon(server: viser.ViserServer, title: str) -> None:
+    """Name the tab of the browser, and give it an icon."""
+    source = (
+        f"document.title = {json.dumps(title)}; let icon = document.querySelector('link[rel~=icon]') || "
+        f"document.head.appendChild(document.createElement('link')); icon.rel = 'icon'; icon.href = {json.dumps(_PAGE_ICON)};"
+    )
+    _run_in_browsers(server, source)
+
+
+NARROW_PX = 600
+"""Width of a browser below which it is a phone: viser then shows its panel at the bottom."""
+PHONE_STYLE = (
+    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'], [style*='max-height: 60%'] [style*='width: 20em'] "
+    "{ width: 100% !important; } }</style>"
+)
+"""Lets the controls be as wide as the screen of a phone, of which viser gives them a part."""
+TALL_PHONE_STYLE = (
+    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'] "
+    "{ max-height: 100% !important; } }</style>"
+)
+"""Lets the controls fill the screen of a phone; there is nothing behind them."""
+
+
+def has_unsent_messages(client: viser.ClientHandle) -> bool:
+    """Return whether messages of earlier moments still wait to be sent to a client."""
+    return bool(client._websock_connection.get_message_buffer().message_from_id)
+
+
+def show_encoded_image(image: viser.GuiImageHandle, jpeg: bytes) -> None:
+    """Show an image that was encoded once for all viewers; viser itself would encode it for every viewer anew."""
+    image._data = jpeg
+
+
+def set_slider_marks(slider: viser.GuiSliderHandle[float], marks: Iterable[tuple[float, str | None]]) -> None:
+    """Mark values of a slider, with texts or without; viser 1.1 takes marks only when a slider is made."""
+    slider._marks = tuple(GuiSliderMark(value, text) for value, text in marks)
+
+
+def send_arrays(node: viser.MeshHandle | viser.PointCloudHandle, **arrays: Array) -> None:
+    """Send the arrays of a node that are others than before; they may not change later.
+
+    viser itself would convert, compare and copy them for every viewer, which costs more than to compute them.
+    """
+    for name, array in arrays.items():
+        if getattr(node, name) is not array:
+            setattr(node._impl.props, name, array)
+            node._queue_update(name, array)
+
+
+class _NoBuffer:
+    """Takes messages that nobody is sent."""
+
+    def push(self, message: object) -> None: ...
+    def atomic_start(self) -> None: ...
+    def atomic_end(self) -> None: ...
+
+
+class _DetachedConnection(WebsockMessageHandler):
+    """Stands in for the connection of a browser, so that a scene can be recorded that nobody sees."""
+
+    def get_message_buffer(self) -> Any:
+        """Return a buffer that keeps nothing."""
+        return _NoBuffer()
+
+
+class _DetachedOwner:
+    """Stands in for a browser as the owner of a scene."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self.client_id, self._viser_server, self._websock_connection = 0, server, _DetachedConnection()
+
+
+def standalone_scene_html(server: viser.ViserServer, draw: Callable[[viser.SceneApi], None]) -> str:
+    """Return a scene as a page of viser without a server, with the light, camera and background that a new viewer gets."""
+    owner: Any = _DetachedOwner(server)
+    serializer = owner._websock_connection.get_message_serializer(
+        lambda message: message.include_in_scene_serialization
+    )
+    shared = server._websock_server._broadcast_buffer
+    with shared.buffer_lock:
+        messages = list(shared.message_from_id.values())
+    for message in messages:
+        serializer._insert_message(message)
+    draw(viser.SceneApi(owner, server._thread_executor, server._event_loop))
+    return str(serializer.as_html())

@@ -1,12 +1,15 @@
-"""The camera of a guided procedure: the one that is chosen, its exposure, and the quality of its images.
+"""What all guided procedures share: the camera that is chosen, the quality of its images, and the one state of a session.
 
 `SwitchableCamera.images` opens the chosen camera and yields its images in the thread of the procedure. A camera that is absent or
-lost is waited for, and gets back the exposure that a person has set.
+lost is waited for, and gets back the exposure that a person has set. A `GuidedSession` evaluates these images in its thread and
+holds the `GuidedState` that all viewers of its page show.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from threading import Event, RLock
+from dataclasses import dataclass, field, replace
+from threading import Condition, Event, RLock, Thread
+from typing import Generic, TypeVar
 
 import cv2
 
@@ -121,3 +124,124 @@ class SwitchableCamera:
             if source in self._wanted_exposure_ms:
                 opened.set_exposure(self._wanted_exposure_ms[source])
             self._opened = opened
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuidedState(ABC):
+    """What the page of every guided procedure shows."""
+
+    source: str = ""
+    advice: str = "Waiting for the first image."
+    camera_trouble: str = ""
+    """Why no images arrive; empty while they do."""
+    image: BgrImage | None = None
+    quality: ImageQuality | None = None
+    exposure: ExposureWithLimits | None = None
+    """The camera's exposure; None where it cannot be set."""
+
+    @property
+    @abstractmethod
+    def is_preview(self) -> bool:
+        """Whether nothing has begun, so that the camera can be chosen and exposed."""
+
+
+State = TypeVar("State", bound=GuidedState)
+
+
+@dataclass
+class GuidedSession(ABC, Generic[State]):
+    """One guided procedure for all viewers of a page; used in a `with` statement, and from any thread."""
+
+    camera: SwitchableCamera
+    live_requested: Event = field(default_factory=Event, init=False)
+    """Set when somebody wants to see the sensor live."""
+
+    def __post_init__(self) -> None:
+        self._changed, self._state = Condition(), self._first_state()
+        self._failure: BaseException | None = None
+        self._thread = Thread(target=self._run_until_closed, name=type(self).__name__, daemon=True)
+
+    @abstractmethod
+    def _first_state(self) -> State:
+        """Return the state of the preview."""
+
+    @abstractmethod
+    def _run(self) -> None:
+        """Do what is to be done, until the camera is closed."""
+
+    @abstractmethod
+    def _evaluate(self, image: BgrImage) -> None:
+        """Update the state by one image."""
+
+    @abstractmethod
+    def _end_recording(self) -> None:
+        """Update the state at the end of a recording."""
+
+    def __enter__(self) -> "GuidedSession[State]":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.camera.closing.set()
+        with self._changed:
+            self._changed.notify_all()
+        self._thread.join()
+
+    @property
+    def state(self) -> State:
+        """What all viewers show; raises an error of the program that has ended the session."""
+        with self._changed:
+            if self._failure is not None:
+                raise self._failure
+            return self._state
+
+    def choose_source(self, source: str) -> None:
+        """Show another camera; nothing happens once the procedure has begun, since all its images must be of one camera."""
+        with self._changed:
+            if self._state.is_preview and source != self.camera.source:
+                self.camera.choose(source)
+                self._set(
+                    source=source,
+                    image=None,
+                    quality=None,
+                    exposure=None,
+                    camera_trouble="",
+                    advice="Opening the camera.",
+                )
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Set the camera's exposure; nothing happens once the procedure has begun, since all its images must be of one exposure.
+
+        Raises `CameraSettingRefused`.
+        """
+        if self.state.is_preview:
+            self.camera.set_exposure(exposure_ms)
+            self._set(exposure=self.camera.exposure)
+
+    def _set(self, **changes: object) -> None:
+        """Change fields of the state."""
+        with self._changed:
+            self._state = replace(self._state, **changes)  # type: ignore[arg-type]
+            self._changed.notify_all()
+
+    def _show_image(self, image: BgrImage, hint: str) -> State:
+        """Show an image and its quality, in the preview with advice: hint where its exposure is fine. Return the state before."""
+        quality = measure_image_quality(image, self.state.quality)
+        with self._changed:
+            before = self._state
+            exposure = self.camera.exposure if before.image is None else before.exposure
+            advice = {"advice": quality.advice or hint} if before.is_preview else {}
+            self._set(image=image, quality=quality, exposure=exposure, camera_trouble="", **advice)
+            return before
+
+    def _watch_camera(self, is_wanted: Callable[[], bool]) -> None:
+        """Evaluate the images of the chosen source while they are wanted, until another is chosen or it is lost."""
+        for image in self.camera.images(is_wanted, self._end_recording, lambda said: self._set(camera_trouble=said)):
+            self._evaluate(image)
+
+    def _run_until_closed(self) -> None:
+        """Run, and hand an error that is no refusal to whoever asks for the state."""
+        try:
+            self._run()
+        except BaseException as error:
+            self._failure = error
