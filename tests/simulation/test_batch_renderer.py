@@ -16,9 +16,13 @@ from ninedtact.simulation.twin import Twin, default_twin
 POSES = [Pose(-3.0, 2.0, 1.2), Pose(6.0, -4.0, 0.6), Pose(0.0, 0.0, 1.5)]
 
 
-@pytest.fixture(scope="module")
-def twin() -> Twin:
-    return default_twin()
+@pytest.fixture(scope="module", params=["plain", "with glare"])
+def twin(request: pytest.FixtureRequest) -> Twin:
+    twin = default_twin()
+    if request.param == "plain":
+        return twin
+    ramp = np.linspace(0, 0.5, twin.renderer.reference[..., 0].size, dtype=np.float32)
+    return replace(twin, renderer=replace(twin.renderer, glare=ramp.reshape(twin.renderer.reference.shape[:2])))
 
 
 @pytest.mark.parametrize(

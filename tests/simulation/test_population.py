@@ -14,7 +14,7 @@ from ninedtact.design import Gel, SensingArea, SensorDesign
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.gel_brightness import BrightnessModel
+from ninedtact.simulation.gel_brightness import BrightnessModel, GlarePatch
 from ninedtact.simulation.real_sensor_twins import REAL_FITS
 from ninedtact.simulation.rectified_renderer import (
     misaligned_pixel_positions_mm,
@@ -168,6 +168,35 @@ def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
     assert np.ptp(seen - eye.reference) > 12
     assert np.abs(seen - rectified).mean() < 0.4
     assert np.abs(seen - rectified).max() < 2.5
+
+
+def test_light_of_reflections_stays_as_it_is_under_a_contact() -> None:
+    glare = (GlarePatch((0.3, -0.2), 0.1, 0.06), GlarePatch((-0.8, 0.7), 0.05, 0.03))
+    shiny = replace(sample_sensor(2, kinds=ALL_BONDED), glare=glare)
+    plain, reflecting = replace(shiny, glare=()).twin(), shiny.twin()
+    contact = plain.step(plain.model.initial_contact(), Ball(), Pose(2.0, -1.0, 1.2))
+    added = [
+        (lit.astype(float) - dull).mean(axis=-1)
+        for lit, dull in (
+            (reflecting.renderer.reference, plain.renderer.reference),
+            (reflecting.renderer.render_without_noise(contact), plain.renderer.render_without_noise(contact)),
+        )
+    ]
+    assert added[0].max() == pytest.approx(0.06 * plain.renderer.reference.mean(), rel=0.01)
+    np.testing.assert_allclose(added[1], added[0], atol=0.02)
+    # The rectified image shows the same reflections.
+    of_grid = [rectified_renderer(one, (92, 69)) for one in (shiny, replace(shiny, glare=()))]
+    factors = [one.brightness_factor(contact) for one in of_grid]
+    assert factors[0] is not None and factors[1] is not None
+    added_to_grid = of_grid[0].reference * factors[0] - of_grid[1].reference * factors[1]
+    np.testing.assert_allclose(added_to_grid, of_grid[0].reference - of_grid[1].reference, atol=0.1)
+
+
+def test_some_sensors_have_reflections_near_the_border(members: list[SampledSensor]) -> None:
+    counts = [len(one.glare) for one in members]
+    assert set(counts) == {0, 1, 2, 3} and 0.15 < counts.count(0) / MANY < 0.35
+    for patch in (patch for one in members for patch in one.glare):
+        assert 0.6 <= np.hypot(*patch.centre) <= 1.0 and patch.strength <= 0.06
 
 
 def test_a_view_read_backwards_finds_its_pixels() -> None:

@@ -10,7 +10,8 @@ dimming of the whole image, which loses light to its dark parts. Below zero, f f
 scattering layer of thickness t in front of black (Kubelka and Munk 1931, docs/references.md). Above zero, f is a straight line,
 whose slope is fitted for each sensor.
 
-A twin that has no reference image gets a synthetic one: eight white LEDs around a rectangle, with faint clouds.
+A twin that has no reference image gets a synthetic one: eight white LEDs around a rectangle, with faint clouds. Reflections of the
+LEDs may lie over it (`GlarePatch`); their light does not come through the gel and stays the same under a contact.
 """
 
 from dataclasses import dataclass
@@ -83,9 +84,23 @@ def darkening_equivalent_height_mm(
     return pressed_mm * (1 + saturation) / (1 + saturation * (1 + pressed_mm / thickness_mm))
 
 
+@dataclass(frozen=True)
+class GlarePatch:
+    """A reflection of an LED in the window or the lens: a Gaussian patch of light on the image."""
+
+    centre: tuple[float, float]
+    """x and y, from −1 to 1 across the image."""
+    width: float
+    """Standard deviation, relative to half of the image's width."""
+    strength: float
+    """Brightness in the middle, relative to the mean brightness of the image."""
+
+
 LED_POSITIONS_MM = [(x, y) for x in (-11.0, 0.0, 11.0) for y in (-8.5, 8.5)] + [(-13.5, 0.0), (13.5, 0.0)]
 LED_REACH_MM = 9.0
 """Distance over which the light of one LED falls off; the gel scatters it."""
+MAX_REFERENCE_GREY = 250.0
+"""Grey level to which a reference image is limited, so that nothing in it is overexposed."""
 WAVE_PX = 200.0
 """Width in pixels of the clouds that gel and paint show."""
 
@@ -110,7 +125,23 @@ def synthetic_reference_image(
         light = light * (1 - vignetting * _squared_image_radius(shape))
     colours = [light * gain * (1 + _smooth_random_field(shape, unevenness / 3, rng)) for gain in cast]
     image = np.stack(colours, axis=-1)
-    return np.clip(image * (mean_grey / image.mean()), 0, 250).astype(np.float32)
+    return np.clip(image * (mean_grey / image.mean()), 0, MAX_REFERENCE_GREY).astype(np.float32)
+
+
+def add_glare(
+    image: Float32[Array, "raw_rows raw_cols 3"], patches: tuple[GlarePatch, ...]
+) -> tuple[Float32[Array, "raw_rows raw_cols 3"], Float32[Array, "raw_rows raw_cols"] | None]:
+    """Return the reference image with its reflections, and their share of the light of every pixel; None without patches."""
+    if not patches:
+        return image, None
+    rows, cols, _ = image.shape
+    y, x = np.mgrid[-rows / cols : rows / cols : rows * 1j, -1 : 1 : cols * 1j]  # in halves of the image's width
+    glare = np.zeros((rows, cols))
+    for patch in patches:
+        squared = (x - patch.centre[0]) ** 2 + (y - patch.centre[1] * rows / cols) ** 2
+        glare += patch.strength * image.mean() * np.exp(-squared / (2 * patch.width**2))
+    bright = np.clip(image + glare[..., None], 0, MAX_REFERENCE_GREY).astype(np.float32)
+    return bright, (1 - image.mean(axis=-1) / bright.mean(axis=-1)).astype(np.float32)
 
 
 def _led_illumination(pixel_map: PixelToSkinMap, rng: np.random.Generator) -> Float[Array, "rows cols"]:

@@ -69,11 +69,13 @@ def rectified_renderer(member: SampledSensor, size: tuple[int, int]) -> Rectifie
     """Return the renderer of a sensor for images of (cols, rows). Small images are means over pixels and have less noise."""
     raw = member.renderer()
     plane = misaligned_pixel_positions_mm(size, rectified_mm_per_px(size, member.design), member.misalignment)
-    untouched = interpolate_image(raw.reference, raw_pixels_seeing(raw.pixel_map, plane))
+    pixels = raw_pixels_seeing(raw.pixel_map, plane)
+    untouched = interpolate_image(raw.reference, pixels)
+    glare = None if raw.glare is None else interpolate_image(raw.glare[..., None], pixels)
     calmer = member.noise_grey_levels * min(1.0, size[0] / _PUBLISHED_COLS)
     rows, cols = plane.shape[:2]
     noise = CameraNoise(calmer, (rows, cols))
-    return RectifiedRenderer(Renderer(PixelToSkinMap(plane), untouched, raw.light, noise))
+    return RectifiedRenderer(Renderer(PixelToSkinMap(plane), untouched, raw.light, noise, glare))
 
 
 def misaligned_pixel_positions_mm(
@@ -98,7 +100,7 @@ def raw_pixels_seeing(view: PixelToSkinMap, plane_mm: Plane) -> Plane:
     return px.astype(np.float32)
 
 
-def interpolate_image(field: Float32[Array, "raw_rows raw_cols n"], px: Plane) -> Float32[Array, "rows cols n"]:
-    """Return an image at these pixels (x, y) by linear interpolation."""
+def interpolate_image(field: Float32[Array, "raw_rows raw_cols n"], px: Plane) -> Float32[Array, "rows cols *n"]:
+    """Return an image at these pixels (x, y) by linear interpolation; one of a single channel has none afterwards."""
     x, y = (np.ascontiguousarray(px[..., axis]) for axis in range(2))
     return np.asarray(cv2.remap(field, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))

@@ -71,6 +71,8 @@ class Renderer:
     """The reference image (no contact) without noise, BGR, 0 to 255."""
     light: BrightnessModel
     noise: CameraNoise
+    glare: Float32[Array, "raw_rows raw_cols"] | None = None
+    """Share of the light of every pixel that is reflected and does not come through the gel; None for none."""
 
     def __call__(self, contact: Contact | None, number: int = 0) -> BgrImage:
         """Return the image of a contact (None: nothing touches); `number` picks the noise."""
@@ -92,7 +94,8 @@ class Renderer:
         (diffuse,) = blur_and_refine_fields(self.plane, self.light.point_spread_mm, seen)
         level = 1 + self.light.image_dimming(seen[self.sensing])
         factor = (diffuse + 1) * np.float32(level)
-        return np.asarray(cv2.remap(factor, *self.lens, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        seen = np.asarray(cv2.remap(factor, *self.lens, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        return seen if self.glare is None else 1 + (seen - 1) * (1 - self.glare)
 
     @cached_property
     def plane(self) -> PeriodicGrid:
@@ -148,7 +151,8 @@ class BatchRenderer:
         lost = light.global_dimming * xp.sum(dark, axis=(-2, -1), keepdims=True)
         wave = forward_transform(change, self.renderer.plane.shape) * self._point_spread
         diffuse = inverse_transform(zero_pad_spectrum(wave, self.renderer.plane), fine, fine)
-        return self._lens_lookup.sample((1 + diffuse) * (1 - lost))
+        seen = self._lens_lookup.sample((1 + diffuse) * (1 - lost))
+        return seen if self._gel_light is None else 1 + (seen - 1) * self._gel_light
 
     def images(self, contacts: Contact) -> Float[Any, "batch raw_rows raw_cols 3"]:
         """Return BGR images without noise, 0 to 255, one for each contact of the batch."""
@@ -205,6 +209,11 @@ class BatchRenderer:
     def _reference(self) -> Any:
         """The reference image (no contact), BGR."""
         return self._asarray(self.renderer.reference)
+
+    @cached_property
+    def _gel_light(self) -> Any:
+        """The share of the light of every pixel that comes through the gel; None where all of it does."""
+        return None if self.renderer.glare is None else self._asarray(1 - self.renderer.glare)
 
     def _asarray(self, values: Any) -> Any:
         """Return values as an array in the library, precision and device of this renderer."""

@@ -4,8 +4,9 @@
 
 Brightness and gel: `ninedtact calibrate` fitted them to the images of real sensors of several labs (docs/datasets.md). Their
 spreads are wide enough that each of these sensors, and every mixture of them, lies well inside. Presses for the calibration: by
-hand, with balls from 0.9 to 2.3 mm deep and dragged, boards tilted, and an exposure that drifts between the images. Lens: fits to
-three real sensors, which `WideAngleLens` follows to 0.05 mm. All other spreads are tolerances of moulding, silicone and mounting.
+hand, with balls from 0.9 to 2.3 mm deep and dragged, boards tilted, and an exposure that drifts between the images. Images: dark
+corners, and faint reflections near the border. Lens: fits to three real sensors, which `WideAngleLens` follows to 0.05 mm. All
+other spreads are tolerances of moulding, silicone and mounting.
 
 Mechanics: two of the three kinds differ from the model with which shape and force are estimated, so that no reported accuracy
 is computed with the same model for simulation and for estimation.
@@ -28,7 +29,7 @@ from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
 from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPressSettings
-from ninedtact.simulation.gel_brightness import BrightnessModel, synthetic_reference_image
+from ninedtact.simulation.gel_brightness import BrightnessModel, GlarePatch, add_glare, synthetic_reference_image
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import (
@@ -232,6 +233,16 @@ def _sample_reference_image_settings(rng: np.random.Generator) -> ReferenceImage
     return ReferenceImageSettings(float(grey), float(unevenness), (1 + blue, 1.0, 1 + red), seed, vignetting)
 
 
+def _sample_glare(rng: np.random.Generator) -> tuple[GlarePatch, ...]:
+    """Sample up to three reflections near the border, of 1 to 6 % of the mean brightness; two of three real sensors have some."""
+    patches = []
+    for _ in range(int(rng.integers(0, 4))):
+        angle, radius = rng.uniform(-np.pi, np.pi), rng.uniform(0.6, 1.0)
+        centre = float(radius * np.cos(angle)), float(radius * np.sin(angle))
+        patches.append(GlarePatch(centre, float(rng.uniform(0.04, 0.15)), float(rng.uniform(0.01, 0.06))))
+    return tuple(patches)
+
+
 def _sample_misalignment(rng: np.random.Generator) -> CalibrationMisalignment:
     """Sample the error of a board that was located to a few hundredths of a millimetre."""
     scale, turn, x, y = (_sample_clipped_normal(rng, 4) * (0.005, 0.005, 0.1, 0.1)).tolist()
@@ -262,6 +273,8 @@ class SampledSensor:
     """The design from which the sensor deviates."""
     presses: CalibrationPressSettings = GUIDED_PRESSES
     """The presses with which it is calibrated."""
+    glare: tuple[GlarePatch, ...] = ()
+    """Reflections on the image."""
 
     @property
     def pixel_map(self) -> PixelToSkinMap:
@@ -271,8 +284,8 @@ class SampledSensor:
     def renderer(self) -> Renderer:
         """Return the renderer of the sensor's raw images."""
         lit = scale_pixel_map_to_published(self.pixel_map, self.design)
-        reference = synthetic_reference_image(lit, **asdict(self.reference_image))
-        return Renderer(self.pixel_map, reference, self.light, CameraNoise(self.noise_grey_levels, RAW_SHAPE))
+        reference, glare = add_glare(synthetic_reference_image(lit, **asdict(self.reference_image)), self.glare)
+        return Renderer(self.pixel_map, reference, self.light, CameraNoise(self.noise_grey_levels, RAW_SHAPE), glare)
 
     def twin(self, pitch_mm: float = PITCH_MM) -> Twin:
         """Return the twin of the sensor."""
@@ -329,6 +342,7 @@ def sample_sensor(
         misalignment=_sample_misalignment(rng),
         design=design,
         presses=_sample_presses(rng, gel, design),
+        glare=_sample_glare(rng),
     )
 
 
