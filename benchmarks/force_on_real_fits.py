@@ -34,7 +34,7 @@ from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import GlobalDimmingModel
-from ninedtact.shape.image_check import ImageImplausible, require_plausible_image
+from ninedtact.shape.image_plausibility import ImageImplausible, require_plausible_image
 from ninedtact.simulation.batched.session_requests import SimulatedSetup, run_session_on_cpu
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel

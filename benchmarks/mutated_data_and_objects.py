@@ -16,7 +16,7 @@ from mutated_files import FileKind, command, quietly, refusing
 from ninedtact import read_image
 from ninedtact.dataset import load_dataset
 from ninedtact.dataset.folder import REPORT_FILE, SENSORS_FILE, SETTINGS_FILE
-from ninedtact.dataset.image_cache import load_decoded_images
+from ninedtact.dataset.image_cache import load_or_decode_images
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.workflows.dataset_calibrations import load_simulated_sensors
 
@@ -121,11 +121,11 @@ def _build_and_read(source: Path, *more: str | Path) -> list[Callable[[Path], in
 def cache_files(sensor: Path, folder: Path, count: dict[str, int], seed: int) -> list[FileKind]:
     """Return the heads of the files of decoded images; a flipped bit in the pixels of a cache is not found."""
     data, cache = folder / "generated", folder / "cache"
-    load_decoded_images(data, (32, 24), cache)
+    load_or_decode_images(data, (32, 24), cache)
     each = count["cache"] // 3
 
     def read(out: Path) -> int:
-        found = load_decoded_images(data, (32, 24), cache)
+        found = load_or_decode_images(data, (32, 24), cache)
         print(json.dumps({name: np.asarray(part).tolist() for name, part in vars(found).items()}))
         return 0
 

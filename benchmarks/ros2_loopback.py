@@ -16,7 +16,7 @@ import numpy as np
 from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.interop.dds import DdsParticipant
-from ninedtact.interop.ros2_messages import LIVE_TOPICS, POINTS, QosProfile, SensorMessages
+from ninedtact.interop.ros2_topics_and_messages import LIVE_TOPICS, POINTS, QosProfile, SensorMessages
 from ninedtact.quantities import Frame, HeightMap, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_minus_monotonic_ns

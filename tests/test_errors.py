@@ -8,7 +8,7 @@ import pytest
 
 import ninedtact
 from ninedtact import errors
-from ninedtact.hardware.buildability import BrokenRule, DesignRulesBroken
+from ninedtact.hardware.buildability import BrokenRule, DesignNotBuildable
 from ninedtact.simulation.objects.mesh_objects import MeshMisplaced
 
 PACKAGE = Path(ninedtact.__file__).parent
@@ -36,7 +36,7 @@ def test_groups_are_documented_and_derive_from_the_base(name: str) -> None:
     "error",
     [
         MeshMisplaced("expected a part of 1 mm, got 0.2 mm", "give unit in"),
-        DesignRulesBroken([BrokenRule("wall_too_thin", "expected a wall of 0.8 mm, got 0.5 mm")]),
+        DesignNotBuildable([BrokenRule("wall_too_thin", "expected a wall of 0.8 mm, got 0.5 mm")]),
         errors.InputError("expected one, got two"),
     ],
     ids=lambda error: type(error).__name__,

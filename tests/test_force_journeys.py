@@ -16,7 +16,7 @@ from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.cli.calibration_page import simulated_loaded_camera
 from ninedtact.cli.estimate import COLUMNS, format_estimates
-from ninedtact.force.known_load_scale import STANDARD_GRAVITY, read_force_scale_tables
+from ninedtact.force.known_load_scale import STANDARD_GRAVITY, read_force_scales
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.trajectory import ScriptedPress
@@ -118,7 +118,7 @@ def test_known_loads_on_the_twin_find_how_stiff_its_gel_is(desk: Path, tmp_path:
             assert time.monotonic() < give_up_at
             time.sleep(0.05)
         session.save()
-    scale = read_force_scale_tables(folder.path).scales["force by physics"]
+    scale = read_force_scales(folder.path).scales["force by physics"]
     assert [press.grams for press in session.state.presses] == list(USUAL_LOADS_G)
     # The scale also takes out the error of force by physics on this sensor. The stiffness is another at every run.
     assert scale.factor == pytest.approx(stiffness, rel=0.08) and scale.error < 0.05

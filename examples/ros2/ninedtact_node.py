@@ -8,7 +8,7 @@ import sys
 import time
 
 import ninedtact
-from ninedtact.interop.ros2_messages import LIVE_TOPICS, STATUS, TF_STATIC, QosProfile, SensorMessages
+from ninedtact.interop.ros2_topics_and_messages import LIVE_TOPICS, STATUS, TF_STATIC, QosProfile, SensorMessages
 from ninedtact.recording.metadata import wall_minus_monotonic_ns
 from ninedtact.recording.topics_and_messages import Topic
 

@@ -16,7 +16,7 @@ from ninedtact.force.known_load_scale import (
     ScaledForceEstimator,
     apply_sensor_force_scale,
     fit_force_scale,
-    read_force_scale_tables,
+    read_force_scales,
     weight_of_grams_n,
     write_force_scale,
 )
@@ -116,7 +116,7 @@ def test_the_file_keeps_one_table_for_each_estimator(tmp_path: Path) -> None:
     one, other = fit_force_scale(presses(1.2)).adaptation, ForceScale(0.9, presses=2)
     write_force_scale(tmp_path, Constant(name="physics"), one)
     write_force_scale(tmp_path, Constant(name="network"), other)
-    assert read_force_scale_tables(tmp_path).scales == {"physics": one, "network": other}
+    assert read_force_scales(tmp_path).scales == {"physics": one, "network": other}
     assert apply_sensor_force_scale(Constant(), tmp_path).adaptation == UNCALIBRATED
 
 
@@ -148,7 +148,7 @@ def test_a_scale_is_not_used_for_another_model_of_the_same_name(tmp_path: Path) 
 def test_a_damaged_file_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / FORCE_SCALE_FILE).write_text(text)
     with pytest.raises(ForceScaleFileDamaged, match="'ninedtact adapt' again"):
-        read_force_scale_tables(tmp_path)
+        read_force_scales(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,12 @@ from hypothesis import strategies as st
 
 from ninedtact.design import CameraGeometry, DesignImpossible, Gel, PinBoard, SensingArea, SensorDesign
 from ninedtact.hardware.assembly_dimensions import distance_to_edge_mm
-from ninedtact.hardware.buildability import DESIGN_RULES, DesignRulesBroken, find_broken_rules, require_buildable_design
+from ninedtact.hardware.buildability import (
+    DESIGN_RULES,
+    DesignNotBuildable,
+    find_broken_rules,
+    require_buildable_design,
+)
 from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.clearances import list_clearances
 from ninedtact.hardware.design import (
@@ -103,7 +108,7 @@ BREAKING = {
 @pytest.mark.parametrize("rule", BREAKING)
 def test_an_impossible_design_is_refused_by_its_rule(rule: str) -> None:
     assert rule in names(BREAKING[rule])
-    with pytest.raises(DesignRulesBroken, match=f"rule {rule}") as refused:
+    with pytest.raises(DesignNotBuildable, match=f"rule {rule}") as refused:
         require_buildable_design(BREAKING[rule])
     assert "expected" in str(refused.value) and "got" in str(refused.value)
 
@@ -303,7 +308,7 @@ def test_a_swept_area_is_given_all_the_pins_that_it_shows(width: float, height: 
 def built_or_refused(design: HardwareDesign) -> None:
     try:
         sensor = BuildableDesign(design)
-    except DesignRulesBroken as refused:
+    except DesignNotBuildable as refused:
         assert refused.broken
         return
     assert all(len(part.solid.solids()) == 1 and part.solid.is_valid for part in sensor.parts.values())

@@ -35,7 +35,8 @@ from ninedtact.interop.dds import (  # noqa: E402
     parse_qos,
     resolve_domain,
 )
-from ninedtact.interop.ros2_messages import (  # noqa: E402
+from ninedtact.interop.ros2_sensor import SensorOnRos2  # noqa: E402
+from ninedtact.interop.ros2_topics_and_messages import (  # noqa: E402
     LIVE_TOPICS,
     POINTS,
     STRING_TYPE,
@@ -44,7 +45,6 @@ from ninedtact.interop.ros2_messages import (  # noqa: E402
     QosProfile,
     SensorMessages,
 )
-from ninedtact.interop.ros2_sensor import SensorOnRos2  # noqa: E402
 from ninedtact.quantities import EstimateWarning, Wrench  # noqa: E402
 from ninedtact.recording.reader import Recording  # noqa: E402
 from ninedtact.recording.topics_and_messages import Topic, encode_message, encode_wrench, type_store  # noqa: E402
@@ -399,7 +399,7 @@ def test_a_recording_that_begins_in_a_press_keeps_reference_metadata_and_all_war
 STALLING_SUBSCRIBER = """
 import sys, time
 from ninedtact.interop.dds import DdsParticipant
-from ninedtact.interop.ros2_messages import LIVE_TOPICS, QosProfile
+from ninedtact.interop.ros2_topics_and_messages import LIVE_TOPICS, QosProfile
 with DdsParticipant(int(sys.argv[1]), "lo") as participant:
     readers = [participant.reader(f"/small/{name}", LIVE_TOPICS[name][0], QosProfile.RELIABLE) for name in LIVE_TOPICS]
     while not all([reader.take() for reader in readers[:1]]):

@@ -25,7 +25,10 @@ from ninedtact.cli.shared_options import CollectOptions
 from ninedtact.design import ForceTorqueMount
 from ninedtact.quantities import NO_OBJECT, Frame, Wrench
 from ninedtact.recording.collected_pairs import RecordedPair, read_recorded_pairs
-from ninedtact.recording.collecting.collection_sources import collection_setup_from_recordings, setup_with_twin
+from ninedtact.recording.collecting.collection_sources import (
+    build_simulated_collect_setup,
+    collection_setup_from_recordings,
+)
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact.recording.collecting.pair_selection import CollectSettings, CollectSettingsInvalid
 from ninedtact.recording.errors import WrenchSourceMismatched
@@ -304,7 +307,7 @@ def test_options_and_settings_have_the_same_defaults_and_refuse_nonsense() -> No
 
 
 def test_a_simulated_collection_names_the_object_that_presses(tmp_path: Path) -> None:
-    setup = setup_with_twin(
+    setup = build_simulated_collect_setup(
         load_sensor(twin_folder(tmp_path / "sensor")), ("ball:4", "cylinder:3,11"), 1, 0, SampleCheckSettings()
     )
     assert isinstance(setup.camera, SimulatedCamera) and setup.object_at is not None

@@ -47,7 +47,10 @@ from ninedtact.open_sensor import assemble_live_sensor, load_given_or_recorded_s
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.collected_pairs import read_recorded_pairs
-from ninedtact.recording.collecting.collection_sources import collection_setup_from_recordings, setup_with_twin
+from ninedtact.recording.collecting.collection_sources import (
+    build_simulated_collect_setup,
+    collection_setup_from_recordings,
+)
 from ninedtact.recording.collecting.collector import COLLECTED_TOPICS, Collector, collect_pairs
 from ninedtact.recording.collecting.pair_selection import CollectSettings
 from ninedtact.recording.errors import RecordingUnreadable
@@ -409,7 +412,7 @@ def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
 
 def test_a_program_collects_pairs_with_one_call(sensor: Path, tmp_path: Path) -> None:
     folder, out = load_sensor(sensor), tmp_path / "pairs.mcap"
-    setup = setup_with_twin(folder, ["ball:4"], 1, 3, SampleCheckSettings())
+    setup = build_simulated_collect_setup(folder, ["ball:4"], 1, 3, SampleCheckSettings())
     seen: list[int] = []
     collector = collect_pairs(
         setup,

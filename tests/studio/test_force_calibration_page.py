@@ -23,7 +23,7 @@ from ninedtact.cli.calibration_page import CalibrationPageOptions, ForceCalibrat
 from ninedtact.cli.sensor_page import PageSettings
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import NinedtactError
-from ninedtact.force.known_load_scale import ForceScaleImpossible, read_force_scale_tables
+from ninedtact.force.known_load_scale import ForceScaleImpossible, read_force_scales
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
@@ -133,7 +133,7 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
         desk.get_by_role("button", name="Open the sensor live").click()
         wait(session.live_requested.is_set)
     assert errors == ([], [])
-    kept = read_force_scale_tables(session.sensor)
+    kept = read_force_scales(session.sensor)
     scale = kept.scales[session.reader.estimator.name]
     fit = fit_scale_so_far(session.state.presses).fit
     assert not kept.is_edited and fit is not None and scale == fit.adaptation and scale.presses == 3

@@ -1,7 +1,7 @@
 """The `WrenchSource` interface of every force/torque sensor: it is opened, read and closed; its errors.
 
 Like a camera, it stamps each sample on arrival (monotonic clock). A sample is the wrench that the object applies to the skin,
-in the sensor frame; the wrappers of `force_torque.mounted_wrench_source` convert the axes and signs of a device.
+in the sensor frame; the wrappers of `force_torque.wrench_source_from_address` convert the axes and signs of a device.
 """
 
 from abc import abstractmethod

@@ -212,15 +212,15 @@ class Collect:
         self, folder: "SensorFolder", checks: "SampleCheckSettings", screen: CollectTerminalDisplay
     ) -> "CollectSetup":
         """Return the camera and the force/torque sensor that were named, not yet opened."""
-        from ninedtact.capture.force_torque.mounted_wrench_source import force_torque_sensor_for
+        from ninedtact.capture.force_torque.wrench_source_from_address import force_torque_sensor_for
         from ninedtact.recording.collecting.collection_sources import (
+            build_simulated_collect_setup,
             collection_setup_from_devices,
             collection_setup_from_recordings,
-            setup_with_twin,
         )
 
         if is_twin_address(self.source):
-            return setup_with_twin(folder, self.objects, self.touches, self.seed or 0, checks)
+            return build_simulated_collect_setup(folder, self.objects, self.touches, self.seed or 0, checks)
         if is_recording_address(self.source):
             images, wrenches = Path(self.source).expanduser(), Path(self.force_torque).expanduser()
             return collection_setup_from_recordings(images, wrenches, checks, folder.record.design.force_torque)

@@ -104,7 +104,7 @@ class Estimate:
     def readings(self, folder: "SensorFolder", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image; of a camera, a stream or the twin until Ctrl-C."""
         from ninedtact.open_sensor import assemble_sensor
-        from ninedtact.shape.image_check import require_plausible_image
+        from ninedtact.shape.image_plausibility import require_plausible_image
 
         frames = self.frames(folder)
         source = self.source[0] if len(self.source) == 1 else frames

@@ -43,7 +43,7 @@ class DesignOptions:
         return read_hardware_design(self.design, self.variant)
 
     def build_sensor(self) -> "BuildableDesign":
-        """Return the design with its solids; raises `DesignRulesBroken`, `LedBoardImpossible`, `Build123dMissing`."""
+        """Return the design with its solids; raises `DesignNotBuildable`, `LedBoardImpossible`, `Build123dMissing`."""
         design = self.read_hardware()
         _require_build123d()
         from ninedtact.hardware.buildable_design import BuildableDesign

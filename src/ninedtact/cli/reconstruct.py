@@ -45,7 +45,7 @@ class ReconstructCommand:
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
         from ninedtact.capture.strict_image_reading import read_image
         from ninedtact.quantities import Frame
-        from ninedtact.shape.image_check import require_plausible_image
+        from ninedtact.shape.image_plausibility import require_plausible_image
 
         if not self.images:
             raise NoImageToReconstruct(

@@ -174,7 +174,7 @@ class Record:
         camera = source_in_real_time(address, camera_settings(self.automatic))
         if self.force_torque is None:
             return camera, None
-        from ninedtact.capture.force_torque.mounted_wrench_source import untared_wrench_source_for
+        from ninedtact.capture.force_torque.wrench_source_from_address import untared_wrench_source_for
 
         mount = folder.record.design.force_torque
         return camera, untared_wrench_source_for(self.force_torque, mount, print_notice)

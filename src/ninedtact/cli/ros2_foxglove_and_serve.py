@@ -113,7 +113,7 @@ class Ros2:
             _assemble_shared_sensor(self, address, path) as (folder, live),
             DdsParticipant(self.domain, self.interface) as participant,
         ):
-            from ninedtact.interop.ros2_messages import SensorMessages
+            from ninedtact.interop.ros2_topics_and_messages import SensorMessages
 
             messages = SensorMessages(folder, self.name or folder.id, self.points_every)
             measured, meaning = self._measured_wrench(folder, live)
@@ -146,7 +146,7 @@ class Ros2:
             from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
 
             return live.true_wrench, TRUE_WRENCH_MEANING
-        from ninedtact.capture.force_torque.mounted_wrench_source import untared_wrench_source_for
+        from ninedtact.capture.force_torque.wrench_source_from_address import untared_wrench_source_for
 
         return untared_wrench_source_for(self.force_torque, folder.record.design.force_torque, print_notice), ""
 

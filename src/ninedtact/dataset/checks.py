@@ -28,7 +28,7 @@ from ninedtact.dataset.parquet_files import (
 from ninedtact.errors import InputError
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import WRENCH_AXES, WRENCH_UNITS
-from ninedtact.shape.image_check import find_exposure_warning
+from ninedtact.shape.image_plausibility import find_exposure_warning
 
 _GreyImage = UInt8[Array, "rows cols"]
 _MOST_TILES, _TILE_PX = 40, 6

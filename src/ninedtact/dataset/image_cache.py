@@ -65,7 +65,7 @@ class DecodedImages:
     """Rows and columns of each image as it is stored in the Parquet file."""
 
 
-def load_decoded_images(
+def load_or_decode_images(
     folder: Path, size: tuple[int, int], cache: Path | None = None, threads: int = 1, *, progress: bool = False
 ) -> DecodedImages:
     """Return all images of a data set at a size (columns, rows); images that are not in the cache are decoded now.

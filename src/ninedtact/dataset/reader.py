@@ -11,7 +11,7 @@ from jaxtyping import Float32, Float64, Int, Int64, Shaped, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.dataset.folder import REFERENCES_FILE, find_pair_files
-from ninedtact.dataset.image_cache import DecodedImages, load_decoded_images
+from ninedtact.dataset.image_cache import DecodedImages, load_or_decode_images
 from ninedtact.dataset.parquet_files import DatasetDamaged, read_columns, wrench_array
 from ninedtact.dataset.schema import PAIR_COLUMNS
 from ninedtact.force.dataset_split import SplitKeys
@@ -151,7 +151,7 @@ def load_dataset(
     """
     folder = Path(folder)
     table = read_pair_columns(folder)
-    decoded = load_decoded_images(folder, size, cache, threads, progress=progress)
+    decoded = load_or_decode_images(folder, size, cache, threads, progress=progress)
     stored_cols = decoded.stored_shapes[:, 1].astype(float)
     stored_mm_per_px = table["mm_per_px"].cast(pa.float64()).fill_null(np.nan).to_numpy()
     return TactileDataset(

@@ -60,7 +60,7 @@ class DeformationBuilder:
 
     def __call__(self, rectified: Rectified) -> Deformation:
         """Return the deformation of an image at the requested size; raises `ImagesDoNotMatch`."""
-        require_matching_reference(rectified, self.reference)
+        require_same_pixel_grid(rectified, self.reference)
         small = resize_to(rectified, self.shape)
         darker, brighter = split_darker_brighter(small.grey, self.small_reference.grey)
         return Deformation(
@@ -165,7 +165,7 @@ def render_deformation(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
     return np.asarray(cv2.merge([np.zeros_like(green), green, red]))
 
 
-def require_matching_reference(rectified: Rectified, reference: Rectified) -> None:
+def require_same_pixel_grid(rectified: Rectified, reference: Rectified) -> None:
     """Raise `ImagesDoNotMatch` where an image and its reference differ in size or in mm per pixel."""
     sizes = [format_image_size(image.grey) for image in (rectified, reference)]
     scales = rectified.mm_per_px, reference.mm_per_px

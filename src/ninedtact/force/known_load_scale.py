@@ -277,7 +277,7 @@ def apply_sensor_force_scale(estimator: ForceEstimator, sensor: Path) -> ScaledF
 
     A scale that was fitted to another model of the same name is not used, and a notice says so. Raises `ForceScaleFileDamaged`.
     """
-    found = read_force_scale_tables(sensor)
+    found = read_force_scales(sensor)
     notices = [_EDITED_NOTICE] if found.is_edited else []
     scale = select_force_scale(estimator, found.scales)
     if scale is UNCALIBRATED and estimator.name in found.scales:
@@ -299,7 +299,7 @@ def write_force_scale(sensor: Path, estimator: ForceEstimator, adaptation: Force
 
     A file in which the tables of other estimators were edited gets no checksum, so that it still counts as edited.
     """
-    found = read_force_scale_tables(sensor)
+    found = read_force_scales(sensor)
     others = {name: scale for name, scale in found.scales.items() if name != estimator.name}
     scales = {**others, estimator.name: replace(adaptation, model_sha256=estimator.model_sha256)}
     plain: dict[str, Any] = {name: msgspec.to_builtins(scale) for name, scale in scales.items()}
@@ -309,7 +309,7 @@ def write_force_scale(sensor: Path, estimator: ForceEstimator, adaptation: Force
     return sensor / FORCE_SCALE_FILE
 
 
-def read_force_scale_tables(sensor: Path) -> ForceScaleTables:
+def read_force_scales(sensor: Path) -> ForceScaleTables:
     """Return the force scales of a sensor folder, none where there is no file; raises `ForceScaleFileDamaged`."""
     path = sensor / FORCE_SCALE_FILE
     if not path.exists():

@@ -1,5 +1,5 @@
 """Rules that a design must keep before anything is built: `find_broken_rules` returns those that it breaks with expected,
-got and remedy, `require_buildable_design` raises `DesignRulesBroken`.
+got and remedy, `require_buildable_design` raises `DesignNotBuildable`.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -28,7 +28,7 @@ class BrokenRule:
     """What was expected, what was found, and what to do."""
 
 
-class DesignRulesBroken(DesignImpossible):
+class DesignNotBuildable(DesignImpossible):
     """Raised for a design that cannot be built; `broken` holds every broken rule."""
 
     def __init__(self, broken: Iterable[BrokenRule]) -> None:
@@ -392,6 +392,6 @@ def find_broken_rules(design: HardwareDesign) -> list[BrokenRule]:
 
 
 def require_buildable_design(design: HardwareDesign) -> None:
-    """Refuse a design that cannot be built; raises `DesignRulesBroken`."""
+    """Refuse a design that cannot be built; raises `DesignNotBuildable`."""
     if broken := find_broken_rules(design):
-        raise DesignRulesBroken(broken)
+        raise DesignNotBuildable(broken)

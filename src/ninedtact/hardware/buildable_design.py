@@ -29,7 +29,7 @@ from ninedtact.hardware.sensor_assembly import AssemblyBody, BodyPair, find_near
 class BuildableDesign:
     """A design that keeps all rules and has a valid LED board. Its solids are built on first access.
 
-    Raises `DesignRulesBroken`, `LedBoardImpossible`.
+    Raises `DesignNotBuildable`, `LedBoardImpossible`.
     """
 
     design: HardwareDesign

@@ -65,7 +65,7 @@ class PerformancePrediction:
 
 
 def predict_performance(design: HardwareDesign) -> PerformancePrediction:
-    """Build the parts of a design and press its twin; raises `DesignRulesBroken`, `LedBoardImpossible`."""
+    """Build the parts of a design and press its twin; raises `DesignNotBuildable`, `LedBoardImpossible`."""
     sensor, twin = BuildableDesign(design), twin_from_design(design.sensor)
     deepest = MAX_INDENTATION_FRACTION * design.sensor.gel.thickness_mm
     at_load = ScriptedPress(load_n=LOAD_N).simulate(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)

@@ -13,7 +13,7 @@ from types import TracebackType, new_class
 from typing import Any
 
 from ninedtact.errors import DeviceError, InputError
-from ninedtact.interop.ros2_messages import LIVE_TOPICS, STATUS, QosProfile
+from ninedtact.interop.ros2_topics_and_messages import LIVE_TOPICS, STATUS, QosProfile
 from ninedtact.recording.topics_and_messages import type_store
 
 _CONFIGURATION_VARIABLE = "CYCLONEDDS_URI"

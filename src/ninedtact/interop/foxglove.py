@@ -31,7 +31,7 @@ from websockets.typing import Subprotocol
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.interop.reading_broadcast import BroadcastServer, ReadingQueue, feed_until_closed, port_errors
-from ninedtact.interop.ros2_messages import POINT_FIELDS, SensorMessages
+from ninedtact.interop.ros2_topics_and_messages import POINT_FIELDS, SensorMessages
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.studio.sensor_poller import SensorSnapshot

@@ -20,7 +20,7 @@ from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import NinedtactError
 from ninedtact.interop.dds import DdsParticipant, InvalidRos2Option
-from ninedtact.interop.ros2_messages import (
+from ninedtact.interop.ros2_topics_and_messages import (
     COMMAND,
     LIVE_TOPICS,
     STATUS,

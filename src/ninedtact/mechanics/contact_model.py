@@ -103,7 +103,7 @@ class ContactProblem:
         return _broadcast_to_batch(self.pose, field, axes)
 
 
-def pose_contact_problem(
+def build_contact_problem_at_pose(
     last: Contact, indenter: Indenter, pose: Pose, constraint: ContactConstraint, friction: float | PerContact
 ) -> ContactProblem:
     """Return the problem of an object that moves to this pose over skin that was last in this contact.
@@ -140,7 +140,7 @@ class ContactModel:
         Raises `InvalidPose` where the object would reach the base, `ContactLeavesGrid` where the contact would meet
         its own periodic image, `ContactNotConverged`.
         """
-        problem = pose_contact_problem(last, indenter, pose, ContactConstraint(), self.friction)
+        problem = build_contact_problem_at_pose(last, indenter, pose, ContactConstraint(), self.friction)
         require_depth_within_gel(problem.max_overlap_mm, self.skin.thickness_mm)
         if problem.max_overlap_mm <= 0:
             return self._no_contact(pose, problem.overlap_mm)
@@ -155,7 +155,9 @@ class ContactModel:
         require_positive_load(load_n)
         pressure_sum = self.skin.asarray(np.asarray(load_n, float)[..., None, None] / self.skin.grid.cell_area_mm2)
         each = replace(pose, depth_mm=pose.depth_mm + 0 * np.asarray(load_n))
-        return self._solve(pose_contact_problem(last, indenter, each, ContactConstraint(pressure_sum), self.friction))
+        return self._solve(
+            build_contact_problem_at_pose(last, indenter, each, ContactConstraint(pressure_sum), self.friction)
+        )
 
     def require_valid(self, contact: Contact, deepest_mm: float) -> None:
         """Refuse a contact at the grid's border, through the base or not converged; raises what `step` raises.

@@ -32,7 +32,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from ninedtact.atomic_write import open_atomic_file
 from ninedtact.recording.errors import RecordingRefused
-from ninedtact.recording.mcap_index import (
+from ninedtact.recording.mcap_index_recovery import (
     RECORD_PREFIX_BYTES,
     McapIndex,
     McapRecordSpan,

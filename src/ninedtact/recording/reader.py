@@ -20,7 +20,7 @@ from ninedtact.capture.frame_source import CameraNotFound
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable
-from ninedtact.recording.mcap_index import (
+from ninedtact.recording.mcap_index_recovery import (
     MESSAGE_POSITION,
     McapIndex,
     StoredMessage,
@@ -41,12 +41,12 @@ from ninedtact.recording.topics_and_messages import (
     RecordingEventKind,
     Topic,
     decode_covariance,
+    decode_estimate_warnings,
     decode_event,
-    decode_height,
+    decode_height_map,
     decode_image,
     decode_labelled_span,
     decode_pair_label,
-    decode_warnings,
     decode_wrench,
     decode_wrench_estimate,
 )
@@ -204,7 +204,7 @@ class Recording:
 
     def warnings(self) -> Iterator[tuple[int, list[str]]]:
         """Yield the image index and the warnings of every estimate that has any."""
-        return ((message.sequence, decode_warnings(message.data)) for message in self.messages(Topic.WARNINGS))
+        return ((message.sequence, decode_estimate_warnings(message.data)) for message in self.messages(Topic.WARNINGS))
 
     def estimates(self) -> Iterator[WrenchEstimate]:
         """Yield all estimated wrenches with their errors and warnings."""
@@ -218,7 +218,9 @@ class Recording:
     def heights(self) -> Iterator[tuple[int, Float32[Array, "rows cols"]]]:
         """Yield the image index and the heights in mm, NaN out of view."""
         step_mm = self.metadata.height_step_mm
-        return ((message.sequence, decode_height(message.data, step_mm)) for message in self.messages(Topic.HEIGHTS))
+        return (
+            (message.sequence, decode_height_map(message.data, step_mm)) for message in self.messages(Topic.HEIGHTS)
+        )
 
     def labels(self) -> Iterator[PairLabel]:
         """Yield the labels of all saved pairs, undone contacts included."""

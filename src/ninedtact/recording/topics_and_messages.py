@@ -249,7 +249,7 @@ def decode_image(data: bytes, images: str = "zstd") -> UInt8[Array, "rows cols 3
     return message.data.reshape(message.height, message.width, 3).copy()
 
 
-def decode_height(data: bytes, step_mm: float = 0.0) -> Float32[Array, "rows cols"]:
+def decode_height_map(data: bytes, step_mm: float = 0.0) -> Float32[Array, "rows cols"]:
     """Return the heights of a message in mm, NaN out of view; step_mm: that of heights in 16 bits."""
     message = _decode(Topic.HEIGHTS, data)
     if step_mm:
@@ -271,7 +271,7 @@ def decode_covariance(data: bytes) -> Float64[Array, "6 6"]:
     return np.array(_decode(Topic.COVARIANCE, data).data, float).reshape(6, 6)
 
 
-def decode_warnings(data: bytes) -> list[str]:
+def decode_estimate_warnings(data: bytes) -> list[str]:
     """Return the warnings of a message."""
     return [status.message for status in _decode(Topic.WARNINGS, data).status]
 
@@ -279,7 +279,7 @@ def decode_warnings(data: bytes) -> list[str]:
 def decode_wrench_estimate(wrench: Wrench, covariance: bytes | None, warnings: bytes | None) -> WrenchEstimate:
     """Return the estimate of an image from its wrench and two messages; without a covariance, the variances are infinite."""
     matrix = np.diag(np.full(6, np.inf)) if covariance is None else decode_covariance(covariance)
-    texts = [] if warnings is None else decode_warnings(warnings)
+    texts = [] if warnings is None else decode_estimate_warnings(warnings)
     known = tuple(EstimateWarning(text) for text in texts if text in set(EstimateWarning))
     return WrenchEstimate(wrench, matrix, bool(wrench.six.any()), known)
 

@@ -31,7 +31,7 @@ from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
     Topic,
-    decode_height,
+    decode_height_map,
     decode_wrench_estimate,
 )
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape
@@ -92,7 +92,7 @@ class RecordedReadings:
         reading = read_frame(frame, self._shape, self._depth_reader_at(frame.stamp_ns))
         stored = self._at[Topic.HEIGHTS].get(frame.stamp_ns)
         if stored is not None:
-            z_mm = decode_height(self.recording.message(stored).data, self.recording.metadata.height_step_mm)
+            z_mm = decode_height_map(self.recording.message(stored).data, self.recording.metadata.height_step_mm)
             self._require_size(z_mm.shape)
             computed = reading.height
             reading = replace(reading, height=replace(computed, z_mm=np.where(np.isnan(z_mm), computed.z_mm, z_mm)))

@@ -23,7 +23,7 @@ from ninedtact.dataset.folder import (
     sensor_parameters_damage,
 )
 from ninedtact.errors import NinedtactError
-from ninedtact.force.known_load_scale import read_force_scale_tables
+from ninedtact.force.known_load_scale import read_force_scales
 from ninedtact.parallel_jobs import Workers, run_writing_jobs
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, simulate_calibration_images
 from ninedtact.simulation.sensor_population import SampledSensor, sampled_sensor_from_json
@@ -120,5 +120,5 @@ def _load_calibrated_sensor(folder: Path) -> DatasetSensorCalibration:
     """Read a sensor folder; raises `SensorFolderDamaged`, `ForceScaleFileDamaged`."""
     sensor = load_sensor(folder)
     digest = sha256((folder / SENSOR_FILE).read_bytes()).hexdigest()
-    force_scales = tuple(read_force_scale_tables(folder).scales.items())
+    force_scales = tuple(read_force_scales(folder).scales.items())
     return DatasetSensorCalibration(sensor.shape, sensor.gel, digest, force_scales)

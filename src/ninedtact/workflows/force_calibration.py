@@ -27,7 +27,7 @@ from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, read_frame
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import DepthReader
-from ninedtact.shape.image_check import require_plausible_image
+from ninedtact.shape.image_plausibility import require_plausible_image
 from ninedtact.simulation.sensor_population import SampledSensor
 
 _BALL_RADIUS_MM, _START_DEPTH_MM = 5.0, 0.8

@@ -17,15 +17,15 @@ from serial_device import SerialDevice
 
 from ninedtact._version import installation_command
 from ninedtact.capture.force_torque.driver_source import DriverWrenchSource
-from ninedtact.capture.force_torque.mounted_wrench_source import (
+from ninedtact.capture.force_torque.netft import ATI, NetFtDriver
+from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SkippingWrenchSource
+from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareSettings
+from ninedtact.capture.force_torque.wrench_source_from_address import (
     CheckAndTareSettings,
     MountedWrenchSource,
     build_wrench_source,
     force_torque_sensor_for,
 )
-from ninedtact.capture.force_torque.netft import ATI, NetFtDriver
-from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SkippingWrenchSource
-from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareSettings
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
 from ninedtact.capture.wrench_source import (

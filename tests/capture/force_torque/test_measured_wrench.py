@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from played import MS, Played, noisy
 
 from ninedtact.capture.force_torque.driver_source import DeviceClock, MissingSampleCounter
-from ninedtact.capture.force_torque.mounted_wrench_source import (
+from ninedtact.capture.force_torque.netft import _N_PER_UNIT, _NM_PER_UNIT, ONROBOT, _parse_host
+from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings, SkippingWrenchSource
+from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareRefused, TareSettings, ZeroDrift, compute_tare
+from ninedtact.capture.force_torque.wrench_source_from_address import (
     CheckAndTareSettings,
     MountedWrenchSource,
     build_wrench_source,
 )
-from ninedtact.capture.force_torque.netft import _N_PER_UNIT, _NM_PER_UNIT, ONROBOT, _parse_host
-from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings, SkippingWrenchSource
-from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareRefused, TareSettings, ZeroDrift, compute_tare
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.capture.wrench_source import (
     ForceTorqueAddressUnknown,

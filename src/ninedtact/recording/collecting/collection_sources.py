@@ -14,8 +14,8 @@ import numpy as np
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
-from ninedtact.capture.force_torque.mounted_wrench_source import DeviceFrameWrenchSource, MountedWrenchSource
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
+from ninedtact.capture.force_torque.wrench_source_from_address import DeviceFrameWrenchSource, MountedWrenchSource
 from ninedtact.capture.frame_source import FrameSource
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
 from ninedtact.capture.wrench_source import WrenchSource
@@ -136,7 +136,7 @@ def _wall_clock_difference_ns(one: Recording, other: Recording) -> int:
     return one.metadata.wall_minus_monotonic_ns - other.metadata.wall_minus_monotonic_ns
 
 
-def setup_with_twin(
+def build_simulated_collect_setup(
     folder: SensorFolder, objects: Sequence[str], touches: int, seed: int, checks: SampleCheckSettings
 ) -> CollectSetup:
     """Return the setup of the twin of a sensor, pressed by a script: each object so many times, steps without pauses."""

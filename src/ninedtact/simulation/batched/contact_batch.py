@@ -25,7 +25,7 @@ from ninedtact.mechanics.active_region import (
 )
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
-from ninedtact.mechanics.contact_model import ContactModel, ContactProblem, pose_contact_problem
+from ninedtact.mechanics.contact_model import ContactModel, ContactProblem, build_contact_problem_at_pose
 from ninedtact.mechanics.contact_result import (
     Contact,
     ContactLeavesGrid,
@@ -148,7 +148,7 @@ class ContactBatch:
         friction = expand_over_grid(
             np.array([request.setup.twin.friction for request in self.requests]), self.stack.like
         )
-        return pose_contact_problem(last, indenter, pose, ContactConstraint(), friction)
+        return build_contact_problem_at_pose(last, indenter, pose, ContactConstraint(), friction)
 
     @cached_property
     def regions(self) -> ActiveRectangles:

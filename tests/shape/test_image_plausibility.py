@@ -16,7 +16,7 @@ from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.quantities import EstimateWarning, Frame
 from ninedtact.reading import Reading
-from ninedtact.shape.image_check import ImageImplausible, find_image_warnings, require_plausible_image
+from ninedtact.shape.image_plausibility import ImageImplausible, find_image_warnings, require_plausible_image
 from ninedtact.shape.skin_texture import shows_another_skin
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin

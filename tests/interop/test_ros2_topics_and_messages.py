@@ -14,7 +14,7 @@ from ninedtact import cli
 from ninedtact._version import find_incompatible_library, installation_command
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import LensModelTable
-from ninedtact.interop.ros2_messages import (
+from ninedtact.interop.ros2_topics_and_messages import (
     CAMERA_INFO,
     COMPRESSED,
     LIVE_TOPICS,
@@ -27,7 +27,7 @@ from ninedtact.interop.ros2_messages import (
 )
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate, skin_grid_mm
 from ninedtact.reading import Reading
-from ninedtact.recording.topics_and_messages import Topic, decode_height, type_store
+from ninedtact.recording.topics_and_messages import Topic, decode_height_map, type_store
 from ninedtact.reference_images import ReferenceImages
 from ninedtact.sensor import Sensor
 from ninedtact.shape.surface import point_cloud
@@ -88,7 +88,7 @@ def test_lengths_are_metres_and_forces_newtons(reading: Reading) -> None:
     np.testing.assert_array_equal(np.stack([named[f"normal_{axis}"] for axis in "xyz"], 1), true.normals)
     np.testing.assert_array_equal(named["intensity"], reading.rectified.grey[::2, ::2].ravel())
     assert named["z"].min() < -2e-4  # pressed in
-    np.testing.assert_allclose(decode_height(encoded[Topic.HEIGHTS]), reading.height.z_mm, atol=1e-5)
+    np.testing.assert_allclose(decode_height_map(encoded[Topic.HEIGHTS]), reading.height.z_mm, atol=1e-5)
     wrench = decode(Topic.ESTIMATED, encoded[Topic.ESTIMATED]).wrench
     assert (wrench.force.z, wrench.torque.y) == (-2.0, 2e-3)
     image = decode(COMPRESSED, encoded[COMPRESSED])
