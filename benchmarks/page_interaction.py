@@ -26,7 +26,7 @@ from websockets.sync.client import ClientConnection, connect
 from ninedtact import CalibrationImages, SensorFolder, calibrate, read_image
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
-from ninedtact.cli.sensor_page import twin_sensor_and_true_wrench
+from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
 from ninedtact.force.estimator_loading import load_estimator
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server

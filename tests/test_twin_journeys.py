@@ -161,7 +161,7 @@ def test_the_demo_ends_by_itself_without_a_terminal_and_leaves_what_it_showed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("ninedtact.simulation.simulated_sources.demo_press_sequence", one_short_act)
-    monkeypatch.setattr("ninedtact.cli.sensor_page.can_open_browser", lambda: True)
+    monkeypatch.setattr("ninedtact.cli.serve_sensor_page.can_open_browser", lambda: True)
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", opened.append)
     assert main(["demo", "--out", str(tmp_path)]) == 0

@@ -127,7 +127,7 @@ def test_an_export_that_is_refused_or_fails_leaves_no_file(
     with Recording(recorded) as recording, pytest.raises(KeyboardInterrupt):
         export_rerun(recording, tmp_path / "stopped.rrd")
     assert sorted(tmp_path.iterdir()) == before
-    monkeypatch.setattr("ninedtact.cli.sensor_page.find_spec", lambda name: None if name == "rerun" else True)
+    monkeypatch.setattr("ninedtact.cli.serve_sensor_page.find_spec", lambda name: None if name == "rerun" else True)
     assert main([*words, str(tmp_path / "x.rrd")]) == 1
     assert installation_command("rerun") in capsys.readouterr().err
 

@@ -20,7 +20,7 @@ from ninedtact.shape.relief_image import exaggeration, render_relief
 from ninedtact.shape.relief_renderer import (
     AMBIENT,
     LIGHT,
-    GelSolid,
+    RayTracedGel,
     near_multiple_mask,
     shading,
     trace_rays_to_relief,
@@ -77,7 +77,7 @@ def assert_looks_as_it_did(image, name):
 
 
 def test_sight_meets_the_skin_where_the_viewpoint_projects_it():
-    block = GelSolid(ball_print(61, 80).z_mm, 0.051, -3.0)
+    block = RayTracedGel(ball_print(61, 80).z_mm, 0.051, -3.0)
     view = viewpoint_framing_corners(block.corners, (10.0, 10.0), (290.0, 190.0))
     seen = trace_rays_to_relief(block, view, 200, 300)
     row, col = np.argwhere(seen.on_skin)[::97].T
@@ -88,7 +88,7 @@ def test_sight_meets_the_skin_where_the_viewpoint_projects_it():
 
 
 def test_a_viewpoint_shows_the_whole_block():
-    corners = GelSolid(ball_print(61, 80).z_mm, 0.051, -3.0).corners.astype(float)
+    corners = RayTracedGel(ball_print(61, 80).z_mm, 0.051, -3.0).corners.astype(float)
     x, y = viewpoint_framing_corners(corners, (10.0, 20.0), (290.0, 190.0)).project(corners).T
     assert 10 - 1e-6 <= x.min() < x.max() <= 290 + 1e-6
     assert 20 - 1e-6 <= y.min() < y.max() <= 190 + 1e-6
@@ -109,7 +109,7 @@ def test_skin_is_as_bright_as_it_faces_the_light(by_x, by_y):
     y, x = np.mgrid[:6, :7].astype(np.float32) * 0.1
     normal = np.array([-by_x, -by_y, 1]) / np.sqrt(1 + by_x**2 + by_y**2)
     expected = AMBIENT + (1 - AMBIENT) * (normal @ LIGHT) / LIGHT[2]
-    np.testing.assert_allclose(shading(GelSolid(by_x * x + by_y * y, 0.1, -1.0)), expected, rtol=1e-5)
+    np.testing.assert_allclose(shading(RayTracedGel(by_x * x + by_y * y, 0.1, -1.0)), expected, rtol=1e-5)
 
 
 def test_heights_are_exaggerated_to_an_eighth_of_the_length_and_noise_is_not():

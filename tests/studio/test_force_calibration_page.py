@@ -20,7 +20,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.frame_source import CameraLost
 from ninedtact.cli import main
 from ninedtact.cli.calibration_page import CalibrationPageOptions, ForceCalibrationPageServer
-from ninedtact.cli.sensor_page import PageSettings
+from ninedtact.cli.serve_sensor_page import PageSettings
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import NinedtactError
 from ninedtact.force.known_load_scale import ForceScaleImpossible, read_force_scales

@@ -19,7 +19,7 @@ from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
 from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.cli import main
 from ninedtact.cli.live import Live
-from ninedtact.cli.sensor_page import PageLibraryMissing, RerunMissing
+from ninedtact.cli.serve_sensor_page import PageLibraryMissing, RerunMissing
 from ninedtact.cli.shared_options import InvalidLiveOption
 from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.studio.page_and_server import SensorPage
@@ -127,10 +127,10 @@ def test_bad_options_are_refused_before_any_camera_is_touched(
         Live((str(images),), (str(folder),), display_hz=0).run()
     with pytest.raises(InvalidAllowedOrigin, match="got 'robot';"):
         Live((str(images),), (str(folder),), allow_origin=("robot",)).run()
-    monkeypatch.setattr("ninedtact.cli.sensor_page.find_spec", lambda name: None if name == "rerun" else True)
+    monkeypatch.setattr("ninedtact.cli.serve_sensor_page.find_spec", lambda name: None if name == "rerun" else True)
     with pytest.raises(RerunMissing, match=re.escape(f"run {installation_command('rerun')}")):
         Live((str(images),), (str(folder),), rerun=True).run()
-    monkeypatch.setattr("ninedtact.cli.sensor_page.find_spec", lambda name: None)
+    monkeypatch.setattr("ninedtact.cli.serve_sensor_page.find_spec", lambda name: None)
     with pytest.raises(
         PageLibraryMissing, match=re.escape(f"got no such package; run {installation_command('studio')}")
     ):

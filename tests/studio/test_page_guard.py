@@ -30,13 +30,13 @@ from websockets.http11 import Request
 from websockets.sync.client import ClientConnection, connect
 
 from ninedtact.design import Gel
-from ninedtact.studio import viser_server
+from ninedtact.studio import viser_internals
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.socket_guard import InvalidAllowedOrigin, SocketGuard, SocketLimits
-from ninedtact.studio.viser_server import PART_BYTES, UnknownPageServer, is_page_message
+from ninedtact.studio.viser_internals import PART_BYTES, UnknownPageServer, is_page_message
 
 PATIENCE_S = 90.0
 PROTOCOL = f"viser-v{viser.__version__}"
@@ -480,14 +480,14 @@ def test_a_browser_loads_the_page_anew_where_another_program_serves_it(browser: 
 
 def test_an_unknown_viser_is_refused_and_never_served(monkeypatch: pytest.MonkeyPatch) -> None:
     pinned = re.search(r'"viser>=1\.1,<1\.2"', (Path(__file__).parents[2] / "pyproject.toml").read_text())
-    assert pinned is not None and viser_server.GUARDED_VISER == "1.1."
+    assert pinned is not None and viser_internals.GUARDED_VISER == "1.1."
     started: list[viser.ViserServer] = []
     real = viser.ViserServer
     monkeypatch.setattr(viser, "ViserServer", lambda **options: started.append(real(**options)) or started[-1])
     with monkeypatch.context() as patch:
         unused = SimpleNamespace(websockets=SimpleNamespace(asyncio=SimpleNamespace(server=SimpleNamespace())))
-        patch.setattr(viser_server, "_wake_clients_in_event_loop", lambda: None)
-        patch.setattr(viser_server, "import_module", lambda name: unused)
+        patch.setattr(viser_internals, "_wake_clients_in_event_loop", lambda: None)
+        patch.setattr(viser_internals, "import_module", lambda name: unused)
         with pytest.raises(UnknownPageServer, match=r"can be guarded, got one that starts it in another way; run pip"):
             page_server("127.0.0.1", 0).__enter__()
     with pytest.raises(OSError):

@@ -22,7 +22,7 @@ from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 from websockets.sync.client import connect
 
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.cli.sensor_page import twin_sensor_and_true_wrench
+from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
 from ninedtact.design import Gel
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel

@@ -28,7 +28,7 @@ from viser import ViserServer
 import ninedtact
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
-from ninedtact.cli.sensor_page import installed_exporters
+from ninedtact.cli.serve_sensor_page import installed_exporters
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import NoForceEstimator
 from ninedtact.open_sensor import assemble_live_sensor

@@ -15,7 +15,7 @@ from small_sensor import wait_until
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource
-from ninedtact.cli.sensor_page import twin_sensor_and_true_wrench
+from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
 from ninedtact.design import Gel
 from ninedtact.force.estimator_interface import unknown_wrench_estimate
 from ninedtact.force.traction.estimator import TractionForce

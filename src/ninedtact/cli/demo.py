@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices
-from ninedtact.cli.sensor_page import (
+from ninedtact.cli.serve_sensor_page import (
     PageSensor,
     PageSettings,
     require_display_rate,

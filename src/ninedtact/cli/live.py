@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, stop_on_signal
-from ninedtact.cli.sensor_page import (
+from ninedtact.cli.serve_sensor_page import (
     PageSettings,
     installed_exporters,
     page_sensor,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from ninedtact.cli.result_and_interrupt import print_result
-from ninedtact.cli.sensor_page import require_rerun
+from ninedtact.cli.serve_sensor_page import require_rerun
 from ninedtact.cli.shared_options import JsonOption
 from ninedtact.errors import InputError
 

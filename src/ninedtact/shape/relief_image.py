@@ -28,7 +28,7 @@ from ninedtact.shape.coloured_height_map import (
 from ninedtact.shape.measures import max_bulge_mm, max_indentation_mm, summarise_shape
 from ninedtact.shape.orthorectification import orthorectify
 from ninedtact.shape.relief_renderer import (
-    GelSolid,
+    RayTracedGel,
     ReliefViewpoint,
     relief_texture,
     render_relief_block,
@@ -71,7 +71,7 @@ class ReliefAxisEdge:
         return [self.step * count for count in range(first, last + 1)]
 
 
-def _number_edges(axes: "Axes", block: GelSolid, view: ReliefViewpoint, times: int) -> None:
+def _number_edges(axes: "Axes", block: RayTracedGel, view: ReliefViewpoint, times: int) -> None:
     """Draw the numbers of x along the front, of y along the right, and of the heights, exaggerated `times`, up the left corner."""
     (left, front, base), (right, back, top) = block.low.tolist(), block.high.tolist()
     length, lowest, highest = 2 * max(right, back), base / times, top / times
@@ -157,9 +157,9 @@ def _draw_block(axes: "Axes", height: HeightMap, times: int) -> None:
     _number_edges(axes, block, view, times)
 
 
-def _block_under(height: HeightMap, times: int) -> GelSolid:
+def _block_under(height: HeightMap, times: int) -> RayTracedGel:
     """Return the gel under the skin with exaggerated heights; it is level where the camera does not see it."""
     seen_mm = np.where(height.in_view, height.z_mm, np.float32(0))
     skin = cv2.GaussianBlur(seen_mm, (0, 0), SMOOTHING_PX) * np.float32(times)
     under_mm = UNDER_DEEPEST * max(skin.shape) * height.mm_per_px
-    return GelSolid(skin, height.mm_per_px, min(float(skin.min()), 0.0) - under_mm)
+    return RayTracedGel(skin, height.mm_per_px, min(float(skin.min()), 0.0) - under_mm)

@@ -1,5 +1,5 @@
 """The renderer of the relief image: viewpoint, ray tracing, texture and shading. A `ReliefViewpoint` is a pinhole camera in front
-of a `GelSolid`. `trace_rays_to_relief` follows the line of sight of every pixel to the block, `relief_texture` makes the
+of a `RayTracedGel`. `trace_rays_to_relief` follows the line of sight of every pixel to the block, `relief_texture` makes the
 texture (colours of height, a millimetre grid, the calibrated range), and `render_relief_block` shades what the lines of sight
 meet.
 """
@@ -71,7 +71,7 @@ RAY_HALVINGS = 6
 
 
 @dataclass(frozen=True)
-class GelSolid:
+class RayTracedGel:
     """Gel from a flat base up to the skin; heights are as drawn, exaggeration included."""
 
     skin: Float32[Array, "skin_rows skin_cols"]
@@ -110,7 +110,7 @@ class RayHitGrid:
     on_wall: Bool[Array, "rows cols"]
 
 
-def trace_rays_to_relief(block: GelSolid, view: ReliefViewpoint, rows: int, cols: int) -> RayHitGrid:
+def trace_rays_to_relief(block: RayTracedGel, view: ReliefViewpoint, rows: int, cols: int) -> RayHitGrid:
     """Return the intersection of every line of sight with the block."""
     rays = view.rays(rows, cols)
     near, far = box_entry_and_exit(block, view, rays)
@@ -132,7 +132,7 @@ def trace_rays_to_relief(block: GelSolid, view: ReliefViewpoint, rows: int, cols
 
 
 def box_entry_and_exit(
-    block: GelSolid, view: ReliefViewpoint, rays: Float32[Array, "3 rows cols"]
+    block: RayTracedGel, view: ReliefViewpoint, rays: Float32[Array, "3 rows cols"]
 ) -> tuple[PixelField, PixelField]:
     """Return the distances at which each line enters and leaves the bounding box; a line that leaves before it enters misses the
     box.
@@ -235,7 +235,7 @@ BASE_SHADE = 0.16
 
 
 def render_relief_block(
-    block: GelSolid, colours: UInt8[Array, "fine_rows fine_cols 3"], sight: RayHitGrid
+    block: RayTracedGel, colours: UInt8[Array, "fine_rows fine_cols 3"], sight: RayHitGrid
 ) -> UInt8[Array, "rows cols 3"]:
     """Return the shaded image, white where no line of sight meets the block; `colours` cover the whole skin, at any resolution."""
     finer, half = np.float32(colours.shape[1] / block.skin.shape[1]), np.float32(0.5)
@@ -249,14 +249,14 @@ def render_relief_block(
     return image
 
 
-def shading(block: GelSolid) -> Float32[Array, "skin_rows skin_cols"]:
+def shading(block: RayTracedGel) -> Float32[Array, "skin_rows skin_cols"]:
     """Return the brightness of the skin at each pixel, 1 where it is level."""
     y, x = np.gradient(block.skin, block.mm_per_px)
     facing = (LIGHT[2] - x * LIGHT[0] - y * LIGHT[1]) / np.sqrt(1 + x * x + y * y)
     return np.asarray(AMBIENT + (1 - AMBIENT) * np.maximum(facing, 0) / LIGHT[2], np.float32)
 
 
-def relief_wall_greys(block: GelSolid, sight: RayHitGrid) -> Float32[Array, "rows cols 3"]:
+def relief_wall_greys(block: RayTracedGel, sight: RayHitGrid) -> Float32[Array, "rows cols 3"]:
     """Return the grey of the walls, darker on the side and towards the base."""
     brightness = np.where(sight.row < AT_THE_EDGE, np.float32(1), SIDE_WALL)
     depth = (block.high[2] - sight.z) / (block.high[2] - block.low[2])

@@ -13,6 +13,6 @@ one reading, `skin_fields` its pressure and shear, `scene_3d` the 3D scene. `pre
 `page_recorder` writes recordings, `recording_player` makes moments of them, `saved_files` holds what is saved.
 `guided_session` and `guided_page` are what guided procedures and their pages share: `calibration_session` with `calibration_page`,
 and `force_calibration_session` with `force_calibration_page`. `page_and_server` is the page with its web server, `socket_guard`
-says who may connect to it and how much clients may cost, `viser_server` puts that guard under viser and holds everything else that
-relies on parts of viser that it does not document.
+says who may connect to it and how much clients may cost, `viser_internals` puts that guard under viser and holds everything else
+that relies on parts of viser that it does not document.
 """

@@ -28,7 +28,7 @@ from ninedtact.studio.viewer import (
     ThemeChoice,
     is_user_event,
 )
-from ninedtact.studio.viser_server import NARROW_PX, PHONE_STYLE, TALL_PHONE_STYLE, set_title_and_icon
+from ninedtact.studio.viser_internals import NARROW_PX, PHONE_STYLE, TALL_PHONE_STYLE, set_title_and_icon
 
 REFRESH_HZ = 8.0
 _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900

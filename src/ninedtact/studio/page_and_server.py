@@ -20,7 +20,7 @@ from ninedtact.studio.socket_guard import SocketGuard
 from ninedtact.studio.twin_press_panel import TwinPressPanel
 from ninedtact.studio.view_panels import ImagesPanel, ProfilePanel, ScenePanel
 from ninedtact.studio.viewer import LIGHT, PanelFactory, ViewerPage
-from ninedtact.studio.viser_server import set_title_and_icon, start_guarded_viser
+from ninedtact.studio.viser_internals import set_title_and_icon, start_guarded_viser
 
 LAST_WORDS_S = 0.1
 """Time to wait for the last messages, because viser drops unsent ones when it stops."""

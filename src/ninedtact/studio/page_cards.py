@@ -23,7 +23,7 @@ from ninedtact.studio.reading_view import HeightProfile, ImageKind, ReadingView,
 from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, GelBlock, SkinScene, format_signed_tenths
 from ninedtact.studio.sensor_poller import HISTORY_S
 from ninedtact.studio.skin_fields import NO_CONTACT, SLIP, STICK
-from ninedtact.studio.viser_server import standalone_scene_html
+from ninedtact.studio.viser_internals import standalone_scene_html
 from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 
 if TYPE_CHECKING:  # a page without recordings does not need its libraries

@@ -36,7 +36,7 @@ from ninedtact.studio.page_recorder import PageRecorder, RecorderState
 from ninedtact.studio.recording_player import SPEEDS, LabelledSpanRefused, RecordedSensor, RecordingPlayer
 from ninedtact.studio.saved_files import Exporter, save_surface_sequence, save_video
 from ninedtact.studio.viewer import Side, ViewerPage, is_user_event, set_gui_control
-from ninedtact.studio.viser_server import set_slider_marks
+from ninedtact.studio.viser_internals import set_slider_marks
 
 NOTHING, WHOLE = "none", "the whole recording"
 STEPS = {"back": -1, "play": 0, "next": 1}

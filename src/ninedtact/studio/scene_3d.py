@@ -21,7 +21,7 @@ from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.surface import triangulate_view
 from ninedtact.simulation.press_sequence import PressStep
 from ninedtact.studio.reading_view import LIGHT_DIRECTION, SkinSurface
-from ninedtact.studio.viser_server import send_arrays
+from ninedtact.studio.viser_internals import send_arrays
 
 Point = tuple[float, float, float]
 LINES_EVERY_MM = 5.0

@@ -4,7 +4,7 @@ Browsers let every website send requests to servers on the same computer and net
 and, where the browser states it, a website (`Origin`) that belong to the page; the first closes DNS rebinding, the second
 cross-site WebSockets. On a network the path must also begin with the random token of the printed address.
 
-`SocketGuard.serve` takes the place of `websockets.serve` and guards any server; `viser_server` puts it under viser's.
+`SocketGuard.serve` takes the place of `websockets.serve` and guards any server; `viser_internals` puts it under viser's.
 """
 
 import asyncio

@@ -34,7 +34,7 @@ from ninedtact.studio.viewer import (
     is_user_event,
     set_gui_control,
 )
-from ninedtact.studio.viser_server import show_encoded_image
+from ninedtact.studio.viser_internals import show_encoded_image
 
 BLANK = np.full((3, 4, 3), 90, np.uint8)
 _DENSITIES = {"all": 1, "a quarter": 2, "a sixteenth": 4}

@@ -20,7 +20,7 @@ from ninedtact.errors import NinedtactError
 from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
 from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
 from ninedtact.studio.scene_3d import GelBlock, SideBySideLayout
-from ninedtact.studio.viser_server import NARROW_PX, PHONE_STYLE, has_unsent_messages
+from ninedtact.studio.viser_internals import NARROW_PX, PHONE_STYLE, has_unsent_messages
 
 NOTICE_S = 8.0
 """Time for which a notification stays."""

@@ -229,15 +229,15 @@ def _run_in_browsers(server: viser.ViserServer, javascript: str) -> None:
 @contextmanager
 def _replace_serve(guarded_serve: Callable[..., serve]) -> Iterator[None]:
     """Let viser, and nothing else, find another `websockets.asyncio.server.serve`."""
-    viser_server: Any = import_module("viser.infra._infra")
+    viser_internals: Any = import_module("viser.infra._infra")
     with _replacing:
-        library = viser_server.websockets
+        library = viser_internals.websockets
         server = SimpleNamespace(**vars(library.asyncio.server) | {"serve": guarded_serve})
-        viser_server.websockets = SimpleNamespace(**vars(library) | {"asyncio": SimpleNamespace(server=server)})
+        viser_internals.websockets = SimpleNamespace(**vars(library) | {"asyncio": SimpleNamespace(server=server)})
         try:
             yield
         finally:
-            viser_server.websockets = library
+            viser_internals.websockets = library
 
 
 class _LoopEvent(asyncio.Event):
