@@ -103,6 +103,12 @@ def test_a_tilted_object_is_searched_so_closely_that_it_hardly_drifts_aside(slop
     assert (both[len(fractions) :, 0] == 1).all()
 
 
+def test_a_tilted_object_that_is_hardly_wider_than_the_search_drifts_has_no_gaps() -> None:
+    needle, x_mm = FlatPunch(0.16, 0.01), np.linspace(0.3, 4.0, 371)[None]  # 0.32 mm wide, of which the search may skip 0.3 mm
+    leaning_over_the_skin = needle.height_over_skin_mm(Pose(tilt_y_rad=0.7), x_mm, 0 * x_mm)
+    assert (leaning_over_the_skin < NO_OBJECT_MM).all()
+
+
 def test_a_tilted_ball_is_the_ball_about_its_lowest_point() -> None:
     ball, pose = Ball(3.0), Pose(0.4, -0.2, 0.5, 0.3, 0.15, -0.1)
     x, y = (np.array([[*side]]) for side in ([0.4, 1.0, -0.7, 2.0], [-0.2, 0.3, -1.0, 1.1]))

@@ -48,6 +48,11 @@ def test_a_pose_is_finite(wrong):
         Pose(depth_mm=wrong)
 
 
+def test_a_pose_without_numbers_is_the_sensor_frame():
+    np.testing.assert_array_equal(Pose().origin_mm, np.zeros(3))
+    np.testing.assert_array_equal(Pose().rotation, np.eye(3))
+
+
 def test_an_object_stays_above_the_base():
     with pytest.raises(
         InvalidPose, match=r"expected the object less deep .* base, 2\.5 mm, got 2\.6\d* mm; press less"
