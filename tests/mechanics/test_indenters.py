@@ -104,7 +104,10 @@ def test_a_tilted_object_is_searched_so_closely_that_it_hardly_drifts_aside(slop
 
 
 def test_a_tilted_object_that_is_hardly_wider_than_the_search_drifts_has_no_gaps() -> None:
-    needle, x_mm = FlatPunch(0.16, 0.01), np.linspace(0.3, 4.0, 371)[None]  # 0.32 mm wide, of which the search may skip 0.3 mm
+    needle, x_mm = (
+        FlatPunch(0.16, 0.01),
+        np.linspace(0.3, 4.0, 371)[None],
+    )  # 0.32 mm wide, of which the search may skip 0.3 mm
     leaning_over_the_skin = needle.height_over_skin_mm(Pose(tilt_y_rad=0.7), x_mm, 0 * x_mm)
     assert (leaning_over_the_skin < NO_OBJECT_MM).all()
 
