@@ -346,6 +346,15 @@ def bare(deblurring: Deblurring | None) -> CalibratedShape:
     return shape
 
 
+def test_finite_strain_adds_a_little_to_the_stated_error() -> None:
+    relative = []
+    for share in (0.0, 1.0):
+        gel = replace(GEL, finite_strain=share)
+        estimate = TractionForce(HeightObservationModel(), gel).estimate(reading(noisy(contact=dragged())))
+        relative.append(estimate.std[2] / -estimate.wrench.force_n[2])
+    assert 1.0 < relative[1] / relative[0] < 1.6
+
+
 def test_fixed_images_have_the_answers_that_they_had() -> None:
     """Every constant of the method has a part in these figures; who changes one on purpose writes them anew."""
     x, y = np.meshgrid(*(centred_axis_mm(side, PX_MM) for side in WIDE[::-1]))

@@ -152,6 +152,9 @@ def test_the_law_of_light_goes_through_the_knots_and_on_beyond() -> None:
     seen = law(np.float32([-2 * _EXTENSION_FACTOR, -2, -1, 0, 0.5, 1]))
     np.testing.assert_allclose(seen, [-0.7, -0.3, -0.1, 0, 0.2, 0.4], atol=1e-6)
     np.testing.assert_allclose(law.slope_per_mm(np.float32([-1.5, -0.5, 0.5])), [0.2, 0.1, 0.4], atol=1e-6)
+    bent = brightness_law_of_curve(replace(curve, brightening=(0.0, 0.4, 0.6), bulge_mm=(0.0, 1.0, 2.0)))
+    beyond_mm = 2 * _EXTENSION_FACTOR
+    np.testing.assert_allclose(bent(np.float32([2, beyond_mm])), [0.6, 0.6 + 0.2 * (beyond_mm - 2)], atol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(6))
