@@ -9,7 +9,8 @@
 
 Left alone by rule, because no behaviour depends on it: docstrings and all text, annotations and type aliases, decorators, errors
 and messages that are raised or logged, `__slots__`, `__all__`, asserts, code for type checkers, sums with zero times an array,
-tiny constants that only keep a divisor from being zero, and keyword arguments like `dtype`.
+tiny constants that only keep a divisor from being zero, and keyword arguments like `dtype` or `zip(…, strict=True)`, which is an
+assertion.
 """
 
 import ast
@@ -57,6 +58,7 @@ _SILENT_KEYWORDS = {
     "init",
     "maxsize",
     "stacklevel",
+    "strict",
 }
 _GUARD = 1e-6
 """Constants up to this one only keep a divisor or a tolerance from being zero."""

@@ -15,6 +15,8 @@ from ninedtact.force.traction.brightness_from_traction import (
     Substrate,
     bulge_to_dent_slope_ratio,
     identify_substrate,
+    influence_window_indices,
+    influence_windows,
 )
 from ninedtact.force.traction.cell_grid import CellGrid, _averaging_weights, cell_grid_over_image
 from ninedtact.force.traction.linearisation import (
@@ -66,6 +68,18 @@ def test_heights_are_those_of_the_contact_mechanics() -> None:
     response = gel_skin(CELLS.patch, Gel(2.5, 1.0)).operators
     true = response.displacement_mm(*spread_over_cells(tractions))[0]
     np.testing.assert_allclose(FORWARD.heights(tractions[:, : CELLS.rows, : CELLS.cols]), true, atol=1e-4)
+
+
+def test_a_window_of_the_influence_is_the_response_to_one_cell_with_the_skin_around_the_view() -> None:
+    around = 3, 5
+    windows = influence_windows(CELLS, FORWARD.compliance[0], around)
+    row, col = np.array([0, 7, 19]), np.array([25, 4, 0])
+    at = influence_window_indices(CELLS, row, col)
+    for window, one_row, one_col in zip(windows[at], row, col, strict=True):
+        pressure = np.zeros((3, *CELLS.shape), np.float32)
+        pressure[0, one_row, one_col] = 1
+        seen = np.roll(FORWARD.heights(pressure), around, axis=(0, 1))[: CELLS.rows + 6, : CELLS.cols + 10]
+        np.testing.assert_allclose(window, seen, atol=1e-5)
 
 
 def spread_over_cells(tractions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

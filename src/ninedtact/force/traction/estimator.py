@@ -132,10 +132,10 @@ class TractionForce(ForceEstimator):
 
     def _warnings(self, observation: ObservationOnCells, result: InversionResult) -> list[EstimateWarning]:
         """Return the reasons for which the result may be wrong."""
-        pressed = result.tractions[0] > 0
+        pressure = result.tractions[0]
         reasons = {
-            EstimateWarning.OUT_OF_RANGE: bool((self._too_deep(observation) & pressed).any()),
-            EstimateWarning.PART_UNSEEN: pressure_reaches_unseen(result.tractions[0], observation.in_view),
+            EstimateWarning.OUT_OF_RANGE: bool((self._too_deep(observation) & (pressure > 0)).any()),
+            EstimateWarning.PART_UNSEEN: pressure_reaches_unseen(pressure, observation.in_view),
             EstimateWarning.NOT_CONVERGED: result.newton_decrement > self.solver.max_trusted_decrement,
         }
         return [warning for warning, holds in reasons.items() if holds]
