@@ -1,0 +1,342 @@
+"""What a measured change is called, at each side of every limit; motion and brightness of drawn skins whose change is known."""
+
+from dataclasses import replace
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+from ninedtact.calibration.board.board_fit import calibrated_area_mm
+from ninedtact.calibration.drift.brightness_change import BrightnessChange, separate_brightness_change
+from ninedtact.calibration.drift.diagnosis_and_reference_check import (
+    ReferenceImageChecker,
+    ReferenceImplausible,
+    describe_new_contact,
+    diagnose_drift,
+)
+from ninedtact.calibration.drift.drift_measurement import (
+    CalibratedReference,
+    DriftMeasurement,
+    SkinMotion,
+    measure_drift,
+    measure_skin_motion,
+)
+from ninedtact.calibration.press_brightness import BgrImage
+from ninedtact.design import RectifiedImageSize, SensorDesign
+from ninedtact.quantities import Frame, Rectified, centred_axis_mm
+from ninedtact.shape.depth import DepthCurve
+from ninedtact.shape.lens import LensModel
+from ninedtact.shape.rectification import rectification_of_projection
+
+SIZE = RectifiedImageSize(150, 200, 64)
+MM_PER_PX, RAW_PX_PER_MM = 0.1, 16.0
+RAW_SHAPE = 240, 320
+FLAT_LENS = LensModel(
+    homography=(RAW_PX_PER_MM / 160, 0.0, 0.0, 0.0, RAW_PX_PER_MM / 160, 0.0, 0.0, 0.0),
+    centre=(0.0, 0.0),
+    radial=(0.0,),
+    tangential=(0.0, 0.0),
+    raw_shape=RAW_SHAPE,
+)
+CURVE = DepthCurve("ratio", (0.0, 0.3), (0.0, 1.8), (0.01, 0.01))
+MM_PER_CHANGE = 6.0
+SAME_SKIN = SkinMotion((0.0, 0.0), 0.0, 0.1, 0.02, correlation=0.9, contrast=2e-3)
+SHAPE = SIZE.rows, SIZE.cols
+X, Y = (axis.astype(float) for axis in np.meshgrid(*(centred_axis_mm(side, MM_PER_PX) for side in SHAPE[::-1])))
+
+
+def texture(seed: int, shape: tuple[int, int] = RAW_SHAPE, contrast: float = 0.01) -> np.ndarray:
+    """Brightness of a skin with specks, one on average."""
+    specks = np.random.default_rng(seed).normal(0, 1, shape)
+    fine = cv2.GaussianBlur(specks, (0, 0), 2.0)
+    return np.asarray(1 + contrast * fine / fine.std())
+
+
+def image_of(brightness: np.ndarray, seed: int = 0, grey: float = 150.0) -> BgrImage:
+    """A raw image of skin with this brightness, with camera noise."""
+    noise = np.random.default_rng(seed).normal(0, 0.5, brightness.shape)
+    levels = np.clip(np.rint(grey * brightness + noise), 0, 255).astype(np.uint8)
+    return np.repeat(levels[..., None], 3, axis=2)
+
+
+@cache
+def known() -> CalibratedReference:
+    """A sensor that looks straight at its skin: 0.0625 mm for each pixel of the raw image."""
+    design = replace(SensorDesign(), field_of_view=SIZE)
+    rectify = rectification_of_projection(FLAT_LENS, SIZE, MM_PER_PX, RAW_SHAPE, calibrated_area_mm(design))
+    return CalibratedReference(image_of(texture(0), 1), image_of(texture(0), 2), rectify, CURVE)
+
+
+def unchanged(
+    gain: float = 1.0, field: np.ndarray | float = 0.0, residue: np.ndarray | float = 0.0
+) -> BrightnessChange:
+    full = (np.broadcast_to(np.float32(part), SHAPE).copy() for part in (field, residue))
+    return BrightnessChange(gain, *full, np.ones(SHAPE, bool), 1e-4, MM_PER_PX)
+
+
+def drift(
+    moved: SkinMotion = SAME_SKIN,
+    nearest: SkinMotion = SAME_SKIN,
+    flipped: str | None = None,
+    change: BrightnessChange | None = None,
+    colour: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> DriftMeasurement:
+    return DriftMeasurement(known(), moved, nearest, flipped, change or unchanged(), colour, 0.123)
+
+
+def names(measured: DriftMeasurement) -> list[str]:
+    return [finding.diagnosis for finding in diagnose_drift(measured)]
+
+
+@pytest.mark.parametrize(
+    ("moved", "has_moved"),
+    [
+        ({"shift_px": (0.47, 0.64)}, False),  # 0.794 less two standard errors of 0.1
+        ({"shift_px": (0.49, 0.66)}, True),
+        ({"shift_px": (0.49, 0.66), "shift_error_px": 0.12}, False),
+        ({"turn_deg": -0.33}, False),
+        ({"turn_deg": -0.35}, True),
+        ({"turn_deg": 0.35, "turn_error_deg": 0.03}, False),
+        ({"shift_px": (9.0, 9.0), "correlation": 0.29}, False),  # not the same skin
+        ({"shift_px": (9.0, 9.0), "correlation": 0.31}, True),
+        ({"shift_px": (9.0, 9.0), "contrast": 6.9e-4}, False),
+    ],
+    ids=str,
+)
+def test_a_motion_counts_beyond_its_error(moved: dict, has_moved: bool) -> None:
+    motion = replace(SAME_SKIN, **moved)
+    assert (names(drift(moved=motion)) == ["camera moved"]) == has_moved
+    assert has_moved or diagnose_drift(drift(moved=motion)) == []
+
+
+def test_a_motion_is_stated_in_millimetres_of_the_skin_with_the_height_that_it_would_feign() -> None:
+    assert known().mm_per_raw_px == pytest.approx(1 / RAW_PX_PER_MM, rel=1e-3)
+    (finding,) = diagnose_drift(drift(moved=replace(SAME_SKIN, shift_px=(6.0, 8.0), turn_deg=-0.5)))
+    assert "10.0 ± 0.1 px (0.62 mm) away and turned by -0.5°" in finding.sentence
+    assert finding.height_mm is not None and 0.01 < finding.height_mm < 0.3
+    (flipped,) = diagnose_drift(drift(flipped="mirrored left to right", change=unchanged(gain=0.5)))
+    assert (flipped.diagnosis, flipped.height_mm) == ("camera moved", 0.123)
+    assert "the calibrated one mirrored left to right" in flipped.sentence
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        ({"gain": 0.971}, []),
+        ({"gain": 0.969}, ["light dimmer"]),
+        ({"gain": 1.029}, []),
+        ({"gain": 1.031}, ["light brighter"]),
+        ({"field": 0.0499 * X / X.max()}, []),
+        ({"field": 0.0501 * X / X.max()}, ["light uneven"]),
+    ],
+    ids=lambda value: "" if isinstance(value, dict) else str(value),
+)
+def test_light_counts_from_three_percent_and_its_distribution_from_five(change: dict, found: list[str]) -> None:
+    assert names(drift(change=unchanged(**change))) == found
+
+
+def test_findings_on_light_and_colour_state_where_and_how_much() -> None:
+    slope = -0.08 * (X + 0.01 * Y) / (X + 0.01 * Y).max()  # dimmest at the lower right, by 8 %
+    findings = diagnose_drift(drift(change=unchanged(gain=1.1, field=slope), colour=(-0.031, 0.0, 0.031)))
+    assert [finding.diagnosis for finding in findings] == ["light uneven", "light brighter", "light colour changed"]
+    uneven, brighter, colour = findings
+    assert "8.0% dimmer at (10, 7) mm" in uneven.sentence or "8.0% brighter at (-10, -7) mm" in uneven.sentence
+    assert uneven.height_mm == pytest.approx(0.08 * MM_PER_CHANGE, rel=1e-4)
+    assert "10.0% brighter" in brighter.sentence and brighter.height_mm == pytest.approx(0.1 * MM_PER_CHANGE, rel=1e-4)
+    assert "blue -3.1%, green +0.0%, red +3.1%" in colour.sentence and colour.height_mm is None
+    assert names(drift(colour=(-0.029, 0.029, 0.0))) == []
+
+
+def places(*changes: tuple[float, float, float]) -> np.ndarray:
+    """Squares of a millimetre with a change each."""
+    residue = np.zeros(SHAPE)
+    for x_mm, y_mm, change in changes:
+        residue[(np.abs(X - x_mm) < 0.5) & (np.abs(Y - y_mm) < 0.5)] = change
+    return residue
+
+
+def test_marks_are_named_up_to_three_and_the_height_is_that_of_the_strongest() -> None:
+    marked = unchanged(residue=places((-5, 2, -0.04), (0, 0, 0.06), (5, 3, 0.03), (5, -3, 0.02), (-5, -3, 0.02)))
+    (finding,) = diagnose_drift(drift(change=marked))
+    assert finding.diagnosis == "gel changed" and "changed in 5 places" in finding.sentence
+    assert finding.sentence.count(" mm² at ") == 3 and " and 2 smaller;" in finding.sentence
+    assert finding.height_mm == pytest.approx(0.06 * MM_PER_CHANGE, rel=1e-4)
+    (one,) = diagnose_drift(drift(change=unchanged(residue=places((-5, 2, -0.02)))))
+    assert (
+        "in 1 place: 2.0% dimmer over 1.0 mm² at (-5.0, 2.0) mm; take" in one.sentence and "smaller" not in one.sentence
+    )
+    three = unchanged(residue=places((-5, 2, -0.02), (0, 0, 0.02), (5, 3, 0.02)))
+    assert "smaller" not in diagnose_drift(drift(change=three))[0].sentence
+
+
+UNKNOWN = replace(SAME_SKIN, correlation=0.29)
+FEATURELESS = replace(SAME_SKIN, correlation=0.0, contrast=6e-4)
+PRESSED = np.where(np.hypot(X, Y) < 2, -0.1, np.where(np.hypot(X, Y) < 3, 0.05, 0.0))
+PRESSED_ALL_OVER = np.where(np.abs(Y) < 2, -0.1, np.where(np.abs(Y) < 3, 0.05, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("nearest", "field", "residue", "found"),
+    [
+        (UNKNOWN, 0.0, 0.0, []),  # nothing has changed: the structure has faded at most
+        (UNKNOWN, 0.051, 0.0, ["another sensor's gel"]),
+        (UNKNOWN, 0.0, places((1, 1, 0.03)), ["another sensor's gel"]),
+        (UNKNOWN, 0.0, PRESSED, ["another sensor's gel"]),
+        (UNKNOWN, 0.06, PRESSED_ALL_OVER, ["something touches the gel"]),
+        (UNKNOWN, 0.071, PRESSED_ALL_OVER, ["another sensor's gel"]),
+        (FEATURELESS, 0.069, PRESSED, ["something touches the gel"]),
+        (FEATURELESS, 0.071, PRESSED, ["another sensor's gel"]),
+        (FEATURELESS, 0.071, 0.0, ["light uneven"]),
+        (SAME_SKIN, 0.2, PRESSED, ["something touches the gel"]),
+    ],
+)
+def test_another_gel_is_told_from_a_press_all_over(
+    nearest: SkinMotion, field: float, residue: np.ndarray | float, found: list[str]
+) -> None:
+    uneven = np.zeros(SHAPE)
+    uneven[0, 0] = field
+    measured = drift(nearest=nearest, change=unchanged(field=uneven, residue=residue))
+    assert names(measured) == found
+    if found == ["another sensor's gel"]:
+        assert diagnose_drift(measured)[0].height_mm is None
+    if found == ["something touches the gel"]:
+        (press,) = diagnose_drift(measured)
+        assert (
+            press.height_mm == pytest.approx(0.1 * MM_PER_CHANGE, rel=1e-4) and "about 0.60 mm deep" in press.sentence
+        )
+
+
+def test_a_mirrored_image_is_neither_a_press_nor_another_gel() -> None:
+    measured = drift(nearest=UNKNOWN, flipped="turned by 180°", change=unchanged(residue=PRESSED))
+    assert names(measured) == ["camera moved"]
+
+
+def shifted(brightness: np.ndarray, x_px: float, y_px: float, clockwise_deg: float) -> np.ndarray:
+    rows, cols = brightness.shape
+    matrix = cv2.getRotationMatrix2D(((cols - 1) / 2, (rows - 1) / 2), -clockwise_deg, 1)
+    matrix[:, 2] += x_px, y_px
+    return np.asarray(
+        cv2.warpAffine(brightness, matrix, (cols, rows), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_WRAP)
+    )
+
+
+@pytest.mark.parametrize(("x", "y", "turn"), [(1.3, -0.7, 0.4), (-2.4, 1.9, 0.0), (0.0, 0.2, -0.9), (30.0, -17.0, 0.2)])
+@pytest.mark.parametrize("scale", [1, 2])
+def test_the_motion_of_a_drawn_skin_is_found_at_any_size(x: float, y: float, turn: float, scale: int) -> None:
+    """The raw image may be larger than the size at which skins are compared; shifts are in its own pixels."""
+    skin = texture(3, contrast=0.02)
+    there = [cv2.resize(each, None, fx=scale, fy=scale) for each in (skin, shifted(skin, x, y, turn))]
+    found = measure_skin_motion(image_of(there[0], 5), image_of(there[1], 6))
+    allowed = 0.06 * scale
+    assert np.subtract(found.shift_px, (x * scale, y * scale)) == pytest.approx((0, 0), abs=allowed + 0.002 * abs(x))
+    assert found.turn_deg == pytest.approx(turn, abs=0.03)
+    assert found.correlation > 0.8 and found.is_same_skin
+    assert 0 < found.shift_error_px < 0.1 * scale and 0 < found.turn_error_deg < 0.05
+    back = found.undone(image_of(there[1], 6))
+    inside = np.s_[20 * scale : -20 * scale, 50 * scale : -50 * scale, 0]
+    assert np.corrcoef(back[inside].ravel(), image_of(there[0], 7)[inside].ravel())[0, 1] > 0.9
+
+
+def test_a_fixed_pair_of_images_has_the_motion_that_it_had() -> None:
+    """Every constant of the method has a part in these figures; who changes one on purpose writes them anew."""
+    skin = texture(3)
+    found = measure_skin_motion(image_of(skin, 5), image_of(shifted(skin, 1.3, -0.7, 0.4), 6))
+    figures = [*found.shift_px, found.turn_deg, found.shift_error_px, found.turn_error_deg]
+    figures += [found.correlation, found.contrast]
+    expected = [1.30453, -0.70690, 0.40801, 0.0078325, 0.0043853, 0.98679, 0.0061072]
+    assert figures == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_mask_of_a_motion_leaves_out_what_the_camera_did_not_see() -> None:
+    mask = replace(SAME_SKIN, shift_px=(3.0, -2.0)).valid_mask((20, 30, 3))
+    assert mask[2:, :27].min() == 1 and not mask[:2].any() and not mask[:, 27:].any()
+    turned = replace(SAME_SKIN, turn_deg=np.rad2deg(0.1)).vector((20, 30, 3))
+    np.testing.assert_allclose(turned, [0, 0, 0.1 * 15])
+    assert not replace(SAME_SKIN, shift_px=(3.0, -2.0), correlation=0.1).vector((20, 30, 3)).any()
+
+
+def test_the_worst_height_of_a_changed_reference_is_that_of_the_smoothed_change() -> None:
+    """Noise that is white on the map keeps 1/(2σ√π) of its deviation when it is smoothed by σ = 3 pixels."""
+    rng, there = np.random.default_rng(0), known().rectify
+    assert known().worst_height_mm(image_of(0.95 * texture(0), 3)) == pytest.approx(0.05 * MM_PER_CHANGE, rel=0.08)
+    flat = replace(known(), depth_image=np.full((*RAW_SHAPE, 3), 120, np.uint8), rectify=there)
+    noisy = np.full((*RAW_SHAPE, 3), 120, np.uint8) + rng.integers(-20, 21, (*RAW_SHAPE, 1)).astype(np.int16)
+    noise_of_map = float((there(Frame(noisy.astype(np.uint8))).grey / 120 - 1).std())
+    left = MM_PER_CHANGE * noise_of_map / (2 * 3 * np.sqrt(np.pi))
+    found = flat.worst_height_mm(noisy.astype(np.uint8))
+    assert found == pytest.approx(2.576 * left, rel=0.15)  # which a hundredth of the view exceeds
+    darker = np.where(np.hypot(X, Y) < 2.2, 0.8, 1.0)  # five hundredths of the view
+    raw = cv2.resize(darker, RAW_SHAPE[::-1])
+    assert flat.worst_height_mm(image_of(raw, 3, grey=120)) == pytest.approx(0.2 * MM_PER_CHANGE, rel=0.1)
+
+
+def test_heights_of_a_difference_need_the_grey_level() -> None:
+    steps = replace(known(), curve=replace(CURVE, signal="difference", darkening=(0.0, 30.0)))
+    changes, grey = np.array([-0.1, 0.1, 0.2]), np.array([100.0, 100.0, 50.0])
+    np.testing.assert_allclose(steps.height_mm(changes, grey), [0.6, 0.6, 0.6])
+    np.testing.assert_allclose(known().height_mm(changes, grey), [0.6, 0.6, 1.2])
+
+
+def test_flips_and_colours_of_a_drawn_skin_are_measured() -> None:
+    today = image_of(texture(0), 4)
+    same = measure_drift(known(), today)
+    assert same.flipped is None and same.colour == pytest.approx((0, 0, 0), abs=1e-3) and names(same) == []
+    assert same.change.gain == pytest.approx(1, abs=2e-3)
+    for way, code in (("turned by 180°", -1), ("mirrored left to right", 1), ("mirrored top to bottom", 0)):
+        assert measure_drift(known(), np.asarray(cv2.flip(today, code))).flipped == way
+    tinted = np.rint(today * np.array([0.9, 1.0, 1.1])).astype(np.uint8)
+    assert measure_drift(known(), tinted).colour == pytest.approx((-0.1, 0.0, 0.1), abs=3e-3)
+    board = replace(known(), lens_image=image_of(shifted(texture(0), 3, 0, 0), 8))
+    after_board = measure_drift(board, today)
+    assert after_board.moved.shift_px == pytest.approx((-3, 0), abs=0.1)
+    assert after_board.nearest.shift_px == pytest.approx((0, 0), abs=0.1)
+    other_lens = replace(known(), lens_image=image_of(texture(9), 8))  # a board that was photographed elsewhere
+    assert measure_drift(other_lens, today).moved.shift_px == pytest.approx((0, 0), abs=0.1)
+
+
+def test_a_reference_with_a_contact_or_of_another_sensor_is_refused_and_slow_changes_are_not() -> None:
+    check = ReferenceImageChecker("small", known())
+    untouched = texture(0)
+    press = cv2.resize(1 + PRESSED, RAW_SHAPE[::-1])
+    for brightness, fault in (
+        (untouched, None),
+        (0.8 * untouched, None),
+        (shifted(untouched, 4, 0, 0), None),
+        (untouched * press, "something touches the gel"),
+        (texture(9) * (1 + 0.1 * np.linspace(-1, 1, RAW_SHAPE[1])), "another sensor's gel"),
+        (untouched[:, ::-1], "camera moved"),
+    ):
+        found = check.find_faults([Frame(image_of(brightness, 4)), Frame(image_of(brightness, 5))])
+        assert [each.partition(":")[0] for each in found] == ([] if fault is None else [fault])
+    with pytest.raises(ReferenceImplausible, match="of sensor small without contact, got one with a fault; something"):
+        check.require_faultless([Frame(image_of(untouched * press, 4))])
+    assert ReferenceImageChecker("imported", None).find_faults([Frame(image_of(untouched * press, 4))]) == ()
+
+
+def test_the_strongest_new_contact_is_described() -> None:
+    before = Rectified(np.full(SHAPE, 120, np.float32), MM_PER_PX)
+
+    def against(factor: np.ndarray) -> str | None:
+        noise = np.random.default_rng(0).normal(0, 0.1, SHAPE)
+        now = Rectified((120 * factor + noise).astype(np.float32), MM_PER_PX)
+        return describe_new_contact(before, now, np.ones(SHAPE, bool))
+
+    assert against(np.ones(SHAPE)) is None and against(1 - PRESSED) is None  # released
+    dents = 1 + np.roll(PRESSED, 40, axis=1) + 0.6 * np.roll(PRESSED, -50, axis=1)
+    described = against(dents)
+    assert described is not None and "around (4.0, " in described and "dimmer over 1" in described
+
+
+def test_light_bends_up_to_the_fourth_degree_of_both_axes_together() -> None:
+    x, y = X / X.max(), Y / Y.max()
+    untouched = Rectified(np.full(SHAPE, 120, np.float32), MM_PER_PX)
+
+    def residue(field: np.ndarray) -> float:
+        now = Rectified((120 * np.exp(field)).astype(np.float32), MM_PER_PX)
+        found = separate_brightness_change(untouched, now, np.ones(SHAPE, bool), 0.0).residue
+        return float(np.abs(found[8:-8, 8:-8]).max())
+
+    for light in (x**4, y**4, x**2 * y**2, x * y**3):
+        assert residue(0.02 * light) < 1e-4
+    assert residue(0.02 * x**3 * y**3) > 1e-3
