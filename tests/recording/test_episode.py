@@ -108,7 +108,8 @@ def test_png_images_and_heights_of_16_bits_come_back(tmp_path: Path) -> None:
         episode.write_image(Frame(noise(9)[::-1, ::2], BEGAN_NS + FRAME_NS, 1))
         episode.write_reference(frame(3), tare=2)
         episode.write_height(HeightMap(pressed, source, 0.05, stamp_ns=BEGAN_NS), 0)
-        episode.write_height(HeightMap(np.full((3, 4), 99.0, np.float32), source, 0.05, stamp_ns=BEGAN_NS), 1)
+        beyond = np.array([[99.0], [99.0], [-99.0]], np.float32).repeat(4, axis=1)
+        episode.write_height(HeightMap(beyond, source, 0.05, stamp_ns=BEGAN_NS), 1)
     with Recording(path) as read:
         assert read.metadata == session
         for got, sent in zip(read.frames(), [noise(0), noise(9)[::-1, ::2]], strict=True):
@@ -116,6 +117,7 @@ def test_png_images_and_heights_of_16_bits_come_back(tmp_path: Path) -> None:
         (untouched,), ((_, z_mm), (_, beyond_mm)) = read.frames(Topic.REFERENCE), read.heights()
         assert np.array_equal(untouched.image, noise(3))
         assert np.isnan(z_mm[0, 0]) and np.isnan(beyond_mm[0, 0]) and beyond_mm[1, 1] == pytest.approx(32.767)
+        assert beyond_mm[2, 1] == pytest.approx(-32.767)
         assert np.abs(z_mm - pressed).ravel()[1:].max() <= 0.5001 * step_mm
         types = {topic.topic: topic.type for topic in read.summary().topics}
     assert (
@@ -470,6 +472,7 @@ def test_rate_and_gaps_are_those_of_the_stamps(purpose: str, tmp_path: Path) -> 
         assert (images.rate_hz, images.longest_gap_ms, images.gaps) == (pytest.approx(50), pytest.approx(80), 2)
     else:  # images that were selected have no rate
         assert images.rate_hz is images.gaps is None
+    assert median_rate_hz(np.array([0, 20_000_000])) == pytest.approx(50)
     assert median_rate_hz(np.array([5])) == median_rate_hz(np.array([5, 5, 5])) == 30
 
 

@@ -18,6 +18,7 @@ from ninedtact.recording.collecting.pair_selection import (
     SavedPairCounts,
     ZeroDriftMonitor,
 )
+from ninedtact.recording.collecting.tare_and_reference import ReferenceImageDifference, TareInProgress, TareResult
 from ninedtact.recording.topics_and_messages import PairLabel
 
 S, MS = 1_000_000_000, 1_000_000
@@ -214,3 +215,61 @@ def test_clocks_drift_by_what_the_smallest_delay_of_a_second_has_changed() -> No
     for at_ms in range(3300, 5600, 100):
         clock.add_arrival((1000 + at_ms) * MS, (1000 + at_ms + 19 + at_ms % 300) * MS)
     assert clock.drift_ns == -11 * MS and not clock.is_within_tolerance
+
+
+def grey_frame(level: int, number: int = 0) -> Frame:
+    return Frame(np.full((48, 64, 3), level, np.uint8), number * MS, number)
+
+
+def test_a_tare_has_ten_images_and_samples_over_its_whole_time() -> None:
+    tare = TareInProgress(3, SETTINGS)
+    for number in range(9):
+        tare.add_frame(grey_frame(100, number))
+    assert tare.advice == "no samples from the force/torque sensor yet"
+    for at_ms in range(0, 1001, 10):
+        tare.add_wrench(wrench(0.5, 0, 2.0, at_ns=at_ms * MS))
+    assert tare.advice == "do not touch the gel" and tare.finish() is None and len(tare.wrenches) == 101
+    tare.add_frame(grey_frame(100, 9))
+    found = tare.finish()
+    assert found is not None and found.number == 3 and [each.index for each in found.frames] == list(range(10))
+    np.testing.assert_allclose(found.zero, [0.5, 0, 2.0, 0, 0, 0])
+    np.testing.assert_allclose(found.remove_zero(wrench(0.5, 1.0, 0.0, at_ns=5)).six, [0, 1.0, -2.0, 0, 0, 0])
+    tare.wrenches.pop()
+    assert tare.finish() is None and len(tare.frames) == 10  # a sample too few: it waits
+    tare.add_frame(grey_frame(103, 10))  # three levels brighter all over is the light, one corner is a contact
+    tare.add_wrench(wrench(0.5, 0, 2.0, at_ns=1000 * MS))
+    assert tare.finish() is not None and [each.index for each in tare.frames] == list(range(1, 11))
+    corner = grey_frame(100, 11)
+    corner.image[:8, :8] = 103
+    tare.add_frame(corner)
+    assert tare.finish() is None and "it moves" in tare.advice and not tare.frames and not tare.wrenches
+
+
+def tare_of(image: np.ndarray, zero_n: float, last: TareResult | None = None) -> TareResult | str:
+    """The result of a tare of ten such images with this reading, or the advice where it is none."""
+    tare = TareInProgress(1, SETTINGS, last)
+    for number in range(10):
+        tare.add_frame(Frame(image, number))
+    for at_ms in range(0, 1001, 10):
+        tare.add_wrench(wrench(0, 0, zero_n, at_ns=at_ms * MS))
+    return tare.finish() or tare.advice
+
+
+def test_a_tare_is_refused_where_both_the_skin_and_the_zero_have_changed() -> None:
+    untouched, pressed = grey_frame(100).image, grey_frame(100).image.copy()
+    pressed[16:32, 24:40] = 90
+    first = tare_of(untouched, 0.0)
+    assert isinstance(first, TareResult)
+    assert isinstance(tare_of(pressed, 0.19, first), TareResult)  # a stain, and a zero within what counts as at rest
+    assert isinstance(tare_of(untouched, 0.5, first), TareResult)  # the sensor has warmed up
+    assert tare_of(pressed, 0.21, first) == "do not touch the gel: something presses on it"
+
+
+def test_an_image_differs_by_its_most_changed_block_and_not_by_its_light() -> None:
+    reference = ReferenceImageDifference([grey_frame(99).image, grey_frame(101).image])
+    assert reference.change_levels(grey_frame(120).image) == pytest.approx(0, abs=1e-4)
+    changed = grey_frame(100).image.copy()
+    changed[8:16, 16:24] -= 5
+    changed[40:44, 0:8] += 8  # half a block
+    assert reference.change_levels(changed) == pytest.approx(5, abs=1e-3)
+    assert reference.change_levels(grey_frame(100).image[:40]) == float("inf")

@@ -502,6 +502,7 @@ class Guessing(ForceEstimator):
 
 def test_heights_and_estimates_are_written_beside_every_image(sensor: Path, tmp_path: Path) -> None:
     camera, shape = SimulatedCamera(small_press_simulation(rounds=1)), load_sensor(sensor).shape
+    assert EstimateRecorder(shape).topics == {Topic.HEIGHTS} and EstimateRecorder(shape, heights=False).topics == set()
     with RecordingWriter(tmp_path / "meant.mcap", RecordingMetadata("x")) as episode:
         Recorder(episode, camera, estimates=EstimateRecorder(shape, Guessing())).run(lambda: False)
     with Recording(tmp_path / "meant.mcap") as read:

@@ -104,7 +104,9 @@ def test_labels_replace_each_other_and_leave_everything_else_as_it_was(tmp_path:
     assert len(sizes) == 1, "an earlier list of labels was left in the file"
     with Recording(path) as recording:
         assert recording.is_finished and recording.spans() == [PUSH, SLIDE]
-        assert [one.name for one in recording.attachments()] == [*ATTACHED, "spans.json"]
+        attachments = list(recording.attachments())
+        assert [one.name for one in attachments] == [*ATTACHED, "spans.json"]
+        assert attachments[-1].log_time == max(recording.stamps_ns(Topic.IMAGES))
         assert recording.sensor_files() == {"sensor.toml": b"id = 'small'", "images/ball.png": b"\0\1"}
         assert all(
             np.array_equal(*both) for both in zip(frames, (one.image for one in recording.frames()), strict=True)
@@ -121,7 +123,8 @@ def test_an_attachment_of_another_kind_at_the_end_of_the_file_is_not_taken_for_l
         pass  # no messages: the attachments are the last records
     assert edit_labelled_spans(path, lambda _: [PUSH]) == [PUSH]
     with Recording(path) as recording:
-        assert [one.name for one in recording.attachments()] == [*ATTACHED, "spans.json"]
+        attachments = list(recording.attachments())
+        assert [one.name for one in attachments] == [*ATTACHED, "spans.json"] and attachments[-1].log_time == 0
 
 
 def test_labels_of_a_truncated_recording_complete_it_and_one_being_written_is_refused(tmp_path: Path) -> None:

@@ -150,7 +150,7 @@ class RecordedReferences:
         self._find_faults, self._rectified_faults = find_faults, rectified_faults
         positions = {topic: recording.positions(topic) for topic in (Topic.REFERENCE_GREY, Topic.REFERENCE)}
         self._topic = next((topic for topic, found in positions.items() if len(found)), None)
-        self._positions: Array = np.empty(0) if self._topic is None else positions[self._topic]
+        self._positions = positions[self._topic or Topic.REFERENCE]
         self._last: tuple[int, DepthReader] | None = None
 
     def depth_reader_at(self, stamp_ns: int) -> DepthReader | None:
