@@ -101,6 +101,21 @@ def test_pairs_are_true_apart_and_of_all_kinds(tmp_path: Path) -> None:
     assert [len(line) for line in histogram_lines(collector)] and "pairs (" in collect_progress_line(collector)
 
 
+def test_the_wrench_of_a_pair_is_that_of_the_exposure(tmp_path: Path) -> None:
+    """A camera that stamps its images late by 60 ms; the load changes by up to 1 N in that time."""
+    collector, pairs = collected(tmp_path / "late.mcap", settings=replace(SETTINGS, camera_delay_ms=60.0))
+    changed = 0
+    for pair in pairs:
+        exposed_s = at_s(pair.time_ns) - 0.06
+        assert (np.abs(pair.wrench.six - truth(exposed_s)) < 6 * NOISE + 1e-3).all(), pair.kind
+        changed += bool(abs(truth(exposed_s + 0.12)[2] - truth(exposed_s)[2]) > 0.5)
+    assert changed > 5 and collector.counts.pairs
+    assert "(tolerance 10 ms)" in collector.fault_text(SampleFault.UNPAIRED)
+    assert all(
+        "tolerance" not in collector.fault_text(fault) for fault in SampleFault if fault is not SampleFault.UNPAIRED
+    )
+
+
 def test_images_are_merged_up_to_the_last_sample_of_a_recording(tmp_path: Path) -> None:
     path, stamps_ns = tmp_path / "both.mcap", [10**12 + number * 33_000_000 for number in range(90)]
     with RecordingWriter(path, RecordingMetadata("hand")) as writer:

@@ -501,8 +501,14 @@ def test_a_reference_begins_at_its_moment_and_has_ten_images() -> None:
         return _first_image_at(recording, np.array(stamps_ns, [("stamp_ns", "i8")]), at_s)
 
     assert [first(25, at_s) for at_s in (0.0, 0.05, 0.1, 1.5)] == [0, 1, 1, 15] and first(10, 0.0) == 0
-    for images, at_s in ((25, 1.51), (25, -0.1), (9, 0.0), (25, float("nan"))):
-        with pytest.raises(ReferenceMomentRefused, match="a reference of 10 images"):
+    for images, at_s, room in (
+        (25, 1.51, "between 0 and 1.50 s"),
+        (25, -0.1, "between 0 and 1.50 s"),
+        (10, 0.1, "between 0 and 0.00 s"),
+        (9, 0.0, "in a recording of 10 images"),
+        (25, float("nan"), "between 0 and 1.50 s"),
+    ):
+        with pytest.raises(ReferenceMomentRefused, match=f"expected a moment {room} for a reference of 10 images"):
             first(images, at_s)
 
 
