@@ -466,6 +466,7 @@ def test_rate_and_gaps_are_those_of_the_stamps(purpose: str, tmp_path: Path) -> 
                 episode.write_measured(Wrench(SIX[:3], SIX[3:], stamp_ns=BEGAN_NS + number * 20_000_000))
     with Recording(path) as read:
         topics = {topic.topic.rpartition("/")[2]: topic for topic in read.summary().topics}
+        assert read.began_ns == BEGAN_NS and read.duration_s == read.summary().seconds == pytest.approx(0.3)
     images, measured = topics["image_raw"], topics["wrench_measured"]
     assert (images.messages, measured.messages, measured.rate_hz) == (10, 2, None)
     if purpose == "record":  # steps of three and four are gaps, one of two is not
