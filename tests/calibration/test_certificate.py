@@ -23,12 +23,14 @@ from ninedtact.calibration.certificate.checks import (
     certificate_headline,
     compute_certificate_checks,
     overall_check_level,
+    press_through_gel_warnings,
 )
 from ninedtact.calibration.certificate.html_page import DEPTH_METHOD_TEXT, LENS_MODEL_TEXT, render_certificate_html
 from ninedtact.calibration.certificate.plot_board import arrow_magnification
 from ninedtact.calibration.certificate.plot_style import draw_board_not_found, stretch_contrast
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, LensKind, calibrate
 from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
+from ninedtact.design import Gel
 from ninedtact.shape.depth import DepthMethod
 
 HOSTILE = "<script>alert('id')</script> & \"co\""
@@ -198,7 +200,7 @@ def test_lines_that_do_not_pass_say_what_to_do() -> None:
 
 def test_warning_alone_keeps_the_whole_from_passing() -> None:
     warned = msgspec.structs.replace(GOOD, warnings=["the light drifted"])
-    assert overall_check_level(warned) == "warn" and "warnings below" in certificate_headline(warned)
+    assert overall_check_level(warned) == "warn" and "read the warnings" in certificate_headline(warned)
 
 
 def test_many_warned_checks_are_worse_than_one() -> None:
@@ -276,3 +278,8 @@ def with_figure(certificate: Certificate, part: str, name: str, value: float) ->
 
 def rank(line: CheckResult) -> int:
     return CHECK_LEVELS.index(line.level)
+
+
+@pytest.mark.parametrize(("depth_mm", "is_warned"), [(1.99, False), (2.0, True)])
+def test_a_press_through_the_gel_is_warned_of(depth_mm: float, is_warned: bool) -> None:
+    assert bool(press_through_gel_warnings(depth_mm, Gel(2.0, 0.1))) == is_warned

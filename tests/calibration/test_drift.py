@@ -245,7 +245,7 @@ def test_the_command_ends_with_the_diagnosis(
     assert found["images"][1]["brightness_percent"] == pytest.approx(-20, abs=0.2)
     assert CheckCommand(sensor.path, (dim,)).run() == 1
     said = capsys.readouterr().out
-    assert "20.0% dimmer" in said and "with the calibration's reference image, none with today's" in said
+    assert "20.0% dimmer" in said and "on 99 % of the view; with today's they are not" in said
 
 
 def test_an_image_of_a_press_is_not_said_to_be_a_good_reference(
@@ -255,7 +255,7 @@ def test_an_image_of_a_press_is_not_said_to_be_a_good_reference(
     cv2.imwrite(str(pressed), images["sensor_a"]["ball"])
     assert CheckCommand(sensor.path, (pressed,)).run() == 1
     said = capsys.readouterr().out
-    assert "something touches the gel" in said and said.endswith("with the calibration's reference image\n")
+    assert "something touches the gel" in said and said.endswith("mm on 99 % of the view\n")
 
 
 def test_a_command_without_images_says_so(sensor: SensorFolder) -> None:

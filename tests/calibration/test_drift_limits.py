@@ -14,6 +14,7 @@ from ninedtact.calibration.drift.diagnosis_and_reference_check import (
     ReferenceImplausible,
     describe_new_contact,
     diagnose_drift,
+    different_skin_warnings,
 )
 from ninedtact.calibration.drift.drift_measurement import (
     CalibratedReference,
@@ -326,6 +327,19 @@ def test_the_strongest_new_contact_is_described() -> None:
     dents = 1 + np.roll(PRESSED, 40, axis=1) + 0.6 * np.roll(PRESSED, -50, axis=1)
     described = against(dents)
     assert described is not None and "around (4.0, " in described and "dimmer over 1" in described
+
+
+def test_two_skins_or_a_moved_camera_between_the_presses_are_warned_of() -> None:
+    skin, before = texture(0), image_of(texture(0), 1)
+    assert different_skin_warnings(before, image_of(0.9 * skin, 2)) == ()
+    assert different_skin_warnings(before, image_of(shifted(skin, 0.4, 0.3, 0.0), 2)) == ()
+    (moved,) = different_skin_warnings(before, image_of(shifted(skin, 2.4, -1.8, 0.5), 2))
+    assert moved.startswith("the camera or the gel moved by 3.0 px and 0.5° between the presses of board and ball")
+    (other,) = different_skin_warnings(before, image_of(texture(9), 2))
+    assert "does not show the skin of the image before the board" in other and "pressed on two sensors" in other
+    plain = np.ones(RAW_SHAPE)
+    assert different_skin_warnings(image_of(plain, 1), image_of(plain, 2)) == ()  # too uniform to tell
+    assert different_skin_warnings(before, image_of(texture(9)[:200], 2)) == ()
 
 
 def test_light_bends_up_to_the_fourth_degree_of_both_axes_together() -> None:

@@ -44,6 +44,7 @@ from ninedtact.cli.shared_options import CalibrationOptions, DesignGivenTwice
 from ninedtact.design import BallGauge, Gel, SensorDesign
 from ninedtact.force.estimator_interface import NoForceEstimator
 from ninedtact.force.known_load_scale import ForceScale, write_force_scale
+from ninedtact.force.traction.observation import TractionImpossible
 from ninedtact.quantities import Frame
 
 DESIGN = SensorDesign()
@@ -415,8 +416,8 @@ def test_images_of_a_ball_upgrade_an_imported_sensor(
     said = capsys.readouterr().out
     assert "no force, no twin and no 'ninedtact check'" in said and upgrade in said
     imported, reference = load_sensor(out), twin_sensor.stored_image("ball_reference")
-    for needs_ball in (imported.twin, lambda: load_calibrated_reference(imported)):
-        with pytest.raises((TwinMissing, SensorFolderDamaged), match=upgrade):
+    for needs_ball in (imported.twin, lambda: load_calibrated_reference(imported), imported.estimator):
+        with pytest.raises((TwinMissing, SensorFolderDamaged, TractionImpossible), match=upgrade):
             needs_ball()
 
     ball, physics = ("ball_reference", "ball"), CalibrationOptions()
@@ -436,3 +437,27 @@ def test_images_of_a_ball_upgrade_an_imported_sensor(
 
     with pytest.raises(InvalidCalibrateOption, match="beside --from-import"):
         calibrate_command(out, images, ("board_reference", "board"), from_import=out)
+
+
+def test_every_user_of_a_failed_calibration_is_told(
+    calibrated_a: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The gel is stated half as thick as it is, so that no depth curve fits both halves of the ball."""
+    images = save_sensor(tmp_path / "good", calibrated_a).path / "images"
+    arguments = ["calibrate", f"--images={images}", f"--out={tmp_path / 'bad'}", "--design.gel.thickness-mm=1.0"]
+    assert main(arguments) == 1
+    assert "Do not measure with this calibration" in capsys.readouterr().out
+    bad = load_sensor(tmp_path / "bad")
+    assert bad.record.certificate is not None and any(
+        "which is impossible" in each for each in bad.record.certificate.warnings
+    )
+    assert main(["check", f"--sensor={bad.path}", str(images / "ball_reference.png")]) == 0
+    said = capsys.readouterr().err
+    assert f"the calibration of {bad.path} failed its checks; do not measure with it" in said
+    assert load_sensor(tmp_path / "good").notices == ()
+
+
+def test_images_of_half_a_press_name_the_missing_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for option, missing in (("--board", "--board-reference"), ("--ball-reference", "--ball")):
+        assert main(["calibrate", f"--out={tmp_path / 'sensor'}", option, "image.png"]) == 1
+        assert f"got {option} alone; give {missing} as well" in capsys.readouterr().err

@@ -21,7 +21,8 @@ from ninedtact.calibration.ball.ball_press import BallFit, find_ball_press, simu
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
 from ninedtact.calibration.board.board_fit import BoardFit, LensKind, build_rectification, fit_board
 from ninedtact.calibration.board.lens_fit import rms_vector_length
-from ninedtact.calibration.certificate.checks import unusual_fit_warnings
+from ninedtact.calibration.certificate.checks import press_through_gel_warnings, unusual_fit_warnings
+from ninedtact.calibration.drift.diagnosis_and_reference_check import different_skin_warnings
 from ninedtact.calibration.press_brightness import (
     OVEREXPOSED,
     BgrImage,
@@ -310,8 +311,11 @@ def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDe
     if fits.twin is not None:
         deviation = deviation_from_population(fits.twin.light, fitted_gel(fits.twin), design)
         warnings += unusual_fit_warnings(deviation, design)
+    if fits.ball is not None:
+        warnings += press_through_gel_warnings(fits.ball.max_indentation_mm, design.gel)
     if images.board_pair is not None and images.ball_pair is not None:
-        warnings += reference_mismatch_warnings(images.board_pair[0], images.ball_pair[0])
+        references = images.board_pair[0], images.ball_pair[0]
+        warnings += [*reference_mismatch_warnings(*references), *different_skin_warnings(*references)]
     return warnings
 
 

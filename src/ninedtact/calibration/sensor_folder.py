@@ -74,12 +74,20 @@ class SensorFolder:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """A sentence for each reason to distrust the calibration; empty for one that is as it was written."""
+        """A sentence for each reason to distrust the calibration; empty for one that passed its checks and is as it was written."""
+        from ninedtact.calibration.certificate.checks import overall_check_level
+
         edited = (
             f"{self.path / SENSOR_FILE} was edited or damaged after the calibration: its checksum is not that of its numbers; "
             "restore the sensor folder or calibrate again if you did not edit it"
         )
-        return (edited,) if self.is_edited else ()
+        notices, certificate = [edited] if self.is_edited else [], self.record.certificate
+        if certificate is not None and overall_check_level(certificate) == "fail":
+            notices.append(
+                f"the calibration of {self.path} failed its checks; do not measure with it, and calibrate again as its "
+                "certificate.html advises"
+            )
+        return tuple(notices)
 
     @property
     def id(self) -> str:

@@ -113,7 +113,9 @@ class CalibrateCommand:
         if sensor is None:
             print_notice(f"stopped before the calibration was complete; {self.out} is as it was")
             return 1
-        return print_result(self.json, _to_json_dict(sensor), _format_calibration(sensor))
+        result = _to_json_dict(sensor)
+        print_result(self.json, result, _format_calibration(sensor))
+        return 1 if result["result"] == "fail" else 0
 
     def _calibrate_from_images(self) -> "SensorFolder":
         """Calibrate from files or with a camera, and write the sensor folder."""
@@ -225,6 +227,12 @@ class CalibrateCommand:
             raise InvalidCalibrateOption(
                 "expected --ball-reference and --ball beside --from-import, or --images with a folder of them, got "
                 f"{', '.join(got) or 'none of them'}; give the two images of the ball"
+            )
+        lacking = [partner for pair in (_BOARD_NAMES, _BALL_NAMES) for partner in pair if len({*pair} & {*given}) == 1]
+        if sum(ways) == 1 and lacking:
+            missing = ", ".join("--" + name.replace("_", "-") for name in lacking if name not in given)
+            raise InvalidCalibrateOption(
+                f"expected two images of each press, without and with contact, got {', '.join(got)} alone; give {missing} as well"
             )
         raise InvalidCalibrateOption(
             f"expected all of {_IMAGE_OPTIONS}, or the two of one press, or --images alone, or --source alone, got "

@@ -99,7 +99,7 @@ def _format_results(results: list[dict[str, Any]]) -> Iterator[str]:
         yield f"{found['image']}: {found['diagnosis']}"
         for finding in found["findings"]:
             yield f"  {finding['sentence']}{_format_height_effect(finding)}"
-        yield f"  measured: {_format_measurement(found)}"
+        yield from _format_measurement(found)
 
 
 def _format_height_effect(finding: dict[str, Any]) -> str:
@@ -109,17 +109,22 @@ def _format_height_effect(finding: dict[str, Any]) -> str:
     return f" (height off by up to {finding['height_mm']:.2f} mm with the calibration's reference image)"
 
 
-def _format_measurement(found: dict[str, Any]) -> str:
-    """The figures that can be compared, in one line; of another sensor's gel only the light."""
+def _format_measurement(found: dict[str, Any]) -> Iterator[str]:
+    """The figures that can be compared; of another sensor's gel only the light."""
+    light = f"brightness {found['brightness_percent']:+.1f} %, light even to {found['uneven_percent']:.1f} %"
     if found["diagnosis"] == "another sensor's gel":
-        return f"brightness {found['brightness_percent']:+.1f} %, light even to {found['uneven_percent']:.1f} %"
+        yield f"  measured: {light}"
+        return
     skin = "motion of the skin not observable"
     if found["shift_px"] is not None:
         px, mm = hypot(*found["shift_px"]), hypot(*found["shift_mm"])
-        skin = f"skin {px:.2f} ± {found['shift_error_px']:.2f} px ({mm:.3f} mm) away, turn {found['turn_deg']:.2f}°"
-    today = "" if found["diagnosis"] == "something touches the gel" else ", none with today's"
-    return (
-        f"brightness {found['brightness_percent']:+.1f} %, light even to {found['uneven_percent']:.1f} %, {skin}, "
-        f"marks on {found['changed_area_mm2']:.1f} mm², together worth up to {found['old_reference_height_mm']:.2f} mm "
-        f"of height on 99 % of the view with the calibration's reference image{today}"
+        skin = (
+            f"skin {px:.2f} ± {found['shift_error_px']:.2f} px ({mm:.3f} mm) and {found['turn_deg']:.2f}° from where the board was "
+            "pressed"
+        )
+    yield f"  measured: {light}, {skin}, marks on {found['changed_area_mm2']:.1f} mm²"
+    today = "" if found["diagnosis"] == "something touches the gel" else "; with today's they are not"
+    yield (
+        f"  heights measured against the calibration's reference image would be off by up to "
+        f"{found['old_reference_height_mm']:.2f} mm on 99 % of the view{today}"
     )

@@ -43,6 +43,10 @@ class CalibratedSensorFolder(Protocol):
     def gel(self) -> "Gel":
         """The calibrated gel, or the designed one where it was not calibrated."""
 
+    @property
+    def completion_command(self) -> str:
+        """The command that adds the fit of gel and light where it is missing."""
+
 
 def load_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator":
     """Return the estimator of a calibrated sensor with the force scale of its folder.
@@ -67,6 +71,13 @@ def load_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator
 
 def load_unscaled_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator":
     """Return the estimator of a calibrated sensor without its force scale; raises as `load_estimator`."""
+    if spec in (PHYSICS, CORRECTED) and folder.shape.deblurring is None:
+        from ninedtact.force.traction.observation import TractionImpossible
+
+        raise TractionImpossible(
+            f"expected {folder.path} to be calibrated for force by physics, got a calibration that does not know how the gel "
+            f"scatters light (imported, or of another method than 'physics'); run: {folder.completion_command}"
+        )
     return build_estimator(spec, folder.shape, folder.gel)
 
 

@@ -215,7 +215,7 @@ def require_usable_depth(
     if radius_mm >= max_relative_radius * ball.radius_mm:
         raise BallPressUnusable(
             f"expected a disc smaller than the ball (radius {ball.radius_mm:g} mm), got one of {radius_mm:.2f} mm; "
-            "check the ball's radius, or press less deep"
+            "check the ball's radius and the pitch of the board's pins, or press less deep"
         )
     depth_mm = spherical_cap_height_mm(ball.radius_mm, min(radius_mm, ball.radius_mm))
     if depth_mm < _MIN_DEPTH_MM:

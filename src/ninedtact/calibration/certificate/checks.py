@@ -13,7 +13,7 @@ from typing import Literal
 from ninedtact.calibration.ball.contact_circle import MAX_ASYMMETRY
 from ninedtact.calibration.board.board_fit import MAX_MISSING_FRACTION
 from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
-from ninedtact.design import SensorDesign
+from ninedtact.design import Gel, SensorDesign
 
 _UNUSUAL_FIT = 3.2
 """Deviation of light and gel from the middle of the population above which there is a warning; the sensors of six labs are within
@@ -113,6 +113,16 @@ def unusual_fit_warnings(deviation: float, design: SensorDesign) -> list[str]:
     ]
 
 
+def press_through_gel_warnings(depth_mm: float, gel: Gel) -> list[str]:
+    """Return a warning where the ball would have been pressed through the gel of the design."""
+    if depth_mm < gel.thickness_mm:
+        return []
+    return [
+        f"the ball was pressed {depth_mm:.2f} mm deep into a gel of {gel.thickness_mm:.2f} mm, which is impossible: check the "
+        "gel's thickness in the design and the radius of the ball"
+    ]
+
+
 def overall_check_level(certificate: Certificate) -> OverallLevel:
     """Return the overall level: that of the worst check, poor where many checks warn, and never a pass where there are warnings."""
     levels = [line.level for line in compute_certificate_checks(certificate)]
@@ -134,9 +144,12 @@ def certificate_headline(certificate: Certificate) -> str:
     if level == "poor":
         return f"Calibrate again before you rely on this sensor. {checks}; the lines below say what to do."
     if certificate.ball is None:
-        return f"This sensor rectifies images. {checks}; heights and force need a press of the ball, see the warnings below."
+        return (
+            f"This sensor rectifies images in a program (load_sensor(…).rectification). {checks}; heights and force need a press "
+            "of the ball, see the warnings."
+        )
     if all(line.level == "pass" for line in lines):
-        return f"This sensor can be used with care. {checks}, but read the warnings below."
+        return f"This sensor can be used with care. {checks}, but read the warnings."
     return f"This sensor can be used with care. {checks}; the lines below say what to do."
 
 

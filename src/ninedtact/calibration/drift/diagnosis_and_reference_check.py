@@ -23,10 +23,12 @@ from ninedtact.calibration.drift.brightness_change import MAX_UNEVENNESS, Change
 from ninedtact.calibration.drift.drift_measurement import (
     CalibratedReference,
     DriftMeasurement,
+    SkinMotion,
     load_calibrated_reference,
     measure_drift,
+    measure_skin_motion,
 )
-from ninedtact.calibration.press_brightness import estimate_pixel_noise, find_exposure_fault
+from ninedtact.calibration.press_brightness import BgrImage, estimate_pixel_noise, find_exposure_fault
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import average_images, read_image
 from ninedtact.errors import InputError
@@ -130,19 +132,23 @@ def _find_mirrored_image(drift: DriftMeasurement) -> DriftFinding | None:
     return DriftFinding("camera moved", sentence, drift.height_mm)
 
 
+def _has_moved(skin: SkinMotion) -> bool:
+    """Return whether a skin that was recognised is displaced or rotated by more than the limits, beyond the error."""
+    shifted = skin.distance_px - _SUBTRACTED_STANDARD_ERRORS * skin.shift_error_px > _MAX_SHIFT_PX
+    turned = abs(skin.turn_deg) - _SUBTRACTED_STANDARD_ERRORS * skin.turn_error_deg > _MAX_TURN_DEG
+    return skin.is_same_skin and (shifted or turned)
+
+
 def _find_camera_motion(drift: DriftMeasurement) -> DriftFinding | None:
     """Return a finding where the camera has moved."""
     skin = drift.moved
-    far_px = float(np.hypot(*skin.shift_px))
-    shifted = far_px - _SUBTRACTED_STANDARD_ERRORS * skin.shift_error_px > _MAX_SHIFT_PX
-    turned = abs(skin.turn_deg) - _SUBTRACTED_STANDARD_ERRORS * skin.turn_error_deg > _MAX_TURN_DEG
-    if not skin.is_same_skin or not (shifted or turned):
+    if not _has_moved(skin):
         return None
     return DriftFinding(
         "camera moved",
-        f"the skin appears {far_px:.1f} ± {skin.shift_error_px:.1f} px ({far_px * drift.known.mm_per_raw_px:.2f} mm) "
-        f"away and turned by {skin.turn_deg:.1f}° since the board was pressed: positions are off by that; fix camera "
-        "and gel in their housing and calibrate again",
+        f"the skin appears {skin.distance_px:.1f} ± {skin.shift_error_px:.1f} px "
+        f"({skin.distance_px * drift.known.mm_per_raw_px:.2f} mm) away and turned by {skin.turn_deg:.1f}° since the board was "
+        "pressed: positions are off by that; fix camera and gel in their housing and calibrate again",
         drift.known.worst_height_mm(skin.undone(drift.known.depth_image)),
     )
 
@@ -269,6 +275,25 @@ class ReferenceImageChecker:
         if frames:
             self.require_faultless(frames)
         return frames
+
+
+def different_skin_warnings(board_reference: BgrImage, ball_reference: BgrImage) -> tuple[str, ...]:
+    """Return a warning where the images before the board and before the ball show two skins, or one skin at two places."""
+    if board_reference.shape != ball_reference.shape:
+        return ()
+    skin = measure_skin_motion(board_reference, ball_reference)
+    if skin.observable and not skin.is_same_skin:
+        return (
+            "the image before the ball does not show the skin of the image before the board (correlation "
+            f"{skin.correlation:.2f}): board and ball were pressed on two sensors, or the gel was changed or the camera rotated "
+            "in between; take all four images of one sensor, and calibrate again",
+        )
+    if not _has_moved(skin):
+        return ()
+    return (
+        f"the camera or the gel moved by {skin.distance_px:.1f} px and {abs(skin.turn_deg):.1f}° between the presses of board and "
+        "ball: positions are off by that; fix both in their housing, and calibrate again",
+    )
 
 
 def describe_new_contact(before: Rectified, now: Rectified, seen: Bool[Array, "rows cols"]) -> str | None:

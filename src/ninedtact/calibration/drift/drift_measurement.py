@@ -151,6 +151,11 @@ class SkinMotion:
     """Standard deviation of the structure in the earlier image, as a fraction of the brightness, corrected for noise."""
 
     @property
+    def distance_px(self) -> float:
+        """Length of the shift."""
+        return float(np.hypot(*self.shift_px))
+
+    @property
     def observable(self) -> bool:
         """Whether the skin has enough structure to be recognised."""
         return self.contrast >= FAINTEST_STRUCTURE
@@ -297,7 +302,7 @@ def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasureme
 
 def _detect_flip(known: BgrImage, today: BgrImage, motion: SkinMotion) -> str | None:
     """Return how today's image is flipped, or None."""
-    if motion.correlation > _HIGH_SIMILARITY and np.hypot(*motion.shift_px) < _MIN_FLIP_SHIFT_PX:
+    if motion.correlation > _HIGH_SIMILARITY and motion.distance_px < _MIN_FLIP_SHIFT_PX:
         return None
     ways = {way: measure_skin_motion(known, np.asarray(cv2.flip(today, code))) for way, code in _FLIPS.items()}
     best = max(ways, key=lambda way: ways[way].correlation)
