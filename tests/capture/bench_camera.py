@@ -125,10 +125,10 @@ class BenchPi:
     def close(self) -> None:
         self.is_closed = True
 
-    def capture_arrays(self, names: list[str], wait: bool) -> "BenchPi":
-        return self
+    def capture_arrays(self, names: list[str], wait: bool) -> Any:
+        return self.get_result() if wait else self
 
-    def get_result(self, timeout: float) -> tuple[list[np.ndarray], dict[str, float]]:
+    def get_result(self, timeout: float | None = None) -> tuple[list[np.ndarray], dict[str, float]]:
         if self.is_silent:
             raise TimeoutError(timeout)
         self.shown += 1

@@ -20,7 +20,7 @@ from ninedtact.capture.camera_delay import (
     read_camera_delay,
     write_camera_delay,
 )
-from ninedtact.capture.frame_source import CameraLost, CameraSettings
+from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraLost, CameraSettings
 from ninedtact.cli import main
 from ninedtact.quantities import Frame
 
@@ -116,8 +116,26 @@ def test_a_camera_that_is_lost_ends_the_measurement_with_the_light_off(tmp_path:
     assert len(light.switched_ns) % 2 == 1
 
 
-def test_settings_are_printed_as_the_camera_reports_them() -> None:
-    fixed = CameraSettings(auto_exposure=False, exposure_ms=8.3, gain=4, auto_white_balance=False, white_balance_k=4600)
-    assert describe_camera_settings(fixed) == "exposure 8.3 ms, fixed; gain 4; white balance 4600 K, fixed"
-    automatic = CameraSettings(auto_exposure=True, auto_white_balance=True)
-    assert describe_camera_settings(automatic) == "automatic exposure; gain not reported; automatic white balance"
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (
+            CameraSettings(
+                auto_exposure=False, exposure_ms=8.3, gain=4, auto_white_balance=False, white_balance_k=4600
+            ),
+            "exposure 8.3 ms, fixed; gain 4; white balance 4600 K, fixed",
+        ),
+        (
+            CameraSettings(exposure_ms=8.3, gain=0, white_balance_k=4600),
+            "exposure 8.3 ms, fixed; gain 0; white balance 4600 K, fixed",
+        ),
+        (
+            CameraSettings(auto_exposure=True, auto_white_balance=True),
+            "automatic exposure; gain not reported; automatic white balance",
+        ),
+        (FIXED_EXPOSURE, "exposure not reported; gain not reported; white balance not reported"),
+        (CameraSettings(), "exposure not reported; gain not reported; white balance not reported"),
+    ],
+)
+def test_settings_are_printed_as_the_camera_reports_them(settings: CameraSettings, said: str) -> None:
+    assert describe_camera_settings(settings) == said

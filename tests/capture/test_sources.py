@@ -13,9 +13,10 @@ import cv2
 import numpy as np
 import pytest
 from bench_camera import BenchCamera, BenchPi
+from hand_fed import HandFed
 from mjpeg_camera import MjpegCamera
 
-from ninedtact.capture.frame_pacing import LatestFrameSource, LivePlayback
+from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback, RepeatingSource
 from ninedtact.capture.frame_source import (
     CameraLost,
     CameraNotFound,
@@ -31,7 +32,7 @@ from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.source_from_address import camera_or_file_source
 from ninedtact.capture.strict_image_reading import ImageSizeWrong, ImageUnreadable
 from ninedtact.capture.uvc_camera import UvcCamera
-from ninedtact.capture.video_decoding import MissingImageCounter
+from ninedtact.capture.video_decoding import MissingImageCounter, VideoFileDecoder
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording import merge_streams
@@ -111,6 +112,8 @@ FAMILY: dict[str, Callable[[Bench], FrameSource]] = {
     **BARE,
     **{f"freshest of {name}": lambda bench, make=make: patient(make(bench)) for name, make in BARE.items()},
     **{f"reconnecting {name}": lambda bench, make=make: reconnecting(make(bench)) for name, make in BARE.items()},
+    "delayed camera": lambda bench: DelayCorrectedSource(bench.camera_source(), 20.0),
+    "repeating folder": lambda bench: RepeatingSource(bench.folder_source()),
     "freshest of reconnecting stream": lambda bench: patient(reconnecting(bench.stream_source())),
 }
 
@@ -129,9 +132,9 @@ def test_every_source_keeps_the_contract(bench: Bench, member: str) -> None:
         source.read()
     for _ in range(2):  # a source that was closed opens again as if new
         with source:
-            source.open()  # opening an open source does nothing
             frames = [source.read() for _ in range(4)]
             as_read = [frame.image.copy() for frame in frames]
+            source.open()  # opening an open source does nothing
             frames.append(source.read())
         images, indices = [frame.image for frame in frames], [frame.index for frame in frames]
         assert all(image.dtype == np.uint8 and image.shape == images[0].shape for image in images)
@@ -154,6 +157,39 @@ def test_a_recording_gives_every_image_and_then_ends(bench: Bench, recording: st
         assert [int(frame.image[0, 0, 0]) for frame in source] == [20 * number for number in range(IMAGES)]
         with pytest.raises(SourceEnded, match=f"after {IMAGES}"):
             source.read()
+
+
+def test_a_recording_that_is_repeated_counts_on_and_starts_anew_when_it_is_opened_anew(bench: Bench) -> None:
+    with RepeatingSource(bench.folder_source()) as source:
+        assert source.recorded_hz == 50.0
+        for number in range(2 * IMAGES + 3):
+            frame = source.read()
+            source.open()
+            assert frame.index == number and int(frame.image[0, 0, 0]) == 20 * (number % IMAGES)
+    with source:
+        assert source.read().index == 0
+
+
+def test_the_delay_of_a_camera_is_subtracted_from_the_stamps_of_its_images() -> None:
+    fed = HandFed()
+    with DelayCorrectedSource(fed, 42.0) as source:
+        fed.show(stamp_ns=1_000_000_000)
+        assert source.read().stamp_ns == 958_000_000
+
+
+@pytest.mark.parametrize(("rate_hz", "recorded_hz"), [(0.0, 30.0), (1000.0, 1000.0), (1000.1, 30.0), (np.nan, 30.0)])
+def test_a_video_of_no_possible_rate_plays_at_thirty_images_a_second(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, rate_hz: float, recorded_hz: float
+) -> None:
+    video, init = bench.video_source(), VideoFileDecoder.__init__
+
+    def open_with_rate(decoder: VideoFileDecoder, path: Path) -> None:
+        init(decoder, path)
+        decoder.rate_hz = rate_hz
+
+    monkeypatch.setattr(VideoFileDecoder, "__init__", open_with_rate)
+    with video:
+        assert video.recorded_hz == recorded_hz
 
 
 @pytest.mark.parametrize(
@@ -414,19 +450,25 @@ def test_text_names_a_source(bench: Bench) -> None:
         "/dev/video0": UvcCamera,
         "csi": RaspberryPiCamera,
         "csi:1": RaspberryPiCamera,
+        "999999999": UvcCamera,
+        "usb:1-2": UvcCamera,
         "http://127.0.0.1/a.mjpg": NetworkStream,
         "RTSP://127.0.0.1/a": NetworkStream,
         str(video.path): VideoFile,
         str(folder.folder): ImageFolder,
     }
     assert {text: type(camera_or_file_source(text)) for text in named} == named
+    for address, name in (("7", "camera 7"), ("csi", "csi:0"), ("csi:12", "csi:12")):
+        assert camera_or_file_source(address).name == name
     for text in (
         "sim",
         "",
         "no/such/file",
         "gopher://x",
         "http://[x",
-        "99999999999",
+        "1000000000",
+        "csi:",
+        "csi:one",
         "-1",
         str(bench.folder / "press_0.png"),
     ):

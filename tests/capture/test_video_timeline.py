@@ -48,6 +48,16 @@ def test_half_a_second_may_lack_at_the_end_of_an_uneven_video() -> None:
     reached = uneven[-1] + 40
     assert missing(uneven, announced=(reached + 490) * 25 / 1000) == 0
     assert missing(uneven, announced=(reached + 520) * 25 / 1000) == 13
+    slow = 25 * uneven  # an image a second: an image and a half may lack there
+    assert missing(slow, rate_hz=1.0, announced=25 * reached / 1000 + 1.49) == 0
+    assert missing(slow, rate_hz=1.0, announced=25 * reached / 1000 + 1.51) == 2
+
+
+def test_a_video_is_even_where_nine_in_ten_steps_are_within_a_quarter_of_the_usual() -> None:
+    """Twenty steps of which one is of two periods and others are somewhat long."""
+    for long_steps, within, counted in ((1, 0.24, 1), (1, 0.26, 0), (0, 0.26, 1)):
+        steps = [40.0] * (19 - long_steps) + [40 * (1 + within)] * long_steps + [80.0]
+        assert missing(np.cumsum([0.0, *steps])) == counted
 
 
 def test_a_video_without_images_misses_all_that_it_announces() -> None:

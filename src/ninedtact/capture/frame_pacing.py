@@ -205,10 +205,12 @@ class RepeatingSource(FrameSource):
     def open(self) -> None:
         """Open the source; raises what the source raises."""
         with self._opening:
+            if self._is_open:
+                return
             self._source.open()
             self._is_open = True
-        self.recorded_hz = self._source.recorded_hz
-        self._first_index = self._next_index = 0
+            self.recorded_hz = self._source.recorded_hz
+            self._first_index = self._next_index = 0
 
     def read(self) -> Frame:
         """Return the next image; the first one follows the last."""

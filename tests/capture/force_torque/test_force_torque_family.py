@@ -239,6 +239,7 @@ def test_text_names_a_sensor() -> None:
     for text in ("bota:~/sensor.json", "netft:192.168.1.1", "netft:ati.local:49153", "onrobot:10.0.0.2", "serial:COM3"):
         assert force_torque_sensor_for(text).name in (text, f"bota:{Path.home()}/sensor.json")
     assert force_torque_sensor_for("serial:/dev/ttyACM0@921600").name == "serial:/dev/ttyACM0"
+    assert force_torque_sensor_for("serial:COM3@123456789").name == "serial:COM3"
     wrong = (
         "",
         "sim",
@@ -250,7 +251,8 @@ def test_text_names_a_sensor() -> None:
         "serial:",
         "serial:@9",
         "serial:x@fast",
-        "serial:x@9999999999",
+        "serial:x@0",
+        "serial:x@1000000000",
     )
     for text in wrong:
         with pytest.raises(ForceTorqueAddressUnknown, match=r"expected .* got .*; correct it"):
