@@ -1,6 +1,7 @@
 """The delay of a camera is found from a light that blinks, and its stated error holds it."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -9,15 +10,19 @@ import pytest
 from ninedtact.capture.camera_check import describe_camera_settings
 from ninedtact.capture.camera_delay import (
     CameraDelay,
+    CameraDelayImpossible,
+    CameraDelayOfOtherCamera,
     CameraDelayUnmeasurable,
     CameraDelayUnreadable,
     FileLight,
     LightSwitchFailed,
     SimulatedDelayedCamera,
     SimulatedLight,
+    TerminalLight,
     estimate_delay,
     measure_camera_delay,
     read_camera_delay,
+    resolve_camera_delay_ms,
     write_camera_delay,
 )
 from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraLost, CameraSettings
@@ -53,6 +58,67 @@ def test_a_known_delay_is_found(delay_ms: float, exposure_ms: float, rate_hz: fl
     assert found.rate_hz == pytest.approx(rate_hz, rel=0.01) and found.correlation > 0.99
 
 
+def test_delays_are_searched_from_a_tenth_of_a_second_early_to_six_tenths_late() -> None:
+    for delay_s, is_found in ((-0.12, False), (-0.095, True), (0.59, True), (0.62, False)):
+        observed = blinking(delay_s, 0.01, 60)
+        if is_found:
+            assert estimate_delay(*observed).delay_ms == pytest.approx(1e3 * delay_s, abs=2)
+        else:
+            with pytest.raises(CameraDelayUnmeasurable, match=r"by -0\.1 to 0\.6 s with a correlation above 0\.8, got"):
+                estimate_delay(*observed)
+
+
+def test_the_light_must_change_the_images_by_two_grey_levels_and_there_must_be_more_than_fifty() -> None:
+    switches_s, stamps_s, grey = blinking(0.03, 0.01, 30)
+    use = (stamps_s > switches_s[0]) & (stamps_s < switches_s[-1])
+    contrast = np.subtract(*np.percentile(grey[use], (90, 10)))
+    found = estimate_delay(switches_s, stamps_s, 2.001 / contrast * grey)
+    first, *_, last = stamps_s[use]
+    assert found.rate_hz == pytest.approx((use.sum() - 1) / (last - first), rel=1e-12) and found.camera == ""
+    with pytest.raises(CameraDelayUnmeasurable, match=f"at least 2 grey levels .* got {use.sum()} that change by 2.0;"):
+        estimate_delay(switches_s, stamps_s, 1.999 / contrast * grey)
+    begin = int(use.argmax())
+    with pytest.raises(CameraDelayUnmeasurable, match=r"got 50 that change by 0\.0"):
+        estimate_delay(switches_s, stamps_s[begin : begin + 50], grey[begin : begin + 50])
+    assert estimate_delay(switches_s, stamps_s[: begin + 51], grey[: begin + 51]).delay_ms == pytest.approx(30, abs=5)
+
+
+def test_without_noise_the_error_is_that_of_the_model() -> None:
+    """A fifth of a millisecond; the light is seen through an exposure that the search has."""
+    switches_s = np.cumsum(np.random.default_rng(3).uniform(0.12, 0.4, 40))
+    light = SimulatedLight()
+    light.switched_ns += np.rint(switches_s * 1e9).astype(int).tolist()
+    stamps_s = np.arange(0, switches_s[-1], 1 / 97)
+    seen = [60 + 80 * light.share_on(round((at - 0.044) * 1e9), round((at - 0.034) * 1e9)) for at in stamps_s]
+    found = estimate_delay(switches_s, stamps_s, np.array(seen))
+    assert (found.delay_ms, found.error_ms) == (pytest.approx(39.0, abs=0.06), pytest.approx(0.2, abs=0.01))
+    assert found.correlation > 0.999
+
+
+def test_a_simulated_light_is_on_between_its_switches() -> None:
+    light = SimulatedLight()
+    light.switched_ns += [10, 20, 30]
+    for from_ns, to_ns, share in ((0, 10, 0), (5, 15, 0.5), (12, 18, 1), (20, 30, 0), (25, 45, 0.75), (0, 40, 0.5)):
+        assert light.share_on(from_ns, to_ns) == share
+    for is_on, count in ((True, 4), (False, 5), (False, 5), (True, 6), (True, 6)):  # only a change counts
+        light.switch(is_on)
+        assert len(light.switched_ns) == count
+
+
+def test_a_terminal_is_inverted_and_one_that_is_none_is_refused() -> None:
+    viewer, screen = os.openpty()
+    with os.fdopen(screen, "w") as terminal:
+        for is_on in (True, False):
+            TerminalLight(terminal).switch(is_on)
+        assert os.read(viewer, 100) == b"\x1b[?5h\x1b[?5l"
+    os.close(viewer)
+    with (
+        Path(os.devnull).open("w") as nothing,
+        pytest.raises(LightSwitchFailed, match="expected a terminal as the light, got none"),
+    ):
+        TerminalLight(nothing).switch(True)
+
+
 def test_images_that_do_not_follow_the_light_give_no_delay() -> None:
     switches_s, stamps_s, grey = blinking(0.03, 0.01, 30)
     with pytest.raises(CameraDelayUnmeasurable, match=r"change by 0\.0"):
@@ -83,6 +149,22 @@ def test_the_delay_is_kept_in_the_sensor_folder(tmp_path: Path) -> None:
     path.write_text("delay_ms = nan\nerror_ms = 1.0\n")
     with pytest.raises(CameraDelayUnreadable, match="delay_ms = nan"):
         read_camera_delay(tmp_path)
+
+
+def test_a_delay_is_given_or_that_which_the_folder_keeps_of_this_camera(tmp_path: Path) -> None:
+    for given in (0, -5000, 5000.0):
+        assert resolve_camera_delay_ms(given, tmp_path, "camera 1") == given
+    for impossible in (5000.1, -5001, np.nan):
+        with pytest.raises(CameraDelayImpossible, match=f"at most 5000 ms, got {impossible}"):
+            resolve_camera_delay_ms(impossible, tmp_path, "camera 1")
+    with pytest.raises(CameraDelayUnreadable):
+        resolve_camera_delay_ms("saved", tmp_path, "camera 0")
+    write_camera_delay(tmp_path, WRITTEN)
+    assert resolve_camera_delay_ms("saved", tmp_path, "camera 0") == 42.0
+    with pytest.raises(CameraDelayOfOtherCamera, match=r"delay of 'camera 1' .* got that of 'camera 0'"):
+        resolve_camera_delay_ms("saved", tmp_path, "camera 1")
+    write_camera_delay(tmp_path, CameraDelay(7.0, 1.0))
+    assert resolve_camera_delay_ms("saved", tmp_path, "camera 1") == 7.0
 
 
 def test_a_light_that_cannot_be_switched_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

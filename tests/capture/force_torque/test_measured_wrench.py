@@ -17,7 +17,14 @@ from ninedtact.capture.force_torque.sample_checks import (
     SampleChecksInvalid,
     SkippingWrenchSource,
 )
-from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareRefused, TareSettings, ZeroDrift, compute_tare
+from ninedtact.capture.force_torque.tare import (
+    Tare,
+    TaredWrenchSource,
+    TareRefused,
+    TareSettings,
+    ZeroDrift,
+    compute_tare,
+)
 from ninedtact.capture.force_torque.wrench_source_from_address import (
     CheckAndTareSettings,
     DeviceFrameWrenchSource,
@@ -324,6 +331,20 @@ def test_a_tare_bears_what_noise_explains_and_nothing_more() -> None:
     compute_tare(steps, replace(still, least_samples=40))
     assert slow.mean[2] == pytest.approx(0.0195) and slow.seconds == pytest.approx(0.039) and slow.samples == 40
     assert slow.deviation[2] == pytest.approx(np.std(np.arange(40) * 0.001, ddof=1)) and slow.stamp_ns == 39 * MS
+    nearly = [replace(each, force_n=1.66 * each.force_n) for each in steps]
+    assert compute_tare(nearly, still).mean[2] == pytest.approx(1.66 * 0.0195)
+    for slope, is_taken in (
+        (2.9, True),
+        (2.95, False),
+    ):  # noise of ± 0.01 N adds 7 · 1.2 · 0.02/√2 /√10 N to the limit of 0.05 N
+        noisy_steps = [replace(each, force_n=slope * each.force_n + 0.01 * (-1) ** n) for n, each in enumerate(steps)]
+        if is_taken:
+            compute_tare(noisy_steps, still)
+        else:
+            with pytest.raises(TareRefused):
+                compute_tare(noisy_steps, still)
+    with pytest.raises(TareRefused, match=r"moved by \(0\.000, 0\.000, 0\.050\) N"):
+        compute_tare([replace(each, force_n=1.68 * each.force_n) for each in steps], still)
     twice = [replace(each, force_n=2 * each.force_n) for each in steps]
     with pytest.raises(TareRefused, match=r"moved by \(0\.000, 0\.000, 0\.060\) N"):
         compute_tare(twice, still)
@@ -334,6 +355,16 @@ def test_a_tare_bears_what_noise_explains_and_nothing_more() -> None:
 
 def test_the_zero_has_drifted_beyond_its_limit_and_three_deviations() -> None:
     drift = ZeroDrift(np.array([0, 0, 0.129, 0, 0, 0]), np.array([0.01] * 3 + [1e-4] * 3), 120.0, 0.1, 0.005)
-    assert not drift.exceeds_limit and "in 2 min" in drift.sentence
+    assert not drift.exceeds_limit
+    assert drift.sentence == (
+        "without contact, the reading has drifted by (0.000, 0.000, 0.129) N, (0.0, 0.0, 0.0) N·mm in 2 min since the tare "
+        "(limits 0.1 N, 5 N·mm); no need to tare"
+    )
+    assert not replace(drift, six=np.array([0, 0, 0, -0.0052, 0, 0])).exceeds_limit
     assert replace(drift, six=np.array([0, 0, -0.131, 0, 0, 0])).exceeds_limit
-    assert replace(drift, six=np.array([0, 0, 0, 0.0054, 0, 0])).exceeds_limit
+    bent = replace(drift, six=np.array([0, 0, 0, 0.0054, 0, 0]))
+    assert bent.exceeds_limit and "(5.4, 0.0, 0.0) N·mm" in bent.sentence and "; tare again" in bent.sentence
+    tare = Tare(ZERO, np.array([0.01, 0.02, 0.03, 1e-4, 2e-4, 3e-4]), 12, 1.25, 0)
+    assert tare.sentence == (
+        "tared over 1.2 s, 12 samples; noise of one sample (0.010, 0.020, 0.030) N, (0.10, 0.20, 0.30) N·mm"
+    )
