@@ -25,7 +25,7 @@ from ninedtact.capture.camera_delay import (
     resolve_camera_delay_ms,
     write_camera_delay,
 )
-from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraLost, CameraSettings
+from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraLost, CameraSettings, FrameSource
 from ninedtact.cli import main
 from ninedtact.quantities import Frame
 
@@ -103,6 +103,70 @@ def test_a_simulated_light_is_on_between_its_switches() -> None:
     for is_on, count in ((True, 4), (False, 5), (False, 5), (True, 6), (True, 6)):  # only a change counts
         light.switch(is_on)
         assert len(light.switched_ns) == count
+
+
+def test_a_simulated_camera_stamps_its_images_a_known_time_after_the_middle_of_their_exposure() -> None:
+    light = SimulatedLight()
+    with SimulatedDelayedCamera(light, delay_ms=15.0, rate_hz=50.0, exposure_ms=8.0) as camera:
+        first_ns = camera.read().stamp_ns
+        light.switched_ns += [first_ns + 7_000_000]  # two of eight milliseconds after the second exposure began
+        frames = [camera.read() for _ in range(2)]
+    assert [frame.stamp_ns - first_ns for frame in frames] == [20_000_000, 40_000_000]
+    assert [frame.image.mean() for frame in frames] == pytest.approx([60 + 80 * 2 / 8, 140], abs=0.1)
+    assert [frame.index for frame in frames] == [1, 2] and frames[0].image.std() == pytest.approx(1, abs=0.1)
+
+
+def test_a_light_that_is_slow_to_switch_is_in_the_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes 20 ms, and changes in the middle; images come every 20 ms. Nobody waits: the clock is set forward."""
+    now_ns, delay_ns = [10**12], 30_000_000
+
+    def wait_s(seconds: float) -> None:
+        now_ns[0] += round(seconds * 1e9)
+
+    class SlowLight(SimulatedLight):
+        def switch(self, is_on: bool) -> None:
+            wait_s(0.01)
+            super().switch(is_on)
+            wait_s(0.01)
+
+    class Reader:
+        is_reading = True
+
+        def __init__(self, camera: FrameSource) -> None: ...
+
+        def __enter__(self) -> "Reader":
+            self.began_ns = now_ns[0]
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            self.stamps_ns = np.arange(self.began_ns, now_ns[0], 20_000_000)
+
+        def images(self) -> tuple[np.ndarray, np.ndarray]:
+            middles = (self.stamps_ns - delay_ns).tolist()
+            return self.stamps_ns, np.array(
+                [60 + 80 * light.share_on(at - 5_000_000, at + 5_000_000) for at in middles]
+            )
+
+    for name, replacement in (
+        ("monotonic", lambda: now_ns[0] / 1e9),
+        ("monotonic_ns", lambda: now_ns[0]),
+        ("sleep", wait_s),
+        ("_BrightnessReader", Reader),
+    ):
+        monkeypatch.setattr(f"ninedtact.capture.camera_delay.{name}", replacement)
+    light, elapsed_s = SlowLight(), list[float]()
+    camera = SimulatedDelayedCamera(light, name="the camera")
+    found = measure_camera_delay(camera, light, 8.0, on_progress=elapsed_s.append)
+    assert found.delay_ms == pytest.approx(30, abs=2) and found.camera == "the camera"
+    assert found.error_ms == pytest.approx(10, abs=0.3) and found.rate_hz == pytest.approx(50)
+    apart_s = np.diff(light.switched_ns[1 : len(elapsed_s) + 1]) / 1e9
+    assert 0.14 <= apart_s.min() < 0.2 and 0.37 < apart_s.max() <= 0.42
+    assert elapsed_s == sorted(elapsed_s) and 0 < elapsed_s[0] < 0.1 and 7.5 < elapsed_s[-1] < 8
+    assert len(light.switched_ns) % 2 == 1  # off at the end
+    with pytest.raises(
+        CameraDelayUnmeasurable, match=r"expected a measurement of some seconds, got 0\.1 s; measure longer"
+    ):
+        measure_camera_delay(camera, light, 0.1)
 
 
 def test_a_terminal_is_inverted_and_one_that_is_none_is_refused() -> None:

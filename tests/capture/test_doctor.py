@@ -1,6 +1,7 @@
 """The doctor finds cameras, tells their true rate, and is not upset by a machine that has none."""
 
 import json
+import os
 import struct
 import sys
 import tomllib
@@ -154,6 +155,9 @@ def test_the_kernel_is_asked_what_a_device_delivers_and_how_long_it_may_expose(
 
     def ioctl(handle: int, request: int, reply: bytearray) -> None:
         name = Path(f"/proc/self/fd/{handle}").readlink().name
+        assert (
+            not os.get_blocking(handle) and len(reply) == request >> 16 & 0x3FFF
+        )  # so much the kernel reads and writes
         if request == ioctl_number(2, 0, 104):
             struct.pack_into(
                 "<16s32s32sIII", reply, 0, b"uvcvideo", b"9DTact", b"usb", 1, 0x8480_1003, own_capabilities[name]

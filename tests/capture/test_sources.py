@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from bench_camera import BenchCamera, BenchPi
+from bench_camera import BenchCamera, BenchCapture, BenchPi
 from hand_fed import HandFed
 from mjpeg_camera import MjpegCamera
 
@@ -177,6 +177,15 @@ def test_the_delay_of_a_camera_is_subtracted_from_the_stamps_of_its_images() -> 
         assert source.read().stamp_ns == 958_000_000
 
 
+def test_a_video_that_is_closed_meanwhile_is_not_called_damaged(bench: Bench) -> None:
+    with bench.video_source() as video:
+        assert isinstance(video, VideoFile)
+        video.read()
+        video._decoder.read = video.close  # type: ignore[method-assign, union-attr]
+        with pytest.raises(SourceNotOpen):
+            video.read()
+
+
 @pytest.mark.parametrize(("rate_hz", "recorded_hz"), [(0.0, 30.0), (1000.0, 1000.0), (1000.1, 30.0), (np.nan, 30.0)])
 def test_a_video_of_no_possible_rate_plays_at_thirty_images_a_second(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, rate_hz: float, recorded_hz: float
@@ -214,6 +223,27 @@ def test_what_is_not_there_is_refused_in_one_sentence_and_nothing_stays_open(
         with pytest.raises(SourceNotOpen):
             source.read()
     assert capfd.readouterr().err == ""
+
+
+def test_a_stream_is_opened_with_its_password_and_may_be_silent_for_two_seconds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def open_stream(url: str, library: int, options: list[int]) -> BenchCapture:
+        opened.append((url, library, dict(zip(options[::2], options[1::2], strict=True))))
+        return camera.open_capture(0)
+
+    opened: list[object] = []
+    camera = BenchCamera()
+    monkeypatch.setattr("cv2.VideoCapture", open_stream)
+    with NetworkStream("rtsp://me:secret@camera/live") as source:
+        source.open()
+        assert source.read().index == 0
+    limits_ms = {cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: 5000, cv2.CAP_PROP_READ_TIMEOUT_MSEC: 2000}
+    assert opened == [("rtsp://me:secret@camera/live", cv2.CAP_FFMPEG, limits_ms)] and camera.held == 0
+    camera.plugged_in = False
+    with pytest.raises(CameraNotFound):
+        source.open()
+    assert camera.held == 0
 
 
 def test_a_stream_is_lost_when_it_is_unplugged_and_when_it_falls_silent() -> None:
@@ -375,6 +405,8 @@ def test_a_damaged_video_gives_its_whole_images_and_then_says_how_many_are_missi
             frames.extend(iter(video.read, None))
         with pytest.raises(SourceEnded, match=f"after {len(frames)}"):
             video.read()
+    assert {frame.index for frame in frames} <= set(range(len(frames) + video.damaged))
+    assert 0 < video.damaged <= 30 - len(frames)
     assert 0 < len(frames) < 30 and f"got {len(frames)} whole ones and {30 - len(frames)} that" in str(said.value)
     images = np.array(list(whole.values()), np.int16)
     assert all((np.abs(images - frame.image).max((1, 2, 3)) <= 1).any() for frame in frames)
