@@ -90,6 +90,7 @@ class SourceTree:
         shutil.copytree(SOURCES, self.source, ignore=shutil.ignore_patterns("__pycache__"))
         shutil.copytree(ROOT / "tests", folder / "tests")
         shutil.copy(ROOT / "pyproject.toml", folder)
+        (folder / "docs").symlink_to(ROOT / "docs")
         compile_dir(self.source, quiet=1)
 
     def mutate(self, mutation: Mutation) -> None:
@@ -156,28 +157,35 @@ def survives(mutation: Mutation, tree: SourceTree, baseline: Baseline, tests_s: 
 
 
 def run_baseline(tree: SourceTree, package: Package, results: Path) -> Baseline:
-    """Return what the tests of a package execute, from a run of them all, which is kept for as long as nothing changes."""
-    folder = tree.folder / "tests" / package.tests
-    files = sorted(str(path.relative_to(tree.folder)) for path in folder.glob(package.own))
-    python_files = [*sorted(SOURCES.rglob("*.py")), *sorted(folder.rglob("*.py")), folder.parent / "conftest.py"]
-    digest = hashlib.sha256(b"".join(path.read_bytes() for path in python_files)).hexdigest()[:16]
-    kept = results / f"baseline_{package.tests}_{digest}.json"
-    if not kept.is_file():
-        report = tree.folder / "baseline.json"
-        if _run_forked(lambda: _run_covered(tree, files, report), limit_s=3600) is None or not report.is_file():
-            raise SystemExit(f"expected the tests in {folder} to run, got no result")
-        shutil.copy(report, kept)
-    read = json.loads(kept.read_text())
-    failed = set(read["failed"])
+    """Return what the tests of a package execute, file by file; what a file of tests executes is kept until something changes."""
+    baseline, failed = Baseline(), list[str]()
+    for path in sorted((tree.folder / "tests" / package.tests).glob(package.own)):
+        read = json.loads(_keep_baseline(tree, path, results).read_text())
+        failed += read["failed"]
+        baseline.duration_s |= read["duration_s"]
+        for source, lines in read["lines"].items():
+            for line, tests in lines.items():
+                found = baseline.tests_by_line.setdefault(source, {}).setdefault(int(line), set())
+                found |= set(tests) - set(read["failed"])
     if failed:
         print(f"left out, as they fail without a mutation: {', '.join(sorted(failed))}")
-    return Baseline(
-        read["duration_s"],
-        {
-            path: {int(line): set(tests) - failed for line, tests in lines.items()}
-            for path, lines in read["lines"].items()
-        },
-    )
+    return baseline
+
+
+def _keep_baseline(tree: SourceTree, tests: Path, results: Path) -> Path:
+    """Return the file with what one file of tests executes, which is run if it, a helper of it or a source has changed."""
+    helpers = [path for path in tests.parent.glob("*.py") if not path.name.startswith("test_")]
+    read = [*sorted(SOURCES.rglob("*.py")), *sorted(helpers), tree.folder / "tests" / "conftest.py", tests]
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in read)).hexdigest()[:16]
+    kept = results / f"baseline_{tests.stem}_{digest}.json"
+    if not kept.is_file():
+        report = tree.folder / "baseline.json"
+        report.unlink(missing_ok=True)
+        files = [str(tests.relative_to(tree.folder))]
+        if _run_forked(lambda: _run_covered(tree, files, report), limit_s=3600) is None or not report.is_file():
+            raise SystemExit(f"expected the tests in {tests} to run, got no result")
+        shutil.copy(report, kept)
+    return kept
 
 
 def _run_forked(run: Callable[[], int], limit_s: float) -> int | None:

@@ -48,15 +48,16 @@ def mutants(
     package: tuple[str, ...] = tuple(PACKAGES),
     per_package: int = 25,
     seed: int = 0,
+    within: str = "",
     at: tuple[str, ...] = (),
     again: bool = False,
     tests_s: float = 20.0,
 ) -> None:
     """Print how many mutants of each package its own tests kill, and every one that survives.
 
-    package: names of the packages. per_package: number of mutants of each. at: all mutants of these lines (shape/depth.py:51)
-    instead of a sample. again: those that survived the last time instead. tests_s: time of the tests that a mutant meets at
-    most, beside those that execute its line.
+    package: names of the packages. per_package: number of mutants of each. within: only files whose path begins so
+    (calibration/board). at: all mutants of these lines (shape/depth.py:51) instead of a sample. again: those that survived the
+    last time instead. tests_s: time of the tests that a mutant meets at most, beside those that execute its line.
     """
     require_known(package)
     preload()
@@ -67,19 +68,22 @@ def mutants(
         with TemporaryDirectory(prefix="mutants_") as folder:
             tree = SourceTree(Path(folder))
             baseline = run_baseline(tree, PACKAGES[name], RESULTS)
-            possible = possible_mutations(name, baseline)
+            possible = [each for each in possible_mutations(name, baseline) if each.path.startswith(within)]
             kept = RESULTS / f"{name}.json"
             chosen = survivors_of(possible, kept) if again else sample(possible, per_package, seed)
             chosen = at_lines(possible, at) if at else chosen
             began = time.monotonic()
-            survivors = [mutation for mutation in show_progress(chosen) if survives(mutation, tree, baseline, tests_s)]
+            survivors = []
+            for mutation in show_progress(chosen):
+                if survives(mutation, tree, baseline, tests_s):
+                    survivors.append(mutation)
+                    print_survivor(mutation, reasons.get(mutation.key))
         kept.write_text(json.dumps([mutation.key for mutation in survivors]))
         share = 1 - len(survivors) / max(len(chosen), 1)
         print(
             f"{name:12s} {len(chosen):4d} mutants {len(chosen) - len(survivors):4d} killed {len(survivors):4d} survivors"
             f" {share:7.1%}   ({time.monotonic() - began:.0f} s)"
         )
-        print_survivors(survivors, reasons)
         short += [name] if share < KILLED_SHARE else []
     print(
         f"\nat least {KILLED_SHARE:.0%} killed by a package's own tests: {'NOT ' + ', '.join(short) if short else 'all'}"
@@ -137,12 +141,10 @@ def show_progress(mutations: list[Mutation]) -> Iterator[Mutation]:
         yield mutation
 
 
-def print_survivors(survivors: list[Mutation], reasons: dict[tuple[str, str, str], str]) -> None:
-    """Print what no test noticed, those of known harmlessness with their reason."""
-    for mutation in survivors:
-        reason = reasons.get(mutation.key)
-        print(f"  {mutation.path}:{mutation.line}  {mutation.original} → {mutation.mutated}")
-        print(f"      {mutation.source_line}\n      {'known: ' + reason if reason else 'NOT NOTICED'}", flush=True)
+def print_survivor(mutation: Mutation, reason: str | None) -> None:
+    """Print what no test noticed, with the reason if it is known to be harmless."""
+    print(f"  {mutation.path}:{mutation.line}  {mutation.original} → {mutation.mutated}")
+    print(f"      {mutation.source_line}\n      {'known: ' + reason if reason else 'NOT NOTICED'}", flush=True)
 
 
 if __name__ == "__main__":
