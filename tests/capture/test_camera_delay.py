@@ -113,7 +113,8 @@ def test_a_simulated_camera_stamps_its_images_a_known_time_after_the_middle_of_t
         frames = [camera.read() for _ in range(2)]
     assert [frame.stamp_ns - first_ns for frame in frames] == [20_000_000, 40_000_000]
     assert [frame.image.mean() for frame in frames] == pytest.approx([60 + 80 * 2 / 8, 140], abs=0.1)
-    assert [frame.index for frame in frames] == [1, 2] and frames[0].image.std() == pytest.approx(1, abs=0.1)
+    assert [frame.index for frame in frames] == [1, 2] and frames[0].image.shape == (48, 64, 3)
+    assert frames[0].image.std() == pytest.approx(1, abs=0.1)
 
 
 def test_a_light_that_is_slow_to_switch_is_in_the_error(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -160,7 +161,7 @@ def test_a_light_that_is_slow_to_switch_is_in_the_error(monkeypatch: pytest.Monk
     assert found.delay_ms == pytest.approx(30, abs=2) and found.camera == "the camera"
     assert found.error_ms == pytest.approx(10, abs=0.3) and found.rate_hz == pytest.approx(50)
     apart_s = np.diff(light.switched_ns[1 : len(elapsed_s) + 1]) / 1e9
-    assert 0.14 <= apart_s.min() < 0.2 and 0.37 < apart_s.max() <= 0.42
+    assert 0.14 <= apart_s.min() < 0.18 and 0.37 < apart_s.max() <= 0.42
     assert elapsed_s == sorted(elapsed_s) and 0 < elapsed_s[0] < 0.1 and 7.5 < elapsed_s[-1] < 8
     assert len(light.switched_ns) % 2 == 1  # off at the end
     with pytest.raises(

@@ -291,13 +291,33 @@ def shifted_from(block: int, levels: int, rows: int = 48, cols: int = 64) -> np.
 
 @pytest.mark.parametrize("block", [8, 11, 23, 24, 37, 40])
 def test_a_shift_counts_beyond_five_quarters_of_a_quantum_and_half_a_level_wherever_it_begins(block: int) -> None:
-    table = jpeg_segment(0xDB, bytes((0, 54)) + bytes(63))  # a quantum of 6.75 grey levels: steps up to 8.94 are usual
-    header = b"\xff\xd8" + table + frame_header(48, 64, (17, 0))
+    header = header_of_quantum(54)  # steps up to 1.25 · 6.75 + 0.5 = 8.94 levels are usual
     assert not has_shifted_blocks(header, shifted_from(block, 8))
     assert has_shifted_blocks(header, shifted_from(block, 9)) and has_shifted_blocks(header, ~shifted_from(block, 9))
     scene = shifted_from(block, 20)
     scene[block // 8 * 8 + 4 :] += 30  # a line of the scene itself, half a block lower, explains it
     assert not has_shifted_blocks(header, scene)
+
+
+def header_of_quantum(eighths: int) -> bytes:
+    return b"\xff\xd8" + jpeg_segment(0xDB, bytes((0, eighths)) + bytes(63)) + frame_header(48, 64, (17, 0))
+
+
+@pytest.mark.parametrize("beside_px", [-4, -3, 3, 4])
+def test_a_line_of_the_scene_beside_a_border_explains_a_step_of_twice_its_size(beside_px: int) -> None:
+    for levels, is_shifted in ((11, False), (12, True)):  # of 2 · 5 + 0.31 + 0.5 and 0.6 for what deviates
+        scene = shifted_from(24, levels)
+        scene[24 + beside_px :] += 5
+        assert has_shifted_blocks(header_of_quantum(2), scene) is is_shifted
+
+
+def test_four_deviations_of_the_mean_of_noise_are_no_shift() -> None:
+    """Pixels that alternate by ± 2 levels have steps that alternate by ± 8, of which 64 have a mean within ± 1."""
+    noise = np.where(np.add.outer(np.arange(48), np.arange(64)) % 2, 2, -2)
+    for levels, is_shifted in ((5, False), (6, True)):  # of 1.25 · 1 + 0.5 + 4 · 1
+        assert (
+            has_shifted_blocks(header_of_quantum(8), (shifted_from(24, levels) + noise).astype(np.uint8)) is is_shifted
+        )
 
 
 def test_an_image_is_checked_once_four_rows_follow_a_border() -> None:

@@ -170,6 +170,11 @@ def test_a_recording_that_is_repeated_counts_on_and_starts_anew_when_it_is_opene
         assert source.read().index == 0
 
 
+def test_nothing_is_lost_before_a_source_is_opened(bench: Bench) -> None:
+    assert reconnecting(bench.camera_source()).losses == patient(bench.camera_source()).dropped == 0
+    assert VideoFile("press.mp4").damaged == 0
+
+
 def test_the_delay_of_a_camera_is_subtracted_from_the_stamps_of_its_images() -> None:
     fed = HandFed()
     with DelayCorrectedSource(fed, 42.0) as source:

@@ -198,7 +198,6 @@ class RepeatingSource(FrameSource):
     def __init__(self, source: FrameSource) -> None:
         self.name, self.is_live, self.is_simulated = source.name, source.is_live, source.is_simulated
         self._source = source
-        self._first_index = self._next_index = 0
         self._is_open = False
         self._opening = Lock()
 

@@ -87,7 +87,6 @@ class ReconnectingFrameSource(_ReconnectingSource[FrameSource, CameraLost], Fram
     """Reads another source and reopens it after `CameraLost`; meanwhile `read` waits, so put `LatestFrameSource` around it."""
 
     _absence = CameraNotFound
-    _first_index = _next_index = 0
 
     @property
     def is_live(self) -> bool:  # type: ignore[override]

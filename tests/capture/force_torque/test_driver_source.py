@@ -62,13 +62,14 @@ def wait_for_drops(source: DriverWrenchSource, count: int) -> None:
 
 def test_a_reader_gets_the_samples_of_the_last_half_second_in_order(driver: HandFedDriver) -> None:
     source = DriverWrenchSource(driver)
+    assert source.dropped == 0
     for _ in range(2):  # and nothing of the time before it was opened
-        for at_ms in (1, 100, 501, 501.001):
+        for at_ms in (1, 100, 501, 501.000001):
             driver.feed(at_ms)
         with source:
             wait_for_drops(source, 1)
             wrenches = [source.read() for _ in range(3)]
-        assert [wrench.stamp_ns / MS for wrench in wrenches] == [100, 501, 501.001]
+        assert [wrench.stamp_ns / MS for wrench in wrenches] == [100, 501, 501.000001]
         assert wrenches[0].force_n.tolist() == [100, 101, 102] and wrenches[0].torque_nm.tolist() == [103, 104, 105]
     assert driver.connections == 0
 
@@ -134,3 +135,6 @@ def test_a_late_sample_is_stamped_by_the_clock_of_the_device_and_one_per_cent() 
         (2400, second + 20 * MS, second + 20 * MS),  # the clock of the device began anew
     ):
         assert clock.stamp_ns(device_us, arrived_ns) == stamp_ns
+    of_32_bits = DeviceClock()
+    assert of_32_bits.stamp_ns((1 << 32) - 400, second) == second
+    assert of_32_bits.stamp_ns(600, second + 9 * MS) == second + 1_010_000

@@ -100,10 +100,28 @@ def test_a_status_of_a_net_ft_device_is_heeded_as_its_manufacturer_documents_it(
             sample = driver._sample(net_ft_record(status=status))
             assert type(sample.flaw) is (expected or type(None))
             assert (sample.stamp_ns, sample.number) == (5_000, 77)
+    assert ati.number_bits == 32
     config = ati._config()
     assert (config.sensor_host, config.rdt_port, config.http_port) == ("h", 49152, 80)
     assert config.deliver_samples_with_error_status and config.calibration_override is None
     assert onrobot._config().rdt_port == 1234 and onrobot._config().calibration_override is not None
+
+
+@pytest.mark.parametrize(("last_error", "said"), [("refused", "refused"), ("", "silence"), (None, "silence")])
+def test_a_net_ft_device_that_sends_nothing_is_not_found(
+    monkeypatch: pytest.MonkeyPatch, last_error: str | None, said: str
+) -> None:
+    client = SimpleNamespace(
+        start=lambda: None,
+        wait_for_first_sample=lambda timeout_s: False,
+        health=lambda: SimpleNamespace(last_error=last_error),
+        stop=lambda: stopped.append(True),
+    )
+    stopped: list[bool] = []
+    monkeypatch.setattr("pynetft.Client", lambda config, queue_size: client)
+    with pytest.raises(WrenchSensorNotFound, match=f"expected RDT records from h, got: {said};"):
+        NetFtDriver.from_ati_address("netft:h").connect()
+    assert stopped
 
 
 @pytest.mark.parametrize(
