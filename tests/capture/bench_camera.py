@@ -117,6 +117,7 @@ class BenchPi:
         return configuration
 
     def configure(self, configuration: dict[str, Any]) -> None:
+        self.configuration = configuration
         self.cols, self.rows = configuration["main"]["size"]
         self.controls = configuration["controls"]
 

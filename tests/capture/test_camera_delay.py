@@ -108,6 +108,7 @@ def test_a_simulated_light_is_on_between_its_switches() -> None:
 def test_a_simulated_camera_stamps_its_images_a_known_time_after_the_middle_of_their_exposure() -> None:
     light = SimulatedLight()
     with SimulatedDelayedCamera(light, delay_ms=15.0, rate_hz=50.0, exposure_ms=8.0) as camera:
+        assert camera.is_live and camera.is_simulated
         first_ns = camera.read().stamp_ns
         light.switched_ns += [first_ns + 7_000_000]  # two of eight milliseconds after the second exposure began
         frames = [camera.read() for _ in range(2)]

@@ -1,5 +1,7 @@
 """A setting is read back, and refused if the camera did not take it; a refusal leaves nothing open."""
 
+import os
+import sys
 import time
 from functools import partial
 
@@ -71,7 +73,7 @@ def test_the_exposure_of_an_open_camera_is_set_within_its_limits() -> None:
         (CameraSettings(pixel_format="H264"), "pixel format H264"),
         (CameraSettings(exposure_ms=900.0), "exposure .* 9000, got 5000"),
         (CameraSettings(exposure_ms=0.04), r"exposure .* 0, got 1"),
-        (CameraSettings(gain=101.0), "gain 101, got 100"),
+        (CameraSettings(gain=100.6), "gain 100.6, got 100"),
         (CameraSettings(white_balance_k=6570.0), "white balance in kelvin 6570, got 6500"),
     ],
 )
@@ -110,8 +112,12 @@ def test_settings_that_contradict_each_other_are_refused() -> None:
 def test_a_raspberry_pi_is_read_back_too() -> None:
     """Within five per cent, and after thirty images at most; its longest exposure is 20 ms."""
     asked = CameraSettings(exposure_ms=21.0, gain=2.0, rate_hz=60.0)
-    with RaspberryPiCamera(2, asked, {2: BenchPi(late_images=29)}.__getitem__) as camera:
+    late = BenchPi(late_images=29)
+    with RaspberryPiCamera(2, asked, {2: late}.__getitem__) as camera:
         assert camera.name == "csi:2" and camera.read().image.shape == (480, 640, 3)
+    controls = {"FrameRate": 60.0, "AeEnable": False, "ExposureTime": 21_000, "AnalogueGain": 2.0}
+    main = {"format": "RGB888", "size": (640, 480)}
+    assert late.configuration == {"main": main, "controls": controls, "queue": False}
     no_balance = type("NoBalance", (BenchPi,), {"camera_controls": BenchPi.camera_controls[:-1]})
     for refused, kind, said in (
         (CameraSettings(exposure_ms=21.1), BenchPi, "'ExposureTime': 21100.* got .*'ExposureTime': 20000"),
@@ -204,6 +210,8 @@ def test_a_setting_that_the_camera_does_not_report_is_none() -> None:
         assert camera.current_settings == CameraSettings((640, 480), 29.97, "YUYV", False, 0.1, 0, True, None)
         del capture.values[cv2.CAP_PROP_AUTO_EXPOSURE]
         assert camera.current_settings.auto_exposure is None and camera.current_settings.exposure_ms == 0.1
+        capture.values[cv2.CAP_PROP_FOURCC] = 0
+        assert camera.current_settings.pixel_format is None
         capture.values.clear()
         assert camera.current_settings == CameraSettings()
     with pytest.raises(SourceNotOpen):
@@ -231,3 +239,16 @@ def test_only_the_settings_that_are_given_are_sent_to_a_raspberry_pi() -> None:
 
 def test_the_first_camera_is_taken_unless_another_is_named() -> None:
     assert UvcCamera(opener=BenchCamera().open_capture).name == "camera 0"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no Video4Linux")
+def test_a_camera_is_opened_through_video4linux_and_may_be_silent_for_two_seconds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    opened: list[tuple[int | str, int]] = []
+    bench = BenchCamera()
+    monkeypatch.setattr("cv2.VideoCapture", lambda *arguments: opened.append(arguments) or bench.open_capture(0))
+    monkeypatch.delenv("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", raising=False)
+    with UvcCamera(3) as camera:
+        camera.read()
+    assert opened == [(3, cv2.CAP_V4L2)] and os.environ["OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT"] == "2"

@@ -34,6 +34,7 @@ from ninedtact.capture.frame_source import (
     CameraSettings,
     ExposureWithLimits,
     SourceEnded,
+    SourceNotOpen,
     SourceUnknown,
 )
 from ninedtact.capture.uvc_camera import CameraDevice, UvcCamera, list_cameras
@@ -72,6 +73,12 @@ def test_a_frozen_image_has_no_rate() -> None:
         source.show(number, stamp_ns=number * 20_000_000)
     source.fail(SourceEnded("over"))
     assert measure_frame_rate(source).frames == 6
+    for number in range(65 + 66):
+        source.show(number, stamp_ns=number * 20_000_000)
+    assert measure_frame_rate(source).frames == 60
+    rate = check_camera(source).rate  # after one image for the size
+    assert rate is not None and rate.frames == 60
+    assert isinstance(source.queue.get(), SourceNotOpen) and source.queue.empty()
     source.show()
     source.fail(SourceEnded("over"))
     assert "different images" in (check_camera(source).trouble or "")
@@ -127,6 +134,8 @@ def test_a_camera_is_found_by_its_port_or_serial_number_whatever_its_number(tmp_
         CameraNotFound, match=r"at usb:9-9, got none; .*usb:1-3.4 \(9DTact\), usb:1-2 or usb:A17 \(9DTact\)"
     ):
         UvcCamera("usb:9-9", opener=opener, list_devices=cameras).open()
+    with pytest.raises(CameraNotFound, match=r"got none; .*\(this machine has none\)"):
+        UvcCamera("usb:9-9", opener=opener, list_devices=list).open()
     usb_camera(bus, 4, "1-5", "A17")
     with pytest.raises(CameraNotFound, match="expected one camera at usb:A17, got 2"):
         UvcCamera("usb:A17", opener=opener, list_devices=cameras).open()
@@ -187,13 +196,14 @@ def test_the_kernel_is_asked_what_a_device_delivers_and_how_long_it_may_expose(
 
 def test_why_a_camera_does_not_open_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("getpass.getuser", lambda: "ada")
+    monkeypatch.setattr("ninedtact.capture.uvc_camera.list_cameras", list)
     absent = BenchCamera(plugged_in=False)
     for device, is_permitted, said in (
-        (987, True, "got no device /dev/video987; plug it in .*or name it with --source"),
+        (987, True, "got no device /dev/video987; plug it in \\(this machine has no camera at all\\), or name it"),
         ("/dev/null", True, "got a refusal from /dev/null; close the other program"),
         ("/dev/null", False, "got no permission for /dev/null; run `sudo usermod -aG video ada`"),
     ):
-        monkeypatch.setattr("os.access", lambda path, mode, is_permitted=is_permitted: is_permitted)
+        monkeypatch.setattr("os.access", lambda path, mode, is_permitted=is_permitted: is_permitted and mode == 6)
         with pytest.raises(CameraNotFound, match=f"expected camera {device} to open, {said}"):
             UvcCamera(device, opener=absent.open_capture).open()
     assert absent.held == 0

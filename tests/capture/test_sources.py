@@ -128,6 +128,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 def test_every_source_keeps_the_contract(bench: Bench, member: str) -> None:
     source = FAMILY[member](bench)
     assert source.is_live != any(name in member for name in RECORDED)  # known before it is open
+    assert source.is_simulated == ("twin" in member)
     with pytest.raises(SourceNotOpen, match="with source"):
         source.read()
     for _ in range(2):  # a source that was closed opens again as if new

@@ -19,7 +19,10 @@ from ninedtact.capture.force_torque.bota import BotaDriver, _captured_errors
 from ninedtact.capture.force_torque.driver_source import DeviceClock
 from ninedtact.capture.force_torque.netft import NetFtDriver
 from ninedtact.capture.force_torque.serial_driver import SerialFrameParser, SerialPortDriver
-from ninedtact.capture.force_torque.wrench_source_from_address import untared_wrench_source_for
+from ninedtact.capture.force_torque.wrench_source_from_address import (
+    force_torque_sensor_for,
+    untared_wrench_source_for,
+)
 from ninedtact.capture.wrench_source import (
     WrenchFaulty,
     WrenchSampleRejected,
@@ -212,8 +215,8 @@ def test_bota_tells_its_bias_and_saves_old_frames_for_nobody(bench: Bench) -> No
 class PlayedBota:
     """What the library of Bota gives of a sensor with a given period: frames at given times of its 32-bit clock."""
 
-    def __init__(self, period_us: int, device_us: Sequence[int], is_usable: bool = True) -> None:
-        self.period_us, self.device_us, self.is_usable = period_us, list(device_us), is_usable
+    def __init__(self, period_us: int, device_us: Sequence[int], answers: tuple[bool, bool] = (True, True)) -> None:
+        self.period_us, self.device_us, self.answers = period_us, list(device_us), answers
         self.overrange = self.invalid = self.raw = False
         self.ended: list[str] = []
 
@@ -221,10 +224,10 @@ class PlayedBota:
         return self
 
     def configure(self) -> bool:
-        return True
+        return self.answers[0]
 
     def activate(self) -> bool:
-        return self.is_usable
+        return self.answers[1]
 
     def deactivate(self) -> None:
         self.ended.append("deactivate")
@@ -269,10 +272,25 @@ def test_bota_numbers_its_frames_by_the_clock_of_the_device(played_bota: Callabl
         driver.receive()
     driver.disconnect()
     assert library.ended == ["deactivate", "cleanup", "shutdown"]
-    refusing = PlayedBota(1000, [], is_usable=False)
-    with pytest.raises(WrenchSensorNotFound, match="got: a refusal"):
-        played_bota(refusing).connect()
-    assert refusing.ended == ["shutdown"]
+
+
+@pytest.mark.parametrize(
+    ("answers", "said"), [((False, True), "a refusal"), ((True, False), "a refusal"), ((True, True), "no answer")]
+)
+def test_bota_that_does_not_start_is_released(
+    played_bota: Callable[[PlayedBota], BotaDriver], answers: tuple[bool, bool], said: str
+) -> None:
+    library = PlayedBota(1000, [], answers)
+    with pytest.raises(WrenchSensorNotFound, match=f"to start, got: {said}; check the file and the cable"):
+        played_bota(library).connect()
+    assert library.ended == ["shutdown"]
+
+
+def test_bota_is_waited_for_a_tenth_of_a_second(played_bota: Callable[[PlayedBota], BotaDriver]) -> None:
+    driver = played_bota(PlayedBota(100_000, [7] * 1000))
+    driver.connect()
+    began = time.monotonic()
+    assert driver.receive() == [] and time.monotonic() - began >= 0.1
 
 
 @pytest.mark.parametrize(("period_us", "pause_ms"), [(0, 0.2), (800, 0.2), (2000, 0.5), (20_000, 5.0), (100_000, 5.0)])
@@ -320,6 +338,12 @@ def test_a_serial_port_of_another_baud_rate_is_lost_after_four_kilobytes(bench: 
     assert driver.receive() == []
     with pytest.raises(WrenchSensorLost, match=r"got 4097 bytes without one; check its baud rate \(here 9600\)"):
         driver.receive()
+
+
+def test_a_serial_port_is_opened_for_one_program_and_at_the_documented_rate(bench: Bench) -> None:
+    assert SerialPortDriver.from_address("serial:COM3")._baud == 460_800
+    with bench.serial(), pytest.raises(WrenchSensorNotFound, match="expected a serial port"):
+        force_torque_sensor_for(f"serial:{bench.device.port}").open()
 
 
 def test_what_a_sensor_without_a_tare_leaves_out_and_loses_is_told(bench: Bench) -> None:

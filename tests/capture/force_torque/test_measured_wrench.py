@@ -162,12 +162,28 @@ def test_who_only_looks_skips_what_cannot_be_trusted_and_is_told_once() -> None:
 
 def test_a_tare_takes_the_bias_off_and_tells_the_noise() -> None:
     with TaredWrenchSource(Played(noisy(3000, BIAS)), TareSettings()) as source:
+        first = source.tare
+        source.open()  # opening an open source does nothing
+        assert source.tare is first
         assert source.tare.samples == pytest.approx(1000, abs=2) and source.tare.seconds == pytest.approx(1.0, abs=0.01)
         assert source.tare.mean == pytest.approx(BIAS, abs=0.004)
         assert source.tare.deviation[:3] == pytest.approx(0.02, rel=0.15)
         assert source.tare.sentence.startswith("tared over 1.0 s, 1001 samples; noise of one sample (0.0")
         left = [source.read().six for _ in range(1000)]
     assert np.abs(np.mean(left, axis=0)).max() < 0.005
+
+
+def test_a_sample_that_arrives_while_the_source_is_closed_has_its_tare_too() -> None:
+    class ClosedMeanwhile(Played):
+        def read(self) -> Wrench:
+            wrench = super().read()
+            if self._next == len(self._six):
+                source.close()
+            return wrench
+
+    source = TaredWrenchSource(ClosedMeanwhile([BIAS] * 12), TareSettings(seconds=0.01))
+    with source:
+        assert source.read().six == pytest.approx(np.zeros(6), abs=1e-12)
 
 
 @pytest.mark.parametrize(
