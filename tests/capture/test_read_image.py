@@ -294,6 +294,7 @@ def test_a_shift_counts_beyond_five_quarters_of_a_quantum_and_half_a_level_where
     header = header_of_quantum(54)  # steps up to 1.25 · 6.75 + 0.5 = 8.94 levels are usual
     assert not has_shifted_blocks(header, shifted_from(block, 8))
     assert has_shifted_blocks(header, shifted_from(block, 9)) and has_shifted_blocks(header, ~shifted_from(block, 9))
+    assert has_shifted_blocks(header, shifted_from(2, 9, cols=16))  # also along the first border of a narrow image
     scene = shifted_from(block, 20)
     scene[block // 8 * 8 + 4 :] += 30  # a line of the scene itself, half a block lower, explains it
     assert not has_shifted_blocks(header, scene)
