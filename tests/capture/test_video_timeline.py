@@ -66,7 +66,7 @@ def test_a_video_is_even_where_nine_in_ten_steps_are_within_a_quarter_of_the_usu
 def test_a_video_without_images_misses_all_that_it_announces() -> None:
     assert missing([], announced=12) == 12 and missing([], announced=1) == 1
     assert missing([], announced=0) == missing([], rate_hz=0, announced=12) == 0
-    assert missing([0.0], announced=5) == 4
+    assert missing([0.0], announced=5) == missing([0.0], rate_hz=0.5, announced=5) == 4
 
 
 def with_block(row: int, col: int, levels: int, rows: int = 48, cols: int = 64) -> np.ndarray:

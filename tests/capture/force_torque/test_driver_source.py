@@ -74,6 +74,14 @@ def test_a_reader_gets_the_samples_of_the_last_half_second_in_order(driver: Hand
     assert driver.connections == 0
 
 
+def test_a_sample_of_half_a_second_ago_is_kept(driver: HandFedDriver) -> None:
+    driver.feed(1, 1)
+    driver.feed(501, 3)
+    with DriverWrenchSource(driver) as source:
+        wait_for_drops(source, 1)  # the second one is there
+        assert [source.read().stamp_ns for _ in range(2)] == [1 * MS, 501 * MS] and source.dropped == 1
+
+
 def test_numbers_that_are_left_out_count_as_dropped_and_no_number_counts_as_none(driver: HandFedDriver) -> None:
     for number in (250, 251, 255, None, None, 1, 0, 1):
         driver.feed(1, number)
