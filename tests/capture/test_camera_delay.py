@@ -105,7 +105,11 @@ def test_a_simulated_light_is_on_between_its_switches() -> None:
         assert len(light.switched_ns) == count
 
 
-def test_a_simulated_camera_stamps_its_images_a_known_time_after_the_middle_of_their_exposure() -> None:
+def test_a_simulated_camera_stamps_its_images_a_known_time_after_the_middle_of_their_exposure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    waits_s: list[float] = []
+    monkeypatch.setattr("ninedtact.capture.camera_delay.sleep", waits_s.append)
     light = SimulatedLight()
     with SimulatedDelayedCamera(light, delay_ms=15.0, rate_hz=50.0, exposure_ms=8.0) as camera:
         assert camera.is_live and camera.is_simulated
@@ -113,6 +117,7 @@ def test_a_simulated_camera_stamps_its_images_a_known_time_after_the_middle_of_t
         light.switched_ns += [first_ns + 7_000_000]  # two of eight milliseconds after the second exposure began
         frames = [camera.read() for _ in range(2)]
     assert [frame.stamp_ns - first_ns for frame in frames] == [20_000_000, 40_000_000]
+    assert waits_s[0] == 0 <= waits_s[1] <= 0.02 and 0 <= waits_s[2] <= 0.04
     assert [frame.image.mean() for frame in frames] == pytest.approx([60 + 80 * 2 / 8, 140], abs=0.1)
     assert [frame.index for frame in frames] == [1, 2] and frames[0].image.shape == (48, 64, 3)
     assert frames[0].image.std() == pytest.approx(1, abs=0.1)
@@ -176,7 +181,7 @@ def test_a_terminal_is_inverted_and_one_that_is_none_is_refused() -> None:
     with os.fdopen(screen, "w") as terminal:
         for is_on in (True, False):
             TerminalLight(terminal).switch(is_on)
-        assert os.read(viewer, 100) == b"\x1b[?5h\x1b[?5l"
+        assert b"".join(os.read(viewer, 1) for _ in range(10)) == b"\x1b[?5h\x1b[?5l"
     os.close(viewer)
     with (
         Path(os.devnull).open("w") as nothing,

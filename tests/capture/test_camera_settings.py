@@ -161,6 +161,13 @@ def test_a_stamp_of_another_clock_is_not_taken(delay_ms: float | None) -> None:
         assert before <= camera.read().stamp_ns <= time.monotonic_ns()
 
 
+def test_a_stamp_is_taken_up_to_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("time.monotonic_ns", lambda: 20_000_000_000)
+    for delay_ms, stamp_ns in ((9_999.0, 10_001_000_000), (10_000.0, 20_000_000_000), (0.0, 20_000_000_000)):
+        with UvcCamera(0, opener=BenchCamera(driver_delay_ms=delay_ms).open_capture) as camera:
+            assert camera.read().stamp_ns == stamp_ns
+
+
 def test_two_damaged_images_are_read_over_and_a_camera_of_three_is_lost() -> None:
     bench = BenchCamera()
     with UvcCamera(0, opener=bench.open_capture) as camera:

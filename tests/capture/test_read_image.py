@@ -179,6 +179,11 @@ def test_what_cannot_be_measured_is_refused_with_the_reason(tmp_path: Path, capf
     ):
         with pytest.raises(ImageUnreadable, match=reason):
             read_image(path)
+    path = tmp_path / "lost.jpg"  # of which a restart marker is lost, which the decoder only prints
+    content = cv2.imencode(".jpg", np.tile(SMOOTH, (2, 2, 1)), [cv2.IMWRITE_JPEG_RST_INTERVAL, 1])[1].tobytes()
+    path.write_bytes(content.replace(b"\xff\xd1", b"", 1))
+    with pytest.raises(ImageUnreadable, match="got damaged data; record it again"):
+        read_image(path)
     printed = capfd.readouterr()
     assert printed.err == "" and printed.out == ""
 
@@ -259,6 +264,12 @@ def test_the_first_component_names_the_table_of_its_brightness() -> None:
         colour = b"\xff\xd8" + tables + frame_header(48, 64, (0x22, table), (0x11, 0), (0x11, 0))
         assert _luminance_blocks(grey) == (8, quantum) and _luminance_blocks(colour) == (16, quantum)
         assert jpeg_size(grey) == (48, 64)
+    only_tables = b"\xff\xd8" + tables
+    assert _luminance_blocks(b"\xff\xd8") == (8, 2.0) and _luminance_blocks(only_tables) == (8, 0.25)
+    colour += b"\xff\xd9"
+    assert _luminance_blocks(colour + only_tables + frame_header(48, 64, (0x11, 1))) == (16, 2.0)  # a preview behind it
+    for count in range(len(colour)):  # a header that is cut anywhere has no blocks of another size
+        assert _luminance_blocks(colour[:count])[0] in (8, 16)
 
 
 def test_every_frame_header_and_no_other_segment_has_the_size() -> None:
@@ -267,6 +278,9 @@ def test_every_frame_header_and_no_other_segment_has_the_size() -> None:
         marker for marker in range(0xB0, 0xD0) if jpeg_size(b"\xff\xd8" + frame_header(9, 7, (17, 0), marker=marker))
     }
     assert known == {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
+    for in_scan in (0x00, 0x01, *range(0xD0, 0xD8)):  # ITU-T T.81, B.1.1.3: what has no length
+        scan = jpeg_segment(0xDA, bytes(10)) + bytes((0xFF, in_scan, 0xFF, 0xD9))
+        assert image_file_fault(b"\xff\xd8" + frame_header(9, 7, (17, 0)) + scan) is None
     padded = b"\xff\xd8" + jpeg_segment(0xE0, b"JFIF") + 3 * b"\xff" + frame_header(9, 7, (17, 0)) + b"\xff\xff"
     assert jpeg_size(padded) == (9, 7) and image_file_fault(padded + b"\xd9") is None
     assert image_file_fault(padded) == "a file that is cut short"
@@ -295,6 +309,7 @@ def test_a_shift_counts_beyond_five_quarters_of_a_quantum_and_half_a_level_where
     assert not has_shifted_blocks(header, shifted_from(block, 8))
     assert has_shifted_blocks(header, shifted_from(block, 9)) and has_shifted_blocks(header, ~shifted_from(block, 9))
     assert has_shifted_blocks(header, shifted_from(2, 9, cols=16))  # also along the first border of a narrow image
+    assert not has_shifted_blocks(header_of_quantum(48), shifted_from(block, 8))  # 1.25 · 6 + 0.5 is not beyond
     scene = shifted_from(block, 20)
     scene[block // 8 * 8 + 4 :] += 30  # a line of the scene itself, half a block lower, explains it
     assert not has_shifted_blocks(header, scene)

@@ -25,7 +25,7 @@ from ninedtact.capture.frame_source import (
     SourceNotOpen,
     SourceUnknown,
 )
-from ninedtact.capture.image_and_video_files import ImageFolder, VideoDamaged, VideoFile
+from ninedtact.capture.image_and_video_files import ImageFileList, ImageFolder, VideoDamaged, VideoFile
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
@@ -174,6 +174,7 @@ def test_a_recording_that_is_repeated_counts_on_and_starts_anew_when_it_is_opene
 def test_nothing_is_lost_before_a_source_is_opened(bench: Bench) -> None:
     assert reconnecting(bench.camera_source()).losses == patient(bench.camera_source()).dropped == 0
     assert VideoFile("press.mp4").damaged == 0
+    assert ImageFileList([]).recorded_hz == ImageFolder(bench.folder).recorded_hz == 10.0
 
 
 def test_the_delay_of_a_camera_is_subtracted_from_the_stamps_of_its_images() -> None:

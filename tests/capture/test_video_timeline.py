@@ -107,3 +107,5 @@ def test_an_image_is_inspected_along_both_directions_and_one_without_loss_is_not
         jpeg = cv2.imencode(".jpg", np.full((48, 320, 3), 90, np.uint8))[1].tobytes()
         assert _inspect_packet(jpeg, np.full((48, 320, 3), 90, np.uint8), is_lossless=False) == ((48, 320), True, True)
         assert _inspect_packet(jpeg[:-2], np.full((48, 320, 3), 90, np.uint8), is_lossless=False)[1] is False
+        without_header = _inspect_packet(b"\xff\xd8\xff\xd9", np.repeat(stripe[..., None], 3, 2), is_lossless=False)
+        assert without_header == ((0, 0), True, True)
