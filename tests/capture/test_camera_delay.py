@@ -95,6 +95,13 @@ def test_without_noise_the_error_is_that_of_the_model() -> None:
     assert found.correlation > 0.999
 
 
+def test_the_error_grows_with_the_noise_of_the_images() -> None:
+    switches_s, stamps_s, grey = blinking(0.042, 0.012, 30, seed=2)
+    noise = np.random.default_rng(9).normal(0, 8, len(grey))
+    errors_ms = [estimate_delay(switches_s, stamps_s, grey + noise * factor).error_ms for factor in (0, 1, 2)]
+    assert errors_ms[0] < 0.7 * errors_ms[1] and errors_ms[1] < 0.7 * errors_ms[2]
+
+
 def test_a_simulated_light_is_on_between_its_switches() -> None:
     light = SimulatedLight()
     light.switched_ns += [10, 20, 30]

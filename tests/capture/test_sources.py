@@ -171,6 +171,24 @@ def test_a_recording_that_is_repeated_counts_on_and_starts_anew_when_it_is_opene
         assert source.read().index == 0
 
 
+def test_a_recording_that_is_closed_while_it_ends_is_not_started_again() -> None:
+    class EndsWhileClosed(HandFed):
+        opened = 0
+
+        def open(self) -> None:
+            self.opened += 1
+
+        def read(self) -> Frame:
+            repeating.close()
+            raise SourceEnded("expected another image, got the end; stop")
+
+    recording = EndsWhileClosed()
+    repeating = RepeatingSource(recording)
+    with repeating, pytest.raises(SourceNotOpen):
+        repeating.read()
+    assert recording.opened == 1
+
+
 def test_nothing_is_lost_before_a_source_is_opened(bench: Bench) -> None:
     assert reconnecting(bench.camera_source()).losses == patient(bench.camera_source()).dropped == 0
     assert VideoFile("press.mp4").damaged == 0
@@ -474,6 +492,8 @@ def test_a_folder_is_read_in_counting_order_and_goes_on_after_a_bad_image(tmp_pa
     (tmp_path / "notes.txt").write_text("none of its business")
     with ImageFolder(tmp_path) as folder:
         assert [int(folder.read().image[0, 0, 0]) for _ in range(2)] == [1, 2]
+        (tmp_path / "press_4.png").write_bytes(b"")  # of which an open folder knows nothing
+        folder.open()
         with pytest.raises(ImageUnreadable, match=r"press_3.*empty"):
             folder.read()
         after = folder.read()
