@@ -226,6 +226,7 @@ def test_an_image_of_a_hundred_million_pixels_is_the_largest() -> None:
 def test_a_bmp_is_as_long_as_it_says_and_only_padded_behind() -> None:
     whole = WHOLE[".bmp"]
     assert image_file_fault(whole) is image_file_fault(whole + b"\0\0") is None
+    assert image_file_fault(whole[:6] + b"\1\2\3\4" + whole[10:]) is None  # bytes that are a program's own
     assert image_file_fault(whole[:-1]) == "a file that is cut short"
     assert image_file_fault(whole + b"\0\1") == "a damaged file"
     wide = whole[:18] + (20_000).to_bytes(4, "little") + (-20_000).to_bytes(4, "little", signed=True) + whole[26:]
