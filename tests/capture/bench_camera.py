@@ -25,6 +25,8 @@ class BenchCamera:
         }
     )
     rates_hz: tuple[float, ...] = (29.97, 60.0)
+    manual_and_automatic: tuple[float, float] = (1, 3)
+    """Numbers of its two modes of exposure; others are not taken."""
     driver_delay_ms: float | None = None
     damaged_images: int = 0
     shown: int = 0
@@ -45,7 +47,7 @@ class BenchCapture:
         self.wanted = [640.0, 480.0]
         self.values: dict[int, float] = {prop: least for prop, (least, _) in camera.limits.items()}
         self.values |= {
-            cv2.CAP_PROP_AUTO_EXPOSURE: 3,
+            cv2.CAP_PROP_AUTO_EXPOSURE: camera.manual_and_automatic[1],
             cv2.CAP_PROP_FPS: camera.rates_hz[0],
             cv2.CAP_PROP_FOURCC: cv2.VideoWriter.fourcc(*"YUYV"),
         }
@@ -67,6 +69,8 @@ class BenchCapture:
             self.values[prop] = min(self.camera.rates_hz, key=lambda rate: abs(rate - value))
         elif prop == cv2.CAP_PROP_FOURCC and value == cv2.VideoWriter.fourcc(*"MJPG"):
             self.values[prop] = value
+        elif prop == cv2.CAP_PROP_AUTO_EXPOSURE and value not in self.camera.manual_and_automatic:
+            return False
         elif prop in self.camera.limits and not self.locked(prop):
             self.values[prop] = float(np.clip(value, *self.camera.limits[prop]))
         else:
@@ -74,7 +78,10 @@ class BenchCapture:
         return True
 
     def locked(self, prop: int) -> bool:
-        return prop == cv2.CAP_PROP_EXPOSURE and self.values[cv2.CAP_PROP_AUTO_EXPOSURE] != 1
+        return (
+            prop == cv2.CAP_PROP_EXPOSURE
+            and self.values[cv2.CAP_PROP_AUTO_EXPOSURE] == self.camera.manual_and_automatic[1]
+        )
 
     def mode(self) -> tuple[int, int]:
         return min(MODES, key=lambda mode: abs(mode[0] - self.wanted[0]) + abs(mode[1] - self.wanted[1]))
@@ -98,28 +105,34 @@ class BenchCapture:
 class BenchPi:
     """A ribbon-cable camera as picamera2 shows it: controls arrive a few images late, exposure is limited."""
 
-    camera_controls = ("FrameRate", "AeEnable", "ExposureTime", "AnalogueGain", "AwbEnable")
+    camera_controls: tuple[str, ...] = ("FrameRate", "AeEnable", "ExposureTime", "AnalogueGain", "AwbEnable")
 
-    def __init__(self, number: int = 0) -> None:
+    def __init__(self, number: int = 0, late_images: int = 3) -> None:
+        self.late_images = late_images
         self.shown = 0
         self.controls: dict[str, float] = {}
+        self.is_silent = self.is_closed = False
 
     def create_video_configuration(self, **configuration: Any) -> dict[str, Any]:
         return configuration
 
     def configure(self, configuration: dict[str, Any]) -> None:
+        self.configuration = configuration
         self.cols, self.rows = configuration["main"]["size"]
         self.controls = configuration["controls"]
 
     def start(self) -> None: ...
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        self.is_closed = True
 
-    def capture_arrays(self, names: list[str], wait: bool) -> "BenchPi":
-        return self
+    def capture_arrays(self, names: list[str], wait: bool) -> Any:
+        return self.get_result() if wait else self
 
-    def get_result(self, timeout: float) -> tuple[list[np.ndarray], dict[str, float]]:
+    def get_result(self, timeout: float | None = None) -> tuple[list[np.ndarray], dict[str, float]]:
+        if self.is_silent:
+            raise TimeoutError(timeout)
         self.shown += 1
-        exposure = min(self.controls.get("ExposureTime", 0), 20_000) if self.shown > 3 else 5
+        exposure = min(self.controls.get("ExposureTime", 0), 20_000) if self.shown > self.late_images else 5
         image = np.full((self.rows, self.cols, 3), self.shown % 256, np.uint8)
         return [image], {"ExposureTime": exposure, "AnalogueGain": self.controls.get("AnalogueGain", 1.0)}

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from hand_fed import HandFed
 
-from ninedtact.capture.frame_pacing import LatestFrameSource, NoRecentFrame
+from ninedtact.capture.frame_pacing import Arrival, LatestFrameSource, LivePlayback, NoRecentFrame
 from ninedtact.capture.frame_source import CameraLost, SourceEnded, SourceNotOpen
 from ninedtact.capture.image_and_video_files import ImageFolder
+from ninedtact.quantities import Frame
 
 LONG_MS = 20_000.0
 
@@ -94,3 +95,76 @@ def test_a_recording_is_played_at_its_own_rate_and_ends(tmp_path: Path) -> None:
         assert served[-1].index == 5
         with pytest.raises(SourceEnded):
             freshest.read()
+
+
+class HandSetClock(threading.Event):
+    """Takes the place of the clock, and of the events on which a source waits: whoever waits sets it forward."""
+
+    now_s = 0.0
+
+    @classmethod
+    def monotonic(cls) -> float:
+        return HandSetClock.now_s
+
+    @classmethod
+    def monotonic_ns(cls) -> int:
+        return round(1e9 * HandSetClock.now_s)
+
+    def wait(self, timeout: float | None = None) -> bool:
+        HandSetClock.now_s += max(timeout or 0.0, 0.0)
+        return self.is_set()
+
+
+class SlowRecording(HandFed):
+    """Ten images a second; each takes a given time to read."""
+
+    recorded_hz = 10.0
+    is_live = False
+
+    def __init__(self, reading_s: tuple[float, ...]) -> None:
+        super().__init__()
+        self.began_s: list[float] = []
+        self._reading_s = reading_s
+
+    def read(self) -> Frame:
+        self.began_s.append(round(HandSetClock.now_s, 9))
+        if self.fed == len(self._reading_s):
+            raise SourceEnded("expected another image, got the end; stop")
+        HandSetClock.now_s += self._reading_s[self.fed]
+        self.show()
+        return super().read()
+
+
+@pytest.mark.parametrize("wrapper", [LatestFrameSource, LivePlayback])
+def test_a_recording_keeps_its_rate_and_makes_up_for_one_period_of_a_delay(
+    monkeypatch: pytest.MonkeyPatch, wrapper: type[LatestFrameSource] | type[LivePlayback]
+) -> None:
+    for name in ("time", "Event"):
+        monkeypatch.setattr(f"ninedtact.capture.frame_pacing.{name}", HandSetClock)
+    monkeypatch.setattr(HandSetClock, "now_s", 5.0)
+    recording = SlowRecording((0.0, 0.02, 0.0, 0.37, 0.0, 0.0, 0.0))
+    with wrapper(recording) as source:
+        frames = list(source)
+    assert recording.began_s == [5.0, 5.1, 5.2, 5.3, 5.67, 5.67, 5.77, 5.87]
+    if wrapper is LivePlayback:
+        assert [frame.stamp_ns // 10**7 for frame in frames] == [500, 512, 520, 567, 567, 567, 577]
+
+
+def test_an_image_is_recent_up_to_its_largest_age_and_the_newest_arrival_is_known_whatever_its_age(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("ninedtact.capture.frame_pacing.time", HandSetClock)
+    monkeypatch.setattr(HandSetClock, "now_s", 5.0)
+    fed = HandFed()
+    with LatestFrameSource(fed, timeout_ms=0.0) as freshest:
+        assert freshest.newest_arrival is None
+        for age_ms, is_served in ((200, True), (201, False), (0, True)):
+            fed.show(stamp_ns=5_000_000_000 - age_ms * 1_000_000)
+            arrival = Arrival(5_000_000_000 - age_ms * 1_000_000, fed.fed - 1)
+            wait_until(lambda arrival=arrival: freshest.newest_arrival == arrival)
+            if is_served:
+                assert freshest.read().index == arrival.frame_index
+            else:
+                with pytest.raises(NoRecentFrame, match=r"younger than 200 ms .* got 1 older ones within 0 ms"):
+                    freshest.read()
+        assert freshest.dropped == 1

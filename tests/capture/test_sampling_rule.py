@@ -19,8 +19,12 @@ def at_once() -> SamplingRule:
 def test_nothing_is_kept_without_contact() -> None:
     rule = at_once()
     assert not rule.keeps(wrench(fz=-0.2))
-    assert not rule.keeps(wrench(fx=3, fz=-0.29))
-    assert rule.contact_count == 0
+    assert not rule.keeps(wrench(fx=3, fz=-0.3))
+    assert rule.contact_count == 0 and not rule.touching
+    assert rule.keeps(wrench(fz=-0.301))
+    assert rule.contact_count == 1 and rule.touching
+    later = SamplingRule(SamplingRuleSettings(first_below_n=(-1.0, -1.0)))
+    assert [later.keeps(wrench(fz=load)) for load in (-1.0, -1.001)] == [False, True]
 
 
 def test_the_first_of_a_contact_waits_for_a_random_load() -> None:
@@ -39,7 +43,7 @@ def test_the_first_of_a_contact_waits_for_a_random_load() -> None:
 def test_a_quarter_of_the_range_on_one_axis_is_enough(axis: str, far: float) -> None:
     """Σ s|Δ| > 12 with s = 12/(range/4), and ranges of 6, 6 and 12 N and 0.1 N·m."""
     start = {"fx": 0.0, "fy": 0.0, "fz": -5.0, "tz": 0.0}
-    for part, kept in ((0.98, False), (1.02, True)):
+    for part, kept in ((1.0, False), (1.001, True)):
         rule = at_once()
         assert rule.keeps(wrench(**start))
         assert rule.keeps(wrench(**{**start, axis: start[axis] - part * far})) is kept
@@ -73,6 +77,7 @@ def test_lifting_ends_a_contact_that_no_wrench_saw_end() -> None:
     "wrong",
     [
         {"contact_below_n": 0.3},
+        {"contact_below_n": 0.0},
         {"first_below_n": (-0.3, -3.3)},
         {"min_difference": 0.0},
         {"ranges": (6, 6, 12, 0, 1, 1)},

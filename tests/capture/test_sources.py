@@ -12,10 +12,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from bench_camera import BenchCamera, BenchPi
+from bench_camera import BenchCamera, BenchCapture, BenchPi
+from hand_fed import HandFed
 from mjpeg_camera import MjpegCamera
 
-from ninedtact.capture.frame_pacing import LatestFrameSource, LivePlayback
+from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback, RepeatingSource
 from ninedtact.capture.frame_source import (
     CameraLost,
     CameraNotFound,
@@ -24,14 +25,14 @@ from ninedtact.capture.frame_source import (
     SourceNotOpen,
     SourceUnknown,
 )
-from ninedtact.capture.image_and_video_files import ImageFolder, VideoDamaged, VideoFile
+from ninedtact.capture.image_and_video_files import ImageFileList, ImageFolder, VideoDamaged, VideoFile
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.source_from_address import camera_or_file_source
 from ninedtact.capture.strict_image_reading import ImageSizeWrong, ImageUnreadable
 from ninedtact.capture.uvc_camera import UvcCamera
-from ninedtact.capture.video_decoding import MissingImageCounter
+from ninedtact.capture.video_decoding import MissingImageCounter, VideoFileDecoder
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording import merge_streams
@@ -111,6 +112,8 @@ FAMILY: dict[str, Callable[[Bench], FrameSource]] = {
     **BARE,
     **{f"freshest of {name}": lambda bench, make=make: patient(make(bench)) for name, make in BARE.items()},
     **{f"reconnecting {name}": lambda bench, make=make: reconnecting(make(bench)) for name, make in BARE.items()},
+    "delayed camera": lambda bench: DelayCorrectedSource(bench.camera_source(), 20.0),
+    "repeating folder": lambda bench: RepeatingSource(bench.folder_source()),
     "freshest of reconnecting stream": lambda bench: patient(reconnecting(bench.stream_source())),
 }
 
@@ -125,13 +128,14 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 def test_every_source_keeps_the_contract(bench: Bench, member: str) -> None:
     source = FAMILY[member](bench)
     assert source.is_live != any(name in member for name in RECORDED)  # known before it is open
+    assert source.is_simulated == ("twin" in member)
     with pytest.raises(SourceNotOpen, match="with source"):
         source.read()
     for _ in range(2):  # a source that was closed opens again as if new
         with source:
-            source.open()  # opening an open source does nothing
             frames = [source.read() for _ in range(4)]
             as_read = [frame.image.copy() for frame in frames]
+            source.open()  # opening an open source does nothing
             frames.append(source.read())
         images, indices = [frame.image for frame in frames], [frame.index for frame in frames]
         assert all(image.dtype == np.uint8 and image.shape == images[0].shape for image in images)
@@ -156,6 +160,72 @@ def test_a_recording_gives_every_image_and_then_ends(bench: Bench, recording: st
             source.read()
 
 
+def test_a_recording_that_is_repeated_counts_on_and_starts_anew_when_it_is_opened_anew(bench: Bench) -> None:
+    with RepeatingSource(bench.folder_source()) as source:
+        assert source.recorded_hz == 50.0
+        for number in range(2 * IMAGES + 3):
+            frame = source.read()
+            source.open()
+            assert frame.index == number and int(frame.image[0, 0, 0]) == 20 * (number % IMAGES)
+    with source:
+        assert source.read().index == 0
+
+
+def test_a_recording_that_is_closed_while_it_ends_is_not_started_again() -> None:
+    class EndsWhileClosed(HandFed):
+        opened = 0
+
+        def open(self) -> None:
+            self.opened += 1
+
+        def read(self) -> Frame:
+            repeating.close()
+            raise SourceEnded("expected another image, got the end; stop")
+
+    recording = EndsWhileClosed()
+    repeating = RepeatingSource(recording)
+    with repeating, pytest.raises(SourceNotOpen):
+        repeating.read()
+    assert recording.opened == 1
+
+
+def test_nothing_is_lost_before_a_source_is_opened(bench: Bench) -> None:
+    assert reconnecting(bench.camera_source()).losses == patient(bench.camera_source()).dropped == 0
+    assert VideoFile("press.mp4").damaged == 0
+    assert ImageFileList([]).recorded_hz == ImageFolder(bench.folder).recorded_hz == 10.0
+
+
+def test_the_delay_of_a_camera_is_subtracted_from_the_stamps_of_its_images() -> None:
+    fed = HandFed()
+    with DelayCorrectedSource(fed, 42.0) as source:
+        fed.show(stamp_ns=1_000_000_000)
+        assert source.read().stamp_ns == 958_000_000
+
+
+def test_a_video_that_is_closed_meanwhile_is_not_called_damaged(bench: Bench) -> None:
+    with bench.video_source() as video:
+        assert isinstance(video, VideoFile)
+        video.read()
+        video._decoder.read = video.close  # type: ignore[method-assign, union-attr]
+        with pytest.raises(SourceNotOpen):
+            video.read()
+
+
+@pytest.mark.parametrize(("rate_hz", "recorded_hz"), [(0.0, 30.0), (1000.0, 1000.0), (1000.1, 30.0), (np.nan, 30.0)])
+def test_a_video_of_no_possible_rate_plays_at_thirty_images_a_second(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, rate_hz: float, recorded_hz: float
+) -> None:
+    video, init = bench.video_source(), VideoFileDecoder.__init__
+
+    def open_with_rate(decoder: VideoFileDecoder, path: Path) -> None:
+        init(decoder, path)
+        decoder.rate_hz = rate_hz
+
+    monkeypatch.setattr(VideoFileDecoder, "__init__", open_with_rate)
+    with video:
+        assert video.recorded_hz == recorded_hz
+
+
 @pytest.mark.parametrize(
     "absent",
     [
@@ -178,6 +248,27 @@ def test_what_is_not_there_is_refused_in_one_sentence_and_nothing_stays_open(
         with pytest.raises(SourceNotOpen):
             source.read()
     assert capfd.readouterr().err == ""
+
+
+def test_a_stream_is_opened_with_its_password_and_may_be_silent_for_two_seconds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def open_stream(url: str, library: int, options: list[int]) -> BenchCapture:
+        opened.append((url, library, dict(zip(options[::2], options[1::2], strict=True))))
+        return camera.open_capture(0)
+
+    opened: list[object] = []
+    camera = BenchCamera()
+    monkeypatch.setattr("cv2.VideoCapture", open_stream)
+    with NetworkStream("rtsp://me:secret@camera/live") as source:
+        source.open()
+        assert source.read().index == 0
+    limits_ms = {cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: 5000, cv2.CAP_PROP_READ_TIMEOUT_MSEC: 2000}
+    assert opened == [("rtsp://me:secret@camera/live", cv2.CAP_FFMPEG, limits_ms)] and camera.held == 0
+    camera.plugged_in = False
+    with pytest.raises(CameraNotFound):
+        source.open()
+    assert camera.held == 0
 
 
 def test_a_stream_is_lost_when_it_is_unplugged_and_when_it_falls_silent() -> None:
@@ -339,6 +430,8 @@ def test_a_damaged_video_gives_its_whole_images_and_then_says_how_many_are_missi
             frames.extend(iter(video.read, None))
         with pytest.raises(SourceEnded, match=f"after {len(frames)}"):
             video.read()
+    assert {frame.index for frame in frames} <= set(range(len(frames) + video.damaged))
+    assert 0 < video.damaged <= 30 - len(frames)
     assert 0 < len(frames) < 30 and f"got {len(frames)} whole ones and {30 - len(frames)} that" in str(said.value)
     images = np.array(list(whole.values()), np.int16)
     assert all((np.abs(images - frame.image).max((1, 2, 3)) <= 1).any() for frame in frames)
@@ -399,6 +492,8 @@ def test_a_folder_is_read_in_counting_order_and_goes_on_after_a_bad_image(tmp_pa
     (tmp_path / "notes.txt").write_text("none of its business")
     with ImageFolder(tmp_path) as folder:
         assert [int(folder.read().image[0, 0, 0]) for _ in range(2)] == [1, 2]
+        (tmp_path / "press_4.png").write_bytes(b"")  # of which an open folder knows nothing
+        folder.open()
         with pytest.raises(ImageUnreadable, match=r"press_3.*empty"):
             folder.read()
         after = folder.read()
@@ -414,19 +509,25 @@ def test_text_names_a_source(bench: Bench) -> None:
         "/dev/video0": UvcCamera,
         "csi": RaspberryPiCamera,
         "csi:1": RaspberryPiCamera,
+        "999999999": UvcCamera,
+        "usb:1-2": UvcCamera,
         "http://127.0.0.1/a.mjpg": NetworkStream,
         "RTSP://127.0.0.1/a": NetworkStream,
         str(video.path): VideoFile,
         str(folder.folder): ImageFolder,
     }
     assert {text: type(camera_or_file_source(text)) for text in named} == named
+    for address, name in (("7", "camera 7"), ("csi", "csi:0"), ("csi:12", "csi:12")):
+        assert camera_or_file_source(address).name == name
     for text in (
         "sim",
         "",
         "no/such/file",
         "gopher://x",
         "http://[x",
-        "99999999999",
+        "1000000000",
+        "csi:",
+        "csi:one",
         "-1",
         str(bench.folder / "press_0.png"),
     ):

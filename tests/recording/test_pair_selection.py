@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ninedtact.capture.force_torque.sample_checks import ClockDriftMonitor, SampleFault, SampleFaultHistory
 from ninedtact.capture.training_pair_rule import SamplingRule, SamplingRuleSettings
-from ninedtact.capture.wrench_source import WrenchFaulty, WrenchFrozen, WrenchJumped, WrenchSaturated
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.collecting.collector import _WrenchHistory
 from ninedtact.recording.collecting.pair_selection import (
@@ -164,57 +162,6 @@ def test_wrenches_are_interpolated_between_their_neighbours() -> None:
     assert [one.stamp_ns // MS for one in history.samples] == [10, 20, 40, 5010]
     history.add(wrench(at_ns=5_011 * MS))
     assert len(history.samples) == 4 and history.newest_ns == 5_011 * MS
-
-
-def rejected(kind: type[Exception]) -> Exception:
-    return kind("expected x, got y; do z")
-
-
-def test_faults_reach_back_to_where_they_could_have_begun() -> None:
-    tracker = SampleFaultHistory(frozen_ns=200 * MS)
-    assert tracker.accept(wrench(at_ns=1 * S)) and tracker.fault_between(0, 2 * S) is None
-    tracker.reject(rejected(WrenchFrozen))
-    tracker.reject(rejected(WrenchSaturated))  # of one run of rejections the first counts
-    assert tracker.fault_between(810 * MS, 820 * MS) is SampleFault.FROZEN
-    assert tracker.fault_between(700 * MS, 790 * MS) is None
-    assert tracker.accept(wrench(at_ns=2 * S))
-    assert tracker.fault_between(1900 * MS, 1950 * MS) is SampleFault.FROZEN
-    assert tracker.fault_between(2010 * MS, 2020 * MS) is None
-    tracker.reject(rejected(WrenchFaulty))
-    assert tracker.fault_between(2010 * MS, 2020 * MS) is SampleFault.FAULTY
-    assert tracker.fault_between(1960 * MS, 1990 * MS) is SampleFault.FROZEN
-    assert not tracker.accept(wrench(at_ns=2 * S)) and not tracker.accept(wrench(at_ns=1900 * MS))
-    assert tracker.accept(wrench(at_ns=2 * S + 1))
-
-
-def test_after_a_jump_the_zero_is_doubtful_until_the_sensor_is_at_rest() -> None:
-    tracker = SampleFaultHistory(frozen_ns=200 * MS)
-    tracker.accept(wrench(at_ns=1 * S))
-    tracker.reject(rejected(WrenchJumped))
-    tracker.accept(wrench(at_ns=2 * S))
-    assert tracker.fault_between(1500 * MS, 1600 * MS) is SampleFault.JUMPED
-    assert tracker.fault_between(3 * S, 3 * S + MS) is SampleFault.SHIFTED
-    assert tracker.fault_between(800 * MS, 900 * MS) is None
-    tracker.confirm_zero(900 * MS)  # an image before the jump, which is decided after it
-    assert tracker.fault_between(3 * S, 3 * S + MS) is SampleFault.SHIFTED
-    tracker.accept(wrench(at_ns=4 * S))  # and after a silence
-    tracker.confirm_zero(2 * S)
-    assert tracker.fault_between(3 * S, 3 * S + MS) is SampleFault.SHIFTED
-    tracker.confirm_zero(4 * S + MS)
-    assert tracker.fault_between(3 * S, 3 * S + MS) is None
-
-
-def test_clocks_drift_by_what_the_smallest_delay_of_a_second_has_changed() -> None:
-    clock = ClockDriftMonitor(tolerance_ms=10.0)
-    for at_ms in range(0, 1001, 100):
-        clock.add_arrival((1000 + at_ms) * MS, (1000 + at_ms + 30 + at_ms % 300) * MS)
-    assert clock.first_delay_ns == 30 * MS and clock.drift_ns == 0 and clock.is_within_tolerance
-    for at_ms in range(1100, 3300, 100):
-        clock.add_arrival((1000 + at_ms) * MS, (1000 + at_ms + 40 + at_ms % 300) * MS)
-    assert clock.drift_ns == 10 * MS and clock.is_within_tolerance
-    for at_ms in range(3300, 5600, 100):
-        clock.add_arrival((1000 + at_ms) * MS, (1000 + at_ms + 19 + at_ms % 300) * MS)
-    assert clock.drift_ns == -11 * MS and not clock.is_within_tolerance
 
 
 def grey_frame(level: int, number: int = 0) -> Frame:

@@ -114,7 +114,7 @@ def _check_open_camera(source: FrameSource, model: str | None, frames: int) -> C
 
 def describe_camera_settings(settings: CameraSettings) -> str:
     """Return exposure, gain and white balance as the camera reports them, as text for a person."""
-    exposure = "exposure not reported" if settings.auto_exposure is None else "automatic exposure"
+    exposure = "automatic exposure" if settings.auto_exposure else "exposure not reported"
     if settings.exposure_ms is not None:
         exposure = f"exposure {settings.exposure_ms:g} ms, fixed"
     gain = "gain not reported" if settings.gain is None else f"gain {settings.gain:g}"

@@ -290,7 +290,7 @@ def estimate_delay(
     parts = np.array([fine_delay_s(block != one) for one in range(_BLOCKS)])
     error_s = np.hypot(np.sqrt((_BLOCKS - 1) * parts.var()), _MODEL_ERROR_S)
     rate_hz = (len(stamps_s) - 1) / float(stamps_s[-1] - stamps_s[0])
-    return CameraDelay(1e3 * fine_delay_s(block >= 0), 1e3 * float(error_s), "", rate_hz, correlation)
+    return CameraDelay(1e3 * fine_delay_s(np.full(len(block), True)), 1e3 * float(error_s), "", rate_hz, correlation)
 
 
 def _correlations(switches_s: Array, stamps_s: Array, brightness: Array, delays_s: Array, exposure_s: float) -> Array:

@@ -198,17 +198,18 @@ class RepeatingSource(FrameSource):
     def __init__(self, source: FrameSource) -> None:
         self.name, self.is_live, self.is_simulated = source.name, source.is_live, source.is_simulated
         self._source = source
-        self._first_index = self._next_index = 0
         self._is_open = False
         self._opening = Lock()
 
     def open(self) -> None:
         """Open the source; raises what the source raises."""
         with self._opening:
+            if self._is_open:
+                return
             self._source.open()
             self._is_open = True
-        self.recorded_hz = self._source.recorded_hz
-        self._first_index = self._next_index = 0
+            self.recorded_hz = self._source.recorded_hz
+            self._first_index = self._next_index = 0
 
     def read(self) -> Frame:
         """Return the next image; the first one follows the last."""

@@ -127,7 +127,7 @@ class RaspberryPiCamera(AddressedFrameSource):
             (image,), metadata = job.get_result(timeout=_SILENCE_LIMIT_S)
         except TimeoutError as silence:
             raise CameraLost(f"expected an image from {self.name}, got none; check the ribbon cable") from silence
-        return np.array(image[:, :, :3], order="C"), metadata
+        return np.array(image, order="C"), metadata
 
 
 def _libcamera_controls(settings: CameraSettings) -> Iterator[tuple[str, _Control]]:

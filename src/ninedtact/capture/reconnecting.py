@@ -37,19 +37,27 @@ class _ReconnectingSource(Openable, Generic[Source, Loss]):
         self._on_lost, self._on_back = on_lost, on_back
         self._retry_s = retry_ms / 1000
         self._closing, self._opening = Event(), Lock()
+        self._is_open = False
 
     def open(self) -> None:
         """Open the source; raises what it raises."""
         with self._opening:
+            if self._is_open:
+                return
             self._closing.clear()
             self._source.open()
-            self.losses = 0
+            self._is_open = True
+            self._start_counting()
 
     def close(self) -> None:
         """Close the source, and end a wait for the device."""
         self._closing.set()
         with self._opening:
+            self._is_open = False
             self._source.close()
+
+    def _start_counting(self) -> None:
+        self.losses = 0
 
     def _wait_until_back(self, loss: Loss) -> None:
         """Report the loss and return when the device is open again; raises `SourceNotOpen` when closed meanwhile."""
@@ -79,7 +87,6 @@ class ReconnectingFrameSource(_ReconnectingSource[FrameSource, CameraLost], Fram
     """Reads another source and reopens it after `CameraLost`; meanwhile `read` waits, so put `LatestFrameSource` around it."""
 
     _absence = CameraNotFound
-    _first_index = _next_index = 0
 
     @property
     def is_live(self) -> bool:  # type: ignore[override]
@@ -91,9 +98,8 @@ class ReconnectingFrameSource(_ReconnectingSource[FrameSource, CameraLost], Fram
         """Whether this computer renders the source's images."""
         return self._source.is_simulated
 
-    def open(self) -> None:
-        """Open the source; raises what it raises."""
-        super().open()
+    def _start_counting(self) -> None:
+        super()._start_counting()
         self.recorded_hz = self._source.recorded_hz
         self._first_index = self._next_index = 0
 

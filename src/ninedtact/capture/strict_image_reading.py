@@ -90,14 +90,20 @@ def _frame_header_size(segment: bytes) -> tuple[int, int]:
 
 
 def _jpeg_segments(content: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield markers with the bytes that follow them; skip scan data, in which 0xFF precedes 0x00 or a restart marker."""
+    """Yield markers with the bytes that follow them, up to the end of the image.
+
+    Scan data is skipped; in it 0xFF precedes 0x00 or a restart marker.
+    """
     at = 2
     while (at := content.find(b"\xff", at)) >= 0 and at + 1 < len(content):
         marker = content[at + 1]
         if marker in (0x00, 0x01, 0xFF) or 0xD0 <= marker <= 0xD7:
             at += 1 if marker == 0xFF else 2
             continue
-        size = 0 if marker == 0xD9 else int.from_bytes(content[at + 2 : at + 4])
+        if marker == 0xD9:
+            yield marker, b""
+            return
+        size = int.from_bytes(content[at + 2 : at + 4])
         yield marker, content[at + 2 : at + 2 + size]
         at += 2 + size
 

@@ -1,6 +1,7 @@
 """A source whose every sample the test writes down, so that nothing depends on how fast the machine is."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +13,7 @@ MS = 1_000_000
 
 
 class Played(WrenchSource):
-    """These six numbers, one after the other, so many ms apart; exceptions among them are raised."""
+    """These wrenches or six numbers, one after the other, so many ms apart; exceptions among them are raised."""
 
     def __init__(self, six: Sequence[object], period_ms: float = 1.0) -> None:
         self.name = "a played sensor"
@@ -28,9 +29,10 @@ class Played(WrenchSource):
         six, self._next = self._six[self._next], self._next + 1
         if isinstance(six, Exception):
             raise six
-        return Wrench(
-            np.array(six[:3], float), np.array(six[3:], float), stamp_ns=int(self._next * self._period_ms * MS)
-        )
+        stamp_ns = round(self._next * self._period_ms * MS)
+        if isinstance(six, Wrench):
+            return replace(six, stamp_ns=stamp_ns)
+        return Wrench(np.array(six[:3], float), np.array(six[3:], float), stamp_ns=stamp_ns)
 
     def close(self) -> None:
         self.opened = 0

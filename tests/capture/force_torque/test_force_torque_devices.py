@@ -1,22 +1,37 @@
 """What is particular to one device: units, rates, drop counts, flags, stamps."""
 
 import contextlib
+import os
+import sys
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pynetft
 import pytest
 from test_force_torque_family import Bench
 
+from ninedtact.capture.force_torque.bota import BotaDriver, _captured_errors
+from ninedtact.capture.force_torque.driver_source import DeviceClock
+from ninedtact.capture.force_torque.netft import NetFtDriver
+from ninedtact.capture.force_torque.serial_driver import SerialFrameParser, SerialPortDriver
+from ninedtact.capture.force_torque.wrench_source_from_address import (
+    force_torque_sensor_for,
+    untared_wrench_source_for,
+)
 from ninedtact.capture.wrench_source import (
     WrenchFaulty,
     WrenchSampleRejected,
     WrenchSaturated,
     WrenchSensorLost,
+    WrenchSensorNotFound,
     WrenchSource,
 )
+from ninedtact.design import ForceTorqueMount
 from ninedtact.quantities import Wrench
 
 LOAD = np.array([1.0, -2.0, -8.0, 0.05, 0.02, -0.01])
@@ -68,6 +83,75 @@ def test_net_ft_refuses_saturated_and_faulty_records_and_goes_on_after_them(benc
         bench.server.stalled = True  # records go on, the measurement in them does not
         with pytest.raises(WrenchSensorLost):
             read_for(source, 5.0)
+
+
+def test_a_status_of_a_net_ft_device_is_heeded_as_its_manufacturer_documents_it() -> None:
+    """Bit 17 of an ATI device: saturation; with bits 16 and 31 alone, a threshold was passed."""
+    saturated, threshold = 1 << 17, 1 << 31 | 1 << 16
+    ati, onrobot = NetFtDriver.from_ati_address("netft:h"), NetFtDriver.from_onrobot_address("onrobot:h:1234")
+    for status, of_ati, of_onrobot in (
+        (0, None, None),
+        (threshold, None, WrenchFaulty),
+        (saturated, WrenchSaturated, WrenchFaulty),
+        (threshold | saturated, WrenchSaturated, WrenchFaulty),
+        (1 << 31, WrenchFaulty, WrenchFaulty),
+        (1 << 16, WrenchFaulty, WrenchFaulty),
+        (1 << 18, WrenchFaulty, WrenchFaulty),
+        (1, WrenchFaulty, WrenchFaulty),
+    ):
+        for driver, expected in ((ati, of_ati), (onrobot, of_onrobot)):
+            sample = driver._sample(net_ft_record(status=status))
+            assert type(sample.flaw) is (expected or type(None))
+            assert (sample.stamp_ns, sample.number) == (5_000, 77)
+    assert ati.number_bits == 32
+    config = ati._config()
+    assert (config.sensor_host, config.rdt_port, config.http_port) == ("h", 49152, 80)
+    assert config.deliver_samples_with_error_status and config.calibration_override is None
+    assert onrobot._config().rdt_port == 1234 and onrobot._config().calibration_override is not None
+
+
+@pytest.mark.parametrize(("last_error", "said"), [("refused", "refused"), ("", "silence"), (None, "silence")])
+def test_a_net_ft_device_that_sends_nothing_is_not_found(
+    monkeypatch: pytest.MonkeyPatch, last_error: str | None, said: str
+) -> None:
+    client = SimpleNamespace(
+        start=lambda: None,
+        wait_for_first_sample=lambda timeout_s: False,
+        health=lambda: SimpleNamespace(last_error=last_error),
+        stop=lambda: stopped.append(True),
+    )
+    stopped: list[bool] = []
+    monkeypatch.setattr("pynetft.Client", lambda config, queue_size: client)
+    with pytest.raises(WrenchSensorNotFound, match=f"expected RDT records from h, got: {said};"):
+        NetFtDriver.from_ati_address("netft:h").connect()
+    assert stopped
+
+
+@pytest.mark.parametrize(
+    ("units", "newtons", "newton_metres"), [(("N", "N-mm"), 1.0, 1e-3), (("lbf", "lbf-in"), 4.4482216, 0.11298483)]
+)
+def test_net_ft_converts_the_units_that_its_device_is_set_to(
+    units: tuple[str, str], newtons: float, newton_metres: float
+) -> None:
+    driver = NetFtDriver.from_ati_address("netft:h")
+    six = driver._sample(net_ft_record(*units)).six
+    assert six == pytest.approx([newtons, 2 * newtons, -3 * newtons, *(newton_metres * np.array([4, 5, -6]))], rel=1e-6)
+    for unknown in (("unknown", units[1]), (units[0], "unknown")):
+        sample = driver._sample(net_ft_record(*unknown))
+        assert isinstance(sample.flaw, WrenchFaulty) and "set N and N-m on it" in str(sample.flaw)
+        assert np.isnan(sample.six).sum() == 3
+
+
+def net_ft_record(force_unit: str = "N", torque_unit: str = "N-m", status: int = 0) -> SimpleNamespace:
+    return SimpleNamespace(
+        force_unit=pynetft.ForceUnit(force_unit),
+        torque_unit=pynetft.TorqueUnit(torque_unit),
+        force=(1.0, 2.0, -3.0),
+        torque=(4.0, 5.0, -6.0),
+        status=status,
+        received_at_ns=5_000,
+        rdt_sequence=77,
+    )
 
 
 def good_after(source: WrenchSource) -> Wrench:
@@ -126,3 +210,157 @@ def test_bota_tells_its_bias_and_saves_old_frames_for_nobody(bench: Bench) -> No
         mean = np.mean([wrench.six for wrench in wrenches], axis=0)
     assert mean == pytest.approx([1, 2, 3, 0.1, 0.2, 0.3], abs=0.3)
     assert np.median(np.diff([wrench.stamp_ns for wrench in wrenches])) / 1e6 == pytest.approx(100, abs=20)
+
+
+class PlayedBota:
+    """What the library of Bota gives of a sensor with a given period: frames at given times of its 32-bit clock."""
+
+    def __init__(self, period_us: int, device_us: Sequence[int], answers: tuple[bool, bool] = (True, True)) -> None:
+        self.period_us, self.device_us, self.answers = period_us, list(device_us), answers
+        self.overrange = self.invalid = self.raw = False
+        self.ended: list[str] = []
+
+    def BotaDriver(self, config: str) -> "PlayedBota":  # noqa: N802
+        return self
+
+    def configure(self) -> bool:
+        return self.answers[0]
+
+    def activate(self) -> bool:
+        return self.answers[1]
+
+    def deactivate(self) -> None:
+        self.ended.append("deactivate")
+
+    def cleanup(self) -> None:
+        self.ended.append("cleanup")
+
+    def shutdown(self) -> None:
+        self.ended.append("shutdown")
+
+    def get_expected_timestep_us(self) -> int:
+        return self.period_us
+
+    def read_frame(self) -> SimpleNamespace:
+        if not self.device_us:
+            raise RuntimeError("no answer")
+        status = SimpleNamespace(overrange=self.overrange, invalid=self.invalid, raw=self.raw)
+        return SimpleNamespace(timestamp=self.device_us.pop(0), force=[1, 2, 3], torque=[4, 5, 6], status=status)
+
+
+@pytest.fixture
+def played_bota(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[PlayedBota], BotaDriver]:
+    (tmp_path / "bota.json").touch()
+
+    def driver_of(library: PlayedBota) -> BotaDriver:
+        monkeypatch.setitem(sys.modules, "bota_driver", library)
+        return BotaDriver(tmp_path / "bota.json")
+
+    return driver_of
+
+
+def test_bota_numbers_its_frames_by_the_clock_of_the_device(played_bota: Callable[[PlayedBota], BotaDriver]) -> None:
+    """A step of three periods is two frames that never came; a step of a third of one is a frame nevertheless."""
+    wrap = 1 << 32
+    library = PlayedBota(1000, [wrap - 2500, wrap - 2500, wrap - 1500, 1500, 1800, 2810])
+    driver = played_bota(library)
+    driver.connect()
+    samples = [sample for _ in range(4) for sample in driver.receive()]
+    assert [sample.number for sample in samples] == [1, 4, 5, 6]
+    assert samples[0].six.tolist() == [1, 2, 3, 4, 5, 6]
+    with pytest.raises(WrenchSensorLost, match="got: no answer; check that it is plugged in"):
+        driver.receive()
+    driver.disconnect()
+    assert library.ended == ["deactivate", "cleanup", "shutdown"]
+
+
+@pytest.mark.parametrize(
+    ("answers", "said"), [((False, True), "a refusal"), ((True, False), "a refusal"), ((True, True), "no answer")]
+)
+def test_bota_that_does_not_start_is_released(
+    played_bota: Callable[[PlayedBota], BotaDriver], answers: tuple[bool, bool], said: str
+) -> None:
+    library = PlayedBota(1000, [], answers)
+    with pytest.raises(WrenchSensorNotFound, match=f"to start, got: {said}; check the file and the cable"):
+        played_bota(library).connect()
+    assert library.ended == ["shutdown"]
+
+
+def test_bota_is_waited_for_a_tenth_of_a_second(played_bota: Callable[[PlayedBota], BotaDriver]) -> None:
+    driver = played_bota(PlayedBota(100_000, [7] * 1000))
+    driver.connect()
+    began = time.monotonic()
+    assert driver.receive() == [] and time.monotonic() - began >= 0.1
+
+
+@pytest.mark.parametrize(("period_us", "pause_ms"), [(0, 0.2), (800, 0.2), (2000, 0.5), (20_000, 5.0), (100_000, 5.0)])
+def test_bota_is_asked_four_times_a_period(
+    played_bota: Callable[[PlayedBota], BotaDriver], monkeypatch: pytest.MonkeyPatch, period_us: int, pause_ms: float
+) -> None:
+    """But neither more often than the computer can wait, nor so seldom that a sample is seen late."""
+    pauses_s: list[float] = []
+    monkeypatch.setattr("ninedtact.capture.force_torque.bota.time.sleep", pauses_s.append)
+    driver = played_bota(PlayedBota(period_us, [7, 7, 7, 8]))
+    driver.connect()
+    assert len(driver.receive()) == 1 and pauses_s == pytest.approx([pause_ms / 1e3] * 2)
+
+
+def test_bota_flags_are_heeded(played_bota: Callable[[PlayedBota], BotaDriver]) -> None:
+    library = PlayedBota(1000, range(1000, 9000, 1000))
+    driver = played_bota(library)
+    driver.connect()
+    for flag, flaw, said in (
+        (None, type(None), ""),
+        ("overrange", WrenchSaturated, "press less"),
+        ("invalid", WrenchFaulty, "calls invalid;"),
+        ("raw", WrenchFaulty, "calls raw, not calibrated;"),
+    ):
+        for name in ("overrange", "invalid", "raw"):
+            setattr(library, name, name == flag)
+        (sample,) = driver.receive()
+        assert type(sample.flaw) is flaw and said in str(sample.flaw)
+
+
+def test_errors_of_the_library_of_bota_are_taken_from_what_others_print(capfd: pytest.CaptureFixture[str]) -> None:
+    with _captured_errors() as errors:
+        os.write(1, b"\x1b[31m[bota_ERROR] no cable\x1b[0m\n[bota_INFO] version 1\n50 % done\n[bota_ERROR] no power\n")
+    assert errors == ["no cable", "no power"] and capfd.readouterr() == ("50 % done\n", "")
+
+
+def test_a_serial_port_of_another_baud_rate_is_lost_after_four_kilobytes(bench: Bench) -> None:
+    """The flags of a frame exclude each other, saturation first; other bits mean nothing."""
+    driver = SerialPortDriver.from_address("serial:/dev/ttyX@9600")
+    for flags, flaw in ((0, None), (1, WrenchSaturated), (2, WrenchFaulty), (3, WrenchSaturated), (4, None)):
+        assert type(driver._flaw(flags)) is (flaw or type(None))
+    driver._parser, driver._clock = SerialFrameParser(), DeviceClock()
+    portions = [b"." * 4096, b"."]
+    driver._port = SimpleNamespace(in_waiting=0, read=lambda count: portions.pop(0))
+    assert driver.receive() == []
+    with pytest.raises(WrenchSensorLost, match=r"got 4097 bytes without one; check its baud rate \(here 9600\)"):
+        driver.receive()
+
+
+def test_a_serial_port_is_opened_for_one_program_and_at_the_documented_rate(bench: Bench) -> None:
+    assert SerialPortDriver.from_address("serial:COM3")._baud == 460_800
+    with bench.serial(), pytest.raises(WrenchSensorNotFound, match="expected a serial port"):
+        force_torque_sensor_for(f"serial:{bench.device.port}").open()
+
+
+def test_what_a_sensor_without_a_tare_leaves_out_and_loses_is_told(bench: Bench) -> None:
+    bench.serial()
+    told: list[str] = []
+    mount = ForceTorqueMount((0.0, 0.0, -20.0), (0.0, 0.0, 90.0))
+    with untared_wrench_source_for(f"serial:{bench.device.port}", mount, told.append) as source:
+        bench.device.load = LOAD
+        read_for(source, 0.1)
+        wrench = source.read()
+        assert wrench.force_n == pytest.approx([2, 1, -8], abs=0.1) and wrench.about_mm.tolist() == [0, 0, -20]
+        bench.device.flags = 1
+        threading.Timer(0.1, setattr, (bench.device, "flags", 0)).start()
+        while not told:
+            source.read()
+        bench.device.unplug()
+        threading.Timer(0.2, bench.device.plug_in).start()
+        while len(told) < 3:
+            source.read()
+    assert [message.rpartition("; ")[2] for message in told] == ["left out", "waiting for it", "it is back"]

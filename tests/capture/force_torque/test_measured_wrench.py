@@ -7,13 +7,27 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from played import MS, Played, noisy
+from scipy.spatial.transform import Rotation
 
 from ninedtact.capture.force_torque.driver_source import DeviceClock, MissingSampleCounter
 from ninedtact.capture.force_torque.netft import _N_PER_UNIT, _NM_PER_UNIT, ONROBOT, _parse_host
-from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings, SkippingWrenchSource
-from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareRefused, TareSettings, ZeroDrift, compute_tare
+from ninedtact.capture.force_torque.sample_checks import (
+    CheckedWrenchSource,
+    SampleCheckSettings,
+    SampleChecksInvalid,
+    SkippingWrenchSource,
+)
+from ninedtact.capture.force_torque.tare import (
+    Tare,
+    TaredWrenchSource,
+    TareRefused,
+    TareSettings,
+    ZeroDrift,
+    compute_tare,
+)
 from ninedtact.capture.force_torque.wrench_source_from_address import (
     CheckAndTareSettings,
+    DeviceFrameWrenchSource,
     MountedWrenchSource,
     build_wrench_source,
 )
@@ -60,6 +74,34 @@ def test_a_load_at_the_end_of_the_range_is_refused_on_the_axis_that_has_it() -> 
         source.read()
 
 
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_load_counts_as_saturated_from_98_per_cent_of_the_range(axis: int, sign: int) -> None:
+    limits = SampleCheckSettings(range_n=(10, 20, 30), range_nm=(1, 2, 3), jump_n=100, jump_nm=100)
+    end = np.array([9.8, 19.6, 29.4, 0.98, 1.96, 2.94])
+    near = 0.97 * end * (np.arange(6) != axis)
+    name, unit = ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")[axis], "N" if axis < 3 else "N·m"
+    with CheckedWrenchSource(
+        Played([sign * (near + share * end * (np.arange(6) == axis)) for share in (0.999, 1.0001)]), limits
+    ) as source:
+        source.read()
+        with pytest.raises(
+            WrenchSaturated,
+            match=rf"expected {name} of .* within ± {end[axis]:.3g} {unit}, got {sign * end[axis]:.3g};",
+        ):
+            source.read()
+    assert heard(CheckedWrenchSource(Played([1000 * end, -1000 * end], 100.0))) == [
+        ".",
+        ".",
+    ]  # unless the range is not known
+
+
+@pytest.mark.parametrize("ranges", [{"range_n": (0, 1, 1)}, {"range_nm": (1, -1, 1)}, {"range_n": (1, 1, np.nan)}])
+def test_a_range_that_no_sensor_has_is_refused(ranges: dict[str, tuple[float, float, float]]) -> None:
+    with pytest.raises(SampleChecksInvalid, match="above zero"):
+        SampleCheckSettings(**ranges)
+
+
 def test_a_frozen_reading_is_refused_until_it_moves_again() -> None:
     told = heard(CheckedWrenchSource(Played([*noisy(10), *[BIAS] * 400, *noisy(10)], 1.0)))
     assert told[:10] == told[-10:] == ["."] * 10
@@ -79,22 +121,69 @@ def test_a_leap_is_refused_and_a_level_that_lasts_is_believed_again() -> None:
     ]  # a slow device has no leaps
 
 
+@pytest.mark.parametrize(
+    ("change", "period_ms", "said"),
+    [
+        ([10, -10, 10, 0.5, -0.5, 0.5], 1.0, None),
+        ([0, -10.01, 0, 0.5, 0, 0], 20.0, r"F_y .* by at most 10 N .*got -10"),
+        ([0, -15, 0, 0, 0, 0.9], 1.0, r"T_z .* by at most 0\.5 N·m .*got \+0\.9"),
+        ([-20, 0, 0, 0.9, 0, 0], 1.0, r"F_x .* by at most 10 N .*got -20"),
+        ([0, -15, 0, 0, 0, 0.9], 20.1, None),
+    ],
+)
+def test_a_jump_is_a_change_beyond_the_limit_of_an_axis_within_20_ms(
+    change: list[float], period_ms: float, said: str | None
+) -> None:
+    with CheckedWrenchSource(Played([BIAS, BIAS + change], period_ms)) as source:
+        source.read()
+        if said is None:
+            source.read()
+        else:
+            with pytest.raises(WrenchJumped, match=f"expected {said}"):
+                source.read()
+
+
+def test_a_level_counts_once_it_has_lasted_50_ms_and_a_source_that_is_opened_anew_has_no_level() -> None:
+    for period_ms, refused in ((10.0, 5), (10.1, 5), (12.4, 5), (12.6, 4)):
+        source = CheckedWrenchSource(Played([ZERO, *[[0, 0, -15.0, 0, 0, 0]] * 8], period_ms))
+        for _ in range(2):
+            assert heard(source) == [".", *["WrenchJumped"] * refused, *["."] * (8 - refused)]
+
+
 def test_who_only_looks_skips_what_cannot_be_trusted_and_is_told_once() -> None:
     told: list[WrenchSampleRejected] = []
     flaws = [WrenchFaulty("expected x, got y; z")] * 3
     with SkippingWrenchSource(Played([ZERO, *flaws, ZERO, *flaws, ZERO]), told.append) as source:
         assert len([source.read() for _ in range(3)]) == 3
-    assert len(told) == 2 and source.skipped == 6
+        assert len(told) == 2 and source.skipped == 6
+    with source:
+        assert source.skipped == 0
 
 
 def test_a_tare_takes_the_bias_off_and_tells_the_noise() -> None:
     with TaredWrenchSource(Played(noisy(3000, BIAS)), TareSettings()) as source:
+        first = source.tare
+        source.open()  # opening an open source does nothing
+        assert source.tare is first
         assert source.tare.samples == pytest.approx(1000, abs=2) and source.tare.seconds == pytest.approx(1.0, abs=0.01)
         assert source.tare.mean == pytest.approx(BIAS, abs=0.004)
         assert source.tare.deviation[:3] == pytest.approx(0.02, rel=0.15)
         assert source.tare.sentence.startswith("tared over 1.0 s, 1001 samples; noise of one sample (0.0")
         left = [source.read().six for _ in range(1000)]
     assert np.abs(np.mean(left, axis=0)).max() < 0.005
+
+
+def test_a_sample_that_arrives_while_the_source_is_closed_has_its_tare_too() -> None:
+    class ClosedMeanwhile(Played):
+        def read(self) -> Wrench:
+            wrench = super().read()
+            if self._next == len(self._six):
+                source.close()
+            return wrench
+
+    source = TaredWrenchSource(ClosedMeanwhile([BIAS] * 12), TareSettings(seconds=0.01))
+    with source:
+        assert source.read().six == pytest.approx(np.zeros(6), abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -136,7 +225,11 @@ def test_how_far_the_untouched_reading_wandered_is_told_and_too_few_samples_are_
     with TaredWrenchSource(Played([*noisy(101, BIAS), *noisy(101, BIAS, seed=1), *noisy(101, warmer)], 10.0)) as source:
         near = source.measure_zero_drift(1.0)
         assert not near.exceeds_limit and "no need" in near.sentence and near.since_s == pytest.approx(1.01)
-        far = source.measure_zero_drift(1.0)
+        far = source.measure_zero_drift()
+        assert far.since_s == pytest.approx(1.52) and far.error == pytest.approx(
+            source.tare.deviation * np.sqrt(1 / 51 + 1 / 101)
+        )
+        assert (far.limit_n, far.limit_nm) == (0.1, 0.005)
         assert far.exceeds_limit and far.six[2] == pytest.approx(0.15, abs=0.02) and "; tare again" in far.sentence
     with pytest.raises(TareRefused, match="expected 8 samples"), TaredWrenchSource(Played(noisy(10), 400.0)):
         pass
@@ -158,6 +251,32 @@ def test_the_mount_turns_what_the_device_feels_into_what_the_object_does_to_the_
     assert wrench.about_mm.tolist() == [1, 2, -40]
     with pytest.raises(DesignImpossible, match="rotation_deg"):
         ForceTorqueMount(rotation_deg=(0, 0, float("nan")))
+
+
+angles = st.tuples(*[st.floats(-180, 180)] * 3)
+points = st.tuples(*[st.floats(-90, 90)] * 3)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.tuples(*[st.floats(-9, 9)] * 6), angles, points, points, st.sampled_from([1, -1]))
+def test_a_wrench_on_the_skin_is_found_from_what_any_mounted_device_feels_and_the_other_way_round(
+    six, rotation_deg, origin_mm, about_mm, sign
+) -> None:
+    """The device feels the force along its own axes and the torque about a point of its own frame."""
+    force, torque, turn = np.array(six[:3]), np.array(six[3:]), Rotation.from_euler("xyz", rotation_deg, degrees=True)
+
+    def felt_about(point_mm: np.ndarray) -> Wrench:
+        moved = torque - np.cross((origin_mm + turn.apply(point_mm)) / 1e3, force)
+        return Wrench(sign * turn.inv().apply(force), sign * turn.inv().apply(moved), about_mm=point_mm)
+
+    mount = ForceTorqueMount(origin_mm, rotation_deg, sign)
+    with MountedWrenchSource(Played([felt_about(np.array(about_mm))]), mount) as mounted:
+        found = mounted.read()
+    assert found.about(np.zeros(3)).six == pytest.approx(np.array(six), abs=1e-9)
+    assert found.about_mm == pytest.approx(origin_mm + turn.apply(about_mm), abs=1e-9)
+    with DeviceFrameWrenchSource(Played([found]), mount) as device:
+        felt = device.read()
+    assert felt.six == pytest.approx(felt_about(np.zeros(3)).six, abs=1e-9) and felt.about_mm.tolist() == [0, 0, 0]
 
 
 def test_measured_is_all_of_them_in_order() -> None:
@@ -223,8 +342,25 @@ def test_a_tare_bears_what_noise_explains_and_nothing_more() -> None:
     still = TareSettings(least_samples=8)
     steps = [Wrench(np.array([0.0, 0, 0.001 * n]), np.zeros(3), stamp_ns=n * MS) for n in range(40)]
     slow = compute_tare(steps, still)
+    with pytest.raises(TareRefused, match=r"expected 41 samples for a tare, got 40; tare for longer than 1 s"):
+        compute_tare(steps, replace(still, least_samples=41))
+    compute_tare(steps, replace(still, least_samples=40))
     assert slow.mean[2] == pytest.approx(0.0195) and slow.seconds == pytest.approx(0.039) and slow.samples == 40
     assert slow.deviation[2] == pytest.approx(np.std(np.arange(40) * 0.001, ddof=1)) and slow.stamp_ns == 39 * MS
+    nearly = [replace(each, force_n=1.66 * each.force_n) for each in steps]
+    assert compute_tare(nearly, still).mean[2] == pytest.approx(1.66 * 0.0195)
+    for slope, is_taken in (
+        (2.9, True),
+        (2.95, False),
+    ):  # noise of ± 0.01 N adds 7 · 1.2 · 0.02/√2 /√10 N to the limit of 0.05 N
+        noisy_steps = [replace(each, force_n=slope * each.force_n + 0.01 * (-1) ** n) for n, each in enumerate(steps)]
+        if is_taken:
+            compute_tare(noisy_steps, still)
+        else:
+            with pytest.raises(TareRefused):
+                compute_tare(noisy_steps, still)
+    with pytest.raises(TareRefused, match=r"moved by \(0\.000, 0\.000, 0\.050\) N"):
+        compute_tare([replace(each, force_n=1.68 * each.force_n) for each in steps], still)
     twice = [replace(each, force_n=2 * each.force_n) for each in steps]
     with pytest.raises(TareRefused, match=r"moved by \(0\.000, 0\.000, 0\.060\) N"):
         compute_tare(twice, still)
@@ -235,6 +371,16 @@ def test_a_tare_bears_what_noise_explains_and_nothing_more() -> None:
 
 def test_the_zero_has_drifted_beyond_its_limit_and_three_deviations() -> None:
     drift = ZeroDrift(np.array([0, 0, 0.129, 0, 0, 0]), np.array([0.01] * 3 + [1e-4] * 3), 120.0, 0.1, 0.005)
-    assert not drift.exceeds_limit and "in 2 min" in drift.sentence
+    assert not drift.exceeds_limit
+    assert drift.sentence == (
+        "without contact, the reading has drifted by (0.000, 0.000, 0.129) N, (0.0, 0.0, 0.0) N·mm in 2 min since the tare "
+        "(limits 0.1 N, 5 N·mm); no need to tare"
+    )
+    assert not replace(drift, six=np.array([0, 0, 0, -0.0052, 0, 0])).exceeds_limit
     assert replace(drift, six=np.array([0, 0, -0.131, 0, 0, 0])).exceeds_limit
-    assert replace(drift, six=np.array([0, 0, 0, 0.0054, 0, 0])).exceeds_limit
+    bent = replace(drift, six=np.array([0, 0, 0, 0.0054, 0, 0]))
+    assert bent.exceeds_limit and "(5.4, 0.0, 0.0) N·mm" in bent.sentence and "; tare again" in bent.sentence
+    tare = Tare(ZERO, np.array([0.01, 0.02, 0.03, 1e-4, 2e-4, 3e-4]), 12, 1.25, 0)
+    assert tare.sentence == (
+        "tared over 1.2 s, 12 samples; noise of one sample (0.010, 0.020, 0.030) N, (0.10, 0.20, 0.30) N·mm"
+    )

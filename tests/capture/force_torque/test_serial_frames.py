@@ -72,4 +72,6 @@ def test_it_counts_what_it_could_not_use() -> None:
     assert list(finder.parse(np.arange(200, dtype=np.uint8).tobytes() * 5)) == [] and finder.garbage_bytes > 900
     frame = SerialFrame(1, 2, (0.0,) * 6)
     assert list(finder.parse(frame.to_bytes())) == [frame] and finder.garbage_bytes == 0
-    assert finder.wanted_bytes == FRAME_BYTES
+    for count in range(FRAME_BYTES):
+        assert finder.wanted_bytes == FRAME_BYTES - count
+        assert list(finder.parse(frame.to_bytes()[count : count + 1])) == [frame] * (count == FRAME_BYTES - 1)

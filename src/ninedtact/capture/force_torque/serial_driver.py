@@ -92,7 +92,7 @@ class SerialFrameParser:
     @property
     def wanted_bytes(self) -> int:
         """The least number of further bytes that complete a frame."""
-        return max(FRAME_BYTES - len(self._unread), 1)
+        return FRAME_BYTES - len(self._unread)
 
     def parse(self, portion: bytes) -> Iterator[SerialFrame]:
         """Yield the frames that this portion completes."""

@@ -108,27 +108,30 @@ class TaredWrenchSource(WrenchSource):
         """Open the source and take a tare; raises `TareRefused` and what the source raises."""
         if self._is_open:
             return
-        self._source.open()
-        try:
-            self.take_tare()
-        except BaseException:
-            self._source.close()
-            raise
+        with self._reading:
+            self._source.open()
+            try:
+                self.tare = self._measure_tare()
+            except BaseException:
+                self._source.close()
+                raise
         self._is_open = True
 
     def read(self) -> Wrench:
         """Return the next sample minus the tare; raises what the source raises."""
         with self._reading:
             wrench = self._source.read()
-            mean = self.tare.mean if self._is_open else np.zeros(6)
+            mean = self.tare.mean
         return replace(wrench, force_n=wrench.force_n - mean[:3], torque_nm=wrench.torque_nm - mean[3:])
 
     def take_tare(self) -> Tare:
         """Take a new tare while no other thread reads; raises `TareRefused` and keeps the last tare."""
         with self._reading:
-            wrenches = _collect_samples(self._source, self._settings.seconds)
-        self.tare = compute_tare(wrenches, self._settings)
+            self.tare = self._measure_tare()
         return self.tare
+
+    def _measure_tare(self) -> Tare:
+        return compute_tare(_collect_samples(self._source, self._settings.seconds), self._settings)
 
     def measure_zero_drift(self, seconds: float = 0.5) -> ZeroDrift:
         """Return how far the zero has moved since the tare; nothing may touch the skin meanwhile."""
