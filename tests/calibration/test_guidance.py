@@ -180,6 +180,8 @@ def test_a_press_is_taken_when_it_was_still_for_long_enough(monkeypatch: pytest.
     assert watch(touched(3)).sentence == "hold still, 2.0 s more"
     now_s = 60.5
     assert sentences(watch, [touched(3)] * 8) == ["hold still, 1.5 s more"] * 8
+    now_s = 61.5
+    assert watch(touched(3)).sentence == "hold still, 0.5 s more"
     now_s = 62.0
     assert watch(touched(3)).sentence == "taken"
     assert watch(touched(9)).sentence == "hold still, 2.0 s more"  # it moved

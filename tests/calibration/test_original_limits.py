@@ -193,6 +193,8 @@ def test_a_file_holds_one_array_of_numbers(tmp_path: Path) -> None:
         with pytest.raises(OriginalFolderDamaged, match="an array of numbers"):
             folder_format.read_finite_npy(tmp_path / name, 1)
     assert folder_format.read_finite_npy(tmp_path / "new" / "folder" / "whole.npy", 1).tolist() == [0, 1, 2]
+    with pytest.raises(ValueError, match="Object arrays"):
+        folder_format.write_npy(tmp_path / "objects.npy", np.array([{}, 1]))
     assert folder_format._first_line(ValueError("one\ntwo")) == "one"
     assert folder_format._first_line(EOFError()) == "EOFError"
 
