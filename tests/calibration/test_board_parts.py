@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from known_sensor import LENS
 
-from ninedtact.calibration.board import lens_fit
+from ninedtact.calibration.board import lens_fit, pin_imprint_centres
 from ninedtact.calibration.board.board_fit import BoardWithoutCentralPin, PublishedPinMap, _integer_spot_centre
 from ninedtact.calibration.board.detection import (
     BoardCandidate,
@@ -313,6 +313,13 @@ def drawn_pins(depths: np.ndarray, offsets_mm: np.ndarray) -> np.ndarray:
     return -((depths[:, None] * down[:, :480]).T @ across).astype(np.float32)
 
 
+@pytest.fixture
+def coarse_patches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Patches with fewer samples, which take a seventh of the time."""
+    monkeypatch.setattr(pin_imprint_centres, "_PATCH_SAMPLES", 15)
+
+
+@pytest.mark.usefixtures("coarse_patches")
 def test_pins_are_found_where_they_are_dark_and_near_their_place() -> None:
     depths, offsets = np.full(63, 10.0), np.zeros((63, 2))
     depths[[3, 25]] = 1.0, 1.5  # of a median contrast of 10
@@ -322,11 +329,12 @@ def test_pins_are_found_where_they_are_dark_and_near_their_place() -> None:
     assert np.flatnonzero(~found).tolist() == [3, 13]
     np.testing.assert_allclose(contrast, depths, rtol=0.03)
     seen = np.arange(63) != 13
-    np.testing.assert_allclose(points_px[seen], STRAIGHT.to_px(POINTS_MM + offsets)[seen], atol=0.1)
+    np.testing.assert_allclose(points_px[seen], STRAIGHT.to_px(POINTS_MM + offsets)[seen], atol=0.5)
     for noise, still in ((6.0, True), (7.0, False)):  # times 1.5
         assert measure_pins(image, STRAIGHT, POINTS_MM, noise, BOARD)[2].any() == still
 
 
+@pytest.mark.usefixtures("coarse_patches")
 @pytest.mark.parametrize(("cols", "rows", "seen"), [(533, 403, 63), (532, 403, 56), (533, 402, 54)])
 def test_pins_are_found_inside_the_image_by_half_their_width(cols: int, rows: int, seen: int) -> None:
     """The last pins lie at 519.5 and 389.5 pixels, and a pin is 24 pixels wide."""
