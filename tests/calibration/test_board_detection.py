@@ -58,7 +58,7 @@ def test_noise_has_the_spots_that_it_had() -> None:
     assert (len(spots.points_px), spots.points_px[:3].tolist()) == (161, [[38, 44], [127, 0], [146, 37]])
     np.testing.assert_allclose(spots.strength[[0, 1, 2, -1]], [1.58499, 1.29992, 1.28982, 0.151214], rtol=1e-4)
     assert len(fine.points_px) == 250 and (np.diff(fine.strength) <= 0).all()
-    assert len(detect_dark_spots(np.full((60, 80), 9, np.float32), 3.0).points_px) == 0
+    assert len(detect_dark_spots(np.zeros((60, 80), np.float32), 3.0).points_px) == 0
 
 
 def test_a_lattice_starts_from_the_sixteen_spots_nearest_to_the_middle_and_their_eight_neighbours() -> None:
