@@ -113,6 +113,7 @@ def test_a_window_larger_than_the_lattice_holds_all_of_it() -> None:
     assert len(small.window(5, 6)) == 3
     assert set(small.corners(2, 2)) == {(2, 3)}
     assert set(small.corners(3, 2)) == {(1, 3), (2, 3)}
+    assert set(small.corners(2, 3)) == {(2, 2), (2, 3)}
 
 
 def test_a_step_to_the_right_and_one_down_start_a_lattice() -> None:
