@@ -1,13 +1,14 @@
 """Laws of the parts that find the board and fit the lens: lattices, imprints, the lens and its errors."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from known_sensor import LENS
 
-from ninedtact.calibration.board import lens_fit
-from ninedtact.calibration.board.board_fit import PublishedPinMap, _integer_spot_centre
+from ninedtact.calibration.board import lens_fit, pin_imprint_centres
+from ninedtact.calibration.board.board_fit import BoardWithoutCentralPin, PublishedPinMap, _integer_spot_centre
 from ninedtact.calibration.board.detection import (
     BoardCandidate,
     DarkSpots,
@@ -22,6 +23,8 @@ from ninedtact.calibration.board.detection import (
 from ninedtact.calibration.board.lens_fit import (
     LensCorrectionFit,
     LensFit,
+    _fit_affine_lens,
+    _fit_correction,
     fit_lens,
     fit_lens_with_terms,
     fit_smooth_lens_residual,
@@ -33,10 +36,12 @@ from ninedtact.calibration.board.pin_imprint_centres import (
     _is_inside_image,
     find_stray_pins,
     locate_imprints_mm,
+    measure_pins,
 )
 from ninedtact.design import PinBoard
 from ninedtact.shape.lens import LensModel, LensModelCorrection, central_mm_per_px
 
+RNG = np.random.default_rng(0)
 BOARD = PinBoard()
 NODES = np.array([(column, row) for row in range(7) for column in range(9)])
 POINTS_MM = lattice_to_skin_mm(NODES, BOARD, 0)
@@ -108,6 +113,7 @@ def test_a_window_larger_than_the_lattice_holds_all_of_it() -> None:
     assert len(small.window(5, 6)) == 3
     assert set(small.corners(2, 2)) == {(2, 3)}
     assert set(small.corners(3, 2)) == {(1, 3), (2, 3)}
+    assert set(small.corners(2, 3)) == {(2, 2), (2, 3)}
 
 
 def test_a_step_to_the_right_and_one_down_start_a_lattice() -> None:
@@ -181,6 +187,8 @@ def test_a_pin_is_stray_beyond_a_tenth_of_the_pitch(
     assert find_stray_pins(fit, BOARD)[5] == stray
     errors[:, 1] += 0.06
     assert not find_stray_pins(fit, BOARD).any()  # five times the median counts as well
+    errors[5, 0] = 0.33
+    assert np.flatnonzero(find_stray_pins(fit, BOARD)).tolist() == [5]
 
 
 @pytest.mark.parametrize(("left", "used"), [(0.89, True), (0.91, False), (1.1, False)])
@@ -198,7 +206,83 @@ def test_a_correction_removes_a_tenth_of_the_error_or_is_not_used(
 
     monkeypatch.setattr(lens_fit, "_fit_correction", fitted)
     assert (fit_smooth_lens_residual(fit, 2.5) is not None) == used
-    assert len(set(tried)) == 12
+    assert set(tried) == set(product((3.75, 5.0, 7.5), (0.3, 0.03, 0.003, 0.0003)))
+
+
+def linear_fit(residual_px: np.ndarray, derivative: np.ndarray) -> LensFit:
+    """A fit with these residuals and this Jacobian."""
+    return LensFit(STRAIGHT, POINTS_MM, STRAIGHT.to_px(POINTS_MM) - residual_px, derivative)
+
+
+def test_residuals_without_a_pin_are_those_of_the_fit_to_all_others() -> None:
+    """Of a linear model the update is exact: the fit with a random Jacobian is repeated without each pin."""
+    derivative = RNG.normal(0, 1, (126, 4))
+    found = RNG.normal(0, 1, 126)
+    fitted = found - derivative @ np.linalg.lstsq(derivative, found, rcond=None)[0]
+    fit = linear_fit(fitted.reshape(63, 2), derivative)
+    for pin in (0, 17, 62):
+        others = np.arange(126) // 2 != pin
+        change = np.linalg.lstsq(derivative[others], -fitted[others], rcond=None)[0]
+        left_out = (fitted + derivative @ change).reshape(63, 2)
+        np.testing.assert_allclose(fit.residuals_without_each_pin_px[pin], left_out, atol=1e-9)
+        np.testing.assert_allclose(fit.leave_one_out_errors_mm[pin], left_out[pin] / 20, atol=1e-9)
+
+
+def test_a_correction_that_leaves_out_a_pin_is_the_closed_form_of_the_regression() -> None:
+    """Where the lens is not fitted: Rasmussen & Williams 2006, equation 5.12."""
+    residual_px = RNG.normal(0, 1, (63, 2))
+    squared = ((POINTS_MM[:, None] - POINTS_MM) ** 2).sum(axis=-1)
+    inverse = np.linalg.inv(np.exp(-squared / (2 * 3.0**2)) + 0.04 * np.eye(63))
+    found = _fit_correction(linear_fit(residual_px, np.zeros((126, 4))), 3.0, 0.04)
+    expected_px = inverse @ residual_px / np.diag(inverse)[:, None]
+    np.testing.assert_allclose(found.leave_one_out_errors_mm, expected_px / 20, rtol=1e-9)
+    np.testing.assert_allclose(found.correction.weights_px, -inverse @ residual_px, rtol=1e-9)
+    assert found.correction.width_mm == 3.0
+
+
+@pytest.mark.parametrize(("pins", "expected"), [(13, [1]), (14, [1]), (15, [1, 2]), (16, [1, 2, 3]), (63, [1, 2, 3])])
+def test_radial_terms_are_as_many_as_leave_more_pins_than_parameters(
+    pins: int, expected: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried = []
+
+    def refine(points_mm: np.ndarray, points_px: np.ndarray, start: LensModel) -> LensFit:
+        tried.append(start.radial)
+        fit = linear_fit(np.zeros((63, 2)), np.zeros((126, 4)))
+        return with_error(fit, [0.3, 0.1, 0.2][len(start.radial) - 1])
+
+    monkeypatch.setattr(lens_fit, "refine_lens", refine)
+    near = replace(STRAIGHT, radial=(0.5, 0.25))
+    chosen = fit_lens(POINTS_MM[:pins], STRAIGHT.to_px(POINTS_MM[:pins]), near)
+    assert tried == [(0.5, 0.25, 0.0)[:terms] for terms in expected]
+    assert chosen.leave_one_out_rms_mm == pytest.approx(0.3 if expected == [1] else 0.1)
+
+
+def with_error(fit: LensFit, error_mm: float) -> LensFit:
+    """The same fit, of which every leave-one-out error has this length."""
+    fit.__dict__["leave_one_out_errors_mm"] = np.tile([error_mm, 0.0], (len(fit.points_mm), 1))
+    return fit
+
+
+def test_a_lens_starts_from_the_affine_map() -> None:
+    affine = np.array([[21.0, 0.5], [-0.25, 19.0]])
+    start = _fit_affine_lens(POINTS_MM, POINTS_MM @ affine.T + [300.0, 250.0], (480, 640), 3)
+    np.testing.assert_allclose(start.to_px(POINTS_MM), POINTS_MM @ affine.T + [300.0, 250.0], atol=1e-9)
+    assert (start.radial, start.tangential, start.centre) == ((0.0,) * 3, (0.0, 0.0), (0.0, 0.0))
+    np.testing.assert_allclose(
+        start.parameters[:8], [21 / 320, 0.5 / 320, -19.5 / 320, -0.25 / 320, 19 / 320, 10.5 / 320, 0, 0]
+    )
+
+
+def test_fixed_pins_have_the_lens_that_they_had() -> None:
+    """Every constant of the fit has a part in these figures; who changes one on purpose writes them anew."""
+    points_px = noisy_pins(0.3, 6)
+    points_px[[11, 40]] += [[4.0, -3.0], [-2.0, 2.5]]
+    fit = fit_lens_with_terms(POINTS_MM, points_px, (480, 640), 2)
+    figures = [fit.leave_one_out_rms_mm, fit.mm_per_px_std(2.5), central_mm_per_px(fit.lens, 2.5)]
+    np.testing.assert_allclose(figures, [0.0454849, 1.194181e-4, 0.0510365], rtol=1e-4)
+    seen_px = fit.lens.to_px(np.array([[8.0, -6.0], [0.0, 0.0]]))
+    np.testing.assert_allclose(seen_px, [[514.5045, 100.3593], [327.2603, 240.0667]], atol=0.003)
 
 
 def test_a_smooth_residual_is_corrected_and_a_straight_lens_is_left_alone() -> None:
@@ -223,6 +307,57 @@ def test_an_imprint_is_located_on_tilted_brightness() -> None:
     np.testing.assert_allclose(patches.centroid_mm, 0, atol=0.01)
 
 
+def drawn_pins(depths: np.ndarray, offsets_mm: np.ndarray) -> np.ndarray:
+    """An image with a dark spot of this depth near each pin, through a lens without distortion."""
+    centres = STRAIGHT.to_px(POINTS_MM + offsets_mm)
+    across, down = (np.exp(-((np.arange(640) - centres[:, axis, None]) ** 2) / 2 / 6.0**2) for axis in (0, 1))
+    return -((depths[:, None] * down[:, :480]).T @ across).astype(np.float32)
+
+
+@pytest.fixture
+def coarse_patches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Patches with fewer samples, which take a seventh of the time."""
+    monkeypatch.setattr(pin_imprint_centres, "_PATCH_SAMPLES", 15)
+
+
+@pytest.mark.usefixtures("coarse_patches")
+def test_pins_are_found_where_they_are_dark_and_near_their_place() -> None:
+    depths, offsets = np.full(63, 10.0), np.zeros((63, 2))
+    depths[[3, 25]] = 1.0, 1.5  # of a median contrast of 10
+    offsets[[13, 31]] = [[0.75, 0.0], [0.0, -0.5]]  # of a pitch of 2.5
+    image = drawn_pins(depths, offsets)
+    points_px, contrast, found = measure_pins(image, STRAIGHT, POINTS_MM, 0.5, BOARD)
+    assert np.flatnonzero(~found).tolist() == [3, 13]
+    np.testing.assert_allclose(contrast, depths, rtol=0.03)
+    seen = np.arange(63) != 13
+    np.testing.assert_allclose(points_px[seen], STRAIGHT.to_px(POINTS_MM + offsets)[seen], atol=0.5)
+    for noise, still in ((6.0, True), (7.0, False)):  # times 1.5
+        assert measure_pins(image, STRAIGHT, POINTS_MM, noise, BOARD)[2].any() == still
+
+
+@pytest.mark.usefixtures("coarse_patches")
+@pytest.mark.parametrize(("cols", "rows", "seen"), [(533, 403, 63), (532, 403, 56), (533, 402, 54)])
+def test_pins_are_found_inside_the_image_by_half_their_width(cols: int, rows: int, seen: int) -> None:
+    """The last pins lie at 519.5 and 389.5 pixels, and a pin is 24 pixels wide."""
+    image = drawn_pins(np.full(63, 10.0), np.zeros((63, 2)))
+    assert measure_pins(image[:rows, :cols], STRAIGHT, POINTS_MM, 0.5, BOARD)[2].sum() == seen
+
+
+def test_fixed_imprints_have_the_centres_that_they_had() -> None:
+    """Every constant of a patch has a part in these figures; who changes one on purpose writes them anew."""
+    y, x = np.mgrid[:120, :160]
+    image = sum(
+        depth * np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / 2 / width**2)
+        for depth, cx, cy, width in ((-9, 80, 60, 7), (-5, 101, 66, 6), (3, 70, 42, 9), (-2, 78, 76, 3))
+    )
+    lens = replace(STRAIGHT, raw_shape=(120, 160), homography=(0.25, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0, 0.0))
+    found = locate_imprints_mm(image.astype(np.float32), lens, np.array([[0.4, 0.3], [0.0, 0.0]]), 1.3)
+    np.testing.assert_allclose(found, [[0.125868, 0.073913], [0.125407, 0.073738]], atol=5e-5)
+    patch = _extract_pin_patches(image.astype(np.float32), lens, found, 1.3)
+    np.testing.assert_allclose(patch.depth, [8.85253, 8.85066], rtol=1e-4)
+    np.testing.assert_allclose(patch.darkening.sum(axis=(1, 2)), [1955.10, 1954.38], rtol=1e-4)
+
+
 def test_the_background_of_a_patch_is_the_plane_through_its_ring() -> None:
     x, y = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9))
     plane = np.stack([0.5 + 2 * x - y, 1 - 0.3 * x + 0.2 * y]).astype(np.float32)
@@ -244,6 +379,56 @@ def test_the_papers_pin_centre_is_that_of_the_half_dark_pixels_rounded_down() ->
     image[10, 30] = -1.0  # another spot
     assert _integer_spot_centre(image, np.array([22.2, 11.8]), 12).tolist() == [23, 11]
     assert _integer_spot_centre(image[9:, 18:], np.array([3.0, 2.0]), 12).tolist() == [5, 2]
+
+
+@pytest.mark.parametrize(
+    ("point", "dark", "centre"),
+    [
+        ((30, 20), np.s_[20, 28:60], [31, 20]),  # the window ends at 35
+        ((30, 20), np.s_[18:40, 30], [30, 21]),
+        ((30, 20), np.s_[20, :32], [28, 20]),  # and begins at 25
+        ((30, 20), np.s_[:22, 30], [30, 18]),
+        ((2, 20), np.s_[20, :4], [1, 20]),  # or at the border of the image
+        ((30, 2), np.s_[:4, 30], [30, 1]),
+    ],
+)
+def test_a_spot_is_followed_as_far_as_its_window(
+    point: tuple[int, int], dark: tuple[slice | int, slice | int], centre: list[int]
+) -> None:
+    image = np.full((40, 60), 10, np.float32)
+    image[dark] = 4
+    assert _integer_spot_centre(image, np.array(point, float), 5).tolist() == centre
+
+
+def test_pixels_at_half_the_depth_of_a_spot_do_not_belong_to_it() -> None:
+    image = np.full((40, 60), 10, np.float32)
+    image[18:21, 30] = 4
+    for level, centre in ((7.0, [30, 19]), (6.9, [30, 20])):
+        image[21:23, 30] = level
+        assert _integer_spot_centre(image, np.array([30.0, 19.0]), 5).tolist() == centre
+
+
+def test_the_papers_map_without_a_pin_predicts_it_from_the_others() -> None:
+    """A cubic map goes straight through a straight grid, so that a pin of which the spot is off is predicted off by as much."""
+    points_px, found = STRAIGHT.to_px(POINTS_MM), np.arange(63) != 5
+    points_px[0] += [4.0, -6.0]
+    errors_mm = PublishedPinMap(BOARD, POINTS_MM, points_px, found).leave_one_out_errors_mm
+    np.testing.assert_allclose(errors_mm[0], [0.2, -0.3], atol=1e-9)
+    assert errors_mm.shape == (62, 2) and 0 < np.abs(errors_mm[1:]).max() < 0.2
+
+
+@pytest.mark.parametrize(
+    ("rows", "cols", "has_middle"), [(9, 9, True), (7, 5, True), (7, 8, False), (8, 7, False), (4, 4, False)]
+)
+def test_the_papers_way_needs_a_pin_in_the_middle(rows: int, cols: int, has_middle: bool) -> None:
+    board, nodes = PinBoard(rows, cols), np.array(list(product(range(cols), range(rows))))
+    points_mm = lattice_to_skin_mm(nodes, board, 0)
+    pin_map = PublishedPinMap(board, points_mm, STRAIGHT.to_px(points_mm), np.ones(rows * cols, bool))
+    if has_middle:
+        assert pin_map.mm_per_px == pytest.approx(0.05)
+    else:
+        with pytest.raises(BoardWithoutCentralPin, match=f"got {cols} x {rows} pins"):
+            _ = pin_map.mm_per_px
 
 
 def test_the_error_of_the_papers_scale_is_that_of_the_mean_of_four() -> None:

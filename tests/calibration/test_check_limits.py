@@ -99,7 +99,14 @@ def test_the_whole_is_as_good_as_its_worst_check_and_poor_from_four_warnings_on(
 
 @pytest.mark.parametrize(
     ("depth_mm", "contact_mm", "relative"),
-    [(1.0, 3.0, 3 / np.sqrt(7)), (4.0, 4.4, 1.1), (5.0, 4.0, 1.0), (0.0, 1.0, np.inf)],
+    [
+        (1.0, 3.0, 3 / np.sqrt(7)),
+        (4.0, 4.4, 1.1),
+        (5.0, 4.0, 1.0),
+        (3.5, 3.0, 3 / np.sqrt(15.75)),
+        (0.05, 0.5, 0.5 / np.sqrt(0.3975)),
+        (0.0, 1.0, np.inf),
+    ],
 )
 def test_a_contact_is_compared_with_the_section_of_the_ball(
     depth_mm: float, contact_mm: float, relative: float
@@ -112,3 +119,24 @@ def test_a_fit_is_unusual_from_three_deviations_on() -> None:
     assert checks.unusual_fit_warnings(3.2, SensorDesign()) == []
     (warning,) = checks.unusual_fit_warnings(3.3, SensorDesign())
     assert "3.3 standard deviations; at most 3.2" in warning and "2.5 mm apart" in warning
+
+
+def test_a_sensor_without_a_ball_rectifies_images() -> None:
+    board = BoardQuality(63, 63, [], 0.05, 0.15, 0.07, 0.05, 0.0002, 20.0, 1.0, "lens", 0)
+    headline = checks.certificate_headline(Certificate(board=board, warnings=["no ball yet"]))
+    assert headline.startswith("This sensor rectifies images. All 5 checks passed;")
+    assert (
+        checks.overall_check_level(Certificate(board=board)) == "pass"
+        and checks.compute_certificate_checks(Certificate()) == []
+    )
+
+
+def test_a_correction_and_the_missing_pins_are_named() -> None:
+    plain = BoardQuality(63, 63, [], 0.05, 0.15, 0.07, 0.05, 0.0002, 20.0, 1.0, "lens", 0)
+    corrected = msgspec.structs.replace(
+        plain, uncorrected_rms_mm=0.0814, pins_found=62, missing_pins=["column 3, row 5"]
+    )
+    for board, named in ((plain, False), (corrected, True)):
+        pins, lens, *_ = (line.text for line in checks._check_board(board))
+        assert ("with a smooth correction on top of the lens model, 0.081 mm without" in lens) == named
+        assert ("predicted from the others: column 3, row 5" in pins) == ("predicted" in pins) == named

@@ -11,15 +11,23 @@ from ninedtact.calibration.original_9dtact import folder_format
 from ninedtact.calibration.original_9dtact.folder_format import (
     OriginalCalibration,
     OriginalFolderDamaged,
+    find_original_sensor_folder,
     read_original_calibration,
     write_original_calibration,
 )
-from ninedtact.calibration.original_9dtact.import_export import _calibrated_area_mm, _extend_source_px, _grid_start
+from ninedtact.calibration.original_9dtact.import_export import (
+    OriginalExportImpossible,
+    _calibrated_area_mm,
+    _curve_from_depth_list,
+    _extend_source_px,
+    _grid_start,
+    _require_grid_fits,
+)
 from ninedtact.calibration.sensor_folder import build_projection
 from ninedtact.calibration.sensor_toml_schema import LensModelTable
 from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.shape.lens import LensModel
-from ninedtact.shape.rectification import OUT_OF_VIEW_PX, rectification_of_projection
+from ninedtact.shape.rectification import OUT_OF_VIEW_PX, Rectification, rectification_of_projection
 
 VIEW = RectifiedImageSize(30, 40)
 ROWS, COLS = np.mgrid[:60, :80].astype(np.int32)
@@ -57,6 +65,8 @@ def refusal(
         (np.r_[-9.0, DEPTHS[1:]], None),  # the first number is never used
         (DEPTHS + 0.12 * (np.arange(51) % 2), None),
         (DEPTHS + 0.3 * (np.arange(51) % 2), "list that is 0.1"),
+        (np.where(np.abs(np.arange(51) - 32) < 3, 0, DEPTHS), None),  # levels without a depth
+        (np.r_[0, np.tile([0.9, 0.1], 15), np.linspace(1.01, 1.5, 20)], "rise with the darkening"),
     ],
 )
 def test_depths_rise_by_a_possible_slope(depths: np.ndarray, words: str | None, tmp_path: Path) -> None:
@@ -101,6 +111,10 @@ def test_a_map_is_smooth_and_spans_the_image(tmp_path: Path) -> None:
     for every, refused in ((15, True), (40, False)):  # columns that jump, there and back
         found = refusal(tmp_path, col_index=np.where(COLS % every == 0, 0, COLS))
         assert bool(found and "smooth" in found) == refused
+    assert "smooth" in str(refusal(tmp_path, row_index=np.where(ROWS % 15 == 0, 0, ROWS)))
+    for step, refused in ((8, False), (9, True)):  # from every other column to the next
+        found = refusal(tmp_path, col_index=np.minimum(COLS + (step - 1) * (COLS % 2), 79))
+        assert bool(found and "smooth on 49%" in found) == refused
 
 
 @pytest.mark.parametrize(("value", "refused"), [(-1, True), (0, False), (59, False), (60, True)])
@@ -116,11 +130,12 @@ def test_rows_are_those_of_the_image(value: int, refused: bool, tmp_path: Path) 
 
 def test_pixels_without_a_source_are_out_of_view() -> None:
     rows, cols = ROWS.copy(), COLS.copy()
-    rows[20, 25] = cols[20, 25] = 0
+    rows[20, 25] = cols[20, 25] = rows[21, 25] = cols[22, 25] = 0
     calibration = replace(GOOD, row_index=rows, col_index=cols, position_scale=np.array([30.7, 40.2, 0.05]))
     assert calibration.start(VIEW) == (15, 20) and calibration.mm_per_px == 0.05
     source = calibration.source_px(VIEW)
     assert source.shape == (30, 40, 2) and source[5, 5].tolist() == [OUT_OF_VIEW_PX] * 2
+    assert source[6, 5].tolist() == [25, 0] and source[7, 5].tolist() == [0, 22]  # the borders of the image are seen
     assert source[0, 1].tolist() == [21, 15] and source[-1, -1].tolist() == [59, 44]
 
 
@@ -156,3 +171,46 @@ def test_a_grid_lies_in_the_maps_as_near_to_its_pixels_as_there_is_room(
     assert source.shape == (60, 80, 2)
     np.testing.assert_allclose(np.diff(source[..., 0], axis=1), 1, atol=1e-3)  # without a seam at the edges of the grid
     np.testing.assert_allclose(np.diff(source[..., 1], axis=0), 1, atol=1e-3)
+
+
+def test_the_only_sensor_in_a_folder_is_meant(tmp_path: Path) -> None:
+    for name in ("sensor_1", "sensor_not this", "another_1"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "sensor_2").write_bytes(b"")
+    assert find_original_sensor_folder(tmp_path, ["here.npy"]) == tmp_path / "sensor_1"
+    (tmp_path / "here.npy").write_bytes(b"")
+    assert find_original_sensor_folder(tmp_path, ["there.npy", "here.npy"]) == tmp_path
+    with pytest.raises(OriginalFolderDamaged, match="got none"):
+        find_original_sensor_folder(tmp_path / "sensor_1", ["here.npy"])
+
+
+def test_a_file_holds_one_array_of_numbers(tmp_path: Path) -> None:
+    np.savez(tmp_path / "several.npz", numbers=np.arange(3.0))
+    (tmp_path / "several.npz").rename(tmp_path / "several.npy")
+    folder_format.write_npy(tmp_path / "new" / "folder" / "flags.npy", np.ones(3, bool))
+    folder_format.write_npy(tmp_path / "new" / "folder" / "whole.npy", np.arange(3, dtype=np.uint8))
+    for name in ("several.npy", "new/folder/flags.npy"):
+        with pytest.raises(OriginalFolderDamaged, match="an array of numbers"):
+            folder_format.read_finite_npy(tmp_path / name, 1)
+    assert folder_format.read_finite_npy(tmp_path / "new" / "folder" / "whole.npy", 1).tolist() == [0, 1, 2]
+    with pytest.raises(ValueError, match="Object arrays"):
+        folder_format.write_npy(tmp_path / "objects.npy", np.array([{}, 1]))
+    assert folder_format._first_line(ValueError("one\ntwo")) == "one"
+    assert folder_format._first_line(EOFError()) == "EOFError"
+
+
+def test_a_list_becomes_a_curve_from_zero_through_the_levels_that_have_a_depth() -> None:
+    curve = _curve_from_depth_list(np.array([0.9, 0.1, 0.0, 0.3, 0.5, 0.4, 1.6]))
+    assert curve.signal == "difference" and curve.darkening == (0, 1, 3, 4, 5, 6)
+    np.testing.assert_allclose(curve.indentation_mm, [0, 0.1, 0.3, 0.45, 0.45, 1.6])
+    np.testing.assert_allclose(curve.error_mm[1:], 0.0304)
+
+
+@pytest.mark.parametrize(("rows", "cols", "fits"), [(60, 80, True), (61, 80, False), (60, 81, False), (61, 81, False)])
+def test_a_grid_fits_into_maps_of_the_size_of_the_image(rows: int, cols: int, fits: bool) -> None:
+    rectify = Rectification(np.zeros((rows, cols, 2), np.float32), 0.05, (60, 80), (-1, 1, -1, 1))
+    if fits:
+        _require_grid_fits(rectify)
+    else:
+        with pytest.raises(OriginalExportImpossible, match=f"at least {cols} x {rows} pixels.* got 80 x 60"):
+            _require_grid_fits(rectify)

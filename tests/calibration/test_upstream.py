@@ -6,6 +6,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
+from shutil import rmtree
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from known_sensor import LENS
 from numpy import ndarray as Array
 from upstream_folder import UpstreamFolder
 
+from ninedtact.calibration.original_9dtact import import_export
 from ninedtact.calibration.original_9dtact.folder_format import (
     COL_INDEX,
     ORIGINAL_FILES,
@@ -186,9 +188,20 @@ def test_any_damage_to_a_file_is_refused_or_harmless(tmp_path: Path, position: i
         assert np.isfinite(numbers).all()
 
 
-def lens_sensor(folder: Path, raw_shape: tuple[int, int] = (480, 640)) -> Path:
+RATIO_CURVE = DepthCurve("ratio", (0.0, 0.1, 0.3), (0.0, 0.5, 1.2), (0.01,) * 3)
+
+
+def lens_sensor(
+    folder: Path,
+    raw_shape: tuple[int, int] = (480, 640),
+    design: SensorDesign = SensorDesign(),
+    curve: DepthCurve = RATIO_CURVE,
+    border_grey: int = GREY,
+) -> Path:
     """One of our own sensor folders, with a lens and a curve of ratios."""
-    content = cv2.imencode(".png", np.full((*raw_shape, 3), GREY, np.uint8))[1].tobytes()
+    reference = np.full((*raw_shape, 3), GREY, np.uint8)
+    reference[[0, -1]] = reference[:, [0, -1]] = border_grey
+    content = cv2.imencode(".png", reference)[1].tobytes()
     folder.mkdir()
     (folder / "reference.png").write_bytes(content)
     record = SensorTomlRecord(
@@ -196,12 +209,10 @@ def lens_sensor(folder: Path, raw_shape: tuple[int, int] = (480, 640)) -> Path:
         id="ours",
         created=datetime(2024, 1, 1, tzinfo=UTC),
         software="test",
-        design=SensorDesign(),
+        design=design,
         grid=GridTable(0.0521, *raw_shape, (-12.5, 12.5, -10.0, 10.0)),
         lens=LensModelTable(LENS.homography, LENS.centre, LENS.radial, LENS.tangential),  # type: ignore[arg-type]
-        depth=DepthTable(
-            "ratio", 0.001, Smoothing(), DepthCurve("ratio", (0.0, 0.1, 0.3), (0.0, 0.5, 1.2), (0.01,) * 3)
-        ),
+        depth=DepthTable("ratio", 0.001, Smoothing(), curve),
         images={"ball_reference": StoredCalibrationImage("reference.png", sha256(content).hexdigest())},
     )
     (folder / SENSOR_FILE).write_bytes(to_sensor_toml(record))
@@ -228,6 +239,56 @@ def test_the_original_shows_one_of_our_sensors_to_the_nearest_pixel(tmp_path: Pa
     assert np.abs(back.rectification.source_px - sensor.rectification.source_px)[seen].max() <= 0.5 + 1e-3
 
 
+@pytest.mark.parametrize(("rows", "cols"), [(280, 381), (281, 380)])
+def test_a_grid_with_an_even_or_odd_side_is_shown_from_its_first_pixel_on(rows: int, cols: int, tmp_path: Path) -> None:
+    design = replace(SensorDesign(), field_of_view=RectifiedImageSize(rows, cols))
+    sensor = load_sensor(lens_sensor(tmp_path / "ours", design=design))
+    (tmp_path / "sensor_1").mkdir()  # an empty folder is filled
+    export_original_calibration(sensor, tmp_path / "sensor_1")
+    axes = np.indices((480, 640))[::-1]
+    shown = np.stack([shown_by_original(tmp_path / "sensor_1", axis, rows, cols) for axis in axes], axis=-1)
+    np.testing.assert_array_equal(shown, np.rint(sensor.rectification.source_px))
+
+
+def test_only_pixels_of_the_image_are_exported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sensor = load_sensor(lens_sensor(tmp_path / "ours"))
+    source_px = np.full((480, 640, 2), 7.0)
+    places = [(-0.6, 9), (-0.4, 9), (639.4, 9), (639.6, 9), (9, -0.6), (9, -0.4), (9, 479.4), (9, 479.6), (640, 480)]
+    source_px[3, :9] = places
+    monkeypatch.setattr(import_export, "_extend_source_px", lambda *_: source_px)
+    rows, cols, _ = import_export._build_index_maps(sensor)
+    shown = [(0, 0), (0, 9), (639, 9), (0, 0), (0, 0), (9, 0), (9, 479), (0, 0), (0, 0)]
+    assert list(zip(cols[3, :9].tolist(), rows[3, :9].tolist(), strict=True)) == shown
+    assert cols.dtype == rows.dtype == np.int32 and (cols[4:] == 7).all() and (rows[4:] == 7).all()
+
+
+@pytest.mark.parametrize(("steepest", "last"), [(0.303, 49), (1.58, 254), (1.6, 255), (2.4, 255)])
+def test_a_list_ends_with_the_curve_or_at_the_last_grey_level(steepest: float, last: int, tmp_path: Path) -> None:
+    """Only what the camera sees has a part in the brightness, of the bright border of this image hardly anything."""
+    curve = DepthCurve("ratio", (0.0, 0.1, steepest), (0.0, 0.5, 1.2), (0.01,) * 3)
+    design = replace(SensorDesign(), field_of_view=RectifiedImageSize(300, 640))
+    sensor = load_sensor(lens_sensor(tmp_path / "ours", (480, 640), design, curve, border_grey=255))
+    depth_mm = import_export._depth_list_from_curve(sensor)
+    seen = sensor.rectification.height_source != HeightSource.OUT_OF_VIEW
+    grey = sensor.rectification(sensor.stored_image("ball_reference")).grey
+    assert (~seen).sum() > 20 and GREY < grey[seen].mean() < GREY + 0.7 < 250 < grey[~seen].mean()
+    assert len(depth_mm) == last + 1
+    expected = np.interp(np.arange(last + 1) / grey[seen].mean(), curve.darkening, curve.indentation_mm)
+    np.testing.assert_allclose(depth_mm, expected, rtol=1e-6)
+
+
+def test_an_import_without_its_original_files_is_exported_from_its_map(tmp_path: Path) -> None:
+    folder = UpstreamFolder().write(tmp_path / "sensor_2")
+    sensor = import_original_calibration(folder, tmp_path / "ours")
+    assert sensor.record.created.microsecond == 0 and sensor.id == "sensor_2"
+    assert sensor.depth.noise_mm == pytest.approx(0.0024265, rel=0.002)  # 0.5 grey levels through this list
+    rmtree(sensor.path / "original_9dtact")
+    export_original_calibration(sensor, tmp_path / "sensor_3")
+    image = np.random.default_rng(0).integers(0, 256, (480, 640), np.uint8)
+    np.testing.assert_array_equal(shown_by_original(tmp_path / "sensor_3", image), shown_by_original(folder, image))
+    assert arrays(tmp_path / "sensor_3")[ROW_INDEX][0, 0] == 0 == arrays(tmp_path / "sensor_3")[ROW_INDEX][479].max()
+
+
 def test_an_export_that_would_lose_something_is_refused(tmp_path: Path) -> None:
     small = load_sensor(lens_sensor(tmp_path / "small", (240, 320)))
     with pytest.raises(OriginalExportImpossible, match="at least 460 x 345 pixels"):
@@ -236,6 +297,8 @@ def test_an_export_that_would_lose_something_is_refused(tmp_path: Path) -> None:
     ours = load_sensor(lens_sensor(tmp_path / "ours"))
     with pytest.raises(OriginalExportImpossible, match="new or an empty folder"):
         export_original_calibration(ours, tmp_path / "ours")
+    with pytest.raises(OriginalExportImpossible, match="new or an empty folder"):
+        export_original_calibration(ours, tmp_path / "ours" / SENSOR_FILE)
     imported = import_original_calibration(UpstreamFolder().write(tmp_path / "sensor_2"), tmp_path / "imported")
     UpstreamFolder(position_scale=np.array([239.0, 318.0, 0.0511])).write(imported.path / "original_9dtact")
     with pytest.raises(OriginalFolderDamaged, match="as it was imported"):

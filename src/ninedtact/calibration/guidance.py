@@ -185,7 +185,7 @@ def make_untouched_skin_watcher(like: BgrImage | None) -> ImageWatcher:
 
 def make_still_press_watcher(reference: BgrImage, hold_s: float) -> ImageWatcher:
     """Return a watcher for anything that is pressed on the skin and held still for a time."""
-    still, began_s = _StillFrameAverager(), 0.0
+    still, began_s = _StillFrameAverager(), monotonic()
 
     def watch(image: BgrImage) -> CalibrationStepAdvice:
         nonlocal began_s

@@ -164,9 +164,8 @@ def fit_board(
     change = flat_fielded_brightness_change(reference, press)
     candidate = find_board_candidate(change, board, mounting)
     if candidate is None or not is_plausible_board(candidate, board):
-        raise make_board_not_found_error(
-            change, board, candidate.consistent_spots_px if candidate else np.empty((0, 2)), candidate
-        )
+        seen_px = candidate.consistent_spots_px(board) if candidate else np.empty((0, 2))
+        raise make_board_not_found_error(change, board, seen_px, candidate)
     return _refine_pins_and_lens(change, board, candidate)
 
 
@@ -214,7 +213,7 @@ def _require_enough_pins(
     sides = [found[nodes[:, axis] == end].any() for axis in (0, 1) for end in (0, last[axis])]
     if (~found).sum() > MAX_MISSING_FRACTION * board.count or not all(sides):
         raise make_board_not_found_error(
-            change, board, max(points_px[found], candidate.consistent_spots_px, key=len), candidate
+            change, board, max(points_px[found], candidate.consistent_spots_px(board), key=len), candidate
         )
 
 
@@ -281,7 +280,7 @@ class PublishedPinMap:
                 "use the lens model, which needs none"
             )
         distance_mm = np.hypot(*self.points_mm.T)
-        middle, around = distance_mm < 0.1 * pitch_mm, np.abs(distance_mm - pitch_mm) < 0.1 * pitch_mm
+        middle, around = np.isclose(distance_mm, 0), np.isclose(distance_mm, pitch_mm)
         return np.asarray(pitch_mm / np.hypot(*(self.points_px[around] - self.points_px[middle]).T))
 
     @cached_property

@@ -198,7 +198,7 @@ def _find_spot_near(
     return nearest if near_enough and nearest not in taken.values() else None
 
 
-_SPOT_SIZES = (1 / 107, 1 / 80, 1 / 160, 1 / 58, 1 / 213)
+_SPOT_SIZES = tuple(1 / part for part in (107, 80, 160, 58, 213))
 """Spot sizes that are tried, as fractions of the image's long side, likeliest first (6, 8, 4, 11, 3 of 640 pixels)."""
 _MIN_PIN_SHARE = 0.5
 """Smallest fraction of the pins that a lattice must have to be a candidate."""
@@ -225,15 +225,14 @@ class BoardCandidate:
         return float(np.median(np.hypot(*self.fit.leave_one_out_errors_mm.T)))
 
     @property
-    def consistent_spots_px(self) -> Points:
-        """Return the spots that lie where the lens fitted to all of them predicts them."""
-        pitch_mm = np.hypot(*(self.fit.points_mm[1] - self.fit.points_mm[0]))
-        return self.lattice.points_px[np.hypot(*self.fit.leave_one_out_errors_mm.T) < _MAX_MEDIAN_ERROR * pitch_mm]
-
-    @property
     def rank(self) -> tuple[int, float]:
         """Sort key: more pins first, then the better lens."""
         return len(self.lattice), -self.median_error_mm
+
+    def consistent_spots_px(self, board: PinBoard) -> Points:
+        """Return the spots that lie where the lens fitted to all of them predicts them."""
+        error_mm = np.hypot(*self.fit.leave_one_out_errors_mm.T)
+        return self.lattice.points_px[error_mm < _MAX_MEDIAN_ERROR * board.pitch_mm]
 
 
 def find_board_candidate(

@@ -79,7 +79,7 @@ class LensFit:
 
     def mm_per_px_std(self, reach_mm: float) -> float:
         """Return the standard error of `central_mm_per_px`, from the fit's covariance."""
-        freedom = max(self.residual_px.size - self.derivative.shape[1], 1)
+        freedom = self.residual_px.size - self.derivative.shape[1]
         variance = (self.residual_px**2).sum() / freedom
         gradient = _scale_gradient(self.lens, reach_mm)
         covariance = self._inverse_normal_matrix * variance
@@ -134,10 +134,10 @@ def with_radial_term_count(lens: LensModel, terms: int) -> LensModel:
 
 def _fit_affine_lens(points_mm: Points, points_px: Points, raw_shape: tuple[int, int], terms: int) -> LensModel:
     """Return the best lens without distortion."""
-    blank = LensModel((0.0,) * 8, (0.0, 0.0), (0.0,) * terms, (0.0, 0.0), raw_shape)
-    units = (points_px - blank.middle_px) / blank.unit_px
+    straight = LensModel((), (0.0, 0.0), (0.0,) * terms, (0.0, 0.0), raw_shape)
+    units = (points_px - straight.middle_px) / straight.unit_px
     rows = np.linalg.lstsq(np.column_stack([points_mm, np.ones(len(points_mm))]), units, rcond=None)[0].T
-    return blank.with_parameters(np.concatenate([rows.ravel(), np.zeros(len(blank.parameters) - 6)]))
+    return replace(straight, homography=(*rows.ravel().tolist(), 0.0, 0.0))
 
 
 def _scale_gradient(lens: LensModel, reach_mm: float, step: float = 1e-6) -> Float[Array, " k"]:
