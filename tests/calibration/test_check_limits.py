@@ -124,7 +124,9 @@ def test_a_fit_is_unusual_from_three_deviations_on() -> None:
 def test_a_sensor_without_a_ball_rectifies_images() -> None:
     board = BoardQuality(63, 63, [], 0.05, 0.15, 0.07, 0.05, 0.0002, 20.0, 1.0, "lens", 0)
     headline = checks.certificate_headline(Certificate(board=board, warnings=["no ball yet"]))
-    assert headline.startswith("This sensor rectifies images. All 5 checks passed;")
+    assert headline.startswith(
+        "This sensor rectifies images in a program (load_sensor(…).rectification). All 5 checks passed;"
+    )
     assert (
         checks.overall_check_level(Certificate(board=board)) == "pass"
         and checks.compute_certificate_checks(Certificate()) == []
