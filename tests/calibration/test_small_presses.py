@@ -14,8 +14,8 @@ from ninedtact.calibration.ball.ball_fit import ContactDiscFit, TwinBallFit, _re
 from ninedtact.calibration.ball.ball_press import BallPress, find_usable_contact_circle
 from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.board.detection import lattice_to_skin_mm
-from ninedtact.calibration.board.lens_fit import fit_lens_with_terms
-from ninedtact.calibration.twin import ball_press_fit, lens_refinement
+from ninedtact.calibration.board.lens_fit import fit_lens_with_terms, with_radial_term_count
+from ninedtact.calibration.twin import ball_press_fit, ball_press_model, board_press_model, lens_refinement
 from ninedtact.calibration.twin.ball_press_fit import (
     FitUncertainty,
     ParameterPrior,
@@ -610,6 +610,28 @@ def test_the_fit_of_a_board_goes_as_it_went(
         BoardPressModel(board_model.twin_fit, BOARD).predict_image(fit.press), PINS_MM
     )
     np.testing.assert_allclose(refined.lens_fit.points_mm, imprints_mm, atol=1e-9)
+
+
+def test_a_board_unlike_the_ball_is_not_fitted_on_the_fine_grid(
+    board_model: BoardPressModel, observed: ObservedBoardPress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lens_refinement, "MAX_COARSE_ITERATIONS", 1)
+    monkeypatch.setattr(lens_refinement, "MAX_FINE_ITERATIONS", 1)
+    lens = with_radial_term_count(WRONG_LENS, 3)
+    coarse = _BoardPressSolver(observed, board_model, lens).solve(INITIAL_PRESS, lens, 1)
+    for ball_point_spread_mm, stays in ((0.95, True), (0.8, False)):
+        twin = replace(board_model.twin_fit, press=replace(PRESS, point_spread_mm=ball_point_spread_mm))
+        fit = fit_board_press_and_lens(observed, twin)
+        assert fit.point_spread_difference > 0.3 and (fit.press == coarse.press) == stays
+
+
+def test_a_contact_that_misses_its_tolerance_is_a_prediction_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (ball_press_model, board_press_model):
+        hasty = replace(module.SOLVER_SETTINGS, tolerance=1e-9, max_rounds=1)
+        monkeypatch.setattr(module, "SOLVER_SETTINGS", hasty)
+    forward = model_of(UNTOUCHED)
+    assert forward.contact(replace(PRESS, depth_mm=0.4)).height_mm.min() < -0.3
+    assert BoardPressModel(as_drawn(forward), BOARD, 10).height_mm(BOARD_PRESS).min() < -0.5
 
 
 def test_raw_pixels_see_the_skin_that_the_rectification_takes_from_them() -> None:
