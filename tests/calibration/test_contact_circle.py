@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from ninedtact.calibration.ball.ball_fit import anchor_depth_curve_at_zero, fit_monotone_depth_curve
-from ninedtact.calibration.ball.ball_press import BallPress, simulate_height_noise_mm
+from ninedtact.calibration.ball.ball_press import BallPress, rectified_flat_fielded_change, simulate_height_noise_mm
 from ninedtact.calibration.ball.contact_circle import (
     BallPressUnusable,
     ContactCircle,
     _is_glare,
+    _require_round_edge,
+    _require_single_contact,
+    _require_whole_disc,
     asymmetry_warnings,
     find_contact_circle,
     reference_mismatch_warnings,
@@ -65,7 +68,7 @@ def test_an_uneven_rim_leans_to_its_brighter_side() -> None:
     ring = (np.hypot(COL - 105, ROW - 72) > 1.1 * RADIUS_PX) & (np.hypot(COL - 105, ROW - 72) < 1.6 * RADIUS_PX)
     expected = 0.4 * disc(40.0)[ring].mean() / 40
     assert found(disc(40.0, lean=0.4)).asymmetry_vector == pytest.approx((expected, 0), abs=0.005)
-    for asymmetry_vector, warned in (((0.06, 0.05), False), ((0.06, 0.06), True)):
+    for asymmetry_vector, warned in (((0.06, 0.05), False), ((0.08, 0.0), False), ((0.06, 0.06), True)):
         assert bool(asymmetry_warnings(ContactCircle((0, 0), 9, 0, 40, asymmetry_vector))) == warned
 
 
@@ -271,6 +274,7 @@ def test_a_press_is_where_and_as_dark_as_it_is() -> None:
     assert press.darkening("ratio", where, 0.25) == pytest.approx(0.4)
     faint = replace(press, before=Rectified(np.full(SHAPE, 0.5, np.float32), 0.1))
     assert faint.darkening("ratio", where) == pytest.approx(-59)
+    np.testing.assert_allclose(rectified_flat_fielded_change(press.before, press.after), -20, rtol=1e-6)
     moved = press.about(np.array([30.0, 40.0]))
     assert moved.circle.centre_px == (30.0, 40.0) and moved.circle.radius_px == 32
     left, right, upper, lower = moved.halves()
@@ -291,16 +295,51 @@ def test_lines_of_sight_meet_the_ball_where_sphere_and_line_do() -> None:
     assert far_mm.max() == pytest.approx(4 - 2.4, abs=1e-3)
 
 
-def test_the_noise_of_heights_is_that_of_the_camera_over_the_slope() -> None:
+@pytest.mark.parametrize(
+    ("curve", "grey_level_mm"),
+    [
+        (DepthCurve("difference", (0.0, 50.0), (0.0, 2.0), (0.0, 0.0)), 2 / 50),
+        (DepthCurve("ratio", (0.0, 0.4), (0.0, 2.0), (0.0, 0.0)), 2 / 0.4 / 150),
+    ],
+)
+def test_the_noise_of_heights_is_that_of_the_camera_over_the_slope(curve: DepthCurve, grey_level_mm: float) -> None:
     rows, cols = np.indices((60, 80), np.float32)
     rectify = Rectification(np.stack([cols, rows], axis=-1), 0.1, (60, 80), (-4, -3, 4, 3))
-    curve = DepthCurve("difference", (0.0, 50.0), (0.0, 2.0), (0.0, 0.0))
 
     def reader(before: Rectified) -> DepthReader:
-        """No smoothing: a grey level is a twenty-fifth of a millimetre."""
+        """One without smoothing."""
         return DepthReader(curve, before, rectify.height_source, Smoothing(0, 0))
 
     reference = np.full((60, 80, 3), 150, np.uint8)
     noise_mm = simulate_height_noise_mm(reader, rectify, reference, 0.5)
-    assert noise_mm == pytest.approx(0.5 / 25, rel=0.03)
+    assert noise_mm == pytest.approx(0.5 * grey_level_mm, rel=0.03)
     assert noise_mm == simulate_height_noise_mm(reader, rectify, reference, 0.5)
+
+
+@pytest.mark.parametrize(("x", "y"), [(30.0, 80.0), (169.0, 80.0), (100.0, 30.0), (100.0, 129.0)])
+def test_an_edge_may_touch_the_border_of_the_view(x: float, y: float) -> None:
+    _require_round_edge(SHAPE, (x, y), 30.0, 3.5)
+    with pytest.raises(BallPressUnusable, match="cut by the image's border"):
+        _require_round_edge(SHAPE, (x, y), 30.1, 3.5)
+    with pytest.raises(BallPressUnusable, match="strays 12% of its radius"):
+        _require_round_edge(SHAPE, (x, y), 30.0, 3.7)
+
+
+def test_the_edge_is_seen_on_six_of_ten_rays() -> None:
+    _require_whole_disc(np.arange(120) < 72)
+    with pytest.raises(BallPressUnusable, match="got it on 59%"):
+        _require_whole_disc(np.arange(120) < 71)
+
+
+@pytest.mark.parametrize(("side", "contacts"), [(9, 1), (11, 2)])
+def test_a_second_contact_has_a_tenth_of_the_area_of_the_first(side: int, contacts: int) -> None:
+    field = np.zeros(SHAPE, np.float32)
+    field[20:50, 20:52] = -40
+    spot = field < 0
+    field[100 : 100 + side, 100:110] = -20
+    field[140:142, 140:142] = -13  # lighter than a contact
+    if contacts == 1:
+        _require_single_contact(field, spot)
+        return
+    with pytest.raises(BallPressUnusable, match="got 2;"):
+        _require_single_contact(field, spot)
