@@ -1,13 +1,19 @@
 """The disc of a ball in drawn changes of light: where it is, how uneven its rim is, and from which limits on it is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from ninedtact.calibration.ball.ball_fit import anchor_depth_curve_at_zero
+from ninedtact.calibration.ball.ball_fit import anchor_depth_curve_at_zero, fit_monotone_depth_curve
+from ninedtact.calibration.ball.ball_press import BallPress, rectified_flat_fielded_change, simulate_height_noise_mm
 from ninedtact.calibration.ball.contact_circle import (
     BallPressUnusable,
     ContactCircle,
     _is_glare,
+    _require_round_edge,
+    _require_single_contact,
+    _require_whole_disc,
     asymmetry_warnings,
     find_contact_circle,
     reference_mismatch_warnings,
@@ -23,7 +29,9 @@ from ninedtact.calibration.press_brightness import (
     flat_fielded_brightness_change,
 )
 from ninedtact.design import BallGauge
-from ninedtact.shape.depth import DepthCurve
+from ninedtact.quantities import Rectified, skin_grid_mm
+from ninedtact.shape.depth import DepthCurve, DepthReader, Smoothing
+from ninedtact.shape.rectification import Rectification
 
 SHAPE, RADIUS_PX = (160, 200), 30.0
 ROW, COL = np.indices(SHAPE).astype(float)
@@ -60,8 +68,16 @@ def test_an_uneven_rim_leans_to_its_brighter_side() -> None:
     ring = (np.hypot(COL - 105, ROW - 72) > 1.1 * RADIUS_PX) & (np.hypot(COL - 105, ROW - 72) < 1.6 * RADIUS_PX)
     expected = 0.4 * disc(40.0)[ring].mean() / 40
     assert found(disc(40.0, lean=0.4)).asymmetry_vector == pytest.approx((expected, 0), abs=0.005)
-    for asymmetry_vector, warned in (((0.06, 0.05), False), ((0.06, 0.06), True)):
+    for asymmetry_vector, warned in (((0.06, 0.05), False), ((0.08, 0.0), False), ((0.06, 0.06), True)):
         assert bool(asymmetry_warnings(ContactCircle((0, 0), 9, 0, 40, asymmetry_vector))) == warned
+
+
+def test_a_fixed_disc_has_the_circle_that_it_had() -> None:
+    """Every constant of the search has a part in these figures; who changes one on purpose writes them anew."""
+    circle = found(disc(40.0, lean=0.4, oval=1.15), noise=0.5)
+    figures = [*circle.centre_px, circle.radius_px, circle.darkening_grey_levels]
+    np.testing.assert_allclose(figures, [104.8370, 71.9873, 28.1958, 39.0162], rtol=1e-5)
+    np.testing.assert_allclose([circle.edge_scatter_px, circle.asymmetry], [1.35655, 0.0179242], rtol=1e-4)
 
 
 def test_a_disc_whose_rim_is_dark_on_one_side_is_found_from_the_rest() -> None:
@@ -225,3 +241,105 @@ def test_a_depth_curve_begins_at_zero() -> None:
         "ratio", np.array([0.0, 0.1, 0.2]), np.array([0.05, 0.3, 0.6]), np.array([0.01, 0.02, 0.03])
     )
     assert curve == DepthCurve("ratio", (0.0, 0.1, 0.2), (0.0, 0.3, 0.6), (0.01, 0.02, 0.03))
+
+
+def test_a_depth_curve_is_the_mean_of_every_level() -> None:
+    """Levels below the fourth have no knot, and a mean that falls is joined with the one before, by numbers of pixels."""
+    darkening = np.array([-3.0, 0.2, 3.0, 3.9, 4.2, 5.6, 9.1, 9.4, 8.7, 11.0])
+    depth_mm = np.array([0.0, 0.1, 0.2, 0.3, 0.5, 1.0, 0.7, 0.8, 0.9, 1.2])
+    curve = fit_monotone_depth_curve("difference", darkening, depth_mm)
+    assert curve.darkening == (0, 4, 6, 9, 11)
+    np.testing.assert_allclose(curve.indentation_mm, [0, 0.4, 0.85, 0.85, 1.2])
+    np.testing.assert_allclose(curve.error_mm, [0.1, 0.1, 0, np.sqrt(2 / 3) * 0.1, 0], atol=1e-7)
+    ratio = fit_monotone_depth_curve("ratio", darkening / 160, depth_mm)
+    np.testing.assert_allclose(np.array(ratio.darkening) * 160, curve.darkening)
+    assert ratio.indentation_mm == curve.indentation_mm
+    shallow = fit_monotone_depth_curve("difference", np.array([1.0, 1.2, 2.0]), np.array([0.1, 0.3, 0.4]))
+    assert (shallow.darkening, shallow.indentation_mm) == ((0, 2), (0, 0.4))
+
+
+def ball_press(radius_px: float = 32.0) -> BallPress:
+    """A press of a pixel of a tenth of a millimetre, of which only the circle is asked."""
+    before = Rectified(np.full(SHAPE, 80, np.float32), 0.1)
+    after = np.full(SHAPE, 60, np.float32)
+    return BallPress(before, Rectified(after, 0.1), ContactCircle((119.5, 69.5), radius_px, 0.1, 20, (0.0, 0.0)))
+
+
+def test_a_press_is_where_and_as_dark_as_it_is() -> None:
+    press = ball_press()
+    assert (press.centre_mm, press.edge_radius_mm) == (pytest.approx((2.0, -1.0)), pytest.approx(3.2))
+    where = np.zeros(SHAPE, bool)
+    where[3, 4] = True
+    assert press.darkening("difference", where, 0.25) == pytest.approx(32)
+    assert press.darkening("ratio", where, 0.25) == pytest.approx(0.4)
+    faint = replace(press, before=Rectified(np.full(SHAPE, 0.5, np.float32), 0.1))
+    assert faint.darkening("ratio", where) == pytest.approx(-59)
+    np.testing.assert_allclose(rectified_flat_fielded_change(press.before, press.after), -20, rtol=1e-6)
+    moved = press.about(np.array([30.0, 40.0]))
+    assert moved.circle.centre_px == (30.0, 40.0) and moved.circle.radius_px == 32
+    left, right, upper, lower = moved.halves()
+    assert (left.sum(), right.sum(), upper.sum(), lower.sum()) == (30 * 160, 170 * 160, 40 * 200, 120 * 200)
+    assert left[0, 29] and not left[0, 30] and upper[39, 0] and lower[40, 0]
+
+
+def test_lines_of_sight_meet_the_ball_where_sphere_and_line_do() -> None:
+    press = ball_press()
+    depth_mm = press.rigid_ball_depth_mm(4.0, 14.0)
+    x, y = skin_grid_mm(SHAPE, 0.1)
+    part = 1 - depth_mm / 14
+    out_of_ball = np.sqrt((part * x - 2) ** 2 + (part * y + 1) ** 2 + (-depth_mm - 2.4) ** 2) - 4
+    assert np.abs(out_of_ball[depth_mm > 0]).max() < 1e-5
+    beside = np.hypot(x - 2, y + 1)
+    assert (depth_mm[beside > 3.25] == 0).all() and (depth_mm[beside < 3.15] > 0).all()
+    far_mm = press.rigid_ball_depth_mm(4.0, 1e6)
+    assert far_mm.max() == pytest.approx(4 - 2.4, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("curve", "grey_level_mm"),
+    [
+        (DepthCurve("difference", (0.0, 50.0), (0.0, 2.0), (0.0, 0.0)), 2 / 50),
+        (DepthCurve("ratio", (0.0, 0.4), (0.0, 2.0), (0.0, 0.0)), 2 / 0.4 / 150),
+    ],
+)
+def test_the_noise_of_heights_is_that_of_the_camera_over_the_slope(curve: DepthCurve, grey_level_mm: float) -> None:
+    rows, cols = np.indices((60, 80), np.float32)
+    rectify = Rectification(np.stack([cols, rows], axis=-1), 0.1, (60, 80), (-4, -3, 4, 3))
+
+    def reader(before: Rectified) -> DepthReader:
+        """One without smoothing."""
+        return DepthReader(curve, before, rectify.height_source, Smoothing(0, 0))
+
+    reference = np.full((60, 80, 3), 150, np.uint8)
+    noise_mm = simulate_height_noise_mm(reader, rectify, reference, 0.5)
+    assert noise_mm == pytest.approx(0.5 * grey_level_mm, rel=0.03)
+    assert noise_mm == simulate_height_noise_mm(reader, rectify, reference, 0.5)
+
+
+@pytest.mark.parametrize(("x", "y"), [(30.0, 80.0), (169.0, 80.0), (100.0, 30.0), (100.0, 129.0)])
+def test_an_edge_may_touch_the_border_of_the_view(x: float, y: float) -> None:
+    _require_round_edge(SHAPE, (x, y), 30.0, 3.5)
+    with pytest.raises(BallPressUnusable, match="cut by the image's border"):
+        _require_round_edge(SHAPE, (x, y), 30.1, 3.5)
+    with pytest.raises(BallPressUnusable, match="strays 12% of its radius"):
+        _require_round_edge(SHAPE, (x, y), 30.0, 3.7)
+
+
+def test_the_edge_is_seen_on_six_of_ten_rays() -> None:
+    _require_whole_disc(np.arange(120) < 72)
+    with pytest.raises(BallPressUnusable, match="got it on 59%"):
+        _require_whole_disc(np.arange(120) < 71)
+
+
+@pytest.mark.parametrize(("side", "contacts"), [(9, 1), (11, 2)])
+def test_a_second_contact_has_a_tenth_of_the_area_of_the_first(side: int, contacts: int) -> None:
+    field = np.zeros(SHAPE, np.float32)
+    field[20:50, 20:52] = -40
+    spot = field < 0
+    field[100 : 100 + side, 100:110] = -20
+    field[140:142, 140:142] = -13  # lighter than a contact
+    if contacts == 1:
+        _require_single_contact(field, spot)
+        return
+    with pytest.raises(BallPressUnusable, match="got 2;"):
+        _require_single_contact(field, spot)

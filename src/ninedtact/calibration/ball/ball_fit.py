@@ -142,18 +142,18 @@ def _rigid_ball_depth_mm(press: BallPress, design: SensorDesign) -> Float[Array,
 
 
 def _refine_centre(press: BallPress, design: SensorDesign) -> BallPress:
-    """Return the press with its centre moved to where darkening is most nearly a function of depth alone.
+    """Return the press with its centre moved to where brightness is most nearly a function of depth alone.
 
     The edge determines the disc's size well but its centre only roughly, because the bulge around it is never quite even.
     """
-    darkening = smooth_gaussian(1 - relative_brightness(press.after, press.before), _CENTRING_SMOOTHING_PX)
+    brightness = smooth_gaussian(relative_brightness(press.after, press.before), _CENTRING_SMOOTHING_PX)
 
     def scatter(centre_px: Float[Array, "2"]) -> float:
         depth_mm = _rigid_ball_depth_mm(press.about(centre_px), design)
         inside = depth_mm > 0
         powers = np.vander(depth_mm[inside], _CENTRING_TERMS)
-        fitted = powers @ np.linalg.lstsq(powers, darkening[inside], rcond=None)[0]
-        return float(np.std(darkening[inside] - fitted))
+        fitted = powers @ np.linalg.lstsq(powers, brightness[inside], rcond=None)[0]
+        return float(np.std(brightness[inside] - fitted))
 
     best = minimize(scatter, press.circle.centre_px, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 1e-7})
     return press.about(best.x)

@@ -131,12 +131,10 @@ def _find_edge_points(smoothed: Float32[Array, "rows cols"], centre_px: tuple[fl
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
     points = centre_px + radii[:, None, None] * directions
     seen = ndimage.map_coordinates(smoothed, points[..., ::-1].transpose(2, 0, 1), order=1, cval=np.nan)
-    risen = seen >= 0
-    first = risen.argmax(axis=0)
-    reached = risen.any(axis=0) & ~np.isnan(np.take_along_axis(seen, first[None], axis=0)[0])
-    left_view = np.isnan(np.cumsum(seen, axis=0)[first, np.arange(_RAY_COUNT)])
-    _require_whole_disc(reached & ~left_view)
-    return points[first, np.arange(_RAY_COUNT)][reached & ~left_view]
+    risen = seen >= 0  # not where a ray has left the view, as nothing is
+    reached = np.asarray(risen.any(axis=0))
+    _require_whole_disc(reached)
+    return np.asarray(np.take_along_axis(points, risen.argmax(axis=0)[None, :, None], axis=0)[0, reached])
 
 
 def _require_whole_disc(reached: Bool[Array, " rays"]) -> None:

@@ -60,7 +60,7 @@ def parameter_covariance(
     """Return the covariance of least-squares parameters, as of this number of independent observations (Gauss–Markov)."""
     degrees_of_freedom = max(effective_observations - jacobian.shape[1], 1.0)
     variance = np.sum(residual**2) / degrees_of_freedom
-    return np.linalg.pinv(jacobian.T @ jacobian, hermitian=True) * variance
+    return np.linalg.pinv(jacobian.T @ jacobian) * variance
 
 
 def _estimate_uncertainty(
@@ -96,10 +96,11 @@ def _autocorrelation_sums(field: Float[Array, "rows cols"]) -> Float[Array, "lag
     """Return the autocorrelation sums at all lags, with lag zero in the middle."""
     from scipy.fft import irfft2, next_fast_len, rfft2
 
-    rows, cols = field.shape
-    padded = next_fast_len(2 * rows - 1), next_fast_len(2 * cols - 1, real=True)
+    lags = [2 * side - 1 for side in field.shape]
+    padded = [next_fast_len(count) for count in lags]
     sums = irfft2(np.abs(rfft2(field, padded)) ** 2, padded)
-    return np.asarray(np.roll(sums, (rows - 1, cols - 1), (0, 1))[: 2 * rows - 1, : 2 * cols - 1])
+    middle = [count // 2 for count in lags]
+    return np.asarray(np.roll(sums, middle, (0, 1))[: lags[0], : lags[1]])
 
 
 RELATIVE_THICKNESS_STD = 0.22

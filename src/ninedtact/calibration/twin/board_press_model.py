@@ -156,17 +156,17 @@ class BoardPressModel:
         return padded_grid(width_mm, height_mm, pitch_mm / self.points_per_pitch, MARGIN_MM)
 
     @cached_property
-    def cached_height_mm(self) -> dict[BoardPressParameters, Field]:
-        """The height that was solved last, because the parameters of the view change more often than the pose of the press."""
+    def cached_height_mm(self) -> dict[tuple[float, ...], Field]:
+        """The height that was solved last, by the parameters of the contact; those of the view change more often."""
         return {}
 
     def height_mm(self, press: BoardPressParameters) -> Field:
         """Return the height of the skin under the board, from the cache where possible."""
-        contact_parameters = replace(press, inverse_distance_per_mm=0.0, point_spread_mm=0.0)
-        if contact_parameters not in self.cached_height_mm:
+        key = press.depth_mm, press.tilt_x_rad, press.tilt_y_rad, press.poisson_ratio
+        if key not in self.cached_height_mm:
             self.cached_height_mm.clear()
-            self.cached_height_mm[contact_parameters] = self.solve_height_mm(contact_parameters)
-        return self.cached_height_mm[contact_parameters]
+            self.cached_height_mm[key] = self.solve_height_mm(press)
+        return self.cached_height_mm[key]
 
     def solve_height_mm(self, press: BoardPressParameters) -> Field:
         """Solve the contact and return the height of the skin under the board."""

@@ -162,7 +162,6 @@ class _BoardPressSolver:
 
         contact_derivatives: those at a press close to the start, where they are known.
         """
-        converged = False
         pixels = self.rectification_lens.to_px(self.observed.points_mm)
         points_mm = _invert_lens_projection(lens, pixels, self.observed.points_mm)
         for _ in range(max_iterations):
