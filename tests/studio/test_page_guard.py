@@ -28,15 +28,17 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
 
 from ninedtact.design import Gel
 from ninedtact.studio import viser_internals
 from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_controller import DisplayedSensor, PageController
+from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment
+from ninedtact.studio.page_messages import PART_BYTES, is_page_message
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.socket_guard import InvalidAllowedOrigin, SocketGuard, SocketLimits
-from ninedtact.studio.viser_internals import PART_BYTES, UnknownPageServer, is_page_message
+from ninedtact.studio.viser_internals import UnknownPageServer
 
 PATIENCE_S = 90.0
 PROTOCOL = f"viser-v{viser.__version__}"
@@ -137,7 +139,9 @@ def test_on_a_network_the_address_has_a_secret() -> None:
     assert re.fullmatch(r"http://\[[0-9a-f:]+\]:80/[\w-]{22}/", SocketGuard.for_host("::").page_address(80))
 
 
-@pytest.mark.parametrize("origin", ["*", "robot", "http://", "ftp://robot", "http://robot/page", "http://u@robot"])
+@pytest.mark.parametrize(
+    "origin", ["*", "robot", "http://", "ftp://robot", "http://robot/page", "http://u@robot", "http://x:65536"]
+)
 def test_an_origin_that_is_none_is_refused(origin: str) -> None:
     with pytest.raises(InvalidAllowedOrigin, match="expected --allow-origin as http://NAME:PORT"):
         SocketGuard.for_host("127.0.0.1", (origin,))
@@ -170,7 +174,7 @@ def test_junk_is_dropped_in_one_line_and_disturbs_nobody(
                 msgspec.msgpack.encode({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"removed": True}}),
                 msgspec.msgpack.encode({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": float("nan")}}),
             ):
-                assert not is_page_message(message)
+                assert not is_page_message(message, {uuid: slider}.get)
                 junk.send(message)
             not_a_number = {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": "x"}}
             junk.send(msgspec.msgpack.encode(not_a_number))
@@ -184,12 +188,75 @@ def test_junk_is_dropped_in_one_line_and_disturbs_nobody(
                 while True:
                     large.recv(timeout=30)
             wait_until(lambda: len(server.get_clients()) == 2)
-        gc.collect()  # asyncio reports a failed task when it is collected
-        wait_until(lambda: any("Task exception" in line for line in caplog.messages))
-    dropped, failed = caplog.messages
-    assert "dropped a message of 4 bytes" in dropped
-    assert failed == "Task exception was never retrieved: ValueError(\"could not convert string to float: 'x'\")"
-    assert all(record.exc_info is None for record in caplog.records) and "Traceback" not in capfd.readouterr().err
+    (dropped,) = caplog.messages
+    assert "dropped a message of 4 bytes" in dropped and "Traceback" not in capfd.readouterr().err
+
+
+def test_what_fails_in_a_control_is_one_line_and_no_flood(
+    caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def fail(event: viser.GuiEvent) -> None:
+        raise ZeroDivisionError(f"a bug\nin {event.target.label}")
+
+    async def fail_later(event: viser.GuiEvent) -> None:
+        fail(event)
+
+    with page_server("127.0.0.1", 0) as server:
+        first, second = server.gui.add_button("a thread"), server.gui.add_button("a task")
+        first.on_click(fail)
+        second.on_click(fail_later)
+        with open_client(server.get_port()) as client:
+
+            def press(button: viser.GuiButtonHandle) -> None:
+                message = {"type": "GuiUpdateMessage", "uuid": button._impl.uuid, "updates": {"value": True}}
+                client.send(msgspec.msgpack.encode(message))
+
+            press(first)
+            wait_until(lambda: len(caplog.messages) == 1)
+            press(second)
+            wait_until(lambda: gc.collect() >= 0 and len(caplog.messages) == 2, pause_s=0.1)  # asyncio reports then
+            for _ in range(10):
+                press(first)
+        for _ in range(30):  # pages of another version are refused, and no more is said
+            other: list[Subprotocol] = [Subprotocol("viser-v0.0.1")]
+            with (
+                connect(f"ws://127.0.0.1:{server.get_port()}", subprotocols=other) as outdated,
+                pytest.raises(ConnectionClosed, match=r"1002 .* Version mismatch\. Client: 0\.0\.1"),
+            ):
+                outdated.recv(timeout=30)
+    said = capfd.readouterr()
+    thread, task, *others = caplog.messages
+    assert re.fullmatch(
+        r"a control of the page failed: ZeroDivisionError\('a bug\\nin a thread'\) at test_page_guard.py:\d+", thread
+    )
+    assert re.fullmatch(
+        r"Task exception was never retrieved: ZeroDivisionError\('a bug\\nin a task'\) at test_page_guard.py:\d+", task
+    )
+    assert len(others) == 18 and all(record.exc_info is None for record in caplog.records)
+    assert "Traceback" not in said.err and "viser" not in said.out
+
+
+def test_what_cannot_be_shown_to_one_viewer_is_one_line_and_the_others_see_it(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(moment: PageMoment) -> None:
+        raise ZeroDivisionError("a bug")
+
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        controller = PageController([DisplayedSensor(loop)], tmp_path)
+        page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "small")
+        with open_client(server.get_port()), open_client(server.get_port()):
+            wait_until(lambda: len(page.viewers) == 2)
+            seen: list[PageMoment] = []
+            for viewer, show in zip(page.viewers, (fail, seen.append), strict=True):
+                monkeypatch.setattr(viewer, "show", show)
+            for _ in range(30):
+                controller.refresh(page)
+    assert len(seen) == 30 and len(caplog.messages) == 20
+    (line,) = set(caplog.messages)
+    assert re.fullmatch(
+        r"a moment could not be shown to one browser: ZeroDivisionError\('a bug'\) at test_page_guard.py:\d+", line
+    )
 
 
 def test_every_control_of_the_page_is_heard_and_no_more_than_one_file_at_a_time() -> None:
@@ -222,7 +289,7 @@ def test_every_control_of_the_page_is_heard_and_no_more_than_one_file_at_a_time(
         (False, part | {"content": b"x" * (PART_BYTES + 1)}),
         (False, part | {"content": b"", "part_index": -1}),
     ):
-        assert is_page_message(msgspec.msgpack.encode(message)) == accepted, message
+        assert is_page_message(msgspec.msgpack.encode(message), lambda uuid: None) == accepted, message
     with page_server("127.0.0.1", 0) as server, open_client(server.get_port()) as client:
         button = server.gui.add_upload_button("upload")
         start |= {"source_component_uuid": button._impl.uuid}
@@ -308,7 +375,7 @@ def test_a_client_that_floods_and_clients_beyond_the_limit_are_disconnected(capl
             client.close()
         assert still_open <= 8
     assert sum("more than 20 messages in a second" in line for line in caplog.messages) == 1
-    assert "connection handler failed: ZeroDivisionError('a bug in a handler')" in caplog.messages
+    assert any("connection handler failed: ZeroDivisionError('a bug in a handler')" in line for line in caplog.messages)
     assert all(record.exc_info is None for record in caplog.records)
 
 

@@ -16,7 +16,7 @@ from ninedtact.studio.page_controller import PageController, PageMoment
 from ninedtact.studio.scene_3d import GelBlock, set_up_view
 from ninedtact.studio.sensor_group import SensorGroupCurvesPanel
 from ninedtact.studio.sensor_panels import ReferenceAndRatesPanel, StatusPanel, WrenchAndCurvesPanel, WrenchPanel
-from ninedtact.studio.socket_guard import SocketGuard
+from ninedtact.studio.socket_guard import SocketGuard, one_line_logger
 from ninedtact.studio.twin_press_panel import TwinPressPanel
 from ninedtact.studio.view_panels import ImagesPanel, ProfilePanel, ScenePanel
 from ninedtact.studio.viewer import LIGHT, PanelFactory, ViewerPage
@@ -104,7 +104,7 @@ class SensorPage:
         """more_panels: further tabs, before the last."""
         self._server, self._controller, self._block = server, controller, block
         self._viewers: dict[int, ViewerPage] = {}
-        self._lock = Lock()
+        self._lock, self._log = Lock(), one_line_logger()
         presses = [one.press for one in controller.sensors if one.press is not None]
         are_twins = len(presses) == len(controller.sensors)
         press_panels: list[PanelFactory] = [partial(TwinPressPanel, controls=presses)] if are_twins else []
@@ -141,9 +141,15 @@ class SensorPage:
             return tuple(self._viewers.values())
 
     def show(self, moment: PageMoment) -> None:
-        """Show all viewers a moment, of which each shows the parts it has chosen, or the moment it has frozen."""
+        """Show all viewers a moment, of which each shows the parts it has chosen, or the moment it has frozen.
+
+        What goes wrong for one viewer is logged; the others and the sensor go on.
+        """
         for viewer in self.viewers:
-            viewer.show(moment)
+            try:
+                viewer.show(moment)
+            except Exception:
+                self._log.warning("a moment could not be shown to one browser", exc_info=True)
 
     def _add_viewer(self, client: ClientHandle) -> None:
         viewer = ViewerPage(client, self._controller, self._block, self._panels)

@@ -21,7 +21,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from http import HTTPStatus
 from ipaddress import ip_address
+from pathlib import Path
 from secrets import token_urlsafe
+from traceback import extract_tb
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -40,6 +42,7 @@ _NO_ORIGIN = (
     "expected Origin to name the page, got null, which browsers state for a page in a file; serve the page from its folder, "
     "python -m http.server 5500, open http://localhost:5500, and start this program with --allow-origin http://localhost:5500"
 )
+_MOST_PORT = 65535
 _RELEASE_AFTER_S = 1.0
 """Time from the departure of a client to the release of its memory, so that a crowd that leaves is one release."""
 _CLOSE_S = 1.0
@@ -130,19 +133,22 @@ class SocketGuard:
         port: int,
         *,
         is_expected: MessageTest,
+        is_ignored: MessageTest = lambda message: False,
         process_request: RequestHandler | None = None,
+        logger: logging.Logger | None = None,
         **options: Any,
     ) -> serve:
         """Return a guarded server; use it as `websockets.serve`.
 
         handler, process_request: as in `websockets.serve`; they get accepted requests only, with the token taken off the path.
-        is_expected: whether a message of a client can be handled; other messages are dropped.
+        is_expected: whether a message of a client can be handled; other messages are dropped. is_ignored: whether an expected
+        message is dropped too, and nothing is logged about it. logger: takes the place of the server's own.
         """
         options |= {
             "process_request": partial(self._answer_request, process_request),
             "max_size": self.limits.message_bytes,
-            "logger": _one_line_logger(),
-            "create_connection": partial(_GuardedConnection, self.limits, is_expected, _MemoryRelease()),
+            "logger": logger or one_line_logger(),
+            "create_connection": partial(_GuardedConnection, self.limits, is_expected, is_ignored, _MemoryRelease()),
         }
         return serve(handler, host, port, **options)
 
@@ -154,7 +160,7 @@ class SocketGuard:
         if refusal is None and len(connection.server.connections) >= self.limits.clients:
             refusal = 503, f"expected at most {self.limits.clients} browsers on the page, got one more; close others"
         if refusal is not None:
-            connection.logger.warning("refused %s: %s", _format_peer(connection), refusal[1])
+            connection.logger.warning("refused %s: %s", format_peer(connection), refusal[1])
             response: Response | None = connection.respond(refusal[0], refusal[1] + "\n")
         else:
             path = request.path.removeprefix(f"/{self.token}") if self.token else request.path
@@ -186,10 +192,16 @@ class _GuardedConnection(ServerConnection):
     """A connection that drops unexpected messages and ends with a client that floods it or does not read."""
 
     def __init__(
-        self, limits: SocketLimits, is_expected: MessageTest, memory: "_MemoryRelease", *args: Any, **options: Any
+        self,
+        limits: SocketLimits,
+        is_expected: MessageTest,
+        is_ignored: MessageTest,
+        memory: "_MemoryRelease",
+        *args: Any,
+        **options: Any,
     ) -> None:
         super().__init__(*args, **options)
-        self._limits, self._is_expected, self._memory = limits, is_expected, memory
+        self._limits, self._is_expected, self._is_ignored, self._memory = limits, is_expected, is_ignored, memory
         self._second, self._events_in_second, self._has_dropped = 0.0, 0, False
         self._unanswered: deque[Awaitable[float]] = deque()
 
@@ -211,16 +223,19 @@ class _GuardedConnection(ServerConnection):
             self._end(f"it sent more than {self._limits.messages_per_s} messages in a second")
 
     async def recv(self, decode: bool | None = None) -> Any:
-        """Return the next expected message."""
-        while not self._is_expected(message := await super().recv(decode)):
-            if not self._has_dropped:
+        """Return the next message that is to be handled."""
+        while True:
+            message = await super().recv(decode)
+            if self._is_expected(message):
+                if not self._is_ignored(message):
+                    return message
+            elif not self._has_dropped:
                 self._has_dropped = True
                 self.logger.warning(
                     "dropped a message of %d bytes of %s that the page does not expect; further ones are dropped silently",
                     len(message),
-                    _format_peer(self),
+                    format_peer(self),
                 )
-        return message
 
     async def send(self, message: Any, text: bool | None = None) -> None:
         """Send a message after the client has received the earlier ones; end with a client that does not read."""
@@ -252,7 +267,7 @@ class _GuardedConnection(ServerConnection):
 
     def _end(self, reason: str) -> None:
         """Disconnect a client at once."""
-        self.logger.warning("disconnected %s: %s", _format_peer(self), reason)
+        self.logger.warning("disconnected %s: %s", format_peer(self), reason)
         self.transport.abort()
 
 
@@ -316,9 +331,11 @@ def _normalise_origin(origin: str) -> str:
     """Return an origin as browsers send it; raises `InvalidAllowedOrigin`."""
     if origin.lower() == _FILES_ORIGIN:
         return _FILES_ORIGIN
-    if re.fullmatch(r"https?://[\w.-]+(:\d+)?|https?://\[[0-9a-f:]+\](:\d+)?", origin.lower().rstrip("/")) is None:
+    parts = re.fullmatch(r"https?://(?:[\w.-]+|\[[0-9a-f:]+\])(?::(\d{1,5}))?", origin.lower().rstrip("/"))
+    if parts is None or not 0 < int(parts[1] or 80) <= _MOST_PORT:
         raise InvalidAllowedOrigin(
-            f"expected --allow-origin as http://NAME:PORT, https://NAME or {_FILES_ORIGIN}, got {origin!r}; leave out path and user"
+            f"expected --allow-origin as http://NAME:PORT, https://NAME or {_FILES_ORIGIN}, got {origin!r}; "
+            f"leave out path and user, and name a port of at most {_MOST_PORT}"
         )
     return re.sub(r"(?<=^http:)(//.*):80$|(?<=^https:)(//.*):443$", r"\1\2", origin.lower().rstrip("/"))
 
@@ -331,7 +348,7 @@ def _host_or_origin_refusal(header: str, got: list[str], remedy: str) -> str:
     )
 
 
-def _format_peer(connection: ServerConnection) -> str:
+def format_peer(connection: ServerConnection) -> str:
     """Return the address of a client."""
     peer = connection.remote_address
     return "a client" if not peer else f"{_bracket(str(peer[0]))}:{peer[1]}"
@@ -341,7 +358,11 @@ _LINES_PER_MINUTE = 20
 """Most lines that a server logs per minute."""
 
 
-def _one_line_logger() -> logging.Logger:
+_CHARACTERS_PER_LINE = 400
+_PACKAGE = str(Path(__file__).parents[1])
+
+
+def one_line_logger() -> logging.Logger:
     """Return a logger for one server: a line each and no traceback, and not more than a person can read.
 
     viser adds a filter to it, so it is not shared.
@@ -352,8 +373,8 @@ def _one_line_logger() -> logging.Logger:
     def is_worth_a_line(record: logging.LogRecord) -> bool:
         if record.levelno < logging.WARNING or record.msg == "opening handshake failed":
             return False  # browsers open connections in advance and drop them
-        if record.exc_info:
-            record.msg, record.args = f"{record.getMessage()}: {record.exc_info[1]!r}", None
+        if record.exc_info and record.exc_info[1] is not None:
+            record.msg, record.args = f"{record.getMessage()}: {_describe_failure(record.exc_info[1])}", None
             record.exc_info = record.exc_text = None
         if len(recent) == _LINES_PER_MINUTE and record.created - recent[0] < 60:
             return False
@@ -362,3 +383,11 @@ def _one_line_logger() -> logging.Logger:
 
     logger.addFilter(is_worth_a_line)
     return logger
+
+
+def _describe_failure(failure: BaseException) -> str:
+    """Return an exception and where it was raised, in one line: the last place in this package below the one that caught it."""
+    places = extract_tb(failure.__traceback__)
+    own = [place for place in places[1:] if place.filename.startswith(_PACKAGE)] or places
+    where = f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
+    return " ".join(repr(failure).split())[:_CHARACTERS_PER_LINE] + where

@@ -1,9 +1,10 @@
-"""Everything that relies on parts of viser that it does not document: another version of viser means changes in this file alone.
+"""What relies on parts of viser that it does not document: another version of viser means changes here and in `page_messages`.
 
 `start_guarded_viser` is the one place where its web server starts. viser 1.1 accepts requests from every website, messages of
 50 MB, uploads of any size, and a request to publish the page on the internet; a message that it cannot decode ends in a traceback.
 It offers no hook, but its server starts with one call of `websockets.serve`, which is replaced by `SocketGuard.serve`. An error of
-viser with many clients and one of its page with images that change fast are corrected, and one upload of each client is kept.
+viser with many clients and one of its page with images that change fast are corrected, and one upload of each client is kept. What
+fails in a callback of the page, which viser prints with its traceback, is a line of the log.
 
 The functions below it do what viser 1.1 has no function for, or what its functions do too slowly for many viewers.
 """
@@ -12,170 +13,38 @@ import asyncio
 import json
 import logging
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Awaitable, Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
-from functools import wraps
+from functools import partial, wraps
 from importlib import import_module
 from io import StringIO
 from secrets import token_urlsafe
 from threading import Lock
 from types import SimpleNamespace
-from typing import Annotated, Any, Literal
+from typing import Any
 
-import msgspec
 import viser
 from numpy import ndarray as Array
 from viser._messages import GuiSliderMark, RunJavascriptMessage
 from viser.infra import WebsockMessageHandler
-from websockets.asyncio.server import serve
+from websockets.asyncio.server import ServerConnection, serve
 
 from ninedtact._version import installation_command
 from ninedtact.errors import MissingLibraryError
-from ninedtact.studio.socket_guard import SocketGuard
+from ninedtact.studio.page_messages import is_beyond_limits, is_page_message
+from ninedtact.studio.socket_guard import SocketGuard, format_peer, one_line_logger
 
-_LOG = logging.getLogger(__name__)
 GUARDED_VISER = "1.1."
 """Beginning of the versions of viser whose server can be guarded; pyproject.toml pins the same."""
 
 
 _IMAGE_KEPT_MS = 5000
 """Time for which a browser keeps an image that another one has replaced; a busy browser begins to load it that late."""
+ConnectionHandler = Callable[[ServerConnection], Awaitable[None]]
 
 
 class UnknownPageServer(MissingLibraryError):
     """Raised where the installed version of viser cannot be guarded."""
-
-
-_Number = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
-_ShortText = Annotated[str, msgspec.Meta(max_length=200)]
-_Vector = tuple[_Number, _Number, _Number]
-_Pair = Annotated[list[_Number], msgspec.Meta(min_length=2, max_length=2)]
-"""A list, because msgspec mistakes the limits of numbers in a union with a tuple of fixed length."""
-_Quaternion = tuple[_Number, _Number, _Number, _Number]
-MAX_UPLOAD_BYTES = 16_000_000
-PART_BYTES = 512 * 1024
-"""Size of the parts in which viser's page sends a file."""
-_UploadSize = Annotated[int, msgspec.Meta(ge=0, le=MAX_UPLOAD_BYTES)]
-_PartNumber = Annotated[int, msgspec.Meta(ge=0, le=MAX_UPLOAD_BYTES // PART_BYTES + 1)]
-_Part = Annotated[bytes, msgspec.Meta(max_length=PART_BYTES)]
-
-
-class _PageMessage(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
-    """A message of viser's page."""
-
-
-class _CameraMessage(_PageMessage, tag="ViewerCameraMessage"):
-    """The pose of a browser's view, which viser's page sends."""
-
-    wxyz: _Quaternion
-    position: _Vector
-    fov: _Number
-    near: _Number
-    far: _Number
-    image_height: _Number
-    image_width: _Number
-    look_at: _Vector
-    up_direction: _Vector
-
-
-class _ControlMessage(_PageMessage, tag="GuiUpdateMessage"):
-    """The new value of a button, a choice, a slider or a pair of numbers. viser would set any other attribute of it too."""
-
-    uuid: _ShortText
-    updates: Annotated[dict[Literal["value"], bool | _Number | _ShortText | _Pair], msgspec.Meta(min_length=1)]
-
-
-class _CommandMessage(_PageMessage, tag="CommandTriggerMessage"):
-    """A key that stands for a command, or a command that was chosen."""
-
-    uuid: _ShortText
-
-
-class _ClickMessage(_PageMessage, tag="ScenePointerMessage"):
-    """A click on the scene in 3D."""
-
-    event_type: Literal["click"]
-    ray_origin: _Vector
-    ray_direction: _Vector
-    screen_pos: Annotated[list[tuple[_Number, _Number]], msgspec.Meta(max_length=2)]
-    modifier: _ShortText | None
-
-
-class _HandleMessage(_PageMessage, tag="TransformControlsUpdateMessage"):
-    """The pose of the 3D handle."""
-
-    name: _ShortText
-    wxyz: _Quaternion
-    position: _Vector
-    owner: _ShortText = ""
-
-
-class _HandleStartMessage(_PageMessage, tag="TransformControlsDragStartMessage"):
-    """The 3D handle is grasped."""
-
-    name: _ShortText
-    owner: _ShortText = ""
-
-
-class _HandleEndMessage(_PageMessage, tag="TransformControlsDragEndMessage"):
-    """The 3D handle is let go."""
-
-    name: _ShortText
-    owner: _ShortText = ""
-
-
-class _UploadMessage(_PageMessage, tag="FileTransferStartUpload"):
-    """A file will follow in parts."""
-
-    source_component_uuid: _ShortText
-    transfer_uuid: _ShortText
-    filename: _ShortText
-    mime_type: _ShortText
-    part_count: _PartNumber
-    size_bytes: _UploadSize
-
-
-class _PartMessage(_PageMessage, tag="FileTransferPart"):
-    """One part of a file."""
-
-    source_component_uuid: _ShortText
-    transfer_uuid: _ShortText
-    part_index: _PartNumber
-    content: _Part
-
-
-class _KeptMessage(_PageMessage, tag="LocalStorageGetItemResponseMessage"):
-    """What the browser has kept for the page: its theme."""
-
-    value: _ShortText | None
-    error: _ShortText | None
-    request_uuid: _ShortText
-
-
-_PAGE_MESSAGES = msgspec.msgpack.Decoder(
-    _CameraMessage
-    | _ControlMessage
-    | _CommandMessage
-    | _ClickMessage
-    | _HandleMessage
-    | _HandleStartMessage
-    | _HandleEndMessage
-    | _UploadMessage
-    | _PartMessage
-    | _KeptMessage
-)
-
-
-def is_page_message(message: str | bytes) -> bool:
-    """Return whether a message is one that the controls of the page send.
-
-    viser has more, which the page has no use for, such as a request to publish the page on the internet.
-    """
-    try:
-        _PAGE_MESSAGES.decode(message if isinstance(message, bytes) else b"")
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
-        return False
-    return True
 
 
 _replacing = Lock()
@@ -187,18 +56,26 @@ def start_guarded_viser(guard: SocketGuard, host: str, port: int, label: str) ->
     _wake_clients_in_event_loop()
     _keep_one_upload_of_each_client()
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)  # a viewer that has just left
-    ports = []
+    ports, servers, logger = [], list[viser.ViserServer](), one_line_logger()
+    find_control = partial(_find_control, servers)
 
     def guarded_serve(handler: Any, host: str, port: int, **options: Any) -> serve:
         ports.append(port)
-        asyncio.get_running_loop().set_exception_handler(_log_in_one_line)
-        return guard.serve(handler, host, port, is_expected=is_page_message, **options)
+        asyncio.get_running_loop().set_exception_handler(partial(_log_failed_task, logger))
+        options |= {
+            "is_expected": partial(is_page_message, find_control=find_control),
+            "is_ignored": partial(is_beyond_limits, find_control=find_control),
+            "logger": logger,
+        }
+        return guard.serve(partial(_handle_same_version, handler), host, port, **options)
 
     with _replace_serve(guarded_serve), redirect_stdout(StringIO()):
         server = viser.ViserServer(host=host, port=port, label=label, verbose=False)
         if not ports:
             server.stop()
             raise UnknownPageServer(_unknown_viser_message("one that starts it in another way"))
+    servers.append(server)
+    _log_failed_callbacks(server, logger)
     _prepare_browsers(server)
     return server
 
@@ -300,9 +177,45 @@ def _unknown_viser_message(got: str) -> str:
     return f"expected viser {GUARDED_VISER}x, whose web server can be guarded, got {got}; run {installation_command('studio')}"
 
 
-def _log_in_one_line(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """Log what went wrong in a task of viser, without its traceback."""
-    _LOG.warning("%s: %r", context["message"], context.get("exception"))
+async def _handle_same_version(handler: ConnectionHandler, connection: ServerConnection) -> None:
+    """Handle a connection of the page of this version of viser; end any other, with the reason that the page shows.
+
+    viser does so too, with two lines on the terminal each time.
+    """
+    got = (connection.subprotocol or "unknown").removeprefix("viser-v")[:20]
+    if got == viser.__version__:
+        await handler(connection)
+        return
+    expected = f"expected a page of viser {viser.__version__}, got {got}; load it again"
+    connection.logger.warning("refused %s: %s", format_peer(connection), expected)
+    await connection.close(1002, f"Version mismatch. Client: {got}, Server: {viser.__version__}")
+
+
+def _find_control(servers: Iterable[viser.ViserServer], uuid: str) -> Any:
+    """Return the control of a uuid, which all browsers share or one has; None where there is none."""
+    for server in servers:
+        for gui in (server.gui, *(client.gui for client in server.get_clients().values())):
+            if uuid in gui._gui_input_handle_from_uuid:
+                return gui._gui_input_handle_from_uuid.get(uuid)
+    return None
+
+
+def _log_failed_task(logger: logging.Logger, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Log what went wrong in a task of viser."""
+    logger.warning("%s", context["message"], exc_info=context.get("exception"))
+
+
+def _log_failed_callbacks(server: viser.ViserServer, logger: logging.Logger) -> None:
+    """Log what goes wrong in what controls do."""
+    executor: Any = server._thread_executor
+
+    def run(callback: Callable[..., Any], *args: Any) -> None:
+        try:
+            callback(*args)
+        except Exception:
+            logger.warning("a control of the page failed", exc_info=True)
+
+    executor.submit = partial(executor.submit, run)
 
 
 _PAGE_ICON = (
