@@ -172,6 +172,8 @@ def test_depths_between_too_shallow_and_wider_than_the_ball_are_usable() -> None
     require_usable_depth(ball, circle_of(84.0), 0.05, max_relative_radius=1.06)
     with pytest.raises(BallPressUnusable, match=r"at least 0\.4 mm deep, got 0\.39"):
         require_usable_depth(ball, circle_of(0.99 * shallowest_mm / 0.05), 0.05)
+    with pytest.raises(BallPressUnusable, match="smaller than the ball"):
+        require_usable_depth(ball, circle_of(80.1), 0.05)
     for radius_px, widest in ((80.0, 1.0), (85.0, 1.06)):
         with pytest.raises(BallPressUnusable, match="smaller than the ball"):
             require_usable_depth(ball, circle_of(radius_px), 0.05, widest)

@@ -278,6 +278,26 @@ def test_prior_knowledge_has_the_weight_of_an_observation(
     np.testing.assert_allclose(jacobian[-3:], terms.jacobian)
 
 
+class BentModel(BallPressModel):
+    """Residuals: the arc tangent of twice the deviation from the drawn press at a saturation of 2.5, and one that stays."""
+
+    def fit_linear_terms(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """No image is predicted."""
+        return np.ones(3), np.append(np.arctan(2 * (vector - replace(PRESS, saturation=2.5).vector)), 0.1)
+
+
+def test_a_step_that_goes_too_far_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Newton's method for the arc tangent diverges from 1.39 on."""
+    bent = BentModel(ObservedBallPress(UNTOUCHED, UNTOUCHED, (0.0, 0.0)), DESIGN)
+    start, no_priors = replace(PRESS, saturation=3.3).vector, _PriorTerms((), 1.0)
+    newton_step = -np.arctan(1.6) * (1 + 1.6**2) / 2
+    found, _ = _fit_finely(bent, start, no_priors)
+    np.testing.assert_allclose(found, replace(PRESS, saturation=2.5).vector, atol=1e-3)
+    monkeypatch.setattr(ball_press_fit, "MAX_FINE_STEPS", 1)
+    found, _ = _fit_finely(bent, start, no_priors)
+    assert found[7] == pytest.approx(3.3 + 0.4 * newton_step, abs=0.05)
+
+
 def test_prior_terms_are_deviations_in_grey_levels() -> None:
     terms = _PriorTerms((ParameterPrior("depth_mm", 1.1, 0.1), ParameterPrior("saturation", 0.9, 0.2)), 3.0)
     np.testing.assert_allclose(terms.residual(PRESS.vector), [6, -6])
@@ -623,6 +643,17 @@ def test_a_board_unlike_the_ball_is_not_fitted_on_the_fine_grid(
         twin = replace(board_model.twin_fit, press=replace(PRESS, point_spread_mm=ball_point_spread_mm))
         fit = fit_board_press_and_lens(observed, twin)
         assert fit.point_spread_difference > 0.3 and (fit.press == coarse.press) == stays
+
+
+def test_a_fit_of_a_board_goes_on_from_the_press_of_an_earlier_one(
+    board_model: BoardPressModel, observed: ObservedBoardPress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On the fine grid, and with the lens through which the image is rectified now."""
+    monkeypatch.setattr(lens_refinement, "MAX_FINE_ITERATIONS", 1)
+    lens = with_radial_term_count(WRONG_LENS, 3)
+    fine = _BoardPressSolver(observed, BoardPressModel(board_model.twin_fit, BOARD), lens)
+    fit = fit_board_press_and_lens(observed, board_model.twin_fit, board_press_fit())
+    assert fit.press == fine.solve(BOARD_PRESS, lens, 1).press
 
 
 def test_a_contact_that_misses_its_tolerance_is_a_prediction_too(monkeypatch: pytest.MonkeyPatch) -> None:
