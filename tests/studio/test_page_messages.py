@@ -25,7 +25,7 @@ from ninedtact.studio.calibration_session import CalibrationSession
 from ninedtact.studio.guided_session import SwitchableCamera
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
-from ninedtact.studio.page_messages import is_beyond_limits, is_page_message
+from ninedtact.studio.page_messages import has_no_effect, is_page_message
 from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
 from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
@@ -73,10 +73,24 @@ def test_a_control_gets_values_of_its_kind_within_its_limits() -> None:
             uuid, find = control._impl.uuid, {control._impl.uuid: control}.get
             for value in (*possible, *beyond):
                 assert is_page_message(update(uuid, value), find), (control, value)
-                assert is_beyond_limits(update(uuid, value), find) == (value in beyond), (control, value)
+                assert has_no_effect(update(uuid, value), find) == (value in beyond), (control, value)
             for value in JUNK:
                 is_possible = type(value) in kind or (value is True and control._impl.is_button)
                 assert is_possible or not is_page_message(update(uuid, value), find), (control, value)
+
+
+def test_a_control_that_is_hidden_or_disabled_cannot_be_used() -> None:
+    with page_server("127.0.0.1", 0) as server:
+        hidden, disabled = (
+            server.gui.add_button("hidden", visible=False),
+            server.gui.add_checkbox("off", False, disabled=True),
+        )
+        shown = server.gui.add_button("shown")
+        find = {one._impl.uuid: one for one in (hidden, disabled, shown)}.get
+        for control, has_effect in ((hidden, False), (disabled, False), (shown, True)):
+            assert has_no_effect(update(control._impl.uuid, True), find) != has_effect  # type: ignore[attr-defined]
+        hidden.visible = True
+        assert not has_no_effect(update(hidden._impl.uuid, True), find)
 
 
 def test_a_file_is_taken_by_the_button_for_it_only() -> None:
@@ -157,8 +171,11 @@ def test_junk_for_every_control_disturbs_no_page(
             for control in every:
                 options, limits = getattr(control, "options", None), getattr(control, "min", None)
                 assert options is None or control.value in options
-                assert limits is None or not is_beyond_limits(
-                    update(control._impl.uuid, control.value), {control._impl.uuid: control}.get
+                usable = getattr(control, "visible", True) and not getattr(control, "disabled", False)
+                assert (
+                    limits is None
+                    or not usable
+                    or not has_no_effect(update(control._impl.uuid, control.value), {control._impl.uuid: control}.get)
                 )
             assert len(server.get_clients()) == 2
     assert len(caplog.messages) == 1 and "dropped a message of" in caplog.messages[0]

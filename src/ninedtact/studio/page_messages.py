@@ -159,14 +159,19 @@ def is_page_message(message: str | bytes, find_control: FindControl) -> bool:
     return content is not None
 
 
-def is_beyond_limits(message: str | bytes, find_control: FindControl) -> bool:
-    """Return whether a message of the page has a number beyond the limits of its control.
+def has_no_effect(message: str | bytes, find_control: FindControl) -> bool:
+    """Return whether a message of the page names a control that cannot be used now, or has a number beyond its limits.
 
-    Browsers send such numbers while a person types: the 1 of 15 where 10 is the least. They correct the number in the end.
+    A person may press a button in the moment in which it is hidden. Browsers send such numbers while a person types: the 1 of 15
+    where 10 is the least. They correct the number in the end.
     """
     content = _decode(message)
     control = find_control(content.uuid) if isinstance(content, _ControlMessage) else None
-    if not isinstance(content, _ControlMessage) or not isinstance(control, _NUMERIC):
+    if not isinstance(content, _ControlMessage) or control is None:
+        return False
+    if not getattr(control, "visible", True) or getattr(control, "disabled", False):
+        return True
+    if not isinstance(control, _NUMERIC):
         return False
     least, most = (-np.inf if control.min is None else control.min), (np.inf if control.max is None else control.max)
     numbers = np.array(content.updates["value"])

@@ -31,7 +31,7 @@ from websockets.asyncio.server import ServerConnection, serve
 
 from ninedtact._version import installation_command
 from ninedtact.errors import MissingLibraryError
-from ninedtact.studio.page_messages import is_beyond_limits, is_page_message
+from ninedtact.studio.page_messages import has_no_effect, is_page_message
 from ninedtact.studio.socket_guard import SocketGuard, format_peer, one_line_logger
 
 GUARDED_VISER = "1.1."
@@ -64,7 +64,7 @@ def start_guarded_viser(guard: SocketGuard, host: str, port: int, label: str) ->
         asyncio.get_running_loop().set_exception_handler(partial(_log_failed_task, logger))
         options |= {
             "is_expected": partial(is_page_message, find_control=find_control),
-            "is_ignored": partial(is_beyond_limits, find_control=find_control),
+            "is_ignored": partial(has_no_effect, find_control=find_control),
             "logger": logger,
         }
         return guard.serve(partial(_handle_same_version, handler), host, port, **options)
