@@ -156,6 +156,25 @@ def test_a_small_recording_is_played_back_and_exported_like_a_large_one(
             assert z_mm == pytest.approx(heights[frame.index], abs=0.0006, nan_ok=True)
 
 
+def test_warnings_of_heights_are_recorded_exported_and_said(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    images, path, out = tmp_path / "images", tmp_path / "dark.mcap", tmp_path / "out"
+    images.mkdir()
+    for number in range(13):
+        lit = default_twin().renderer(None, number) if number < 11 else np.zeros((480, 640, 3), np.uint8)
+        cv2.imwrite(str(images / f"{number}.png"), lit)
+    assert main(["record", "--source", str(images), "--sensor", str(sensor), "--heights", "--out", str(path)]) == 0
+    assert "2 images have the warning 'image dark'\n" in capsys.readouterr().out
+    with Recording(path) as recording:
+        assert list(recording.warnings()) == [(11, ["image dark"]), (12, ["image dark"])]
+    exported = told(capsys, "export", path, "--out", out)["written"]
+    assert (exported["heights"], exported["warnings"]) == (13, 2)
+    rows = {row["height"]: row["warnings"] for row in csv.DictReader((out / "heights.csv").open())}
+    assert list(rows) == sorted(file.name for file in (out / "heights").iterdir())
+    assert list(rows.values()) == [""] * 11 + ["image dark"] * 2
+
+
 def test_the_delay_of_the_camera_is_taken_off_every_stamp(sensor: Path, tmp_path: Path) -> None:
     path, folder = tmp_path / "press.mcap", load_sensor(sensor)
     record(Camera(0.2), path, folder, camera_delay_ms=12.5)

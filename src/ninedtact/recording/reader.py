@@ -203,7 +203,7 @@ class Recording:
         return (decode_covariance(message.data) for message in self.messages(Topic.COVARIANCE))
 
     def warnings(self) -> Iterator[tuple[int, list[str]]]:
-        """Yield the image index and the warnings of every estimate that has any."""
+        """Yield the image index and the warnings of every image whose heights or estimate have any."""
         return ((message.sequence, decode_estimate_warnings(message.data)) for message in self.messages(Topic.WARNINGS))
 
     def estimates(self) -> Iterator[WrenchEstimate]:
