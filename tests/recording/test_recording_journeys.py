@@ -57,6 +57,7 @@ from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_repair import save_labelled_spans
 from ninedtact.recording.merge_streams import Arrival, merge_live_streams, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.missing_end import RecordingCutShort
 from ninedtact.recording.reader import (
     Recording,
     read_folder_files,
@@ -649,8 +650,12 @@ def test_a_recording_that_fails_says_what_it_keeps_only_if_it_is_there(
     with Recording(path) as recording:
         images = recording.summary().topics[0].messages
         assert images in (11, 12) and recording.is_finished
-    assert kept == f"ninedtact: {path} keeps the messages before the failure: {images} of /twin/image_raw"
-    assert f"got {images} whole ones and {24 - images} that are missing or damaged" in said
+        assert recording.dropped_count == 24 - images
+    assert (
+        kept
+        == f"ninedtact: {path} keeps the messages before the failure: {images} of /twin/image_raw, 1 of /twin/events"
+    )
+    assert f"{images} are whole, {24 - images} are missing or damaged" in said
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     try:
@@ -696,7 +701,7 @@ def test_a_recording_that_was_cut_short_is_exported_with_its_images_or_refused(
     recorded_hand(path, sensor, seconds=2.0)
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
-    os.utime(path, (time.time() - 3600,) * 2)  # a file that was just changed counts as being written
+    os.utime(path, (time.time() - 3600,) * 2)  # a file that was just changed is not repaired
     assert main(["info", str(path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     images = sum(one["messages"] for one in found["topics"] if one["topic"].endswith("image_raw"))
@@ -713,10 +718,26 @@ def test_a_recording_that_was_cut_short_is_exported_with_its_images_or_refused(
             assert said.endswith(refusal)
         assert not out.exists() and not list(tmp_path.rglob("*.partial"))
         return
-    for command in (["info", str(path)], ["export", str(path), "--out", str(out)]):
-        assert main(command) == 0
-        said = capsys.readouterr().out
-        assert f"The file was cut short: it ends after {found['seconds']:.1f} s, and what followed is missing" in said
+    assert main(["info", str(path)]) == 0
+    said = (
+        f"The file was cut short: it ends after {found['seconds']:.1f} s. The rest is missing. If the recording program"
+    )
+    assert said in capsys.readouterr().out
+    said = (
+        f"expected all of {path}, got {found['seconds']:.1f} s of a recording that was cut short, so that the rest is"
+    )
+    (exported,) = failure_lines(capsys, "export", path, "--out", out)
+    assert exported.startswith(f"ninedtact: {said}")
+    copy = tmp_path / "copy.mcap"
+    kept, recorded = failure_lines(capsys, "record", "--source", path, "--sensor", sensor, "--out", copy)
+    assert f"{images} of /twin/image_raw" in kept and recorded == exported
+    with RecordedFrameSource(path) as source:
+        with pytest.raises(RecordingCutShort, match="so that the rest is missing; use what was read"):
+            list(source)
+        assert list(source) == []
+    told_once = list[str]()
+    with source_in_real_time(str(path), notify=told_once.append) as played:
+        assert len(list(played)) == images and len(told_once) == 1 and told_once[0].startswith(said)
     assert len(list((out / "images").iterdir())) == images
     assert {one.name for one in (out / "sensor").iterdir()} == {one.name for one in sensor.iterdir()}
 

@@ -32,7 +32,7 @@ from ninedtact.recording.mcap_index_recovery import (
     read_attachment,
     read_mcap_chunk,
 )
-from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, parse_recording_metadata
+from ninedtact.recording.metadata import METADATA_RECORD, REPAIR_RECORD, RecordingMetadata, parse_recording_metadata
 from ninedtact.recording.summary import RecordingSummary, summarise_recording
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
@@ -90,6 +90,12 @@ class Recording:
     def is_finished(self) -> bool:
         """Whether the file was closed properly; if not, what followed its last whole part is missing."""
         return self.index.finished
+
+    @cached_property
+    def is_repaired(self) -> bool:
+        """Whether the file was cut short and completed later; what followed its last whole part is missing."""
+        records = (Metadata.read(open_record_content(self._file, span)) for span in self.index.metadata)
+        return any(record.name == REPAIR_RECORD for record in records)
 
     @property
     def topics(self) -> list[str]:

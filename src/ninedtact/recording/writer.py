@@ -23,6 +23,7 @@ from ninedtact.recording.metadata import (
     require_recordable_metadata,
     wall_minus_monotonic_ns,
 )
+from ninedtact.recording.missing_end import lock_while_writing
 from ninedtact.recording.topics_and_messages import (
     CAMERA_FRAME,
     SKIN_FRAME,
@@ -135,10 +136,15 @@ class RecordingWriter:
         """Write a frame as it was read, and an event where frames are missing before it."""
         missing = 0 if self._next_index is None else frame.index - self._next_index
         self._next_index = frame.index + 1
-        if missing > 0:
-            self.dropped += missing
-            self.write_event(RecordingEvent(frame.stamp_ns, RecordingEventKind.DROPPED, str(missing)))
+        self.count_dropped(missing, frame.stamp_ns)
         self.write_selected_image(frame)
+
+    def count_dropped(self, images: int, stamp_ns: int | None = None) -> None:
+        """Count images that are missing before a stamp, which is now unless it is given, and write an event for them."""
+        if images > 0:
+            self.dropped += images
+            at_ns = monotonic_ns() if stamp_ns is None else stamp_ns
+            self.write_event(RecordingEvent(at_ns, RecordingEventKind.DROPPED, str(images)))
 
     def write_selected_image(self, frame: Frame) -> None:
         """Write a frame that was selected among many: frames before it do not count as missing."""
@@ -323,6 +329,7 @@ class _RecordFile:
             raise RecordingRefused(
                 f"expected to create {path}, got: {error.strerror}; correct the path and its permissions"
             ) from error
+        lock_while_writing(self._file)
 
     def write(self, records: bytes) -> int:
         """Append whole records, or none of them; raises `RecordingStopped`."""
