@@ -150,7 +150,8 @@ def test_a_video_that_is_cut_short_is_estimated_as_far_as_it_goes_and_is_an_erro
     printed = capsys.readouterr()
     rows = json.loads(printed.out)["wrenches"]
     assert [row["image"] for row in rows] == ["0", "1", "2", "3"] and rows[3]["Fz_N"] < rows[0]["Fz_N"] < 0
-    assert "got 4 whole ones and 4 that are missing" in printed.err and "(4 images were estimated)" in printed.err
+    assert "4 are whole, 4 are missing or damaged; use" in printed.err
+    assert "(4 images were estimated before)" in printed.err
 
 
 def test_separate_images_do_not_depend_on_their_order(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -171,8 +172,12 @@ def test_images_of_a_folder_are_named_by_their_files(
     rows = asked(capsys, *words)["wrenches"]
     assert [row["image"] for row in rows] == [str(tmp_path / f"{name}.png") for name in ("press_2", "press_10")]
     cv2.imwrite(str(tmp_path / "press_3.png"), np.zeros((480, 640, 3), np.uint8))
-    assert main([*map(str, words)]) == 1
-    assert capsys.readouterr().err.startswith(f"ninedtact: {tmp_path / 'press_3.png'}: expected an image taken with")
+    table = tmp_path / "wrenches.csv"
+    assert main([*map(str, words), "--out", str(table)]) == 1
+    printed = capsys.readouterr()
+    assert printed.err.startswith(f"ninedtact: {tmp_path / 'press_3.png'}: expected an image taken with")
+    assert "(1 image was estimated before)" in printed.err
+    assert printed.out.startswith(f"{tmp_path / 'press_2.png'}: Fx") and len(table.read_text().splitlines()) == 2
 
 
 def test_untouched_skin_is_zero_exactly_about_any_point(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -101,6 +101,11 @@ def test_reconstruct_writes_files_of_their_own_for_every_image_and_no_folder_on_
     told = json.loads(capsys.readouterr().out)["images"]
     files = [Path(one["files"]["npy"]) for one in told]
     assert len(set(files)) == 3 and set(files) == set(out.iterdir()) and files[2].name == "a_1_height.npy"
+    images[1].write_bytes(ball.read_bytes()[:-1000])
+    assert main(command) == 1
+    printed = capsys.readouterr()
+    assert [one["image"] for one in json.loads(printed.out)["images"]] == [str(images[0])]
+    assert "cut short" in printed.err and "(1 image was reconstructed before, 1 image was not read)" in printed.err
 
 
 def sphere_radius(points: np.ndarray) -> float:

@@ -192,7 +192,8 @@ def _reconnecting_source(
     from ninedtact.capture.frame_source import FIXED_EXPOSURE
     from ninedtact.capture.reconnecting import ReconnectingFrameSource
 
-    played, of = source_in_real_time(source, settings or FIXED_EXPOSURE), f"{name}: " if name else ""
+    of = f"{name}: " if name else ""
+    played = source_in_real_time(source, settings or FIXED_EXPOSURE, lambda sentence: notify(f"{of}{sentence}"))
     return ReconnectingFrameSource(
         RepeatingSource(played) if loop else played,
         on_lost=lambda loss: notify(f"{of}{loss}; waiting for it"),
@@ -252,11 +253,16 @@ def load_recorded_reference(
     return read_first_reference(Path(address).expanduser(), sensor, check)
 
 
-def source_in_real_time(text: str, settings: "CameraSettings | None" = None) -> "FrameSource":
-    """Return the source that `text` names; files and recordings play at their own pace, stamped as their frames are read."""
+def source_in_real_time(
+    text: str, settings: "CameraSettings | None" = None, notify: Callable[[str], None] | None = None
+) -> "FrameSource":
+    """Return the source that `text` names; files and recordings play at their own pace, stamped as their frames are read.
+
+    notify: receives a sentence where images of a file are missing or damaged; without it, reading raises this at the end.
+    """
     from ninedtact.capture.frame_pacing import LivePlayback
 
-    return LivePlayback(source_for(text, settings))
+    return LivePlayback(source_for(text, settings), notify)
 
 
 def is_recording_address(text: str) -> bool:

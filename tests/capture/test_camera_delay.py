@@ -4,6 +4,7 @@ import json
 import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -261,6 +262,12 @@ def test_an_led_is_switched_to_its_largest_brightness(tmp_path: Path) -> None:
     for is_on, written in ((True, "255"), (False, "0")):
         light.switch(is_on)
         assert (tmp_path / "brightness").read_text() == written
+
+
+def test_a_recorded_source_cannot_see_the_light(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cv2.imwrite(str(tmp_path / "image.png"), np.zeros((48, 64, 3), np.uint8))
+    assert main(["camera-delay", "--source", str(tmp_path), "--light", str(tmp_path / "brightness")]) == 1
+    assert f"got folder {tmp_path}, which is recorded; give a live camera" in capsys.readouterr().err
 
 
 class UnpluggedCamera(SimulatedDelayedCamera):

@@ -425,14 +425,17 @@ def test_a_damaged_video_gives_its_whole_images_and_then_says_how_many_are_missi
     with VideoFile(path) as video:
         frames = []
         with pytest.raises(
-            VideoDamaged, match=r"expected every image of .* got \d+ whole ones and \d+ that are missing"
+            VideoDamaged, match=r"expected every image of .*: \d+ are whole, \d+ (is|are) missing or damaged; use"
         ) as said:
             frames.extend(iter(video.read, None))
         with pytest.raises(SourceEnded, match=f"after {len(frames)}"):
             video.read()
     assert {frame.index for frame in frames} <= set(range(len(frames) + video.damaged))
     assert 0 < video.damaged <= 30 - len(frames)
-    assert 0 < len(frames) < 30 and f"got {len(frames)} whole ones and {30 - len(frames)} that" in str(said.value)
+    lost = 30 - len(frames)
+    assert 0 < len(frames) < 30 and f"{len(frames)} are whole, {lost} {'is' if lost == 1 else 'are'}" in str(said.value)
+    unseen = frames[-1].index + 1 - len(frames)  # by the indices of the frames
+    assert said.value.uncounted == lost - unseen
     images = np.array(list(whole.values()), np.int16)
     assert all((np.abs(images - frame.image).max((1, 2, 3)) <= 1).any() for frame in frames)
     assert capfd.readouterr() == ("", "")

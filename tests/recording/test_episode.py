@@ -319,7 +319,6 @@ def test_a_killed_program_loses_at_most_the_last_second(tmp_path: Path) -> None:
 def test_a_recording_that_is_being_written_is_not_repaired(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("ninedtact.recording.mcap_repair._WRITTEN_WITHIN_S", 600.0)
     path = tmp_path / "running.mcap"
     with RecordingWriter(path, RecordingMetadata("small"), BOTH) as episode:
         write_messages(episode, 6, 40)
@@ -327,19 +326,26 @@ def test_a_recording_that_is_being_written_is_not_repaired(
         assert main(["info", str(path)]) == 0
         said = capsys.readouterr().out
         assert "is still being written" in said and "cut short" not in said and "--repair" not in said
-        assert main(["export", str(path), "--out", str(tmp_path / "out")]) == 0
-        said = capsys.readouterr().out
-        assert "is still being written" in said and "cut short" not in said
+        assert main(["export", str(path), "--out", str(tmp_path / "out")]) == 1
+        said = capsys.readouterr().err
+        assert "of a recording that is still being written; use what was read" in said and "cut short" not in said
         size = path.stat().st_size
         assert main(["info", str(path), "--repair"]) == 1 and path.stat().st_size == size
         assert "which is still being written; wait, and repair it then" in capsys.readouterr().err
         content = path.read_bytes()
     assert prefix_of_the_whole(path) == (6, 40)
-    cut = tmp_path / "cut.mcap"  # the same content, of which the last is an hour old
+    cut = tmp_path / "cut.mcap"  # a copy, which nobody writes
     cut.write_bytes(content)
+    assert main(["info", str(cut)]) == 0 and "The file was cut short: it ends" in capsys.readouterr().out
+    monkeypatch.setattr("ninedtact.recording.missing_end._is_locked", lambda recording: None)
+    assert main(["info", str(cut)]) == 0 and "The file is still being written" in capsys.readouterr().out
+    monkeypatch.undo()
     os.utime(cut, (time.time() - 3600,) * 2)
-    assert main(["info", str(cut)]) == 0 and "The file was cut short" in capsys.readouterr().out
-    assert main(["info", str(cut), "--repair"]) == 0 and "cut short" not in capsys.readouterr().out
+    for options in (["--repair"], []):
+        assert main(["info", str(cut), *options]) == 0
+        assert "The file was cut short and completed later. The rest is missing." in capsys.readouterr().out
+    assert main(["export", str(cut), "--out", str(tmp_path / "completed")]) == 0
+    assert "was cut short and completed later" in capsys.readouterr().err
     assert prefix_of_the_whole(cut) == (6, 40)
     with Recording(cut) as read:
         assert read.is_finished

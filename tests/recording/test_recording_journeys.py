@@ -57,6 +57,7 @@ from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_repair import save_labelled_spans
 from ninedtact.recording.merge_streams import Arrival, merge_live_streams, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.missing_end import RecordingCutShort
 from ninedtact.recording.reader import (
     Recording,
     read_folder_files,
@@ -154,6 +155,25 @@ def test_a_small_recording_is_played_back_and_exported_like_a_large_one(
             assert np.array_equal(exported, frame.image)
             z_mm = np.load(tmp_path / "out" / "heights" / f"height_{same.index:08d}.npy")
             assert z_mm == pytest.approx(heights[frame.index], abs=0.0006, nan_ok=True)
+
+
+def test_warnings_of_heights_are_recorded_exported_and_said(
+    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    images, path, out = tmp_path / "images", tmp_path / "dark.mcap", tmp_path / "out"
+    images.mkdir()
+    for number in range(13):
+        lit = default_twin().renderer(None, number) if number < 11 else np.zeros((480, 640, 3), np.uint8)
+        cv2.imwrite(str(images / f"{number}.png"), lit)
+    assert main(["record", "--source", str(images), "--sensor", str(sensor), "--heights", "--out", str(path)]) == 0
+    assert "2 images have the warning 'image dark'\n" in capsys.readouterr().out
+    with Recording(path) as recording:
+        assert list(recording.warnings()) == [(11, ["image dark"]), (12, ["image dark"])]
+    exported = told(capsys, "export", path, "--out", out)["written"]
+    assert (exported["heights"], exported["warnings"]) == (13, 2)
+    rows = {row["height"]: row["warnings"] for row in csv.DictReader((out / "heights.csv").open())}
+    assert list(rows) == sorted(file.name for file in (out / "heights").iterdir())
+    assert list(rows.values()) == [""] * 11 + ["image dark"] * 2
 
 
 def test_the_delay_of_the_camera_is_taken_off_every_stamp(sensor: Path, tmp_path: Path) -> None:
@@ -630,8 +650,12 @@ def test_a_recording_that_fails_says_what_it_keeps_only_if_it_is_there(
     with Recording(path) as recording:
         images = recording.summary().topics[0].messages
         assert images in (11, 12) and recording.is_finished
-    assert kept == f"ninedtact: {path} keeps the messages before the failure: {images} of /twin/image_raw"
-    assert f"got {images} whole ones and {24 - images} that are missing or damaged" in said
+        assert recording.dropped_count == 24 - images
+    assert (
+        kept
+        == f"ninedtact: {path} keeps the messages before the failure: {images} of /twin/image_raw, 1 of /twin/events"
+    )
+    assert f"{images} are whole, {24 - images} are missing or damaged" in said
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     try:
@@ -677,7 +701,7 @@ def test_a_recording_that_was_cut_short_is_exported_with_its_images_or_refused(
     recorded_hand(path, sensor, seconds=2.0)
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
-    os.utime(path, (time.time() - 3600,) * 2)  # a file that was just changed counts as being written
+    os.utime(path, (time.time() - 3600,) * 2)  # a file that was just changed is not repaired
     assert main(["info", str(path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     images = sum(one["messages"] for one in found["topics"] if one["topic"].endswith("image_raw"))
@@ -694,10 +718,26 @@ def test_a_recording_that_was_cut_short_is_exported_with_its_images_or_refused(
             assert said.endswith(refusal)
         assert not out.exists() and not list(tmp_path.rglob("*.partial"))
         return
-    for command in (["info", str(path)], ["export", str(path), "--out", str(out)]):
-        assert main(command) == 0
-        said = capsys.readouterr().out
-        assert f"The file was cut short: it ends after {found['seconds']:.1f} s, and what followed is missing" in said
+    assert main(["info", str(path)]) == 0
+    said = (
+        f"The file was cut short: it ends after {found['seconds']:.1f} s. The rest is missing. If the recording program"
+    )
+    assert said in capsys.readouterr().out
+    said = (
+        f"expected all of {path}, got {found['seconds']:.1f} s of a recording that was cut short, so that the rest is"
+    )
+    (exported,) = failure_lines(capsys, "export", path, "--out", out)
+    assert exported.startswith(f"ninedtact: {said}")
+    copy = tmp_path / "copy.mcap"
+    kept, recorded = failure_lines(capsys, "record", "--source", path, "--sensor", sensor, "--out", copy)
+    assert f"{images} of /twin/image_raw" in kept and recorded == exported
+    with RecordedFrameSource(path) as source:
+        with pytest.raises(RecordingCutShort, match="so that the rest is missing; use what was read"):
+            list(source)
+        assert list(source) == []
+    told_once = list[str]()
+    with source_in_real_time(str(path), notify=told_once.append) as played:
+        assert len(list(played)) == images and len(told_once) == 1 and told_once[0].startswith(said)
     assert len(list((out / "images").iterdir())) == images
     assert {one.name for one in (out / "sensor").iterdir()} == {one.name for one in sensor.iterdir()}
 

@@ -167,6 +167,13 @@ def test_a_recording_too_short_for_a_reference_is_refused(tmp_path: Path) -> Non
         assert "begin with 3 reference images (no contact) and then to continue, got 1 images" in sentence(loop)
 
 
+def test_images_that_nobody_read_count_in_the_length_of_a_recording(tmp_path: Path) -> None:
+    source = LatestFrameSource(recording(tmp_path, 100, 100, 100), max_age_ms=0.0)  # every image is too old
+    with SensorPoller(Sensor(source, SHAPE, reference_frames=2)) as loop:
+        wait_until(lambda: now_in(loop).phase is SensorPhase.FAILED)
+        assert "got 3 images in all" in sentence(loop)
+
+
 @pytest.mark.parametrize("is_silent", [False, True])
 def test_closing_leaves_nothing_running(is_silent: bool) -> None:
     before = set(threading.enumerate())

@@ -194,6 +194,10 @@ def measure_camera_delay(
 
     Raises `CameraDelayUnmeasurable`, `LightSwitchFailed`, and what reading the camera raises.
     """
+    if not camera.is_live:
+        raise CameraDelayUnmeasurable(
+            f"expected a live camera or stream, which can see the light, got {camera.name}, which is recorded; give a live camera"
+        )
     rng, switches = np.random.default_rng(seed), []
     began_at, is_on = monotonic(), False
     with _BrightnessReader(camera) as reader:

@@ -4,12 +4,13 @@ stamps.
 """
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from threading import Condition, Event, Lock, Thread
 from types import TracebackType
 from typing import NamedTuple
 
-from ninedtact.capture.frame_source import ExposureWithLimits, FrameSource, SourceEnded, SourceNotOpen
+from ninedtact.capture.frame_source import ExposureWithLimits, FrameSource, SourceEnded, SourceIncomplete, SourceNotOpen
 from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
 
@@ -134,9 +135,11 @@ class LivePlayback(FrameSource):
     The stamps of the recording itself are too old to be shown live. The frames of a live source pass unchanged.
     """
 
-    def __init__(self, source: FrameSource) -> None:
+    def __init__(self, source: FrameSource, notify: Callable[[str], None] | None = None) -> None:
+        """notify: receives a sentence, once, where images of a file are missing or damaged, which then ends as a whole one does;
+        without it, this is raised."""
         self.name, self.is_live, self.is_simulated = source.name, source.is_live, source.is_simulated
-        self._source = source
+        self._source, self._notify, self._has_notified = source, notify, False
         self._closing = Event()
         self._due_at = 0.0
 
@@ -151,9 +154,20 @@ class LivePlayback(FrameSource):
         if self._source.recorded_hz is None:
             return self._source.read()
         self._closing.wait(self._due_at - time.monotonic())
-        frame, period_s = self._source.read(), 1 / self._source.recorded_hz
+        frame, period_s = self._read_file(), 1 / self._source.recorded_hz
         self._due_at = max(self._due_at + period_s, time.monotonic() - period_s)
         return replace(frame, stamp_ns=time.monotonic_ns())
+
+    def _read_file(self) -> Frame:
+        try:
+            return self._source.read()
+        except SourceIncomplete as damage:
+            if self._notify is None:
+                raise
+            if not self._has_notified:
+                self._has_notified = True
+                self._notify(str(damage))
+            return self._source.read()  # which ends the file
 
     @property
     def exposure(self) -> ExposureWithLimits | None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import ClassVar, TypeVar
 
-from ninedtact.errors import CameraError, InputError
+from ninedtact.errors import CameraError, FileFormatError, InputError
 from ninedtact.quantities import Frame
 
 Opened = TypeVar("Opened", bound="Openable")
@@ -34,6 +34,15 @@ class CameraSettingRefused(CameraError):
 
 class SourceEnded(CameraError):
     """Raised where a recording has no further item."""
+
+
+class SourceIncomplete(FileFormatError):
+    """Raised, once, at the end of a file of which images are missing or damaged; every other image was delivered before."""
+
+    def __init__(self, message: str, uncounted: int = 0) -> None:
+        """uncounted: number of these images, where it is known, that the indices of the frames do not count."""
+        super().__init__(message)
+        self.uncounted = uncounted
 
 
 class SourceNotOpen(CameraError):

@@ -15,6 +15,7 @@ from ninedtact.capture.frame_source import (
     CameraSettings,
     FrameSource,
     SourceEnded,
+    SourceIncomplete,
     SourceNotOpen,
 )
 from ninedtact.capture.strict_image_reading import (
@@ -30,8 +31,8 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 _DEFAULT_VIDEO_HZ = 30.0
 
 
-class VideoDamaged(ImageUnreadable):
-    """Raised at the end of a video of which images are missing or damaged; every other image was delivered before."""
+class VideoDamaged(SourceIncomplete):
+    """Raised, once, at the end of a video of which images are missing or damaged; every other image was delivered before."""
 
 
 class VideoFile(AddressedFrameSource):
@@ -71,6 +72,7 @@ class VideoFile(AddressedFrameSource):
         self.recorded_hz = decoder.rate_hz if 0 < decoder.rate_hz <= 1000 else _DEFAULT_VIDEO_HZ
         self._timeline = MissingImageCounter(decoder.rate_hz, decoder.announced_images)
         self._next_index, self.damaged, self._is_over, self._size = 0, 0, False, None
+        self._next_undelivered = 0
         self._decoder = decoder
 
     def read(self) -> Frame:
@@ -86,6 +88,7 @@ class VideoFile(AddressedFrameSource):
             self._require_same_size(decoded)
             self._next_index += 1
             if not decoded.is_damaged:
+                self._next_undelivered = self._next_index
                 return Frame(decoded.image, time.monotonic_ns(), self._next_index - 1)
             self.damaged += 1
         if self._decoder is None:
@@ -109,17 +112,19 @@ class VideoFile(AddressedFrameSource):
 
     def _require_all_images(self, decoder: VideoFileDecoder) -> None:
         """Raise `VideoDamaged` where images are missing or damaged."""
-        missing = self._timeline.missing_count()
+        missing = max(decoder.undecoded or 0, self._timeline.missing_count())
+        lost = self.damaged + missing
         if decoder.undecoded is None:
-            trouble = "a failure of the decoder"
-        elif lost := self.damaged + max(decoder.undecoded, missing):
-            trouble = f"{lost} that are missing or damaged"
+            trouble = "the decoder failed"
+        elif lost:
+            trouble = f"{_count(lost)} missing or damaged"
         else:
             return
-        read = self._next_index - self.damaged
+        whole = _count(self._next_index - self.damaged)
         raise VideoDamaged(
-            f"expected every image of {self.path}, got {read} whole ones and {trouble}: the file is cut or damaged; use what "
-            "was read, or record it again"
+            f"expected every image of {self.path}, got a file that is cut or damaged: {whole} whole, {trouble}; use what was "
+            "read, or record it again",
+            uncounted=missing + self._next_index - self._next_undelivered,
         )
 
     def close(self) -> None:
@@ -209,6 +214,10 @@ def _list_images(folder: Path) -> list[Path]:
 def natural_sort_key(path: Path) -> list[tuple[int, str]]:
     """Return a sorting key that puts img_2 before img_10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+
+
+def _count(images: int) -> str:
+    return f"{images} {'is' if images == 1 else 'are'}"
 
 
 def _ended(name: str, count: int) -> SourceEnded:

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
+from ninedtact.cli.result_and_interrupt import (
+    count_images,
+    given_or_recorded_sensor,
+    print_notice,
+    print_result,
+    stop_on_signal,
+)
 from ninedtact.cli.shared_options import RecordedSensorOption, ReferenceOrFirstOption
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
@@ -59,12 +65,11 @@ class Estimate:
     """Print the wrenches as one JSON object; errors are null where nothing is estimated."""
 
     def run(self) -> int:
-        """Estimate every image; return 1 where a video or recording was damaged or a camera lost, after what could be read.
-
-        Nothing is written where a single image is bad.
-        """
+        """Estimate every image; return 1 where an image is bad, a video or recording is damaged or a camera lost, after what came
+        before it; raises that error where nothing did."""
         from ninedtact.atomic_write import require_place_for_file
         from ninedtact.errors import CameraError, FileFormatError
+        from ninedtact.shape.image_plausibility import ImageImplausible
 
         self._require_torque_point()
         require_place_for_file(self.out)
@@ -73,12 +78,12 @@ class Estimate:
 
             estimator = load_estimator(self.force, folder)
             found: list[dict[str, Any]] = []
-            damage: FileFormatError | CameraError | None = None
+            damage: FileFormatError | CameraError | ImageImplausible | None = None
             try:
                 for name, reading in self.readings(folder, estimator):
                     found.append(self.row(name, reading))
-            except (FileFormatError, CameraError) as error:
-                if self.images_are_separate or not found:
+            except (FileFormatError, CameraError, ImageImplausible) as error:
+                if not found:
                     raise
                 damage = error
         if self.out is not None:
@@ -91,7 +96,7 @@ class Estimate:
         }
         print_result(self.json, figures, [*format_estimates(found, self.out), *estimator.notices])
         if damage is not None:
-            print_notice(f"{damage} ({len(found)} images were estimated)")
+            print_notice(f"{damage} ({count_images(len(found))} estimated before)")
         return 0 if damage is None else 1
 
     def _require_torque_point(self) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result
+from ninedtact.cli.result_and_interrupt import count_images, load_sensor_with_notices, print_notice, print_result
 from ninedtact.cli.shared_options import ReferenceOption, SensorOption
 from ninedtact.errors import InputError
 
@@ -41,11 +41,12 @@ class ReconstructCommand:
     """Print the figures of every image as one JSON object."""
 
     def run(self) -> int:
-        """Reconstruct every image and write its files; the first unreadable image ends the command."""
+        """Reconstruct every image and write its files; the first bad image ends the command, with 1 after the images before it."""
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
         from ninedtact.capture.strict_image_reading import read_image
+        from ninedtact.errors import FileFormatError
         from ninedtact.quantities import Frame
-        from ninedtact.shape.image_plausibility import require_plausible_image
+        from ninedtact.shape.image_plausibility import ImageImplausible, require_plausible_image
 
         if not self.images:
             raise NoImageToReconstruct(
@@ -54,14 +55,24 @@ class ReconstructCommand:
         folder = load_sensor_with_notices(self.sensor)
         shape = folder.shape
         depth = shape.depth_reader(*load_reference_image_checker(folder).read_images(self.reference))
-        results = []
-        for path, name in zip(self.images, _output_names(self.images), strict=True):
-            rectified = shape.rectify(Frame(read_image(path)))
-            height = depth(rectified)
-            require_plausible_image(str(path), rectified, depth.reference, height)
-            results.append(self.result(path, name, height, depth))
+        results: list[dict[str, Any]] = []
+        damage: FileFormatError | ImageImplausible | None = None
+        try:
+            for path, name in zip(self.images, _output_names(self.images), strict=True):
+                rectified = shape.rectify(Frame(read_image(path)))
+                height = depth(rectified)
+                require_plausible_image(str(path), rectified, depth.reference, height)
+                results.append(self.result(path, name, height, depth))
+        except (FileFormatError, ImageImplausible) as error:
+            if not results:
+                raise
+            damage = error
         found: dict[str, Any] = {"sensor": str(self.sensor), "images": results}
-        return print_result(self.json, found, _format_results(results))
+        print_result(self.json, found, _format_results(results))
+        if damage is not None:
+            after = count_images(len(self.images) - len(results) - 1)
+            print_notice(f"{damage} ({count_images(len(results))} reconstructed before, {after} not read)")
+        return 0 if damage is None else 1
 
     def result(self, path: Path, name: str, height: "HeightMap", depth: "DepthReader") -> dict[str, Any]:
         """Write one image's files and return its figures."""

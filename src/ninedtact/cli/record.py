@@ -139,7 +139,7 @@ class Record:
             return {"": writer}, {}
 
     def _print_result(self, writers: "dict[str, RecordingWriter]", errors: "dict[str, NinedtactError]") -> None:
-        """Print how many messages were written and how many images dropped, of several sensors for each, and which were lost."""
+        """Print how many messages were written, how many images were dropped or have which warning, and which sensors were lost."""
         messages = {
             topic.path(writer.metadata.topic_name, self.images): number
             for writer in writers.values()
@@ -148,13 +148,22 @@ class Record:
         lost = {name: str(error) for name, error in errors.items()}
         figures: dict[str, Any] = {"out": str(self.out), "written": messages}
         if "" in writers:
-            figures["dropped"] = writers[""].dropped
+            figures |= {"dropped": writers[""].dropped, "warnings": writers[""].warned}
             dropped = f"{writers[''].dropped} images dropped"
         else:
-            figures |= {"dropped": {name: writer.dropped for name, writer in writers.items()}, "lost": lost}
+            figures |= {
+                "dropped": {name: writer.dropped for name, writer in writers.items()},
+                "warnings": {name: writer.warned for name, writer in writers.items()},
+                "lost": lost,
+            }
             dropped = "images dropped: " + ", ".join(f"{writer.dropped} of {name}" for name, writer in writers.items())
         lines = [f"{self.out}: {self.out.stat().st_size / 1e6:.1f} MB, {dropped}"]
         lines += [f"  {number:8d}  {topic}" for topic, number in messages.items()]
+        lines += [
+            f"  {f'{name}: ' * bool(name)}{number} {'image has' if number == 1 else 'images have'} the warning '{text}'"
+            for name, writer in writers.items()
+            for text, number in writer.warned.items()
+        ]
         print_result(self.json, figures, lines + [f"  {name}: {error}" for name, error in lost.items()])
 
     def _part(self, folder: "SensorFolder", address: str, name: str) -> "SensorToRecord":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.result_and_interrupt import print_notices, print_result
 from ninedtact.cli.serve_sensor_page import require_rerun
 from ninedtact.cli.shared_options import JsonOption
 from ninedtact.errors import InputError
@@ -18,14 +18,8 @@ if TYPE_CHECKING:
     from ninedtact.recording.summary import RecordingSummary
 
 
-def _unfinished_sentence(recording: "Recording", seconds: float) -> str:
-    """Return why a recording has no end, still written or cut short; seconds: duration of what is there."""
-    from ninedtact.recording.mcap_repair import is_being_written
-
-    if is_being_written(recording):
-        return f"The file is still being written: {seconds:.1f} s so far."
-    missing = "what followed is missing (after a crash of the recording program about half a second)"
-    return f"The file was cut short: it ends after {seconds:.1f} s, and {missing}."
+_MISSING_REST = "The rest is missing. If the recording program crashed, that is about half a second."
+_REPAIRED = f"The file was cut short and completed later. {_MISSING_REST}"
 
 
 @dataclass(frozen=True)
@@ -68,7 +62,8 @@ def _repair(recordings: "list[Recording]") -> None:
     finished file it would pass for a whole one.
     """
     from ninedtact.recording.export import require_exportable
-    from ninedtact.recording.mcap_repair import repair_recording, require_ended_recording
+    from ninedtact.recording.mcap_repair import repair_recording
+    from ninedtact.recording.missing_end import require_ended_recording
 
     require_ended_recording(recordings[0], "repair it")
     require_exportable(recordings)
@@ -101,17 +96,35 @@ def _ending_lines(recordings: "list[Recording]", seconds: float) -> Iterator[str
     """Yield how far the file of some sensors' recordings can be used; seconds: duration of what is there."""
     from ninedtact.recording.errors import RecordingUnreadable
     from ninedtact.recording.export import require_exportable
-    from ninedtact.recording.mcap_repair import is_being_written
+    from ninedtact.recording.missing_end import is_being_written
 
-    if not recordings[0].is_finished:
-        yield f"  {_unfinished_sentence(recordings[0], seconds)}"
-        if not is_being_written(recordings[0]):
-            try:
-                require_exportable(recordings)
-                yield "  It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
-            except RecordingUnreadable as refusal:
-                yield f"  It cannot be exported: {refusal}."
+    if is_being_written(recordings[0]):
+        yield f"  The file is still being written: {seconds:.1f} s so far."
+    elif not recordings[0].is_finished:
+        yield f"  The file was cut short: it ends after {seconds:.1f} s. {_MISSING_REST}"
+        try:
+            require_exportable(recordings)
+            yield "  It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
+        except RecordingUnreadable as refusal:
+            yield f"  It cannot be exported: {refusal}."
+    elif recordings[0].is_repaired:
+        yield f"  {_REPAIRED}"
     yield "  Images and other messages are not checked for damage here; 'ninedtact export' checks them."
+
+
+def _ending_notices(recordings: "list[Recording]") -> dict[Path, str]:
+    """Return what is to be known about the end of every file; the sensors of one file have one end, that of the longest."""
+    from ninedtact.recording.missing_end import missing_end_error
+
+    notices, seconds = dict[Path, str](), dict[Path, float]()
+    for recording in recordings:
+        path = recording.path
+        seconds[path] = max(recording.duration_s, seconds.get(path, 0.0))
+        if not recording.is_finished:
+            notices[path] = str(missing_end_error(recording, seconds[path]))
+        elif recording.is_repaired:
+            notices[path] = f"{path}: {_REPAIRED}"
+    return notices
 
 
 class NotOneRecording(InputError):
@@ -136,7 +149,7 @@ class Export:
     json: JsonOption = False
 
     def run(self) -> int:
-        """Export everything and print how many files and rows were written."""
+        """Export everything and print how many files and rows were written; return 1 where a recording has no end."""
         self._require_one_recording_unless_episodes()
         from ninedtact.recording.errors import require_recording_libraries
 
@@ -169,16 +182,13 @@ class Export:
                     written = export_rerun(recordings[0], self.out, self.points_every, on_image=bar.update)
                 else:
                     written = export_each_sensor(recordings, self.out, on_image=bar.update)
-            unfinished, longest_s = dict[Path, str](), 0.0
-            for recording in recordings:  # the sensors of one file have one end, that of the longest
-                longest_s = max(recording.duration_s, longest_s if recording.path in unfinished else 0.0)
-                if not recording.is_finished:
-                    unfinished[recording.path] = _unfinished_sentence(recording, longest_s)
-        figures = {"out": str(self.out), "finished": not unfinished, "written": written}
+            is_finished = all(recording.is_finished for recording in recordings)
+            notices = _ending_notices(recordings)
+        figures = {"out": str(self.out), "finished": is_finished, "written": written}
         lines = [f"{self.out}:", *(f"  {number:8d}  {kind}" for kind, number in written.items())]
-        return print_result(
-            self.json, figures, [*lines, *(f"  {path}: {sentence}" for path, sentence in unfinished.items())]
-        )
+        print_result(self.json, figures, lines)
+        print_notices(notices.values())
+        return 0 if is_finished else 1
 
     def _require_one_recording_unless_episodes(self) -> None:
         """Raise `NotOneRecording` unless the format holds as many recordings as are given."""

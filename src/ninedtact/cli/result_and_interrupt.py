@@ -53,6 +53,11 @@ def print_notices(sentences: Iterable[str]) -> None:
         print_notice(sentence)
 
 
+def count_images(number: int) -> str:
+    """Return a number of images as the beginning of a sentence about them, such as `1 image was`."""
+    return f"{number} {'image was' if number == 1 else 'images were'}"
+
+
 @contextmanager
 def sensor_replacement(folder: Path) -> Iterator[None]:
     """Replace the sensor in a folder in the block, and then print which later measurements were removed with the older sensor.

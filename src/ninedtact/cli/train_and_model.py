@@ -102,7 +102,7 @@ class Train:
     def run(self) -> int:
         """Train, and print the scores on the held-out pairs."""
         _require_training_packages()
-        self._require_calibrations()  # at once: importing torch takes seconds
+        self._require_inputs()  # at once: importing torch takes seconds
         from ninedtact.workflows.dataset_training import HeldOutSettings, train_on_dataset
 
         trained = train_on_dataset(
@@ -124,12 +124,15 @@ class Train:
             else print_result(self.json, _result_to_json(trained), _format_training_result(trained))
         )
 
-    def _require_calibrations(self) -> None:
-        """Raise `DatasetDamaged` without data, and `SensorCalibrationMissing` where heights lack a calibration of any sensor."""
+    def _require_inputs(self) -> None:
+        """Raise `SplitFileUnusable`, `DatasetDamaged` without data, and `SensorCalibrationMissing` where heights lack one."""
         from ninedtact.dataset.folder import find_pair_files
+        from ninedtact.force.dataset_split import read_split
         from ninedtact.force.network_input import InputChannels
         from ninedtact.workflows.dataset_calibrations import require_sensor_calibrations
 
+        if self.split is not None:
+            read_split(self.split)
         find_pair_files(self.data)
         of_heights = InputChannels[self.channels.upper()].of_heights if self.channels else self.preset != "paper"
         if of_heights:

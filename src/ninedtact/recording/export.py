@@ -27,7 +27,7 @@ _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 def export_recording(recording: Recording, out: Path, on_image: Callable[[], None] = lambda: None) -> dict[str, int]:
     """Write everything into a new or empty folder and return how many rows or files of each kind were written.
 
-    Images are PNG, wrenches and times CSV, heights .npy in mm. `on_image` is called after every image. Raises
+    Images are PNG, wrenches, times and warnings CSV, heights .npy in mm. `on_image` is called after every image. Raises
     `ExportTargetTaken`, and `RecordingUnreadable` for a damaged recording or one that was cut short before its first image; the
     folder is then as it was before.
 
@@ -74,7 +74,8 @@ def _export_into(recording: Recording, out: Path, on_image: Callable[[], None]) 
         "references": _export_references(recording, out),
         "measured": _export_measured(recording, out / "wrench_measured.csv"),
         "estimated": _export_estimates(recording, out / "wrench_estimated.csv"),
-        "heights": _export_heights(recording, out / "heights"),
+        "heights": _export_heights(recording, out),
+        "warnings": len(recording.positions(Topic.WARNINGS)),
         "pairs": _export_pairs(recording, out / "pairs.csv"),
         "events": _export_events(recording, out / "events.csv"),
         "spans": _export_spans(recording, out / "spans.csv"),
@@ -125,13 +126,14 @@ def _export_estimates(recording: Recording, path: Path) -> int:
 
 
 def _export_heights(recording: Recording, out: Path) -> int:
-    """Write every height map in mm, NaN out of view, named by the index of its image."""
-    indices = []
-    for index, z_mm in recording.heights():
-        out.mkdir(exist_ok=True)
-        np.save(out / f"height_{index:08d}.npy", z_mm)
-        indices.append(index)
-    return len(indices)
+    """Write every height map in mm, NaN out of view, named by the index of its image, and a table of their times and warnings."""
+    warnings, rows = dict(recording.warnings()), []
+    for (index, z_mm), stamp_ns in zip(recording.heights(), recording.stamps_ns(Topic.HEIGHTS).tolist(), strict=True):
+        (out / "heights").mkdir(exist_ok=True)
+        name = f"height_{index:08d}.npy"
+        np.save(out / "heights" / name, z_mm)
+        rows.append((name, *_both_times(recording, stamp_ns), "; ".join(warnings.get(index, ()))))
+    return _write_csv(out / "heights.csv", ("height", *_TIME_COLUMNS, "warnings"), rows)
 
 
 def _export_pairs(recording: Recording, path: Path) -> int:

@@ -31,7 +31,6 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 
 from ninedtact.atomic_write import open_atomic_file
-from ninedtact.recording.errors import RecordingRefused
 from ninedtact.recording.mcap_index_recovery import (
     RECORD_PREFIX_BYTES,
     McapIndex,
@@ -39,11 +38,11 @@ from ninedtact.recording.mcap_index_recovery import (
     open_record_content,
     read_attachment,
 )
+from ninedtact.recording.metadata import REPAIR_RECORD
+from ninedtact.recording.missing_end import require_ended_recording
 from ninedtact.recording.reader import SPANS_ATTACHMENT, Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 
-_WRITTEN_WITHIN_S = 5.0
-"""Age below which an unfinished file counts as being written: its writer adds to it every half second."""
 _FOOTER_BYTES = 20
 _CHUNK_HEADER_BYTES = 64
 """An upper limit of the length of the fields before the data of a chunk."""
@@ -52,39 +51,33 @@ _EDIT_LOCKS: dict[Path, Lock] = {}
 
 
 def repair_recording(path: Path) -> bool:
-    """Complete a truncated recording in place, and return whether it was truncated.
+    """Complete a truncated recording in place, with a note of it (`Recording.is_repaired`), and return whether it was truncated.
 
     A recording that is still being written would lose what follows: `require_ended_recording` first. Raises what `Recording`
     raises, and `OSError` on a full disk.
     """
+    note = _to_bytes([Metadata(REPAIR_RECORD, {"wall_ns": str(time.time_ns())})])
+    is_truncated = _append_to_unfinished(path, lambda found, file: _missing_chunk_index(found) + note)
+    _append_to_unfinished(path, _file_ending)
+    return is_truncated
+
+
+def _append_to_unfinished(path: Path, content: Callable[[McapIndex, BinaryIO], bytes]) -> bool:
+    """Write content after the last whole record of a recording without an end; return whether it has none."""
     with Recording(recorded_sensor_addresses(path)[0]) as recording:
         found = recording.index
     if found.finished:
         return False
     with path.open("r+b", buffering=0) as file:
         try:
-            content = _file_ending(found, file)
+            records = content(found, file)
             file.truncate(found.end)
             file.seek(found.end)
-            _write_all(file, content)
+            _write_all(file, records)
         except BaseException:
             file.truncate(found.end)
             raise
     return True
-
-
-def is_being_written(recording: Recording) -> bool:
-    """Return whether a recording has no end yet and was changed within the last seconds."""
-    age_s = time.time() - recording.path.stat().st_mtime
-    return not recording.is_finished and abs(age_s) < _WRITTEN_WITHIN_S  # the clock may have been set back
-
-
-def require_ended_recording(recording: Recording, then: str) -> None:
-    """Raise `RecordingRefused` for a recording that is still being written; then: what can be done after its end."""
-    if is_being_written(recording):
-        raise RecordingRefused(
-            f"expected a recording that has ended, got {recording.path}, which is still being written; wait, and {then} then"
-        )
 
 
 def edit_labelled_spans(
@@ -125,7 +118,7 @@ def save_labelled_spans(path: Path, spans: Sequence[LabelledSpan]) -> None:
             raw.truncate(end)
             raw.seek(end)
             _write_all(raw, record)
-        repair_recording(copy)
+        _append_to_unfinished(copy, _file_ending)
 
 
 def _end_before_spans(recording: Recording) -> int:

@@ -17,6 +17,8 @@ from ninedtact._version import __version__
 from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
 
+REPAIR_RECORD = "ninedtact_repair"
+"""Name of the metadata record of a file that was cut short and completed later."""
 METADATA_RECORD = "ninedtact"
 """Name of the metadata record."""
 RECORDING_FORMAT = 3

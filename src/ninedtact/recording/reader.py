@@ -32,7 +32,7 @@ from ninedtact.recording.mcap_index_recovery import (
     read_attachment,
     read_mcap_chunk,
 )
-from ninedtact.recording.metadata import METADATA_RECORD, RecordingMetadata, parse_recording_metadata
+from ninedtact.recording.metadata import METADATA_RECORD, REPAIR_RECORD, RecordingMetadata, parse_recording_metadata
 from ninedtact.recording.summary import RecordingSummary, summarise_recording
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
@@ -90,6 +90,12 @@ class Recording:
     def is_finished(self) -> bool:
         """Whether the file was closed properly; if not, what followed its last whole part is missing."""
         return self.index.finished
+
+    @cached_property
+    def is_repaired(self) -> bool:
+        """Whether the file was cut short and completed later; what followed its last whole part is missing."""
+        records = (Metadata.read(open_record_content(self._file, span)) for span in self.index.metadata)
+        return any(record.name == REPAIR_RECORD for record in records)
 
     @property
     def topics(self) -> list[str]:
@@ -203,7 +209,7 @@ class Recording:
         return (decode_covariance(message.data) for message in self.messages(Topic.COVARIANCE))
 
     def warnings(self) -> Iterator[tuple[int, list[str]]]:
-        """Yield the image index and the warnings of every estimate that has any."""
+        """Yield the image index and the warnings of every image whose heights or estimate have any."""
         return ((message.sequence, decode_estimate_warnings(message.data)) for message in self.messages(Topic.WARNINGS))
 
     def estimates(self) -> Iterator[WrenchEstimate]:

@@ -18,6 +18,7 @@ from ninedtact.capture.frame_source import FrameSource, Openable, SourceEnded, S
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, HeightSource, Rectified, Wrench
 from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefused
+from ninedtact.recording.missing_end import missing_end_error
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import Topic, decode_reference_grey
@@ -72,11 +73,15 @@ class _RecordedTopic(Openable):
             if self._recording is None:
                 raise SourceNotOpen(self.name)
             if self._next == len(self._positions):
+                self._require_end(self._recording)
                 raise SourceEnded(
                     f"expected more {self.topic}, got the end of {self.name} after {self._next}; stop here"
                 )
             self._next += 1
             return decode(self._recording, self._positions[self._next - 1])
+
+    def _require_end(self, recording: Recording) -> None:
+        """Raise an error, once, where the messages do not end with the recording itself."""
 
 
 class RecordedFrameSource(_RecordedTopic, FrameSource):
@@ -90,6 +95,7 @@ class RecordedFrameSource(_RecordedTopic, FrameSource):
     topic = Topic.IMAGES
     is_live = False
     _references: "RecordedReferences | None" = None
+    _has_told_end = False
 
     def __init__(self, path: Path | str) -> None:
         super().__init__(path)
@@ -98,6 +104,7 @@ class RecordedFrameSource(_RecordedTopic, FrameSource):
     def open(self) -> None:
         """Open the recording at its first image; raises `CameraNotFound` or `RecordingUnreadable`."""
         super().open()
+        self._has_told_end = False
         self.recorded_hz = median_rate_hz(self._positions["stamp_ns"])
 
     def depth_reader_at(
@@ -120,8 +127,13 @@ class RecordedFrameSource(_RecordedTopic, FrameSource):
             return self._references.depth_reader_at(stamp_ns)
 
     def read(self) -> Frame:
-        """Return the next frame; raises `SourceEnded` after the last."""
+        """Return the next frame; raises `SourceEnded` after the last, and before that `RecordingCutShort`, once, without an end."""
         return self._read_next(Recording.frame)
+
+    def _require_end(self, recording: Recording) -> None:
+        if not recording.is_finished and not self._has_told_end:
+            self._has_told_end = True
+            raise missing_end_error(recording, recording.duration_s)
 
 
 class RecordedWrenchSource(_RecordedTopic, WrenchSource):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_pacing import DelayCorrectedSource
-from ninedtact.capture.frame_source import FrameSource, SourceEnded
+from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceIncomplete
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import ForceEstimator, NoForceEstimator
@@ -334,7 +334,10 @@ class Recorder:
     def write(
         self, streams: "_Streams", should_stop: Callable[[], bool], on_progress: Callable[[], None] = lambda: None
     ) -> None:
-        """Record until `should_stop` is true or the source ends, all that was read until then; raises what a live source raises."""
+        """Record until `should_stop` is true or the source ends, all that was read until then.
+
+        Raises what a live source raises, and `SourceIncomplete` for a damaged file, whose last images are then counted as dropped.
+        """
         try:
             while not should_stop():
                 self._write_arrivals(*streams)
@@ -343,6 +346,9 @@ class Recorder:
                 self._write_arrivals(*streams)
         except SourceEnded:
             return
+        except SourceIncomplete as damage:
+            self.writer.count_dropped(damage.uncounted)
+            raise
 
     def require_reference(self) -> None:
         """Raise `ReferenceMomentRefused` where heights or forces could not be written for lack of reference images."""

@@ -50,6 +50,8 @@ class RecordingSummary:
     seconds: float
     finished: bool
     """Whether the file was closed properly; if not, what followed its last whole part is missing."""
+    repaired: bool
+    """Whether the file was cut short and completed later; what followed its last whole part is missing."""
     dropped: int
     """Images that the source counted and that were not written."""
     height_step_mm: float
@@ -78,6 +80,7 @@ def summarise_recording(recording: "Recording") -> RecordingSummary:
         began=began.isoformat(timespec="milliseconds"),
         seconds=recording.duration_s,
         finished=recording.is_finished,
+        repaired=recording.is_repaired,
         dropped=recording.dropped_count,
         height_step_mm=metadata.height_step_mm,
         camera_delay_ms=metadata.camera_delay_ms,

@@ -55,7 +55,7 @@ class Topic(StrEnum):
     COVARIANCE = "wrench_covariance"
     """Covariance of the estimated wrench, 6 x 6 in the order of `Wrench.six`."""
     WARNINGS = "warnings"
-    """Why an estimate should not be trusted; nothing where there is no warning."""
+    """Why heights or an estimate should not be trusted; nothing where there is no warning."""
     HEIGHTS = "height"
     LABELS = "labels"
     """Images that were saved as training pairs."""

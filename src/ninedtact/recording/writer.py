@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from types import TracebackType
 from mcap.writer import CompressionType, Writer
 
 from ninedtact.errors import NinedtactError
-from ninedtact.quantities import Frame, HeightMap, Rectified, Wrench, WrenchEstimate
+from ninedtact.quantities import EstimateWarning, Frame, HeightMap, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingRefused, RecordingStopped
 from ninedtact.recording.mcap_repair import repair_recording
@@ -23,6 +23,7 @@ from ninedtact.recording.metadata import (
     require_recordable_metadata,
     wall_minus_monotonic_ns,
 )
+from ninedtact.recording.missing_end import lock_while_writing
 from ninedtact.recording.topics_and_messages import (
     CAMERA_FRAME,
     SKIN_FRAME,
@@ -79,7 +80,11 @@ class RecordingWriter:
         """Messages written so far."""
         self.dropped = 0
         """Images that the source counted and that were not written."""
+        self.warned: Counter[str] = Counter()
+        """Images with each warning so far."""
         self._topics = {*topics, Topic.EVENTS}
+        if self._topics & {Topic.HEIGHTS, Topic.ESTIMATED}:
+            self._topics.add(Topic.WARNINGS)
         self._attachments = dict(attachments or {})
         self._next_index: int | None = None
         self._reference: Rectified | None = None
@@ -118,20 +123,28 @@ class RecordingWriter:
         self.write_measurements(reading)
 
     def write_measurements(self, reading: Reading) -> None:
-        """Write the heights of a reading and its estimate with all warnings, where the file has topics for them."""
+        """Write the heights and the estimate of a reading, where the file has topics for them, and the warnings of both."""
+        index = reading.frame.index
         if Topic.HEIGHTS in self._topics:
-            self.write_height(reading.height, reading.frame.index)
+            self.write_height(reading.height, index)
         if reading.force is not None and Topic.ESTIMATED in self._topics:
-            self.write_estimated(replace(reading.force, warnings=reading.warnings), reading.frame.index)
+            self.write_estimated(replace(reading.force, warnings=reading.warnings), index)
+        elif Topic.HEIGHTS in self._topics:
+            self.write_warnings(reading.warnings, reading.stamp_ns, index)
 
     def write_image(self, frame: Frame) -> None:
         """Write a frame as it was read, and an event where frames are missing before it."""
         missing = 0 if self._next_index is None else frame.index - self._next_index
         self._next_index = frame.index + 1
-        if missing > 0:
-            self.dropped += missing
-            self.write_event(RecordingEvent(frame.stamp_ns, RecordingEventKind.DROPPED, str(missing)))
+        self.count_dropped(missing, frame.stamp_ns)
         self.write_selected_image(frame)
+
+    def count_dropped(self, images: int, stamp_ns: int | None = None) -> None:
+        """Count images that are missing before a stamp, which is now unless it is given, and write an event for them."""
+        if images > 0:
+            self.dropped += images
+            at_ns = monotonic_ns() if stamp_ns is None else stamp_ns
+            self.write_event(RecordingEvent(at_ns, RecordingEventKind.DROPPED, str(images)))
 
     def write_selected_image(self, frame: Frame) -> None:
         """Write a frame that was selected among many: frames before it do not count as missing."""
@@ -162,14 +175,17 @@ class RecordingWriter:
         self._add(Topic.ESTIMATED, stamp_ns, encode_wrench(estimate.wrench, wall_ns, frame_id), index)
         covariance = estimate.about_skin_centre().covariance  # as `encode_wrench`
         self._add(Topic.COVARIANCE, stamp_ns, encode_covariance(covariance), index)
-        if estimate.warnings:
-            texts = [warning.value for warning in estimate.warnings]
-            self._add(
-                Topic.WARNINGS,
-                stamp_ns,
-                encode_warnings_as_diagnostics(texts, self.metadata.topic_name, wall_ns, frame_id),
-                index,
-            )
+        self.write_warnings(estimate.warnings, stamp_ns, index)
+
+    def write_warnings(self, warnings: Sequence[EstimateWarning], stamp_ns: int, index: int) -> None:
+        """Write why heights and estimate of the image with this index should not be trusted; nothing where there is no reason."""
+        if not warnings:
+            return
+        texts = [warning.value for warning in warnings]
+        wall_ns, frame_id = self.metadata.wall_ns(stamp_ns), self._frame_id(SKIN_FRAME)
+        message = encode_warnings_as_diagnostics(texts, self.metadata.topic_name, wall_ns, frame_id)
+        self._add(Topic.WARNINGS, stamp_ns, message, index)
+        self.warned.update(texts)
 
     def write_height(self, height: HeightMap, index: int) -> None:
         """Write the heights of the image with this index, NaN out of view."""
@@ -313,6 +329,7 @@ class _RecordFile:
             raise RecordingRefused(
                 f"expected to create {path}, got: {error.strerror}; correct the path and its permissions"
             ) from error
+        lock_while_writing(self._file)
 
     def write(self, records: bytes) -> int:
         """Append whole records, or none of them; raises `RecordingStopped`."""

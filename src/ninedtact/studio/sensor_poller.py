@@ -260,10 +260,11 @@ class SensorPoller:
     def _after(self, end: SourceEnded) -> tuple[SensorPhase, BaseException | None]:
         if self._reading is not None:
             return SensorPhase.ENDED, None
-        source, wanted = self.sensor.source.name, self.sensor.reference_frames
+        source, wanted = self.sensor.source, self.sensor.reference_frames
+        images = self.sensor.frames_read + (source.dropped if isinstance(source, LatestFrameSource) else 0)
         return SensorPhase.FAILED, RecordingTooShortForReference(
-            f"expected {source} to begin with {wanted} reference images (no contact) and then to continue, got "
-            f"{self.sensor.frames_read} images in all; record longer, or give reference images, as with --reference of live"
+            f"expected {source.name} to begin with {wanted} reference images (no contact) and then to continue, got "
+            f"{images} images in all; record longer, or give reference images, as with --reference of live"
         )
 
     def _note(self, phase: SensorPhase, trouble: BaseException | None) -> None:

@@ -381,10 +381,16 @@ def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
     assert "pairs of one are left out" in notice
 
 
-def test_a_folder_without_data_is_refused_before_torch_is_imported(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [((), "expected a data set, got"), (("--split", "nowhere"), "expected a split in nowhere, got")],
+)
+def test_missing_files_are_refused_before_torch_is_imported(
+    tmp_path: Path, options: tuple[str, ...], expected: str
+) -> None:
     program = (
         "import sys; from ninedtact.cli import main; code = main(sys.argv[1:]); print(code, 'torch' in sys.modules)"
     )
-    words = ["train", "--data", str(tmp_path), "--out", str(tmp_path / "model")]
+    words = ["train", "--data", str(tmp_path), "--out", str(tmp_path / "model"), *options]
     ran = subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True)
-    assert ran.stdout.split() == ["1", "False"] and "expected a data set, got" in ran.stderr
+    assert ran.stdout.split() == ["1", "False"] and expected in ran.stderr

@@ -24,6 +24,7 @@ from ninedtact.capture.force_torque.sample_checks import (
     SampleFault,
     SampleFaultHistory,
 )
+from ninedtact.capture.frame_source import SourceIncomplete
 from ninedtact.capture.training_pair_rule import SamplingRule
 from ninedtact.capture.wrench_source import WrenchSampleRejected
 from ninedtact.quantities import NO_OBJECT, Frame, Wrench
@@ -337,11 +338,15 @@ def collect_pairs(
         notify,
     )
     with writer, closing(setup.arrivals()) as arrivals:
-        for arrival in arrivals:
-            if should_stop(collector):
-                break
-            _add_arrival(collector, arrival, setup)
-            on_progress(collector)
+        try:
+            for arrival in arrivals:
+                if should_stop(collector):
+                    break
+                _add_arrival(collector, arrival, setup)
+                on_progress(collector)
+        except SourceIncomplete:
+            collector.finish()
+            raise
         collector.finish()
     return collector
 
