@@ -131,7 +131,7 @@ def _find_edge_points(smoothed: Float32[Array, "rows cols"], centre_px: tuple[fl
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
     points = centre_px + radii[:, None, None] * directions
     seen = ndimage.map_coordinates(smoothed, points[..., ::-1].transpose(2, 0, 1), order=1, cval=np.nan)
-    risen = seen >= 0  # not where a ray has left the view, as nothing is
+    risen = seen >= 0  # never where a ray has left the view: samples there are not-a-number
     reached = np.asarray(risen.any(axis=0))
     _require_whole_disc(reached)
     return np.asarray(np.take_along_axis(points, risen.argmax(axis=0)[None, :, None], axis=0)[0, reached])
