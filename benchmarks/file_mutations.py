@@ -145,7 +145,7 @@ def array_mutations(content: bytes, count: int, seed: int) -> list[Mutation]:
         found.append((f"one number becomes {name}", changed))
     found += [(f"all numbers become {value:g}", np.full_like(one, value)) for value in (0, 1, -1, 1e6)]
     found += [(f"x {factor:g}", (one * factor)) for factor in (10, 0.1, 1.3, -1, 1e6)]
-    found += [("the first for all", np.full_like(array, array.flat[0])), ("reversed", array[::-1].copy())]
+    found += [("the first for all", np.full_like(array, array.flat[0])), ("reversed", np.flip(array))]
     found += [("shuffled", rng.permutation(array.ravel()).reshape(array.shape)), ("transposed", array.T.copy())]
     found += [("half of it", array[: len(array) // 2]), ("no number", array[:0]), ("one number", array.ravel()[:1])]
     found += [
@@ -153,6 +153,14 @@ def array_mutations(content: bytes, count: int, seed: int) -> list[Mutation]:
         ("complex", array * 1j),
         ("text", array.astype(str)),
         ("8 bits", array.astype("i1")),
+    ]
+    middle = (one.min() + one.max()) / 2
+    found += [
+        ("8 bits without a sign", array.astype("u1")),
+        ("two values", np.where(one > middle, one.max(), one.min())),
+        ("half of it constant", np.minimum(one, middle)),
+        ("shifted", np.clip(one + np.floor((one.max() - one.min()) / 6), one.min(), one.max())),
+        ("the first few", array[: max(len(array) // 20, 1)]),
     ]
     found += [("one dimension more", array[None]), ("twice", np.concatenate([array, array]))]
     changed = [Mutation(name, _npy(value)) for name, value in found]

@@ -259,7 +259,7 @@ def _original_calibrations(sensor: Path, folder: Path, count: dict[str, int], se
             path,
             array_mutations(path.read_bytes(), each, seed),
             [measure],
-            is_authored=True,
+            is_authored="index" not in path.name,  # the maps follow from images alone
         )
         for path in paths
     ]

@@ -73,6 +73,8 @@ class HeightMap:
     camera_distance_mm: float = np.inf
     """Distance from the camera to the undeformed skin; infinite for an orthographic view."""
     stamp_ns: int = 0
+    curve_end_mm: float = np.inf
+    """Indentation at which the depth curve ends, its continuation included; deeper skin appears as deep as this."""
 
     @property
     def indentation_mm(self) -> Float32[Array, "rows cols"]:

@@ -104,17 +104,29 @@ def test_the_crop_lies_inside_the_maps(centre: tuple[float, float], inside: bool
     assert (found is None) == inside and (inside or "a crop of 30 x 40" in str(found))
 
 
-def test_a_map_is_smooth_and_spans_the_image(tmp_path: Path) -> None:
-    assert refusal(tmp_path, row_index=np.minimum(ROWS, 31)) is None  # 16 of 30 rows of the crop
-    for changed in ({"row_index": np.minimum(ROWS, 30)}, {"col_index": np.clip(COLS, 25, 40)}):
-        assert "spans 15 pixels" in str(refusal(tmp_path, **changed))
-    for every, refused in ((15, True), (40, False)):  # columns that jump, there and back
-        found = refusal(tmp_path, col_index=np.where(COLS % every == 0, 0, COLS))
-        assert bool(found and "smooth" in found) == refused
-    assert "smooth" in str(refusal(tmp_path, row_index=np.where(ROWS % 15 == 0, 0, ROWS)))
-    for step, refused in ((8, False), (9, True)):  # from every other column to the next
-        found = refusal(tmp_path, col_index=np.minimum(COLS + (step - 1) * (COLS % 2), 79))
-        assert bool(found and "smooth on 49%" in found) == refused
+def test_a_map_rises_at_about_the_same_rate_everywhere(tmp_path: Path) -> None:
+    turned = {"row_index": 59 - ROWS, "col_index": 79 - COLS}  # by half a turn: not mirrored
+    for changed, words in (
+        (turned, None),
+        ({"row_index": 59 - ROWS}, "mirrored"),
+        ({"row_index": np.minimum(ROWS, 36)}, "smooth maps"),  # eight rows show one line
+        ({"col_index": np.where(COLS % 40 == 0, 0, COLS)}, "smooth maps"),  # one column jumps, there and back
+    ):
+        found = refusal(tmp_path, **changed)
+        assert (found is None) == (words is None) and str(words) in str(found)
+
+
+@pytest.mark.parametrize(("slow", "refused"), [(0.2, False), (0.1, True)])
+def test_a_lens_shows_no_place_far_smaller_than_most(slow: float, refused: bool, tmp_path: Path) -> None:
+    rows = np.minimum(ROWS, np.rint(36 + slow * (ROWS - 36))).astype(np.int32)
+    assert bool("smooth maps" in str(refusal(tmp_path, row_index=rows))) == refused
+
+
+@pytest.mark.parametrize(("off", "refused"), [(8, False), (9, True)])
+def test_the_central_pin_stays_in_place(off: int, refused: bool, tmp_path: Path) -> None:
+    for axis, map_ in (("row_index", ROWS), ("col_index", COLS)):
+        found = refusal(tmp_path, **{axis: np.clip(map_ - off, 0, None)})
+        assert bool(found and "leave the central pin at row 30, column 40" in found) == refused
 
 
 @pytest.mark.parametrize(("value", "refused"), [(-1, True), (0, False), (59, False), (60, True)])

@@ -44,6 +44,7 @@ from ninedtact.calibration.sensor_toml_schema import (
 )
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.cli.original_calibration import ExportCalibrationCommand, ImportCalibrationCommand
+from ninedtact.cli.reconstruct import ReconstructCommand
 from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.quantities import Frame, HeightSource
 from ninedtact.shape.depth import DepthCurve, Smoothing
@@ -122,8 +123,27 @@ SPOILT: dict[str, tuple[Spoil, str]] = {
     "two numbers": (lambda f: setattr(f, "position_scale", np.ones(2)), "got 2 numbers"),
     "pixels per mm": (lambda f: f.position_scale.__setitem__(2, 19.6), "got 19.6.* inverse"),
     "centre at the border": (lambda f: f.position_scale.__setitem__(0, 100.0), "reaches beyond.*crop_size"),
-    "constant map": (lambda f: f.col_index.fill(300), "smooth map .*col_index.* spans 0 pixels"),
-    "scattered map": (lambda f: np.random.default_rng(0).shuffle(f.row_index), "smooth map .*row_index"),
+    "constant map": (lambda f: f.col_index.fill(300), "smooth maps .*col_index.* not on 100.0%"),
+    "scattered map": (lambda f: np.random.default_rng(0).shuffle(f.row_index), "smooth maps .*row_index"),
+    "rows beyond 8 bits": (lambda f: setattr(f, "row_index", f.row_index.astype(np.uint8)), "smooth maps .* not on 2"),
+    "map of two values": (lambda f: setattr(f, "row_index", np.where(f.row_index > 240, 300, 200)), "smooth maps"),
+    "half of it constant": (lambda f: np.minimum(f.row_index, 240, out=f.row_index), "smooth maps .* not on 4"),
+    "rows upside down": (lambda f: setattr(f, "row_index", f.row_index[::-1]), "got mirrored ones"),
+    "columns beside": (lambda f: np.add(f.col_index, 9, out=f.col_index), "central pin at row 240, .*column 327"),
+    "scale twice as coarse": (
+        lambda f: f.position_scale.__imul__([1, 1, 2]),
+        "got 460 x 345 pixels of 0.1022 mm, 47.0",
+    ),
+    "scale half as coarse": (lambda f: f.position_scale.__imul__([1, 1, 0.5]), "of the skin, got .* crop_size"),
+    "first depths alone": (
+        lambda f: setattr(f, "pixel_to_depth", f.pixel_to_depth[:10]),
+        "10 levels that ends at 0.26",
+    ),
+    "one depth for all": (lambda f: f.pixel_to_depth.fill(1), "98% of its end from even"),
+    "depths that jump": (
+        lambda f: setattr(f, "pixel_to_depth", np.where(np.arange(61) > 10, 1.9, 0)),
+        "82% of its end from even",
+    ),
     "depths beyond the gel": (lambda f: f.pixel_to_depth.__imul__(1.5), "2.5 mm .*got 2.7 mm; .*--gel-mm"),
     "depths that fall": (
         lambda f: (
@@ -303,6 +323,27 @@ def test_an_export_that_would_lose_something_is_refused(tmp_path: Path) -> None:
     UpstreamFolder(position_scale=np.array([239.0, 318.0, 0.0511])).write(imported.path / "original_9dtact")
     with pytest.raises(OriginalFolderDamaged, match="as it was imported"):
         export_original_calibration(imported, tmp_path / "sensor_1")
+
+
+def test_a_press_deeper_than_the_list_is_printed_as_a_lower_limit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = UpstreamFolder(pixel_to_depth=np.linspace(0, 0.6, 21)).write(tmp_path / "sensor_2")
+    import_original_calibration(folder, tmp_path / "ours")
+    image = np.full((480, 640, 3), GREY, np.uint8)
+    paths = [tmp_path / name for name in ("reference.png", "shallow.png", "deep.png")]
+    for path, darker in zip(paths, (0, 10, 60), strict=True):
+        pressed = cv2.circle(image.copy(), (320, 240), 40, (GREY - darker,) * 3, -1)
+        path.write_bytes(cv2.imencode(".png", pressed)[1].tobytes())
+    command = ReconstructCommand(tmp_path / "ours", (paths[0],), tuple(paths[1:]), tmp_path / "out", ("npy",), False)
+    assert command.run() == 0
+    shallow, _, deep, warning, *_ = capsys.readouterr().out.splitlines()
+    assert "deepest 0.300 ± 0.0" in shallow and "deepest at least 0.600 mm, contact" in deep
+    assert warning == "  the deepest place lies beyond the calibrated range, its depth is a lower limit"
+    assert replace(command, json=True).run() == 0
+    shallow, deep = json.loads(capsys.readouterr().out)["images"]
+    assert shallow["max_indentation_error_mm"] > 0 and shallow["warnings"] == []
+    assert deep["max_indentation_error_mm"] is None and deep["is_deepest_clipped"]
 
 
 def test_the_commands_say_in_json_what_they_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,6 +7,7 @@ import pytest
 from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, skin, with_hole
 
 from ninedtact.quantities import HeightSource
+from ninedtact.shape.coloured_height_map import shape_summary_sentence
 from ninedtact.shape.measures import ContactRule, summarise_shape
 
 
@@ -58,3 +59,20 @@ def test_what_is_out_of_view_does_not_count_and_what_is_extrapolated_is_told():
 def test_nothing_in_view_is_nothing_measured():
     summary = summarise_shape(skin(np.full((4, 5), np.nan), np.zeros((4, 5), np.uint8)))
     assert summary.max_indentation_mm == summary.max_bulge_mm == summary.extrapolated_share == 0
+
+
+@pytest.mark.parametrize(
+    ("deepest_mm", "is_darker", "is_clipped"), [(0.04, True, True), (0.0396, True, False), (0.04, False, False)]
+)
+def test_a_depth_at_the_end_of_the_curve_is_a_lower_limit_with_and_without_contact(
+    deepest_mm: float, is_darker: bool, is_clipped: bool
+) -> None:
+    for factor in (1, 25):
+        z_mm, source = np.zeros((20, 30)), np.full((20, 30), HeightSource.MEASURED, np.uint8)
+        z_mm[5:9, 5:9] = -deepest_mm * factor
+        source[5:9, 5:9] = HeightSource.EXTRAPOLATED if is_darker else HeightSource.MEASURED
+        summary = summarise_shape(replace(skin(z_mm, source), curve_end_mm=0.04 * factor))
+        assert summary.is_deepest_clipped == is_clipped and (summary.contact_area_mm2 > 0) == (factor == 25)
+        assert ("lower limit" in str(summary.warnings)) == is_clipped
+        sentence = shape_summary_sentence(summary)
+        assert ("at least" in sentence) == is_clipped and ("no contact" in sentence) == (factor == 1 and not is_clipped)

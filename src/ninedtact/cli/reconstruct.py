@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -82,7 +83,10 @@ class ReconstructCommand:
         return {
             "image": str(path),
             **asdict(measured),
-            "max_indentation_error_mm": depth.error_mm(measured.max_indentation_mm),
+            "max_indentation_error_mm": inf
+            if measured.is_deepest_clipped
+            else depth.error_mm(measured.max_indentation_mm),
+            "warnings": measured.warnings,
             "files": {kind: str(file) for kind, file in self._write_files(name, height)},
         }
 
@@ -138,10 +142,12 @@ def _output_names(images: tuple[Path, ...]) -> list[str]:
 def _format_results(results: list[dict[str, Any]]) -> Iterator[str]:
     """The figures for a person."""
     for result in results:
-        yield (
-            f"{result['image']}: deepest {result['max_indentation_mm']:.3f} ± {result['max_indentation_error_mm']:.3f} mm, "
-            f"contact {result['contact_area_mm2']:.1f} mm²"
-        )
-        if result["extrapolated_share"] > 0.01:
-            yield f"  {result['extrapolated_share']:.0%} of the contact lies beyond the calibrated range"
+        yield (f"{result['image']}: deepest {_format_deepest(result)}, contact {result['contact_area_mm2']:.1f} mm²")
+        yield from (f"  {warning}" for warning in result["warnings"])
         yield from (f"  {kind}: {path}" for kind, path in result["files"].items())
+
+
+def _format_deepest(result: dict[str, Any]) -> str:
+    """The maximum indentation with its error, or as the lower limit that it is."""
+    depth, error = f"{result['max_indentation_mm']:.3f}", f"{result['max_indentation_error_mm']:.3f}"
+    return f"at least {depth} mm" if result["is_deepest_clipped"] else f"{depth} ± {error} mm"

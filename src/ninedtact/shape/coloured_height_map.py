@@ -143,10 +143,13 @@ def _matplotlib_colour_map(scale: ColourScale) -> "Colormap":
 
 def shape_summary_sentence(summary: ShapeSummary) -> str:
     """Return the measures of a height map in one line."""
-    if summary.contact_area_mm2 == 0:
+    if summary.contact_area_mm2 == 0 and not summary.is_deepest_clipped:
         return f"no contact: nowhere pressed in by more than {summary.contact_threshold_mm:.2f} mm"
+    deepest = f"{summary.max_indentation_mm:.2f} mm at most"
+    if summary.is_deepest_clipped:
+        deepest = f"at least {summary.max_indentation_mm:.2f} mm, beyond the calibrated range"
     return (
-        f"pressed in {summary.max_indentation_mm:.2f} mm at most · contact {summary.contact_area_mm2:.1f} mm² · "
+        f"pressed in {deepest} · contact {summary.contact_area_mm2:.1f} mm² · "
         f"displaced {summary.displaced_volume_mm3:.1f} mm³ · bulge {summary.max_bulge_mm:.2f} mm at most"
     )
 

@@ -335,7 +335,15 @@ class DepthReader:
         if not self.all_in_view:
             z_mm[self.lens_source == HeightSource.OUT_OF_VIEW] = 0
         source = self.height_source(index)
-        return HeightMap(z_mm, source, rectified.mm_per_px, self.noise_mm, self.camera_distance_mm, rectified.stamp_ns)
+        return HeightMap(
+            z_mm,
+            source,
+            rectified.mm_per_px,
+            self.noise_mm,
+            self.camera_distance_mm,
+            rectified.stamp_ns,
+            self.curve.pressed[1][-1],
+        )
 
     def index(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
         """Return the table index of every pixel; lost and scattered light is restored first where it is calibrated."""

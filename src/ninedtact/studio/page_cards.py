@@ -30,9 +30,6 @@ if TYPE_CHECKING:  # a page without recordings does not need its libraries
     from ninedtact.studio.page_recorder import RecorderState
     from ninedtact.studio.recording_player import RecordingPlayer
 
-NOTABLE_SHARE = 0.01
-"""Share of the contact beyond the calibrated range from which the page shows a warning."""
-
 _TEMPLATES = Environment(
     loader=PackageLoader("ninedtact.studio", "."),
     autoescape=True,
@@ -55,15 +52,20 @@ def status_html(status: SensorStatusMessage) -> str:
 
 def shape_summary_html(summary: ShapeSummary, is_past: bool) -> str:
     """Return maximum indentation, contact area, contact centre and a warning as HTML."""
-    x_y, beyond = summary.contact_centre_mm, summary.extrapolated_share
+    x_y = summary.contact_centre_mm
     centre = x_y and f"centre at x {format_signed_tenths(x_y[0])}, y {format_signed_tenths(x_y[1])} mm"
     measures = (
-        ("maximum indentation", f"{summary.max_indentation_mm:.2f}", "mm"),
+        ("maximum indentation", format_max_indentation(summary), "mm"),
         ("contact area", f"{summary.contact_area_mm2:.1f}", "mm²"),
     )
-    warning = f"{beyond:.0%} of the contact lies beyond the calibrated range" if beyond > NOTABLE_SHARE else ""
-    where = centre or "nothing touches"
+    warning = "; ".join(summary.warnings)
+    where = centre or ("" if summary.is_deepest_clipped else "nothing touches")
     return card_html("shape_summary", measures=measures, where=where, warning=warning, is_past=is_past)
+
+
+def format_max_indentation(summary: ShapeSummary) -> str:
+    """Return the maximum indentation in mm, marked where it is a lower limit."""
+    return f"{'≥ ' if summary.is_deepest_clipped else ''}{summary.max_indentation_mm:.2f}"
 
 
 def name_value_table_html(rows: dict[str, str]) -> str:

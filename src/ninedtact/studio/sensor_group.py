@@ -21,6 +21,7 @@ from ninedtact.studio.page_cards import (
     card_html,
     component_curve_and_error_band,
     format_component,
+    format_max_indentation,
     format_signed_hundredths,
 )
 from ninedtact.studio.page_controller import PageMoment, SensorMoment
@@ -92,7 +93,8 @@ def group_status_html(moments: Sequence[SensorMoment]) -> str:
 def _format_measures(moment: SensorMoment) -> str:
     if moment.view is None:
         return ""
-    return f"{moment.view.summary.max_indentation_mm:.2f} mm, {moment.view.summary.contact_area_mm2:.1f} mm²"
+    summary = moment.view.summary
+    return f"{format_max_indentation(summary)} mm, {summary.contact_area_mm2:.1f} mm²"
 
 
 def group_wrench_table_html(moments: Sequence[SensorMoment]) -> str:

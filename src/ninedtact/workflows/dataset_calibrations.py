@@ -4,27 +4,41 @@
 calibrated. Heights and wrenches of the data set are computed with these calibrations.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray as Array
 from tqdm import tqdm
 
 from ninedtact.atomic_write import write_file_atomically
+from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 from ninedtact.dataset.calibrated_readings import DatasetSensorCalibration, SensorCalibrationMissing
 from ninedtact.dataset.folder import (
+    REFERENCES_FILE,
     DatasetFolder,
     find_sensor_folders,
     read_sensor_parameters,
     sensor_parameters_damage,
 )
+from ninedtact.dataset.parquet_files import (
+    StoredImageUnreadable,
+    decode_stored_image,
+    iterate_rows_at,
+    read_columns,
+)
 from ninedtact.errors import NinedtactError
 from ninedtact.force.known_load_scale import read_force_scales
 from ninedtact.parallel_jobs import Workers, run_writing_jobs
+from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, simulate_calibration_images
 from ninedtact.simulation.sensor_population import SampledSensor, sampled_sensor_from_json
 
@@ -39,8 +53,12 @@ class DatasetSensors:
     refused: dict[str, str]
     """Reason for each simulated sensor that could not be calibrated, by name; the pairs of these sensors are left out."""
 
-    def exclusion_notices(self) -> Iterator[str]:
-        """Yield a sentence about each sensor whose pairs are left out."""
+    doubts: tuple[str, ...] = ()
+    """Reasons to distrust calibrations, one sentence each."""
+
+    def notices(self) -> Iterator[str]:
+        """Yield a sentence about each calibration to be distrusted, and about each sensor whose pairs are left out."""
+        yield from self.doubts
         for name, reason in self.refused.items():
             yield f"pairs of {name} are left out, it could not be calibrated: {reason}"
 
@@ -59,18 +77,53 @@ def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progr
 
     given: a folder with a sensor folder for each sensor, by name; where None, the calibrations that the recordings of the data set
     carried are read, or its simulated sensors are calibrated. workers: number of processes that calibrate, or a cluster. Raises
-    `SensorCalibrationMissing`, `SensorFolderDamaged`, `ForceScaleFileDamaged`.
+    `SensorCalibrationMissing`, `SensorFolderDamaged`, `ForceScaleFileDamaged`, `DatasetDamaged`.
     """
     require_sensor_calibrations(data, given)
     refused: dict[str, str] = {}
+    folder = DatasetFolder(data).sensor_folders if given is None else given
     if given is None:
-        members, given = load_simulated_sensors(data), DatasetFolder(data).sensor_folders
-        refused = calibrate_simulated_sensors(members, given, workers, progress)
+        members = load_simulated_sensors(data)
+        refused = calibrate_simulated_sensors(members, folder, workers, progress)
         if members and len(refused) == len(members):
             raise SensorCalibrationMissing(
                 f"expected simulated sensors that can be calibrated, got none of {data}: {next(iter(refused.values()))}"
             )
-    return DatasetSensors({path.name: _load_calibrated_sensor(path) for path in find_sensor_folders(given)}, refused)
+    by_name = {path.name: _load_calibrated_sensor(path) for path in find_sensor_folders(folder)}
+    return DatasetSensors(by_name, refused, tuple(find_calibration_doubts(data, given)))
+
+
+def find_calibration_doubts(data: Path, given: Path | None) -> Iterator[str]:
+    """Yield why calibrations are to be distrusted: those that were edited, and those of another sensor than the one that a
+    reference image of the data set shows.
+
+    given: as for `load_dataset_sensors`; where None, simulated sensors, calibrated from their own images, are not compared. Raises
+    `SensorFolderDamaged`, `DatasetDamaged`.
+    """
+    place = DatasetFolder(data).sensor_folders if given is None else given
+    folders = {path.name: load_sensor(path) for path in find_sensor_folders(place)}
+    for folder in folders.values():
+        yield from folder.notices
+    own = load_simulated_sensors(data) if given is None else {}
+    for name, reference in _read_first_references(data, folders.keys() - own.keys()):
+        checker = load_reference_image_checker(folders[name]).on_skin_grid()
+        if checker.known is None or reference.shape == checker.known.depth_image.shape:
+            for fault in checker.find_faults([Frame(reference)]):
+                yield f"the reference images of {name} in {data} are not of the sensor in {place / name}; {fault}"
+
+
+def _read_first_references(data: Path, names: Collection[str]) -> Iterator[tuple[str, UInt8[Array, "rows cols 3"]]]:
+    """Yield the first reference image of each of these sensors with its name; one that cannot be read fails where it is used."""
+    path = data / REFERENCES_FILE
+    if not path.is_file():
+        return
+    first: dict[str, int] = {}
+    for number, name in enumerate(read_columns([path], ["sensor"])["sensor"].to_pylist()):
+        if name in names:
+            first.setdefault(name, number)
+    for row in iterate_rows_at(path, first.values()):
+        with suppress(StoredImageUnreadable):
+            yield row["sensor"], np.asarray(cv2.cvtColor(decode_stored_image(row["image"]), cv2.COLOR_GRAY2BGR))
 
 
 def require_sensor_calibrations(data: Path, given: Path | None) -> None:

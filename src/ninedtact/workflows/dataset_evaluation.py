@@ -70,13 +70,14 @@ def predict_dataset(
     """Return the estimator's wrenches for a data set beside the true ones, torques about the skin's centre.
 
     workers: number of processes that calibrate simulated sensors and estimate, or a cluster. notify: receives a sentence about each
-    sensor whose pairs are left out, and about images from which nothing is estimated. Raises what estimators and data sets raise,
-    as training does for wrenches that are not finite and pairs without a reference image.
+    calibration to be distrusted, about each sensor whose pairs are left out, and about images from which nothing is estimated.
+    Raises what estimators and data sets raise, as training does for wrenches that are not finite and pairs without a reference
+    image.
     """
     read_pair_columns(data)
     _estimators.clear()  # a model file may have been written anew since the last evaluation in this process
     known = load_dataset_sensors(data, settings.sensors, workers, progress)
-    for notice in known.exclusion_notices():
+    for notice in known.notices():
         notify(notice)
     members = load_simulated_sensors(data)
     sensors = known.by_name

@@ -28,7 +28,11 @@ from ninedtact.force.training.examples import TrainingExamples
 from ninedtact.force.training.settings import ComputeSettings, TrainingSettings
 from ninedtact.force.training.train import TrainingResult, train_network
 from ninedtact.quantities import NO_OBJECT
-from ninedtact.workflows.dataset_calibrations import load_dataset_sensors, load_simulated_sensors
+from ninedtact.workflows.dataset_calibrations import (
+    find_calibration_doubts,
+    load_dataset_sensors,
+    load_simulated_sensors,
+)
 
 
 @dataclass(frozen=True)
@@ -90,7 +94,8 @@ def train_on_dataset(
     """Train a force model on a data set and write it to `out`; None in all processes of a training but the first.
 
     sensors: a folder with a sensor folder for each sensor of the data, by name; where None, simulated sensors are calibrated.
-    workers: number of processes that read images. notify: receives a sentence about each sensor whose pairs are left out.
+    workers: number of processes that read images. notify: receives a sentence about each calibration to be distrusted, and
+    about each sensor whose pairs are left out.
     Raises what `load_dataset_sensors`, the data set, the split and `train_network` raise.
     """
     examples, ids = read_training_examples(data, settings.input, sensors, workers, progress, notify)
@@ -111,6 +116,8 @@ def read_training_examples(
     if grid.channels.of_heights:
         examples, ids = _read_height_examples(data, grid, sensors, workers, progress, notify)
     else:
+        for doubt in find_calibration_doubts(data, sensors):
+            notify(doubt)
         examples, ids = _read_image_examples(data, grid, workers, progress)
     usual, moduli = Gel().shear_modulus_mpa, _gel_moduli_mpa(data, sensors)
     return examples.scale_to_design_modulus(np.array([moduli.get(name, usual) for name in examples.sensors])), ids
@@ -126,7 +133,7 @@ def _read_height_examples(
 ) -> tuple[TrainingExamples, Sequence[str]]:
     """Read heights, computed with the calibration of each sensor."""
     known = load_dataset_sensors(data, sensors, workers, progress)
-    for notice in known.exclusion_notices():
+    for notice in known.notices():
         notify(notice)
     pairs = load_height_pairs(
         data,

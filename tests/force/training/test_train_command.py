@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.calibration.procedure import Calibration
+from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.save import save_sensor
-from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, load_sensor
 from ninedtact.cli import main
 from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing, iterate_rows_with_references
 from ninedtact.dataset.height_cache import load_height_pairs
@@ -343,6 +343,27 @@ def test_what_cannot_be_learnt_from_is_refused_in_a_sentence(
     assert not (tmp_path / "out").exists()
 
 
+def test_edited_calibrations_and_those_of_another_sensor_are_told(
+    folder: Path, physics_sensors: Path, real_images: dict[str, CalibrationImages], tmp_path: Path
+) -> None:
+    data, given = shutil.copytree(folder, tmp_path / "data"), shutil.copytree(physics_sensors, tmp_path / "given")
+    rectify = load_sensor(given / "a").rectification
+    shown = {"a": real_images["a"].board_reference, "b": real_images["i"].ball_reference}
+    greys = {name: np.rint(rectify(Frame(image)).grey).astype(np.uint8) for name, image in shown.items()}
+    references = [ReferenceImage(f"{name}/0", png(grey), name) for name, grey in greys.items()]
+    write_reference_images_file(data / "references.parquet", references)
+    (of_b,) = load_dataset_sensors(data, given, 1, progress=False).notices()
+    assert of_b.startswith(
+        f"the reference images of b in {data} are not of the sensor in {given / 'b'}; another sensor's"
+    )
+    path = given / "a" / SENSOR_FILE
+    path.write_text(path.read_text().replace("radius_mm = 4.0", "radius_mm = 5.0"))
+    for channels in (InputChannels.HEIGHTS_AND_GEL, InputChannels.DEFORMATION):
+        told: list[str] = []
+        read_training_examples(data, replace(GRID, channels=channels), given, notify=told.append)
+        assert told[1:] == [of_b] and told[0].startswith(f"{path} was edited or damaged")
+
+
 def test_images_that_no_calibration_fits_are_refused(sensors: Path, tmp_path: Path) -> None:
     small = data_set(tmp_path / "small", pairs=4, size=(64, 48))
     calibrated = load_dataset_sensors(small, sensors, 1, progress=False).by_name
@@ -377,7 +398,7 @@ def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
     for _ in range(2):
         refused = calibrate_simulated_sensors(twins, tmp_path, workers=1, progress=False)
     assert tried == ["one"] and refused == {"one": "expected a ball, got none; press one"}
-    (notice,) = DatasetSensors({}, refused).exclusion_notices()
+    (notice,) = DatasetSensors({}, refused).notices()
     assert "pairs of one are left out" in notice
 
 

@@ -11,7 +11,7 @@ image takes them up, and `ninedtact check` reports them.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -243,6 +243,10 @@ class ReferenceImageChecker:
     """Name of the sensor, for messages."""
     known: CalibratedReference | None
     """Reference images of the calibration; None for an imported sensor, which has none, so that only the exposure is checked."""
+
+    def on_skin_grid(self) -> "ReferenceImageChecker":
+        """Return the check of reference images that are rectified already, as those of a data set are."""
+        return replace(self, known=self.known and self.known.on_skin_grid())
 
     def find_faults(self, frames: Sequence[Frame]) -> tuple[str, ...]:
         """Return why the mean of raw images cannot be the reference image of the sensor; empty where it can be.

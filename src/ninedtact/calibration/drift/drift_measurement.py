@@ -35,7 +35,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import require_image_size
 from ninedtact.quantities import Frame, HeightSource, Rectified
 from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.rectification import OUT_OF_VIEW_PX, Rectification
 from ninedtact.shape.skin_texture import (
     FAINTEST_STRUCTURE,
     Field,
@@ -222,6 +222,17 @@ class CalibratedReference:
         """The depth image on the skin's grid."""
         return self.rectify(Frame(self.depth_image))
 
+    def on_skin_grid(self) -> "CalibratedReference":
+        """Return the same references as rectified grey images, to be compared with images that are rectified already."""
+        lens_image, depth_image = (
+            _rectify_to_bgr(self.rectify, image) for image in (self.lens_image, self.depth_image)
+        )
+        rows, cols = depth_image.shape[:2]
+        own_px = np.moveaxis(np.indices((rows, cols), np.float32)[::-1], 0, -1)
+        source_px = np.where(self.view_mask[..., None], own_px, np.float32(OUT_OF_VIEW_PX))
+        rectify = Rectification(source_px, self.rectify.mm_per_px, (rows, cols), self.rectify.calibrated_area_mm)
+        return CalibratedReference(lens_image, depth_image, rectify, self.curve)
+
     @property
     def view_mask(self) -> Bool[Array, "rows cols"]:
         """The pixels at which the camera sees the skin."""
@@ -250,6 +261,12 @@ class CalibratedReference:
         then = self.rectified_reference
         ratio = cv2.GaussianBlur(relative_brightness(self.rectify(Frame(other)), then), (0, 0), 3.0) - 1
         return float(np.percentile(self.height_mm(ratio, then.grey)[self.view_mask], _WORST_PERCENTILE))
+
+
+def _rectify_to_bgr(rectify: Rectification, image: BgrImage) -> BgrImage:
+    """Return a raw image rectified, in whole grey levels."""
+    grey = np.rint(rectify(Frame(image)).grey).astype(np.uint8)
+    return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR))
 
 
 @dataclass(frozen=True)

@@ -110,10 +110,22 @@ ORIGINAL_FILES = (ROW_INDEX, COL_INDEX, POSITION_SCALE, PIXEL_TO_DEPTH)
 GREY_LEVELS = 256
 FINEST_MM_PER_PX, COARSEST_MM_PER_PX = 0.005, 1.0
 """Smallest scale of a sensor, and scale above which the value is pixels per mm, as the original's variable name says."""
-_MIN_SPAN_PX = 16
-"""Smallest range of an index map within the crop; a constant map shows one line of the image everywhere."""
-_MAX_STEP_PX, _MIN_SMOOTH_SHARE = 8, 0.9
-"""Largest step from pixel to pixel of an index map, and share of the crop that keeps it; a lens gives steps of one or two."""
+_STEP_PX = 8
+"""Distance over which the steps of an index map are measured; its whole numbers are uneven from pixel to pixel."""
+_MAX_MAGNIFICATION_FACTOR = 6.0
+"""Largest factor between the area that a pixel shows and the median of all. It is 2.4 in a real folder of the original project, and
+2.2 in the export of real sensors (`export_original_calibration`).
+"""
+_MAX_WRONG_SHARE = 0.001
+"""Fraction of the crop that may be beyond it, for single pixels that were interpolated badly; there are none in these folders."""
+_MAX_CENTRE_OFFSET_PX = 8.0
+"""Largest distance of the central pin from its pixel in the raw image; it is one pixel in these folders."""
+_MIN_DEPTH_MM = 0.4
+"""Smallest end of a depth list, that of the shallowest press from which `ninedtact calibrate` takes a depth curve."""
+_MAX_BEND = 0.5
+"""Largest deviation of a depth list from the straight line to its end, as a fraction of its end; 0.04 in a real folder of the
+original project, and 0.12 to 0.15 in the export of real sensors.
+"""
 _SLOPE_RANGE = 0.004, 0.25
 """Smallest and largest depth in mm per grey level, eight times less and more than that of a real sensor."""
 _MAX_FALL_MM = 0.1
@@ -160,7 +172,8 @@ def read_original_calibration(folder: Path, view: RectifiedImageSize, thickness_
         _read_depth_list(where / PIXEL_TO_DEPTH, thickness_mm),
     )
     _require_crop_inside(where, calibration, view)
-    _require_smooth_maps(where, calibration, view)
+    _require_lens_maps(where, calibration, view)
+    _require_centre_in_place(where, calibration, view)
     return calibration
 
 
@@ -221,6 +234,16 @@ def _read_depth_list(path: Path, thickness_mm: float) -> Float[Array, " levels"]
             f"expected depths that rise with the darkening in {path}, got a list that is {fall:.2f} mm (RMS) from any that does; "
             "calibrate the depth again"
         )
+    if known.max() < _MIN_DEPTH_MM:
+        raise OriginalFolderDamaged(
+            f"expected depths to at least {_MIN_DEPTH_MM:g} mm in {path}, got a list of {depth_mm.size} levels that ends at "
+            f"{known.max():g} mm; copy the whole file again, or calibrate the depth again with a deeper press"
+        )
+    if (bend := _measure_bend(depth_mm)) > _MAX_BEND:
+        raise OriginalFolderDamaged(
+            f"expected depths that rise about evenly with the darkening in {path}, got a list that is {bend:.0%} of its end from "
+            "even; copy the file again or calibrate the depth again"
+        )
     if known.max() > thickness_mm:
         raise OriginalFolderDamaged(
             f"expected depths up to the gel's thickness of {thickness_mm:g} mm in {path}, got {known.max():g} mm; give the "
@@ -229,18 +252,59 @@ def _read_depth_list(path: Path, thickness_mm: float) -> Float[Array, " levels"]
     return depth_mm
 
 
-def _require_smooth_maps(folder: Path, calibration: OriginalCalibration, view: RectifiedImageSize) -> None:
-    """Refuse index maps that no lens gives: constant within the crop, or with steps from pixel to pixel."""
-    (row, col), maps = calibration.start(view), (calibration.row_index, calibration.col_index)
-    for file, index in zip((ROW_INDEX, COL_INDEX), maps, strict=True):
-        crop = index[row : row + view.rows, col : col + view.cols]
-        steps = (np.abs(np.diff(crop, axis=axis)) <= _MAX_STEP_PX for axis in (0, 1))
-        smooth = min((float(one.mean()) for one in steps if one.size), default=1.0)
-        if (span := int(np.ptp(crop))) < min(_MIN_SPAN_PX, *crop.shape) or smooth < _MIN_SMOOTH_SHARE:
-            raise OriginalFolderDamaged(
-                f"expected the smooth map of a lens in {folder / file}, got one that spans {span} pixels and is smooth on "
-                f"{smooth:.0%} of the crop; copy the file again or calibrate the camera again"
-            )
+def _measure_bend(depth_mm: Float[Array, " levels"]) -> float:
+    """Return the largest deviation of a list's depths from the straight line to its end, as a fraction of its end."""
+    level = np.flatnonzero(depth_mm > 0)
+    level = level[level > 0]
+    rising = np.asarray(isotonic_regression(depth_mm[level]).x) / depth_mm[level].max()
+    return float(np.abs(rising - rising[-1] * level / level[-1]).max())
+
+
+def _require_lens_maps(folder: Path, calibration: OriginalCalibration, view: RectifiedImageSize) -> None:
+    """Refuse index maps that no lens gives: mirrored, folded, constant or torn somewhere, or far from even."""
+    magnification = _measure_magnification(calibration.source_px(view))
+    if not magnification.size:
+        raise OriginalFolderDamaged(
+            f"expected index maps with a pixel for most of the crop in {folder}, got almost none; copy the files again or "
+            "calibrate the camera again"
+        )
+    middle = float(np.median(magnification))
+    if middle < 0:
+        raise OriginalFolderDamaged(
+            f"expected index maps of an image that is not mirrored in {folder}, got mirrored ones; check that {ROW_INDEX} and "
+            f"{COL_INDEX} are not exchanged, or calibrate the camera again"
+        )
+    least, most = middle / _MAX_MAGNIFICATION_FACTOR, middle * _MAX_MAGNIFICATION_FACTOR
+    wrong = float(np.mean((magnification <= 0) | (magnification < least) | (magnification > most)))
+    if wrong > _MAX_WRONG_SHARE:
+        raise OriginalFolderDamaged(
+            f"expected the smooth maps of a lens in {folder / ROW_INDEX} and {COL_INDEX}, which rise everywhere at about the same "
+            f"rate, got maps that do not on {wrong:.1%} of the crop; copy the files again or calibrate the camera again"
+        )
+
+
+def _measure_magnification(source_px: Float32[Array, "rows cols 2"]) -> Float[Array, " places"]:
+    """Return the raw pixels per rectified pixel, an area with the sign of the map's handedness, wherever a raw pixel is given."""
+    step = min(_STEP_PX, *(side - 1 for side in source_px.shape[:2]))
+    corner, right, below = source_px[:-step, :-step], source_px[:-step, step:], source_px[step:, :-step]
+    (x_right, y_right), (x_below, y_below) = (np.moveaxis(end - corner, -1, 0) / step for end in (right, below))
+    seen = np.logical_and.reduce([(one > OUT_OF_VIEW_PX).all(axis=-1) for one in (corner, right, below)])
+    return np.asarray(x_right * y_below - x_below * y_right, float)[seen]
+
+
+def _require_centre_in_place(folder: Path, calibration: OriginalCalibration, view: RectifiedImageSize) -> None:
+    """Refuse index maps that move the central pin: the original rectifies an image about it. A crop that would reach beyond the
+    maps is moved inside.
+    """
+    centre, half = calibration.position_scale[:2], np.array([view.rows, view.cols]) / 2
+    row, col = centre.astype(int)
+    shown = np.array([calibration.row_index[row, col], calibration.col_index[row, col]])
+    off_px = np.abs(np.clip(shown, half, np.array(calibration.row_index.shape) - half) - centre)
+    if off_px.max() > _MAX_CENTRE_OFFSET_PX:
+        raise OriginalFolderDamaged(
+            f"expected index maps in {folder} that leave the central pin at row {centre[0]:g}, column {centre[1]:g}, got ones that "
+            f"show row {shown[0]}, column {shown[1]} there; copy {ROW_INDEX}, {COL_INDEX} and {POSITION_SCALE} of one calibration"
+        )
 
 
 def _require_equal_shapes(folder: Path, shape: tuple[int, ...], other: tuple[int, ...]) -> None:

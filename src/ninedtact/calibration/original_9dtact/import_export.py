@@ -29,6 +29,7 @@ from ninedtact.calibration.ball.ball_press import simulate_height_noise_mm
 from ninedtact.calibration.board.board_fit import calibrated_area_mm
 from ninedtact.calibration.original_9dtact.folder_format import (
     ORIGINAL_FILES,
+    POSITION_SCALE,
     OriginalCalibration,
     OriginalFolderDamaged,
     find_original_sensor_folder,
@@ -149,6 +150,10 @@ def _extend_source_px(
 CAMERA_NOISE = 0.5
 """Noise of one pixel in grey levels. The folder contains no image; the cameras seen so far have 0.42."""
 USUAL_GREY = 160
+_MIN_SEEN_SHARE, _MAX_SEEN_SHARE = 0.5, 1.25
+"""Smallest part of the sensing area, and largest multiple of the gel's opening, that a crop shows along each side. That of the
+published sensor shows 0.98 of the one and 0.82 of the other; a margin is left for other builds.
+"""
 
 
 def import_original_calibration(
@@ -162,6 +167,7 @@ def import_original_calibration(
     """
     source = find_original_sensor_folder(folder, ORIGINAL_FILES)
     calibration = read_original_calibration(source, design.field_of_view, design.gel.thickness_mm)
+    _require_skin_in_view(source, calibration, design)
     with create_sensor_folder(out) as partial:
         write_npy(partial / PIXEL_MAP_FILE, calibration.source_px(design.field_of_view))
         for file in ORIGINAL_FILES:
@@ -171,6 +177,19 @@ def import_original_calibration(
         record = _make_imported_record(calibration, design, sensor_id or source.resolve().name, digest)
         write_file_atomically(partial / SENSOR_FILE, to_sensor_toml(record))
     return load_sensor(out)
+
+
+def _require_skin_in_view(source: Path, calibration: OriginalCalibration, design: SensorDesign) -> None:
+    """Refuse a scale with which the crop would show far more or far less of the skin than the design has."""
+    view, area = design.field_of_view, design.sensing_area
+    seen_mm = np.array([view.cols, view.rows]) * calibration.mm_per_px
+    least_mm, most_mm = _MIN_SEEN_SHARE * np.array(area.size_mm), _MAX_SEEN_SHARE * np.array(area.opening_mm)
+    if (seen_mm < least_mm).any() or (seen_mm > most_mm).any():
+        raise OriginalFolderDamaged(
+            f"expected a crop of {least_mm[0]:.0f} x {least_mm[1]:.0f} to {most_mm[0]:.0f} x {most_mm[1]:.0f} mm of the skin, got "
+            f"{view.cols} x {view.rows} pixels of {calibration.mm_per_px:g} mm, {seen_mm[0]:.1f} x {seen_mm[1]:.1f} mm; give the "
+            f"crop_size of your shape_config.yaml, or correct the third number of {source / POSITION_SCALE}, mm per pixel"
+        )
 
 
 def _make_imported_record(
