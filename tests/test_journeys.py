@@ -246,7 +246,7 @@ def test_swapped_images_are_named(real_data: Path, tmp_path: Path, capsys: pytes
 
 def test_half_of_the_images_is_not_enough(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "--out", str(tmp_path / "s"), "--board", str(real_data / "sensor_a" / "board.png")]) == 1
-    assert "--ball-reference" in refusal(capsys)
+    assert "--board-reference as well" in refusal(capsys)
 
 
 def test_a_folder_that_may_not_be_written(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
