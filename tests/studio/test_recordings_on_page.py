@@ -436,9 +436,10 @@ def test_controls_of_a_recording_show_what_is_open(recorded: tuple[Path, Bench])
             def is_open(name: str) -> bool:
                 return panel._player is not None and panel._player.path.name == name
 
-            def shows_recording() -> bool:
-                moments = client.viewer.moment or ()
-                return any(one.snapshot.phase is SensorPhase.RECORDED for one in moments)
+            def shows_other() -> bool:
+                moment = client.viewer.moment
+                reading = None if moment is None else moment.sensors[0].reading
+                return reading is not None and reading.stamp_ns == 1
 
             wait_for(lambda: len(panel._choice.options) == 4)
             client.use("recording", path.name)
@@ -466,7 +467,7 @@ def test_controls_of_a_recording_show_what_is_open(recorded: tuple[Path, Bench])
             client.use("recording", "other.mcap")
             wait_for(lambda: is_open("other.mcap") and panel._choice.value == "other.mcap")
             assert panel._player is not None and panel._player.speed == 4.0
-            wait_for(shows_recording)
+            wait_for(shows_other)
             client.use("This moment as a web page")
             wait_for(lambda: len(client.notices) == 4)
             (exported,) = path.parent.glob("moment_*.html")
