@@ -73,13 +73,16 @@ def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progr
     return DatasetSensors({path.name: _load_calibrated_sensor(path) for path in find_sensor_folders(given)}, refused)
 
 
-def require_sensor_calibrations(data: Path, given: Path | None) -> None:
-    """Raise `SensorCalibrationMissing` where a data set has no calibrations and none can be made; this takes no time."""
+def require_sensor_calibrations(data: Path, given: Path | None, otherwise: str = "") -> None:
+    """Raise `SensorCalibrationMissing` where a data set has no calibrations and none can be made; this takes no time.
+
+    otherwise: what can be done without calibrations, as the end of the sentence.
+    """
     carried = find_sensor_folders(DatasetFolder(data).sensor_folders)
     if data.is_dir() and given is None and not carried and not load_simulated_sensors(data):
         raise SensorCalibrationMissing(
             f"expected the calibrations of the sensors of {data}, got none, or several of one sensor; give --sensors, a folder "
-            "that holds a sensor folder of each name, or train on images: --channels deformation"
+            f"that holds a sensor folder of each name{otherwise}"
         )
 
 
