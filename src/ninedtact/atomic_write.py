@@ -3,6 +3,7 @@
 A folder that appears whole or not at all: filled under a temporary name beside it, then moved into place.
 """
 
+import errno
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator
@@ -79,7 +80,9 @@ def is_partial_file(path: Path) -> bool:
 def _write_failure_message(path: Path, trouble: OSError) -> str:
     """Say what stood in the way of writing `path`."""
     remedy = f"make the folder {path.parent}"
-    if path.parent.is_dir():
+    if path.parent.is_dir() and trouble.errno == errno.ENOENT:  # a file system of the kernel, such as /proc
+        remedy = "choose another folder"
+    elif path.parent.is_dir():
         remedy = "free the disk or correct the folder's permissions"
     elif path.parent.exists():
         remedy = f"{path.parent} is no folder, so choose another name"

@@ -170,7 +170,7 @@ def test_warnings_of_heights_are_recorded_exported_and_said(
     with Recording(path) as recording:
         assert list(recording.warnings()) == [(11, ["image dark"]), (12, ["image dark"])]
     exported = told(capsys, "export", path, "--out", out)["written"]
-    assert (exported["heights"], exported["warnings"]) == (13, 2)
+    assert (exported["heights"], exported["warned"]) == (13, 2)
     rows = {row["height"]: row["warnings"] for row in csv.DictReader((out / "heights.csv").open())}
     assert list(rows) == sorted(file.name for file in (out / "heights").iterdir())
     assert list(rows.values()) == [""] * 11 + ["image dark"] * 2

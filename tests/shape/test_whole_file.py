@@ -49,6 +49,9 @@ def test_a_full_disk_is_told_in_one_sentence(tmp_path):
     with pytest.raises(FileNotWritten, match=r"expected to write .*file, got: No space left; free the disk"):  # noqa: SIM117
         with open_atomic_file(tmp_path / "file"):
             raise OSError(errno.ENOSPC, "No space left")
+    with pytest.raises(FileNotWritten, match="No such file or directory; choose another folder"):  # noqa: SIM117
+        with open_atomic_file(tmp_path / "file"):  # as in /proc
+            raise OSError(errno.ENOENT, "No such file or directory")
 
 
 def test_a_folder_in_its_place_is_refused_and_left_alone(tmp_path):

@@ -88,11 +88,12 @@ class LatestFrameSource(FrameSource):
         """Return the error after a wait in which this many images arrived too late."""
         got, remedy = "none", "check that the camera is plugged in, and not slower than that"
         if too_old:
-            got = f"{too_old} older ones"
+            got = f"{too_old} that came more than {self._max_age_ms / 1000:g} s late"
             remedy = "the camera works, and the computer is too slow: end other programs, or set a lower rate or size"
+        elif "://" in self.name:
+            remedy = "check the camera and the network"
         return NoRecentFrame(
-            f"expected a new image younger than {self._max_age_ms:g} ms from {self.name}, got {got} within "
-            f"{self._timeout_ms:g} ms; {remedy}"
+            f"expected a new image from {self.name}, got {got} within {self._timeout_ms / 1000:g} s; {remedy}"
         )
 
     def _take_recent(self) -> Frame | None:

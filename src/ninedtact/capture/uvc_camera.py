@@ -374,7 +374,7 @@ def _open_failure(device: int | str) -> str:
     path = _device_path(device)
     if not path.exists():
         others = ", ".join(camera.path for camera in list_cameras()) or "no camera at all"
-        return f"no device {path}; plug it in (this machine has {others}), or name it with --source"
+        return f"no device {path}; plug it in, or name another (this machine has {others})"
     if not os.access(path, os.R_OK | os.W_OK):
         try:
             user = getpass.getuser()

@@ -136,7 +136,7 @@ class Train:
         find_pair_files(self.data)
         of_heights = InputChannels[self.channels.upper()].of_heights if self.channels else self.preset != "paper"
         if of_heights:
-            require_sensor_calibrations(self.data, self.sensors)
+            require_sensor_calibrations(self.data, self.sensors, ", or train on images: --channels deformation")
 
     def settings(self) -> "TrainingSettings":
         """Return the preset with these options; raises `TrainingImpossible`, `NetworkUnknown`."""

@@ -75,7 +75,7 @@ def _export_into(recording: Recording, out: Path, on_image: Callable[[], None]) 
         "measured": _export_measured(recording, out / "wrench_measured.csv"),
         "estimated": _export_estimates(recording, out / "wrench_estimated.csv"),
         "heights": _export_heights(recording, out),
-        "warnings": len(recording.positions(Topic.WARNINGS)),
+        "warned": len(recording.positions(Topic.WARNINGS)),
         "pairs": _export_pairs(recording, out / "pairs.csv"),
         "events": _export_events(recording, out / "events.csv"),
         "spans": _export_spans(recording, out / "spans.csv"),

@@ -126,13 +126,16 @@ def _read_first_references(data: Path, names: Collection[str]) -> Iterator[tuple
             yield row["sensor"], np.asarray(cv2.cvtColor(decode_stored_image(row["image"]), cv2.COLOR_GRAY2BGR))
 
 
-def require_sensor_calibrations(data: Path, given: Path | None) -> None:
-    """Raise `SensorCalibrationMissing` where a data set has no calibrations and none can be made; this takes no time."""
+def require_sensor_calibrations(data: Path, given: Path | None, otherwise: str = "") -> None:
+    """Raise `SensorCalibrationMissing` where a data set has no calibrations and none can be made; this takes no time.
+
+    otherwise: what can be done without calibrations, as the end of the sentence.
+    """
     carried = find_sensor_folders(DatasetFolder(data).sensor_folders)
     if data.is_dir() and given is None and not carried and not load_simulated_sensors(data):
         raise SensorCalibrationMissing(
             f"expected the calibrations of the sensors of {data}, got none, or several of one sensor; give --sensors, a folder "
-            "that holds a sensor folder of each name, or train on images: --channels deformation"
+            f"that holds a sensor folder of each name{otherwise}"
         )
 
 
