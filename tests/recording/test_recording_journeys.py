@@ -457,6 +457,7 @@ def test_a_program_collects_pairs_with_one_call(sensor: Path, tmp_path: Path) ->
         ("record", "--source 0 --out x.mcap --seconds 0", "--seconds above zero"),
         ("record", "--source 0 --force-torque sim --out x.mcap --sensor SENSOR", "name two that belong together"),
         ("collect", "--source sim --force-torque netft:1.2.3.4 --out x.mcap --sensor SENSOR", "both sim"),
+        ("record", "--source sim --out x.mcap --sensor SENSOR --height-bits 16", "--height-bits with --heights"),
         ("collect", "--source 0 --force-torque gopher:1 --out x.mcap --sensor SENSOR", "got 'gopher:1'"),
         ("collect", "--source no.mcap --force-torque no.mcap --out x.mcap --sensor SENSOR", "no such file"),
         (

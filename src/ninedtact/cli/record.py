@@ -89,6 +89,10 @@ class Record:
         require_recording_libraries()
         require_new_recording_path(self.out)
         require_duration(self.seconds)
+        if self.height_bits == 16 and not self.heights:
+            raise RecordingRefused(
+                "expected --height-bits with --heights, got it alone; give --heights as well, or leave it out"
+            )
         named = parse_named_sources(self.source, self.sensor)
         if "" in named:
             require_matching_force_source(named[""][0], self.force_torque, is_twin_address)
@@ -218,7 +222,7 @@ def _progress_bar(
     from tqdm import tqdm
 
     total, form = seconds and round(seconds, 1), _BAR if seconds else _BAR_WITHOUT_END
-    with tqdm(total=total, disable=quiet, bar_format=form, delay=_BAR_DELAY_S) as bar:
+    with tqdm(total=total, disable=True if quiet else None, bar_format=form, delay=_BAR_DELAY_S) as bar:
 
         def show(elapsed_s: float, writers: "Collection[RecordingWriter]") -> None:
             messages, dropped = sum(one.written.total() for one in writers), sum(one.dropped for one in writers)

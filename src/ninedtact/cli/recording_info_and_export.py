@@ -170,7 +170,7 @@ class Export:
             )
             recordings = [opened.enter_context(Recording(address)) for address in addresses]
             images = sum(len(recording.positions(Topic.IMAGES)) for recording in recordings)
-            with tqdm(total=images, unit="images", disable=self.json) as bar:
+            with tqdm(total=images, unit="images", disable=True if self.json else None) as bar:
                 if self.to == "lerobot":
                     from ninedtact.interop.lerobot import export_lerobot
 
