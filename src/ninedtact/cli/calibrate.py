@@ -51,8 +51,6 @@ if TYPE_CHECKING:
 
 _IMAGE_NAMES = ("board_reference", "board", "ball_reference", "ball")
 _IMAGE_OPTIONS = ", ".join("--" + name.replace("_", "-") for name in _IMAGE_NAMES)
-
-
 _BOARD_NAMES, _BALL_NAMES = _IMAGE_NAMES[:2], _IMAGE_NAMES[2:]
 
 

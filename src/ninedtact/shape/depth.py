@@ -335,15 +335,8 @@ class DepthReader:
         if not self.all_in_view:
             z_mm[self.lens_source == HeightSource.OUT_OF_VIEW] = 0
         source = self.height_source(index)
-        return HeightMap(
-            z_mm,
-            source,
-            rectified.mm_per_px,
-            self.noise_mm,
-            self.camera_distance_mm,
-            rectified.stamp_ns,
-            self.curve.pressed[1][-1],
-        )
+        scale, stamp_ns, deepest_mm = rectified.mm_per_px, rectified.stamp_ns, self.curve.pressed[1][-1]
+        return HeightMap(z_mm, source, scale, self.noise_mm, self.camera_distance_mm, stamp_ns, deepest_mm)
 
     def index(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
         """Return the table index of every pixel; lost and scattered light is restored first where it is calibrated."""
