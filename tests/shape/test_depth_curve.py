@@ -63,6 +63,27 @@ def test_without_a_continuation_the_end_value_is_kept() -> None:
     assert alone.height_mm(np.array([-0.5])) == pytest.approx(-1.0)
 
 
+@pytest.mark.parametrize(
+    ("curve", "darker", "pixels", "clipped"),
+    [
+        (DepthCurve("ratio", (0.0, 0.2), (0.0, 1.0), (0.0, 0.02)), 0.207, 900, False),  # by 0.035 mm
+        (DepthCurve("ratio", (0.0, 0.2), (0.0, 1.0), (0.0, 0.02)), 0.209, 900, True),
+        (DepthCurve("ratio", (0.0, 0.2), (0.0, 1.0), (0.0, 0.02)), 0.21, 1, False),  # as noise is
+        (DepthCurve("difference", (0.0, 2.0), (0.0, 0.046), (0.0, 0.03)), 0.1, 900, True),
+        (CURVE, 0.55, 900, False),
+        (CURVE, 0.9, 900, True),
+    ],
+)
+def test_skin_darker_than_the_end_of_the_curve_is_clipped(
+    curve: DepthCurve, darker: float, pixels: int, clipped: bool
+) -> None:
+    grey = np.full(900, 200, np.float32)
+    grey[:pixels] *= 1 - darker
+    reference = Rectified(np.full((30, 30), 200, np.float32), 0.05)
+    read = DepthReader(curve, reference, np.full((30, 30), HeightSource.MEASURED, np.uint8))
+    assert read(Rectified(grey.reshape(30, 30), 0.05)).is_clipped == clipped
+
+
 def test_a_continuation_is_stored_with_the_curve_and_must_rise() -> None:
     assert msgspec.convert(msgspec.to_builtins(CURVE), DepthCurve) == CURVE
     for wrong in (((0.15, 0.6), (1.3, 1.8), (0.1, 0.2)), ((0.35, 0.6), (1.3, 1.2), (0.1, 0.2))):

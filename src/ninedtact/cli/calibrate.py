@@ -108,12 +108,20 @@ class CalibrateCommand:
 
     def run(self) -> int:
         """Calibrate, write the sensor folder, and print how good it is."""
+        from ninedtact.calibration.sensor_toml_schema import require_sensor_id
+
+        require_sensor_id(self.sensor_id)
         with sensor_replacement(self.out):
             sensor = self._calibrate_on_page() if self.on_page.page else self._calibrate_from_images()
         if sensor is None:
             print_notice(f"stopped before the calibration was complete; {self.out} is as it was")
             return 1
         return print_result(self.json, _to_json_dict(sensor), _format_calibration(sensor))
+
+    @property
+    def sensor_id(self) -> str:
+        """Name of a sensor that is calibrated from the beginning."""
+        return self.id or self.out.name or self.out.resolve().name  # without a name as in --out .
 
     def _calibrate_from_images(self) -> "SensorFolder":
         """Calibrate from files or with a camera, and write the sensor folder."""
@@ -138,7 +146,7 @@ class CalibrateCommand:
             raise InvalidCalibrateOption(
                 "expected --page alone or with --source, since it takes the images itself, got images or --from-import; drop --page"
             )
-        design, settings, name = self.resolved_design, self.options.settings(), self.id or self.out.name
+        design, settings, name = self.resolved_design, self.options.settings(), self.sensor_id
         page = CalibrationPageServer(self.out, name, design, settings, self.on_page, self.source, self.automatic)
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
             return page.serve()
@@ -151,7 +159,7 @@ class CalibrateCommand:
             return self._add_ball(self._lens_folder(scratch), images.ball_pair, on_step)
         if images.ball_pair is None:
             _require_no_depth_lost(self.out)
-        return calibrate(images, self.resolved_design, self.options.settings(), self.id or self.out.name, on_step)
+        return calibrate(images, self.resolved_design, self.options.settings(), self.sensor_id, on_step)
 
     def _add_ball(
         self, folder: "SensorFolder", ball: "tuple[BgrImage, BgrImage]", on_step: Callable[[str], None]

@@ -166,6 +166,8 @@ BALANCE: dict[BrightnessSignal, float] = {"difference": 2.0, "ratio": 2 / 160}
 """Brightening up to which noise may cancel darkening: three standard deviations of a pixel."""
 ZERO_INDEX = TABLE_SIZE // 2
 """Table index of unchanged brightness."""
+_CLIPPED_STDS = 2.0
+"""Errors of the end of a curve by which skin must be deeper, so that the press from which the curve was made is not."""
 DIMMEST_REFERENCE = 1.0
 """Grey level below which a ratio is meaningless; darker pixels of the reference image are raised to it."""
 
@@ -263,6 +265,15 @@ class DepthCurve:
         """Table index of the end of the calibrated range."""
         return int(np.floor(ZERO_INDEX - self.darkening[-1] * TABLE_STEPS[self.signal]))
 
+    @cached_property
+    def clipped_index(self) -> int:
+        """Table index below which skin is deeper than the end of all knots by more than twice the error there, if the curve went on
+        as steeply as it is on average.
+        """
+        darkening, indentation_mm, error_mm = (knots[-1] for knots in self.pressed)
+        margin = _CLIPPED_STDS * darkening * error_mm / indentation_mm if indentation_mm > 0 else 0.0
+        return int(np.floor(ZERO_INDEX - (darkening + margin) * TABLE_STEPS[self.signal]))
+
 
 def _require_valid_curve(name: str, signal: tuple[float, ...], length_mm: tuple[float, ...]) -> None:
     """Refuse a curve that is not finite, starts away from zero, or falls."""
@@ -342,8 +353,18 @@ class DepthReader:
             self.noise_mm,
             self.camera_distance_mm,
             rectified.stamp_ns,
-            self.curve.pressed[1][-1],
+            self._is_clipped(index),
         )
+
+    def _is_clipped(self, index: UInt16[Array, "few_rows few_cols"]) -> bool:
+        """Return whether skin is darker than the end of the curve, its continuation included, by more than its error explains.
+
+        index: on the grid on which heights are looked up. It is smoothed as these are, because noise darkens single pixels.
+        """
+        if index.min() >= self.curve.clipped_index:
+            return False
+        smoothed = self.smoothing.on_grid(1 / self._coarseness)(index.astype(np.float32))
+        return bool(smoothed.min() < self.curve.clipped_index)
 
     def index(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
         """Return the table index of every pixel; lost and scattered light is restored first where it is calibrated."""
