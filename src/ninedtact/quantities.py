@@ -73,8 +73,8 @@ class HeightMap:
     camera_distance_mm: float = np.inf
     """Distance from the camera to the undeformed skin; infinite for an orthographic view."""
     stamp_ns: int = 0
-    curve_end_mm: float = np.inf
-    """Indentation at which the depth curve ends, its continuation included; deeper skin appears as deep as this."""
+    is_clipped: bool = False
+    """Whether skin is deeper than the depth curve goes, by more than twice its error; it appears as deep as the curve's end."""
 
     @property
     def indentation_mm(self) -> Float32[Array, "rows cols"]:

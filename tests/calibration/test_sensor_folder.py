@@ -135,19 +135,30 @@ def test_a_number_beyond_its_bounds_is_refused_by_name_value_and_what_is_possibl
         load_sensor(folder)
 
 
+@pytest.mark.parametrize("name", ["", "..", "../../x", "a\\nb\\u0000", "n" * 101])
+def test_a_name_that_no_sensor_can_have_is_refused(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (folder / "sensor.toml").read_text()
+    (folder / "sensor.toml").write_text(re.sub('^id = ".*"', lambda _: f'id = "{name}"', text, flags=re.MULTILINE))
+    with pytest.raises(SensorFolderDamaged, match="expected a name of a sensor of 1 to 100 characters"):
+        load_sensor(folder)
+    if name:  # without a name it is that of the folder
+        assert main(["calibrate", "--images=no", f"--out={folder.parent / 'new'}", f"--id={name[:1]}/"]) == 1
+        assert "expected a name of a sensor" in capsys.readouterr().err
+
+
 def test_an_edited_number_is_a_warning_of_every_reading(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     record, written = folder / "sensor.toml", (folder / "sensor.toml").read_text()
     record.write_text("# a remark\n" + written.replace('id = "', 'id = "my ', 1))
     assert load_sensor(folder).notices == ()
     given = [*(f"--{name}={folder}/images/ball_reference.png" for name in ("reference",)), f"{folder}/images/ball.png"]
-    for text in (
-        written.replace("noise_mm = 0.00", "noise_mm = 0.01", 1),
-        "\n".join(line for line in written.splitlines() if not line.startswith("checksum")),
+    for text, reason in (
+        (written.replace("noise_mm = 0.00", "noise_mm = 0.01", 1), "its checksum is not that of its numbers"),
+        ("\n".join(line for line in written.splitlines() if not line.startswith("checksum")), "it has no checksum;"),
     ):
         record.write_text(text)
         assert main(["estimate", f"--sensor={folder}", "--json", *given]) == 0
         printed = capsys.readouterr()
-        assert "sensor.toml was edited or damaged after the calibration" in printed.err
+        assert f"sensor.toml was edited or damaged after the calibration: {reason}" in printed.err
         assert "calibration edited" in json.loads(printed.out)["wrenches"][0]["warnings"]
 
 

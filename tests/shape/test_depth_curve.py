@@ -9,19 +9,16 @@ import pytest
 
 from ninedtact.quantities import HeightSource, Rectified
 from ninedtact.shape.calibrated_shape import ReferenceUnusable, mean_rectified_image
+from ninedtact.shape.deblurring import Deblurring, deconvolve_gaussian_blur, upsample, wiener_deconvolution_filter
 from ninedtact.shape.depth import (
     FINE_SMOOTHING,
     CurveContinuation,
-    Deblurring,
     DepthCurve,
     DepthCurveImpossible,
     DepthReader,
     GlobalDimmingModel,
     Smoothing,
-    deconvolve_gaussian_blur,
     mean_view_darkening,
-    upsample,
-    wiener_deconvolution_filter,
 )
 
 BEYOND = CurveContinuation((0.35, 0.6), (1.3, 1.8), (0.06, 0.16))
@@ -61,6 +58,27 @@ def test_the_error_grows_beyond_the_ball_and_the_calibrated_range_stays() -> Non
 def test_without_a_continuation_the_end_value_is_kept() -> None:
     alone = DepthCurve("ratio", (0.0, 0.2), (0.0, 1.0), (0.0, 0.02))
     assert alone.height_mm(np.array([-0.5])) == pytest.approx(-1.0)
+
+
+@pytest.mark.parametrize(
+    ("curve", "darker", "pixels", "clipped"),
+    [
+        (DepthCurve("ratio", (0.0, 0.2), (0.0, 1.0), (0.0, 0.02)), 0.207, 900, False),  # by 0.035 mm
+        (DepthCurve("ratio", (0.0, 0.2), (0.0, 1.0), (0.0, 0.02)), 0.209, 900, True),
+        (DepthCurve("ratio", (0.0, 0.2), (0.0, 1.0), (0.0, 0.02)), 0.21, 1, False),  # as noise is
+        (DepthCurve("difference", (0.0, 2.0), (0.0, 0.046), (0.0, 0.03)), 0.1, 900, True),
+        (CURVE, 0.55, 900, False),
+        (CURVE, 0.9, 900, True),
+    ],
+)
+def test_skin_darker_than_the_end_of_the_curve_is_clipped(
+    curve: DepthCurve, darker: float, pixels: int, clipped: bool
+) -> None:
+    grey = np.full(900, 200, np.float32)
+    grey[:pixels] *= 1 - darker
+    reference = Rectified(np.full((30, 30), 200, np.float32), 0.05)
+    read = DepthReader(curve, reference, np.full((30, 30), HeightSource.MEASURED, np.uint8))
+    assert read(Rectified(grey.reshape(30, 30), 0.05)).is_clipped == clipped
 
 
 def test_a_continuation_is_stored_with_the_curve_and_must_rise() -> None:

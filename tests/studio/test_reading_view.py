@@ -1,11 +1,15 @@
 """What the browser draws is the skin: in mm, true to scale, in the colours of the map, and not too much of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, plane, skin, with_hole
 
 from ninedtact.design import Gel
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
+from ninedtact.shape.measures import summarise_shape
+from ninedtact.studio.page_cards import shape_summary_html
 from ninedtact.studio.reading_view import MAX_SURFACE_POINTS, full_range_colour_scale, skin_surface
 from ninedtact.studio.scene_3d import gel_block_under_skin
 
@@ -64,3 +68,12 @@ def test_the_block_of_gel_is_as_large_as_what_the_camera_sees() -> None:
     assert {"\N{MINUS SIGN}10", "0", "5", "\N{MINUS SIGN}2", "x (mm)", "z (mm)"} <= set(texts)
     assert texts["\N{MINUS SIGN}2"][2] == -2
     assert full_range_colour_scale(SHAPE.curve) == ColourScale(2.0, 2.0)
+
+
+def test_a_press_deeper_than_the_curve_is_shown_as_a_lower_limit() -> None:
+    usual, deeper = (
+        shape_summary_html(summarise_shape(replace(ball_print(), is_clipped=is_clipped)), False)
+        for is_clipped in (False, True)
+    )
+    assert "≥" not in usual and "lower limit" not in usual
+    assert "≥ 1.90" in deeper and "its depth is a lower limit" in deeper

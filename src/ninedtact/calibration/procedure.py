@@ -44,6 +44,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     SensorTomlRecord,
     make_lens_model_table,
     make_pin_map_table,
+    require_sensor_id,
 )
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
@@ -170,12 +171,13 @@ def calibrate(
     imported: SensorFolder | None = None,
 ) -> Calibration:
     """Calibrate a sensor; raises `BoardNotFound`, `BallPressUnusable`, `ImageUnusable`, whose messages say what to do, and
-    `CalibrationImagesMissing`.
+    `CalibrationImagesMissing`, `SensorIdImpossible`.
 
     on_step: called with what is fitted next, in words. imported: a sensor whose rectification is used in place of a board's. Linear
     algebra runs on one thread meanwhile: its matrices are small, so that several threads would mostly wait for each other, at three
     times the processor time.
     """
+    require_sensor_id(sensor_id)
     with threadpool_limits(1):
         fits = _fit_presses(images, design, settings, on_step, imported)
         record = _make_record(images, fits, design, settings, sensor_id, imported)

@@ -70,16 +70,18 @@ class SensorFolder:
     path: Path
     record: SensorTomlRecord
     is_edited: bool = False
-    """Whether the numbers of `sensor.toml` differ from those that the calibration wrote."""
+    """Whether the numbers of `sensor.toml` differ from those that the calibration wrote, or have no checksum that tells."""
+    has_checksum: bool = True
 
     @property
     def notices(self) -> tuple[str, ...]:
         """A sentence for each reason to distrust the calibration; empty for one that passed its checks and is as it was written."""
         from ninedtact.calibration.certificate.checks import overall_check_level
 
+        reason = "its checksum is not that of its numbers" if self.has_checksum else "it has no checksum"
         edited = (
-            f"{self.path / SENSOR_FILE} was edited or damaged after the calibration: its checksum is not that of its numbers; "
-            "restore the sensor folder or calibrate again if you did not edit it"
+            f"{self.path / SENSOR_FILE} was edited or damaged after the calibration: {reason}; restore the sensor folder or "
+            "calibrate again if you did not edit it"
         )
         notices, certificate = [edited] if self.is_edited else [], self.record.certificate
         if certificate is not None and overall_check_level(certificate) == "fail":
@@ -246,17 +248,17 @@ def load_sensor(folder: Path | str) -> SensorFolder:
             f"expected a sensor folder with a readable {SENSOR_FILE}, got {path} ({trouble}); give the folder that "
             "'ninedtact calibrate --out' wrote"
         ) from trouble
-    record, is_edited = _parse_record(path, text)
-    return SensorFolder(path, record, is_edited)
+    record, checksum, own = _parse_record(path, text)
+    return SensorFolder(path, record, checksum != own, checksum is not None)
 
 
-def _parse_record(folder: Path, text: str) -> tuple[SensorTomlRecord, bool]:
-    """Parse the text of `sensor.toml` and check every field; the second value says whether a number was edited."""
+def _parse_record(folder: Path, text: str) -> tuple[SensorTomlRecord, Any, str]:
+    """Parse the text of `sensor.toml` and check every field; return the checksum that it states, too, and that of its numbers."""
     try:
         tables = tomllib.loads(text)
         _require_current_format(folder, tables)
-        is_edited = tables.pop(CHECKSUM_KEY, None) != mapping_checksum(tables, NOT_CALIBRATED)
-        return convert_tables_to_class(tables, SensorTomlRecord), is_edited
+        checksum = tables.pop(CHECKSUM_KEY, None)
+        return convert_tables_to_class(tables, SensorTomlRecord), checksum, mapping_checksum(tables, NOT_CALIBRATED)
     except SensorFolderDamaged:
         raise
     except (ValueError, RecursionError, NinedtactError) as trouble:

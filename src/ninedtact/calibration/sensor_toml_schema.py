@@ -4,13 +4,16 @@ The file is readable and diffable, and together with the stored images it is eno
 standard deviation.
 """
 
+import re
 from datetime import datetime
 from typing import Annotated
 
 from msgspec import Meta, Struct, field
 
 from ninedtact.design import Gel, SensorDesign, require_within_bounds
-from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
+from ninedtact.errors import InputError
+from ninedtact.shape.deblurring import Deblurring
+from ninedtact.shape.depth import DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
 from ninedtact.shape.lens import LensModel, LensModelCorrection, Points, RadialBasisProjection
 from ninedtact.shape.rectification import CameraRotation
 from ninedtact.simulation.gel_brightness import BrightnessModel
@@ -262,6 +265,23 @@ class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=T
         require_within_bounds("gel", self.gel)
 
 
+_SENSOR_ID = re.compile(r"(?!\.{1,2}\Z)[^\x00-\x1f\x7f/\\]{1,100}")
+"""Names are shown on pages, stand in tables and may become names of folders."""
+
+
+class SensorIdImpossible(InputError):
+    """The name of a sensor is empty, too long, or holds what no name of a folder can."""
+
+
+def require_sensor_id(sensor_id: str) -> None:
+    """Raise `SensorIdImpossible` for text that is no name of a sensor."""
+    if not _SENSOR_ID.fullmatch(sensor_id):
+        raise SensorIdImpossible(
+            "expected a name of a sensor of 1 to 100 characters without slashes and control characters, got "
+            f"{sensor_id[:120]!r}; choose another"
+        )
+
+
 class SensorTomlRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The whole file `sensor.toml`."""
 
@@ -277,3 +297,6 @@ class SensorTomlRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_def
     twin: TwinTable | None = None
     images: dict[str, StoredCalibrationImage] = field(default_factory=dict)
     certificate: Certificate | None = None
+
+    def __post_init__(self) -> None:
+        require_sensor_id(self.id)

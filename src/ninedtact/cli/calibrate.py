@@ -8,7 +8,7 @@ images, says what it detects, and continues once it has what it needs.
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
 from tempfile import TemporaryDirectory, gettempdir
@@ -22,6 +22,7 @@ from ninedtact.cli.calibration_page import (
     CalibrationPageServer,
     simulated_calibration_camera,
 )
+from ninedtact.cli.calibration_result import calibration_json_dict, format_calibration
 from ninedtact.cli.result_and_interrupt import (
     StatusLine,
     StepLine,
@@ -106,14 +107,22 @@ class CalibrateCommand:
 
     def run(self) -> int:
         """Calibrate, write the sensor folder, and print how good it is."""
+        from ninedtact.calibration.sensor_toml_schema import require_sensor_id
+
+        require_sensor_id(self.sensor_id)
         with sensor_replacement(self.out):
             sensor = self._calibrate_on_page() if self.on_page.page else self._calibrate_from_images()
         if sensor is None:
             print_notice(f"stopped before the calibration was complete; {self.out} is as it was")
             return 1
-        result = _to_json_dict(sensor)
-        print_result(self.json, result, _format_calibration(sensor))
+        result = calibration_json_dict(sensor)
+        print_result(self.json, result, format_calibration(sensor))
         return 1 if result["result"] == "fail" else 0
+
+    @property
+    def sensor_id(self) -> str:
+        """Name of a sensor that is calibrated from the beginning."""
+        return self.id or self.out.name or self.out.resolve().name  # without a name as in --out .
 
     def _calibrate_from_images(self) -> "SensorFolder":
         """Calibrate from files or with a camera, and write the sensor folder."""
@@ -138,7 +147,7 @@ class CalibrateCommand:
             raise InvalidCalibrateOption(
                 "expected --page alone or with --source, since it takes the images itself, got images or --from-import; drop --page"
             )
-        design, settings, name = self.resolved_design, self.options.settings(), self.id or self.out.name
+        design, settings, name = self.resolved_design, self.options.settings(), self.sensor_id
         page = CalibrationPageServer(self.out, name, design, settings, self.on_page, self.source, self.automatic)
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
             return page.serve()
@@ -151,7 +160,7 @@ class CalibrateCommand:
             return self._add_ball(self._lens_folder(scratch), images.ball_pair, on_step)
         if images.ball_pair is None:
             _require_no_depth_lost(self.out)
-        return calibrate(images, self.resolved_design, self.options.settings(), self.id or self.out.name, on_step)
+        return calibrate(images, self.resolved_design, self.options.settings(), self.sensor_id, on_step)
 
     def _add_ball(
         self, folder: "SensorFolder", ball: "tuple[BgrImage, BgrImage]", on_step: Callable[[str], None]
@@ -350,51 +359,3 @@ def _follow_step(
     raise CalibrationRecordingTooShort(
         f"expected images until the step '{step.instruction}' was done, got the end of the recording; record it longer"
     )
-
-
-def _to_json_dict(sensor: "SensorFolder") -> dict[str, object]:
-    """Return the certificate and its checks for scripts."""
-    import msgspec
-
-    from ninedtact.calibration.certificate.checks import compute_certificate_checks, overall_check_level
-
-    certificate = sensor.record.certificate
-    assert certificate is not None
-    return {
-        "sensor": str(sensor.path),
-        "id": sensor.id,
-        "result": overall_check_level(certificate),
-        "board": None,
-        "ball": None,
-        "warnings": [],
-        **msgspec.to_builtins(certificate),
-        "checks": [asdict(check) for check in compute_certificate_checks(certificate)],
-    }
-
-
-def _format_calibration(sensor: "SensorFolder") -> Iterator[str]:
-    """Yield the certificate in a few lines."""
-    from ninedtact.calibration.certificate.checks import certificate_headline, compute_certificate_checks
-
-    certificate = sensor.record.certificate
-    assert certificate is not None
-    yield f"sensor {sensor.id} calibrated: {sensor.path}   (± is one standard deviation)"
-    if (board := certificate.board) is not None:
-        yield (
-            f"  board  {board.pins_found} of {board.pins_expected} pins, leave-one-out error {board.leave_one_out_rms_mm:.3f} mm "
-            f"(the paper's method: {board.published_method_rms_mm:.3f} mm)"
-        )
-        yield f"  scale  {board.mm_per_px:.5f} ± {board.mm_per_px_std:.5f} mm per pixel"
-    else:
-        yield f"  scale  {sensor.record.grid.mm_per_px:.5f} mm per pixel, with the imported rectification"
-    if (ball := certificate.ball) is not None:
-        yield (
-            f"  ball   radius {ball.ball_radius_mm:g} mm, pressed {ball.max_indentation_mm:.2f} mm deep, reconstructed to "
-            f"{ball.reconstruction_mae_mm:.3f} mm, noise {ball.noise_mm:.4f} mm, method {ball.method}"
-        )
-    yield from (f"  warning: {warning}" for warning in certificate.warnings)
-    yield f"  {certificate_headline(certificate)}"
-    yield from (
-        f"  {check.level}: {check.text}" for check in compute_certificate_checks(certificate) if check.level != "pass"
-    )
-    yield f"  open {sensor.path / 'certificate.html'} in a browser"

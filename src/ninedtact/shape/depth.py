@@ -10,7 +10,7 @@ by the known point spread (Wiener 1949, docs/references.md).
 """
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Annotated, Literal
 
 import cv2
@@ -21,6 +21,7 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import InputError
 from ninedtact.quantities import HeightMap, HeightSource, Rectified
+from ninedtact.shape.deblurring import Deblurring, upsample
 
 TYPICAL_GLOBAL_DIMMING = 0.7
 """Relative light lost everywhere per mean darkening of the view, from eight real sensors of five laboratories."""
@@ -72,86 +73,6 @@ def _mean_noticed_darkening(brightness: Float32[Array, "few_rows few_cols"], los
     return float(cv2.mean(cv2.threshold(darkening, _MIN_DARKENING, 0, cv2.THRESH_TOZERO, dst=darkening)[1])[0])
 
 
-_DFT_SIDE_FACTOR = 8
-"""Sides of transformed fields are multiples of it, for which the transform is fastest."""
-_MIN_POINTS_PER_SPREAD = 2.5
-"""Smallest number of points of the coarser grid in one standard deviation of the point spread."""
-_MAX_COARSENESS = 3
-
-
-@dataclass(frozen=True)
-class Deblurring:
-    """Wiener deconvolution of the brightness by its Gaussian point spread."""
-
-    point_spread_mm: Annotated[float, Meta(ge=0.01, le=5)]
-    """Standard deviation of the point spread."""
-    floor: Annotated[float, Meta(ge=1e-4, le=1)] = 0.03
-    """Power of noise relative to signal; detail that scattering has attenuated below this level is not restored."""
-
-    def coarseness(self, mm_per_px: float) -> int:
-        """Return the pixels along one side of a point of the coarser grid; it resolves the point spread, and nothing is finer."""
-        return int(np.clip(self.point_spread_mm / mm_per_px / _MIN_POINTS_PER_SPREAD, 1, _MAX_COARSENESS))
-
-    def on_coarser_grid(
-        self, field: Float32[Array, "rows cols"], mm_per_px: float
-    ) -> Float32[Array, "few_rows few_cols"]:
-        """Return the field as it was before scattering, on the coarser grid. Its last row and column may reach beyond the field;
-        beyond its border the field is taken as mirrored.
-        """
-        coarseness = self.coarseness(mm_per_px)
-        few = _block_means(field, coarseness)
-        return deconvolve_gaussian_blur(few, self.point_spread_mm / mm_per_px / coarseness, self.floor)
-
-
-def _block_means(field: Float32[Array, "rows cols"], side: int) -> Float32[Array, "few_rows few_cols"]:
-    """Return the means of square blocks; rows and columns that are missing in the last ones repeat the border."""
-    rows, cols = field.shape
-    whole = cv2.copyMakeBorder(field, 0, -rows % side, 0, -cols % side, cv2.BORDER_REPLICATE)
-    # With whole blocks, OpenCV computes these means ten times faster than with parts of pixels.
-    return np.asarray(cv2.resize(whole, (whole.shape[1] // side, whole.shape[0] // side), interpolation=cv2.INTER_AREA))
-
-
-def upsample(
-    field: Shaped[Array, "few_rows few_cols"], shape: tuple[int, ...], fineness: int
-) -> Shaped[Array, "rows cols"]:
-    """Return a field on a grid of this shape that is finer by a whole factor, by cubic interpolation."""
-    rows, cols = field.shape
-    fine = cv2.resize(field, (cols * fineness, rows * fineness), interpolation=cv2.INTER_CUBIC)
-    return np.ascontiguousarray(fine[: shape[0], : shape[1]])
-
-
-def deconvolve_gaussian_blur(
-    field: Float32[Array, "rows cols"], sigma_px: float, floor: float
-) -> Float32[Array, "rows cols"]:
-    """Return the field deblurred on its own grid."""
-    rows, cols = field.shape
-    gain = wiener_deconvolution_filter(rows, cols, round(sigma_px, 6), floor)
-    down, right = gain.shape[0] - rows, gain.shape[1] - cols
-    padded = cv2.copyMakeBorder(field, down // 2, down - down // 2, right // 2, right - right // 2, cv2.BORDER_REFLECT)
-    transform = cv2.dft(padded, dst=padded)
-    transform *= gain
-    sharp = cv2.dft(transform, dst=transform, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT)
-    return np.ascontiguousarray(sharp[down // 2 : down // 2 + rows, right // 2 : right // 2 + cols])
-
-
-@lru_cache(maxsize=8)
-def wiener_deconvolution_filter(rows: int, cols: int, sigma_px: float, floor: float) -> Float32[Array, "tall wide"]:
-    """Return the factor of the padded field's transform, G/(G² + floor), normalised to one for the mean.
-
-    It is arranged as `cv2.dft` packs the transform of a real field, whose size is even here. Real and imaginary parts of one
-    frequency are neighbours in a row, and in the first and last columns, which hold the frequencies 0 and 1/2, in the column.
-    """
-    reach = int(np.ceil(3 * sigma_px))
-    tall, wide = (
-        _DFT_SIDE_FACTOR * cv2.getOptimalDFTSize(-(-(side + reach) // _DFT_SIDE_FACTOR)) for side in (rows, cols)
-    )
-    ky = np.repeat(np.abs(np.fft.fftfreq(tall))[:, None], wide, axis=1)
-    ky[:, [0, -1]] = ((np.arange(tall) + 1) // 2 / tall)[:, None]
-    kx = (np.arange(wide) + 1) // 2 / wide
-    spread = np.exp(-2 * (np.pi * sigma_px) ** 2 * (kx**2 + ky**2))
-    return np.asarray(spread * (1 + floor) / (spread**2 + floor), np.float32)
-
-
 BrightnessSignal = Literal["difference", "ratio"]
 DepthMethod = Literal["physics", "ratio", "table"]
 """How a depth curve was calibrated (`calibration.ball.ball_fit`)."""
@@ -166,6 +87,8 @@ BALANCE: dict[BrightnessSignal, float] = {"difference": 2.0, "ratio": 2 / 160}
 """Brightening up to which noise may cancel darkening: three standard deviations of a pixel."""
 ZERO_INDEX = TABLE_SIZE // 2
 """Table index of unchanged brightness."""
+_CLIPPED_STDS = 2.0
+"""Errors of the end of a curve by which skin must be deeper, so that the press from which the curve was made is not."""
 DIMMEST_REFERENCE = 1.0
 """Grey level below which a ratio is meaningless; darker pixels of the reference image are raised to it."""
 
@@ -263,6 +186,15 @@ class DepthCurve:
         """Table index of the end of the calibrated range."""
         return int(np.floor(ZERO_INDEX - self.darkening[-1] * TABLE_STEPS[self.signal]))
 
+    @cached_property
+    def clipped_index(self) -> int:
+        """Table index below which skin is deeper than the end of all knots by more than twice the error there, if the curve went on
+        as steeply as it is on average.
+        """
+        darkening, indentation_mm, error_mm = (knots[-1] for knots in self.pressed)
+        margin = _CLIPPED_STDS * darkening * error_mm / indentation_mm if indentation_mm > 0 else 0.0
+        return int(np.floor(ZERO_INDEX - (darkening + margin) * TABLE_STEPS[self.signal]))
+
 
 def _require_valid_curve(name: str, signal: tuple[float, ...], length_mm: tuple[float, ...]) -> None:
     """Refuse a curve that is not finite, starts away from zero, or falls."""
@@ -335,8 +267,25 @@ class DepthReader:
         if not self.all_in_view:
             z_mm[self.lens_source == HeightSource.OUT_OF_VIEW] = 0
         source = self.height_source(index)
-        scale, stamp_ns, deepest_mm = rectified.mm_per_px, rectified.stamp_ns, self.curve.pressed[1][-1]
-        return HeightMap(z_mm, source, scale, self.noise_mm, self.camera_distance_mm, stamp_ns, deepest_mm)
+        return HeightMap(
+            z_mm,
+            source,
+            rectified.mm_per_px,
+            self.noise_mm,
+            self.camera_distance_mm,
+            rectified.stamp_ns,
+            self._is_clipped(index),
+        )
+
+    def _is_clipped(self, index: UInt16[Array, "few_rows few_cols"]) -> bool:
+        """Return whether skin is darker than the end of the curve, its continuation included, by more than its error explains.
+
+        index: on the grid on which heights are looked up. It is smoothed as these are, because noise darkens single pixels.
+        """
+        if index.min() >= self.curve.clipped_index:
+            return False
+        smoothed = self.smoothing.on_grid(1 / self._coarseness)(index.astype(np.float32))
+        return bool(smoothed.min() < self.curve.clipped_index)
 
     def index(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
         """Return the table index of every pixel; lost and scattered light is restored first where it is calibrated."""

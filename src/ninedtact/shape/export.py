@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -85,7 +86,7 @@ def decode_height_png(png: bytes) -> HeightMap:
     seen = image != OUT_OF_VIEW_LEVEL
     z_mm = np.where(seen, (image.astype(np.float32) - ZERO_LEVEL) / LEVELS_PER_MM, 0).astype(np.float32)
     source = np.where(seen, HeightSource.MEASURED, HeightSource.OUT_OF_VIEW).astype(np.uint8)
-    numbers = {name: float(text[name]) for name in SCALES}
+    numbers: dict[str, Any] = {name: float(text[name]) for name in SCALES}
     return HeightMap(z_mm, source, **numbers, stamp_ns=int(text["stamp_ns"]))
 
 

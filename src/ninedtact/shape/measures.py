@@ -33,10 +33,6 @@ class ContactRule:
         return max(self.at_least_mm, self.noise_factor * noise_mm)
 
 
-_CLIPPED_SHARE = 0.999
-"""Fraction of the depth at which the curve ends from which the deepest place counts as deeper than the curve: after smoothing, only
-skin whose neighbours are beyond the end, too, comes so near to it.
-"""
 _NOTABLE_SHARE = 0.01
 """Share of the contact beyond the calibrated range from which it is worth a warning."""
 
@@ -78,16 +74,15 @@ def summarise_shape(
     at = np.flatnonzero(touched)
     area_mm2 = pixel_footprint_mm2(height).ravel()[at] if at.size else np.zeros(0, np.float32)
     volume_mm3 = area_mm2 * -height.z_mm.ravel()[at]
-    deepest_mm = max_indentation_mm(height)
     return ShapeSummary(
-        max_indentation_mm=deepest_mm,
+        max_indentation_mm=max_indentation_mm(height),
         max_bulge_mm=max_bulge_mm(height),
         contact_area_mm2=float(area_mm2.sum(dtype=np.float64)),
         displaced_volume_mm3=float(volume_mm3.sum(dtype=np.float64)),
         contact_centre_mm=_weighted_centre_mm(height, at, volume_mm3),
         contact_threshold_mm=rule.threshold_mm(height.noise_mm),
         extrapolated_share=np.count_nonzero(height.source.ravel()[at] == HeightSource.EXTRAPOLATED) / max(at.size, 1),
-        is_deepest_clipped=deepest_mm >= _CLIPPED_SHARE * height.curve_end_mm and _is_deepest_extrapolated(height),
+        is_deepest_clipped=height.is_clipped,
     )
 
 
@@ -103,26 +98,17 @@ def contact_mask(height: HeightMap, rule: ContactRule = ContactRule()) -> Bool[A
 
 def max_indentation_mm(height: HeightMap) -> float:
     """Return the deepest indentation of a height map, 0 where nothing is indented."""
-    return max(0.0, -_find_extremes(height)[0])
+    return max(0.0, -_extremes_mm(height)[0])
 
 
 def max_bulge_mm(height: HeightMap) -> float:
     """Return the maximum height of bulges in view, 0 where nothing bulges."""
-    return max(0.0, _find_extremes(height)[1])
+    return max(0.0, _extremes_mm(height)[1])
 
 
-def _is_deepest_extrapolated(height: HeightMap) -> bool:
-    """Return whether the deepest pixel in view lies beyond the calibrated range."""
-    col, row = _find_extremes(height)[2]
-    return bool(height.source[row, col] == HeightSource.EXTRAPOLATED)
-
-
-def _find_extremes(height: HeightMap) -> tuple[float, float, tuple[int, int]]:
-    """Return the lowest and the highest height in view, which OpenCV finds ten times faster than numpy, and the column and row of
-    the lowest; zeros without a view.
-    """
-    lowest, highest, at, _ = cv2.minMaxLoc(height.z_mm, height.in_view.view(np.uint8))
-    return lowest, highest, (at[0], at[1])
+def _extremes_mm(height: HeightMap) -> tuple[float, float]:
+    """Return the lowest and the highest height in view, which OpenCV finds ten times faster than numpy; zeros without a view."""
+    return cv2.minMaxLoc(height.z_mm, height.in_view.view(np.uint8))[:2]
 
 
 def _weighted_centre_mm(

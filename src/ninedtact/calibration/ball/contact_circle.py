@@ -195,7 +195,7 @@ MAX_RADIUS_BY_PHYSICS = 1.06
 """Largest radius of the disc, as a fraction of the ball's radius, for the method `physics`. Skin is also indented beside the ball,
 and more widely in thicker gel; the contact mechanics include that, the rule of the disc's edge does not.
 """
-_MIN_DEPTH_MM = 0.4
+MIN_PRESS_DEPTH_MM = 0.4
 """Smallest depth of a press; a shallower one covers too little of the range to calibrate it."""
 MAX_ASYMMETRY = 0.08
 """Asymmetry of the bulge above which a press counts as sheared (straight real press 0.013, sheared one 0.22)."""
@@ -216,9 +216,9 @@ def require_usable_depth(
             "check the ball's radius and the pitch of the board's pins, or press less deep"
         )
     depth_mm = spherical_cap_height_mm(ball.radius_mm, min(radius_mm, ball.radius_mm))
-    if depth_mm < _MIN_DEPTH_MM:
+    if depth_mm < MIN_PRESS_DEPTH_MM:
         raise BallPressUnusable(
-            f"expected a press at least {_MIN_DEPTH_MM} mm deep, got {depth_mm:.2f} mm; press deeper, 1 to 2 mm"
+            f"expected a press at least {MIN_PRESS_DEPTH_MM} mm deep, got {depth_mm:.2f} mm; press deeper, 1 to 2 mm"
         )
 
 

@@ -22,6 +22,7 @@ from numpy import ndarray as Array
 from scipy.optimize import isotonic_regression
 
 from ninedtact.atomic_write import write_file_atomically
+from ninedtact.calibration.ball.contact_circle import MIN_PRESS_DEPTH_MM
 from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.design import RectifiedImageSize
 from ninedtact.errors import FileFormatError
@@ -120,8 +121,6 @@ _MAX_WRONG_SHARE = 0.001
 """Fraction of the crop that may be beyond it, for single pixels that were interpolated badly; there are none in these folders."""
 _MAX_CENTRE_OFFSET_PX = 8.0
 """Largest distance of the central pin from its pixel in the raw image; it is one pixel in these folders."""
-_MIN_DEPTH_MM = 0.4
-"""Smallest end of a depth list, that of the shallowest press from which `ninedtact calibrate` takes a depth curve."""
 _MAX_BEND = 0.5
 """Largest deviation of a depth list from the straight line to its end, as a fraction of its end; 0.04 in a real folder of the
 original project, and 0.12 to 0.15 in the export of real sensors.
@@ -234,9 +233,9 @@ def _read_depth_list(path: Path, thickness_mm: float) -> Float[Array, " levels"]
             f"expected depths that rise with the darkening in {path}, got a list that is {fall:.2f} mm (RMS) from any that does; "
             "calibrate the depth again"
         )
-    if known.max() < _MIN_DEPTH_MM:
+    if known.max() < MIN_PRESS_DEPTH_MM:
         raise OriginalFolderDamaged(
-            f"expected depths to at least {_MIN_DEPTH_MM:g} mm in {path}, got a list of {depth_mm.size} levels that ends at "
+            f"expected depths to at least {MIN_PRESS_DEPTH_MM:g} mm in {path}, got a list of {depth_mm.size} levels that ends at "
             f"{known.max():g} mm; copy the whole file again, or calibrate the depth again with a deeper press"
         )
     if (bend := _measure_bend(depth_mm)) > _MAX_BEND:
