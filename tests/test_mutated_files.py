@@ -10,7 +10,7 @@ import pytest
 
 from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
-from ninedtact.shape.depth import Deblurring
+from ninedtact.shape.deblurring import Deblurring
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 SLOW = ("video, press.mp4", "video, press.mkv", "mesh, strange")

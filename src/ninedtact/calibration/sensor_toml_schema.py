@@ -12,7 +12,8 @@ from msgspec import Meta, Struct, field
 
 from ninedtact.design import Gel, SensorDesign, require_within_bounds
 from ninedtact.errors import InputError
-from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
+from ninedtact.shape.deblurring import Deblurring
+from ninedtact.shape.depth import DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
 from ninedtact.shape.lens import LensModel, LensModelCorrection, Points, RadialBasisProjection
 from ninedtact.shape.rectification import CameraRotation
 from ninedtact.simulation.gel_brightness import BrightnessModel

@@ -10,7 +10,8 @@ import numpy as np
 
 from ninedtact.errors import CalibrationError
 from ninedtact.quantities import EstimateWarning, Frame, Rectified
-from ninedtact.shape.depth import FINE_SMOOTHING, Deblurring, DepthCurve, DepthReader, GlobalDimmingModel, Smoothing
+from ninedtact.shape.deblurring import Deblurring
+from ninedtact.shape.depth import FINE_SMOOTHING, DepthCurve, DepthReader, GlobalDimmingModel, Smoothing
 from ninedtact.shape.rectification import Rectification
 
 REFERENCE_FRAMES = 10

@@ -30,12 +30,12 @@ from ninedtact.calibration.press_brightness import BgrImage, relative_brightness
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin_to_ball_press
 from ninedtact.calibration.twin.ball_press_model import PATCH, BallPressParameters
 from ninedtact.design import SensorDesign
+from ninedtact.shape.deblurring import Deblurring
 from ninedtact.shape.depth import (
     FINE_SMOOTHING,
     TABLE_STEPS,
     BrightnessSignal,
     CurveContinuation,
-    Deblurring,
     DepthCurve,
     DepthMethod,
     GlobalDimmingModel,

@@ -31,9 +31,9 @@ from ninedtact.calibration.press_brightness import (
 )
 from ninedtact.design import BallGauge
 from ninedtact.quantities import Frame, HeightSource, Rectified, skin_grid_mm
+from ninedtact.shape.deblurring import Deblurring
 from ninedtact.shape.depth import (
     BrightnessSignal,
-    Deblurring,
     DepthCurve,
     DepthMethod,
     DepthReader,
