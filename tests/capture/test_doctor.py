@@ -199,7 +199,7 @@ def test_why_a_camera_does_not_open_is_told(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr("ninedtact.capture.uvc_camera.list_cameras", list)
     absent = BenchCamera(plugged_in=False)
     for device, is_permitted, said in (
-        (987, True, "got no device /dev/video987; plug it in \\(this machine has no camera at all\\), or name it"),
+        (987, True, "got no device /dev/video987; plug it in, or name another \\(this machine has no camera at all\\)"),
         ("/dev/null", True, "got a refusal from /dev/null; close the other program"),
         ("/dev/null", False, "got no permission for /dev/null; run `sudo usermod -aG video ada`"),
     ):

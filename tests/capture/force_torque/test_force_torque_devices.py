@@ -62,11 +62,12 @@ def test_net_ft_tells_newtons_at_its_own_rate_and_counts_what_the_network_lost(b
         assert late_ms.max() < 1000  # a stamp of another clock would be off by far more
         dropped, sent = source.dropped, bench.server.sent
         bench.server.drop_every = 10
-        read_for(source, 0.5)
+        received = len(read_for(source, 0.5))
         bench.server.drop_every = 0
-        expected = (bench.server.sent - sent) / 10
-        read_for(source, 0.05)
-        assert source.dropped - dropped == pytest.approx(expected, abs=0.3 * expected + 3)
+        received += len(read_for(source, 0.05))
+        counted = source.dropped - dropped
+        # One of ten is lost, and on a busy computer what its socket cannot hold; nothing is counted that was not sent.
+        assert counted >= 0.7 * received / 9 - 3 and received + counted <= bench.server.sent - sent + 60
 
 
 def test_net_ft_refuses_saturated_and_faulty_records_and_goes_on_after_them(bench: Bench) -> None:
