@@ -33,7 +33,7 @@ from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, 
 from ninedtact.design import Gel
 from ninedtact.shape.depth import DepthMethod
 
-HOSTILE = "<script>alert('id')</script> & \"co\""
+HOSTILE = "<script>alert('id')<b> & \"co\""
 GOOD = Certificate(
     BoardQuality(63, 63, [], 0.03, 0.07, 0.06, 0.052, 0.0001, 20.0, 0.6, "model", 0),
     BallQuality("ratio", 60.0, 3.1, 4.0, 1.5, 0.012, 0.014, 1.48, 0.002, 50.0, 0.02, 0.0),
