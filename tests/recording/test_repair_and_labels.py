@@ -139,7 +139,9 @@ def test_labels_of_a_truncated_recording_complete_it_and_one_being_written_is_re
     cut.write_bytes(write_attached(tmp_path / "whole.mcap").read_bytes()[:-100])
     for age_s in (4.0, -4.0):  # the clock may have been set back
         os.utime(cut, (time.time() - age_s,) * 2)
-        with pytest.raises(RecordingRefused, match=r"may be writing: it changed [34]\.\d s ago; wait, and label it then"):
+        with pytest.raises(
+            RecordingRefused, match=r"may be writing: it changed [34]\.\d s ago; wait, and label it then"
+        ):
             edit_labelled_spans(cut, lambda _: [PUSH])
     os.utime(cut, (time.time() - 5.5,) * 2)
     assert edit_labelled_spans(cut, lambda _: [PUSH]) == [PUSH]
