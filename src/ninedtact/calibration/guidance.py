@@ -15,7 +15,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.ball_press import find_usable_contact_circle
-from ninedtact.calibration.ball.contact_circle import MAX_ASYMMETRY, BallPressUnusable, spherical_cap_height_mm
+from ninedtact.calibration.ball.contact_circle import BallPressUnusable, spherical_cap_height_mm
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.certificate.checks import CONTRAST_TO_NOISE
@@ -26,6 +26,7 @@ from ninedtact.calibration.press_brightness import (
     smooth_gaussian,
     to_grey_float,
 )
+from ninedtact.calibration.press_limits import MAX_ASYMMETRY
 from ninedtact.calibration.procedure import CalibrationSettings
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame

@@ -14,6 +14,7 @@ from scipy import ndimage
 from scipy.optimize import least_squares
 
 from ninedtact.calibration.press_brightness import BgrImage, estimate_pixel_noise, smooth_gaussian
+from ninedtact.calibration.press_limits import MAX_ASYMMETRY
 from ninedtact.design import BallGauge
 from ninedtact.errors import CalibrationError
 
@@ -197,8 +198,6 @@ and more widely in thicker gel; the contact mechanics include that, the rule of 
 """
 MIN_PRESS_DEPTH_MM = 0.4
 """Smallest depth of a press; a shallower one covers too little of the range to calibrate it."""
-MAX_ASYMMETRY = 0.08
-"""Asymmetry of the bulge above which a press counts as sheared (straight real press 0.013, sheared one 0.22)."""
 _MAX_RESIDUAL = 0.06
 """Fraction of the darkening that may stay unexplained (a straight real press 0.008, a sheared one 0.04, a roller 0.07)."""
 _MAX_REFERENCE_DIFFERENCE = 3.0

@@ -42,6 +42,7 @@ from ninedtact.calibration.press_brightness import (
     require_usable_exposure,
     smooth_gaussian,
 )
+from ninedtact.calibration.press_limits import MAX_MISSING_FRACTION
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.shape.lens import (
@@ -57,8 +58,6 @@ from ninedtact.shape.rectification import Area, CameraRotation, Rectification, r
 LensKind = Literal["model", "paper"]
 """The lens model, or the paper's map through the pins."""
 
-MAX_MISSING_FRACTION = 0.10
-"""Largest fraction of the pins that may be predicted instead of detected."""
 _REFINEMENT_ITERATIONS = 4
 SMOOTHING_PX = 1.0
 

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from math import inf, sqrt
 from typing import Literal
 
-from ninedtact.calibration.ball.contact_circle import MAX_ASYMMETRY
-from ninedtact.calibration.board.board_fit import MAX_MISSING_FRACTION
+from ninedtact.calibration.press_limits import MAX_ASYMMETRY, MAX_MISSING_FRACTION
 from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
 from ninedtact.design import Gel, SensorDesign
 
