@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -161,12 +162,11 @@ def test_junk_for_every_control_disturbs_no_page(
             junk.send(msgspec.msgpack.encode(CAMERA | nothing | {"image_height": -1, "image_width": 1e9}))
             handle = {"type": "TransformControlsUpdateMessage", "name": "/press/handle", "owner": ""}
             junk.send(msgspec.msgpack.encode(handle | nothing))
-            for theme in themes():
-                # Each browser has its own control, and the last of these messages is handled after all the junk.
-                for value in (True, False):
-                    for client in (junk, other):
-                        client.send(update(theme._impl.uuid, value))
-                    wait_until(lambda theme=theme, value=value: theme.value is value)
+            # Each browser has its own control, and the last of these messages is handled after all the junk.
+            for theme, value in product(themes(), (True, False)):
+                junk.send(update(theme._impl.uuid, value))
+                other.send(update(theme._impl.uuid, value))
+                wait_until(lambda theme=theme, value=value: theme.value is value)
             time.sleep(0.2)  # what the controls do, they do in other threads
             refresh()
             for control in every:
