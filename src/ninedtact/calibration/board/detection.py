@@ -161,12 +161,10 @@ def _grow_lattice(dark_spots: DarkSpots, seed: int, right: Float[Array, "2"], do
         node = queue.popleft()
         for direction, first_step in steps.items():
             target = (node[0] + direction[0], node[1] + direction[1])
+            if target in taken:
+                continue
             step = _expected_step(dark_spots, taken, node, direction, first_step)
-            spot = (
-                None
-                if target in taken
-                else _find_spot_near(dark_spots, taken, dark_spots.points_px[taken[node]] + step, step)
-            )
+            spot = _find_spot_near(dark_spots, taken, dark_spots.points_px[taken[node]] + step, step)
             if spot is not None:
                 taken[target] = spot
                 queue.append(target)
