@@ -388,7 +388,7 @@ def test_fixed_images_have_the_answers_that_they_had() -> None:
         (by_waves := TractionForce(HeightObservationModel(), GEL)).estimate(wavy),
     )
     same = {"rtol": 2e-3, "atol": 0}
-    near = {"rtol": 0.015, "atol": 0}  # the iteration ends where it is good enough; processors round differently on the way
+    near = {"rtol": 0.015, "atol": 0}  # processors round differently on the way to where the iteration ends
     np.testing.assert_allclose(one.wrench.six, [0.88970, 0.44757, -3.5329, 1.3464e-3, 5.0566e-3, 9.792e-4], **same)
     np.testing.assert_allclose(one.std, [0.057375, 0.029454, 0.22755, 9.0633e-5, 3.2761e-4, 1.2597e-3], **near)
     np.testing.assert_allclose(two.wrench.six, [0.86373, 0.42762, -3.5226, 1.3780e-3, 5.0278e-3, 9.391e-4], **same)
