@@ -1,4 +1,4 @@
-"""What all tests share. Shapes and types of annotated functions are checked while the tests run (`type_checker`).
+"""What all tests share. Shapes and types of annotated functions are checked while the tests run.
 
 The inner loops of the contact solvers take twice as long when they are checked. They are checked in the tests of `mechanics`, which
 run by themselves (`make test`), and unchecked in all others.
@@ -12,15 +12,12 @@ from pathlib import Path
 for _library in ("OPENBLAS", "OMP"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
-import jaxtyping  # noqa: E402
-
-from type_checker import check_some_calls  # noqa: E402
+from jaxtyping import install_import_hook  # noqa: E402
 
 _SOURCES = Path(__file__).parents[1] / "src" / "ninedtact"
 _UNCHECKED = set() if os.environ.get("NINEDTACT_CHECK_MECHANICS") else {"mechanics"}
 if not os.environ.get("JAXTYPING_DISABLE"):
-    jaxtyping.jaxtyped = check_some_calls(jaxtyping.jaxtyped)  # the hook decorates with what has this name
-    jaxtyping.install_import_hook(
+    install_import_hook(
         sorted(f"ninedtact.{path.stem}" for path in _SOURCES.iterdir() if path.stem not in _UNCHECKED),
         "type_checker.checked",
     )
