@@ -35,10 +35,11 @@ unexport PYTHONDONTWRITEBYTECODE
 	$(INSTALL) -e '.[docs]'
 	touch $@
 
-# The tests of a file run on one worker, so that what they share is made once.
+# The tests of a file run on one worker, so that what they share is made once; tests/conftest.py says which files begin.
+PYTEST := .venv/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 test: .venv/ready lint types
-	.venv/bin/python -m pytest -n 2 --dist loadfile --ignore tests/mechanics
-	NINEDTACT_CHECK_MECHANICS=1 .venv/bin/python -m pytest -n 2 --dist loadfile tests/mechanics
+	$(PYTEST) --ignore tests/mechanics
+	NINEDTACT_CHECK_MECHANICS=1 $(PYTEST) tests/mechanics
 
 # What a person does at the command line, with the lowest versions that pyproject.toml declares, and with newer interpreters. Each
 # runs in an environment of its own, without torch.
@@ -113,7 +114,7 @@ types: .venv/ready
 
 # Line coverage of the whole test suite, and the page of the ten least covered files.
 coverage: .venv/ready
-	.venv/bin/python -m pytest -n 2 --dist loadfile --cov=ninedtact --cov-report=json:out/coverage.json
+	$(PYTEST) --cov=ninedtact --cov-report=json:out/coverage.json
 	.venv/bin/python scripts/write_coverage_page.py out/coverage.json
 
 # The documentation site, in out/site, which works without a network. Warnings, broken links and files from elsewhere are errors.

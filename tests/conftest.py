@@ -12,12 +12,15 @@ from pathlib import Path
 for _library in ("OPENBLAS", "OMP"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
-from jaxtyping import install_import_hook  # noqa: E402
+import jaxtyping  # noqa: E402
+
+from type_checker import check_calls  # noqa: E402
 
 _SOURCES = Path(__file__).parents[1] / "src" / "ninedtact"
 _UNCHECKED = set() if os.environ.get("NINEDTACT_CHECK_MECHANICS") else {"mechanics"}
 if not os.environ.get("JAXTYPING_DISABLE"):
-    install_import_hook(
+    jaxtyping.jaxtyped = check_calls  # type: ignore[assignment]
+    jaxtyping.install_import_hook(
         sorted(f"ninedtact.{path.stem}" for path in _SOURCES.iterdir() if path.stem not in _UNCHECKED),
         "type_checker.checked",
     )
@@ -33,12 +36,34 @@ from ninedtact.capture.strict_image_reading import read_image  # noqa: E402
 from ninedtact.simulation.calibration_images import simulate_calibration_images  # noqa: E402
 from ninedtact.simulation.twin import default_twin  # noqa: E402
 
+_LONGEST_FILES = (
+    "test_model_journey.py",
+    "test_mutated_files.py",
+    "test_export.py",
+    "test_pressing_by_hand.py",
+    "test_calibration_page.py",
+    "test_recordings_on_page.py",
+    "test_train_command.py",
+    "test_sensor_folder.py",
+    "test_board.py",
+    "test_journeys.py",
+    "test_hardware_commands.py",
+    "test_recording_journeys.py",
+    "test_examples.py",
+    "test_rules.py",
+    "test_led_board_rules.py",
+)
+"""Files that take a minute. They begin first, so that no worker is left with one at the end while the others have none."""
+
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Run a test in a real browser once more where it fails: on a busy computer a browser may take longer than its patience.
+    """Begin with the longest files, and run a test in a real browser once more where it fails.
 
-    The summary counts such tests as rerun, so that one that needs it often is seen.
+    On a busy computer a browser may take longer than its patience. The summary counts such tests as rerun, so that one that needs
+    it often is seen.
     """
+    begin_at = {name: number for number, name in enumerate(_LONGEST_FILES)}
+    items.sort(key=lambda item: begin_at.get(item.path.name, len(begin_at)))
     if config.pluginmanager.hasplugin("rerunfailures"):
         for item in items:
             if "browser" in getattr(item, "fixturenames", ()):
@@ -80,6 +105,12 @@ def real_images(real_data: Path) -> dict[str, CalibrationImages]:
 def calibrated_a(real_images: dict[str, CalibrationImages]) -> Calibration:
     """Sensor A calibrated with the defaults."""
     return calibrate(real_images["a"])
+
+
+@pytest.fixture(scope="session")
+def sensor_a(calibrated_a: Calibration, tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
+    """Sensor A as it was calibrated; a test that changes its folder copies it."""
+    return save_sensor(tmp_path_factory.mktemp("sensor_a") / "sensor", calibrated_a)
 
 
 @pytest.fixture(scope="session")

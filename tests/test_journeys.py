@@ -16,6 +16,7 @@ import pytest
 import trimesh
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli import main
 
 PRESSES = ("board_reference", "board", "ball_reference", "ball")
@@ -29,10 +30,8 @@ def calibrate_options(images: Path, out: Path, **changed: Path) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def sensor(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("journey") / "sensor_a"
-    assert main(calibrate_options(real_data / "sensor_a", folder)) == 0
-    return folder
+def sensor(sensor_a: SensorFolder) -> Path:
+    return sensor_a.path
 
 
 def test_calibrate_prints_its_certificate(

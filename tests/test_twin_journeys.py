@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from ninedtact.calibration.procedure import Calibration
-from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.cli import main
@@ -61,13 +59,12 @@ def test_a_press_to_a_load_and_with_a_mesh(tmp_path: Path, capsys: pytest.Captur
 
 
 def test_a_press_of_a_sensor_is_on_the_grid_of_its_rectified_images(
-    calibrated_a: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sensor_a: SensorFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    sensor = save_sensor(tmp_path / "a", calibrated_a)
     press = ["--object", "ball:4", "--depth-mm", "1", "--at-mm", "6", "-3"]
-    told = told_by_press(tmp_path / "out", capsys, *press, "--sensor", str(sensor.path))
+    told = told_by_press(tmp_path / "out", capsys, *press, "--sensor", str(sensor_a.path))
     height = np.load(tmp_path / "out" / "height.npy")
-    assert told["mm_per_px"] == sensor.rectification.mm_per_px != 0.0522
+    assert told["mm_per_px"] == sensor_a.rectification.mm_per_px != 0.0522
     row, col = np.unravel_index(height.argmin(), height.shape)
     x, y = ((at - (side - 1) / 2) * told["mm_per_px"] for at, side in zip((col, row), height.shape[::-1], strict=True))
     assert (x, y) == pytest.approx((6, -3), abs=0.1)

@@ -22,8 +22,6 @@ from ninedtact.calibration.drift.drift_measurement import (
 )
 from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
 from ninedtact.calibration.press_brightness import BgrImage, ImageUnusable
-from ninedtact.calibration.procedure import CalibrationImages, calibrate
-from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
 from ninedtact.capture.strict_image_reading import ImageSizeWrong, read_image
 from ninedtact.cli.check import CheckCommand, NoImageToCheck
@@ -67,9 +65,8 @@ def images(real_data: Path) -> dict[str, dict[str, BgrImage]]:
 
 
 @pytest.fixture(scope="module")
-def sensor(images: dict[str, dict[str, BgrImage]], tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
-    made = calibrate(CalibrationImages(**images["sensor_a"]))
-    return save_sensor(tmp_path_factory.mktemp("sensors") / "a", made)
+def sensor(sensor_a: SensorFolder) -> SensorFolder:
+    return sensor_a
 
 
 @pytest.fixture(scope="module")

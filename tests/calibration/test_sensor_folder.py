@@ -51,8 +51,8 @@ DESIGN = SensorDesign()
 
 
 @pytest.fixture
-def folder(calibrated_a: Calibration, tmp_path: Path) -> Path:
-    return save_sensor(tmp_path / "sensor", calibrated_a).path
+def folder(sensor_a: SensorFolder, tmp_path: Path) -> Path:
+    return shutil.copytree(sensor_a.path, tmp_path / "sensor")
 
 
 def test_what_is_read_is_what_was_written(folder: Path, calibrated_a: Calibration) -> None:
@@ -451,10 +451,10 @@ def test_images_of_a_ball_upgrade_an_imported_sensor(
 
 
 def test_every_user_of_a_failed_calibration_is_told(
-    calibrated_a: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The gel is stated half as thick as it is, so that no depth curve fits both halves of the ball."""
-    images = save_sensor(tmp_path / "good", calibrated_a).path / "images"
+    images = folder / "images"
     arguments = ["calibrate", f"--images={images}", f"--out={tmp_path / 'bad'}", "--design.gel.thickness-mm=1.0"]
     assert main(arguments) == 1
     assert "Do not measure with this calibration" in capsys.readouterr().out
@@ -465,7 +465,7 @@ def test_every_user_of_a_failed_calibration_is_told(
     assert main(["check", f"--sensor={bad.path}", str(images / "ball_reference.png")]) == 0
     said = capsys.readouterr().err
     assert f"the calibration of {bad.path} failed its checks; do not measure with it" in said
-    assert load_sensor(tmp_path / "good").notices == ()
+    assert load_sensor(folder).notices == ()
 
 
 def test_images_of_half_a_press_name_the_missing_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

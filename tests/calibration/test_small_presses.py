@@ -40,7 +40,12 @@ from ninedtact.calibration.twin.ball_press_model import (
     ObservedBallPress,
     perturb_parameter,
 )
-from ninedtact.calibration.twin.board_press_model import BoardPressModel, BoardPressParameters, ObservedBoardPress
+from ninedtact.calibration.twin.board_press_model import (
+    SOLVER_SETTINGS,
+    BoardPressModel,
+    BoardPressParameters,
+    ObservedBoardPress,
+)
 from ninedtact.calibration.twin.lens_refinement import (
     INITIAL_PRESS,
     BoardPressFit,
@@ -96,8 +101,9 @@ def press(change: np.ndarray) -> BallPress:
     return BallPress(UNTOUCHED, after, find_usable_contact_circle(UNTOUCHED, after, DESIGN.ball, "physics"))
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def model(press: BallPress) -> BallPressModel:
+    """One for every test: the contacts that a model has solved are first guesses for the next."""
     return model_of(press.after)
 
 
@@ -190,6 +196,18 @@ def test_finite_strain_adds_its_share_and_contacts_are_kept(model: BallPressMode
     assert model.cached_contacts[key] is kept
 
 
+def test_the_first_guess_is_the_most_similar_contact_after_as_many_poses(model: BallPressModel) -> None:
+    poses = tuple(PRESS.poses())
+    assert model._most_similar_contact(2.3, poses) is None
+    one, other = (model._contact_after(thickness_mm, poses) for thickness_mm in (2.3, 2.5))
+    assert model._most_similar_contact(2.39, poses) is one and model._most_similar_contact(2.41, poses) is other
+    assert model._most_similar_contact(2.79, poses) is other and model._most_similar_contact(2.81, poses) is None
+    for moved in ({"x_mm": 0.52}, {"y_mm": -0.42}, {"depth_mm": 1.52}):
+        aside = (*poses[:-1], replace(poses[-1], **moved))
+        assert model._most_similar_contact(2.31, aside) is one and model._most_similar_contact(2.21, aside) is None
+    assert model._most_similar_contact(2.3, poses[:1]) is model.cached_contacts[2.3, poses[:1]]
+
+
 def test_smoothing_is_a_part_of_the_point_spread() -> None:
     after = UNTOUCHED.grey.copy()
     after[48, 64] *= 2
@@ -209,7 +227,7 @@ def test_smoothing_is_a_part_of_the_point_spread() -> None:
 def test_the_derivatives_of_the_image_are_those_they_were(model: BallPressModel) -> None:
     _, residual = model.fit_linear_terms(PRESS.vector)
     jacobian = _image_jacobian(model, PRESS.vector, residual)
-    figures = [137.05, 144.36, 150.53, 92.199, 97.448, 56.471, 64.128, 8.4422, 99.081, 5.3682]
+    figures = [137.05, 144.36, 148.89, 92.388, 97.604, 56.103, 64.128, 8.4422, 99.081, 5.3682]
     np.testing.assert_allclose(np.linalg.norm(jacobian, axis=0), figures, **SAME)
     reused = _image_jacobian(model, PRESS.vector, residual, np.vstack([2 * jacobian, np.ones((3, 10))]))
     twice = [
@@ -240,7 +258,7 @@ def test_the_coarse_search_goes_as_it_went(
     monkeypatch.setattr(ball_press_fit, "MAX_COARSE_STEPS", 2)
     found = _fit_coarsely(model, _initial_guess(press, DESIGN))
     assert found[9] == pytest.approx(0.5, abs=1.01e-3)
-    figures = [0.58997, -0.39080, 1.3357, 0.34272, -0.22650, 2.2104, 0.54428, 0.54619, 0.043565]
+    figures = [0.59026, -0.39103, 1.3349, 0.34307, -0.22658, 2.2095, 0.54494, 0.55756, 0.043509]
     np.testing.assert_allclose(found[:9], figures, **SAME_FIT)
 
 
@@ -249,10 +267,10 @@ def test_the_drawn_press_is_found(fit: TwinBallFit) -> None:
     np.testing.assert_allclose(twin.press.vector[:5], PRESS.vector[:5], atol=0.02)
     assert twin.press.point_spread_mm == pytest.approx(np.hypot(0.5, 1.5 * MM_PER_PX), abs=0.05)
     assert fit.press.circle.centre_px == pytest.approx((0.6 / MM_PER_PX + 63.5, -0.4 / MM_PER_PX + 47.5), abs=0.05)
-    figures = [0.59978, -0.39992, 1.2819, 0.29372, -0.19475, 2.3698, 0.53487, 0.43296, 0.047215, 0.45805]
+    figures = [0.59967, -0.39988, 1.2820, 0.29390, -0.19475, 2.3731, 0.53301, 0.43584, 0.046951, 0.46521]
     np.testing.assert_allclose(twin.press.vector, figures, **SAME_FIT)
     np.testing.assert_allclose(twin.brightness_coefficients, [0.99533, 0.12304, 0.35390], **SAME_FIT)
-    figures = [0.0023221, 0.0020284, 0.0096451, 0.0069031, 0.0047960, 0.046525, 0.026032, 0.12394, 0.0075479, 0.16623]
+    figures = [0.0023051, 0.0020210, 0.0095887, 0.0067702, 0.0047016, 0.046059, 0.026111, 0.12478, 0.0075658, 0.16562]
     np.testing.assert_allclose(list(twin.uncertainty.standard_deviations.values()), figures, **SAME_FIT)
     assert twin.uncertainty.effective_observations == pytest.approx(88.548, rel=2e-3)
     assert (twin.image_rmse_grey_levels, twin.radial_rmse_grey_levels) == pytest.approx((0.063203, 0.028568), rel=5e-3)
@@ -272,7 +290,7 @@ def test_prior_knowledge_has_the_weight_of_an_observation(
     )
     assert terms.grey_levels_per_std == pytest.approx(np.sqrt((residual**2).sum() / 80))
     found, jacobian = _fit_finely(model, PRESS.vector, terms)
-    figures = [0.59674, -0.39728, 1.3091, 0.30850, -0.20499, 2.2779, 0.57340, 0.74432, 0.072693, 0.29942]
+    figures = [0.59679, -0.39732, 1.3095, 0.30849, -0.20491, 2.2774, 0.57357, 0.74952, 0.072711, 0.30012]
     np.testing.assert_allclose(found, figures, **SAME_FIT)
     assert jacobian.shape == (model.observed.count + 3, 10)
     np.testing.assert_allclose(jacobian[-3:], terms.jacobian)
@@ -470,8 +488,13 @@ def test_a_board_is_accepted_that_the_twin_explains(fit: BoardPressFit, accepted
     assert fit.priors == ((ParameterPrior("inverse_distance_per_mm", 0.05, 0.005),) if accepted else ())
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def board_model() -> BoardPressModel:
+    """One for every test, as that of the ball."""
+    return new_board_model()
+
+
+def new_board_model() -> BoardPressModel:
     return BoardPressModel(as_drawn(model_of(UNTOUCHED)), BOARD, 10)
 
 
@@ -485,14 +508,14 @@ def board_fit() -> BoardFit:
 
 
 @pytest.fixture(scope="module")
-def observed(board_model: BoardPressModel, board_fit: BoardFit) -> ObservedBoardPress:
+def observed(board_fit: BoardFit) -> ObservedBoardPress:
     """The drawn board in dimmer light, rectified through the wrong lens."""
     mm_per_px = 0.11
     x, y = skin_grid_mm((90, 110), mm_per_px)
     grid_mm = np.column_stack([x.ravel(), y.ravel()]).astype(float)
     pixels = WRONG_LENS.to_px(grid_mm)
     seen_mm = _invert_lens_projection(LENS, pixels, _invert_lens_projection(LENS, pixels, grid_mm))
-    change = board_model.predict_image(BOARD_PRESS).at(seen_mm).reshape(x.shape)
+    change = new_board_model().predict_image(BOARD_PRESS).at(seen_mm).reshape(x.shape)
     reference = (150 + 2 * x - 1.5 * y).astype(np.float32)
     pressed = reference * 0.98 * (1 + 0.003 * x) * (1 + change) + np.random.default_rng(0).normal(0, 0.3, x.shape)
     return ObservedBoardPress(
@@ -506,8 +529,8 @@ def test_the_height_under_the_board_is_solved_once_for_all_views(board_model: Bo
     assert height_mm.min() == pytest.approx(-0.7, abs=0.08)
     for other in ({"depth_mm": 0.6}, {"tilt_x_rad": 0.0}, {"tilt_y_rad": 0.0}, {"poisson_ratio": 0.45}):
         assert np.abs(board_model.height_mm(replace(BOARD_PRESS, **other)) - height_mm).max() > 0.01
-        assert list(board_model.cached_height_mm) == [astuple(replace(BOARD_PRESS, **other))[:4]]
-    np.testing.assert_array_equal(board_model.height_mm(BOARD_PRESS), height_mm)
+        assert list(board_model.cached_contact) == [astuple(replace(BOARD_PRESS, **other))[:4]]
+    np.testing.assert_allclose(board_model.height_mm(BOARD_PRESS), height_mm, atol=SOLVER_SETTINGS.tolerance_mm(0.7))
 
 
 def test_the_predicted_board_is_the_one_it_was(board_model: BoardPressModel) -> None:
@@ -554,28 +577,27 @@ def test_the_linearised_board_is_its_difference_quotients(
         """The prediction in this light."""
         return light * (1 + board_model.predict_image(press).at(at_mm))
 
-    light = (observed.relative_brightness - problem.residual / observed.mean_grey) / (
-        1 + board_model.predict_image(BOARD_PRESS).at(points_mm)
-    )
+    unmoved = new_board_model().predict_image(BOARD_PRESS).at(points_mm)
+    light = (observed.relative_brightness - problem.residual / observed.mean_grey) / (1 + unmoved)
     steps = {"depth_mm": 0.02, "tilt_x_rad": 0.003, "tilt_y_rad": 0.003, "poisson_ratio": -0.003}
     steps |= {"inverse_distance_per_mm": 0.004, "point_spread_mm": 0.02}
     for column, (name, step) in zip(problem.jacobian.T, steps.items(), strict=False):
         moved = replace(BOARD_PRESS, **{name: getattr(BOARD_PRESS, name) + step})
         quotient = (predicted(moved, points_mm) - predicted(BOARD_PRESS, points_mm)) / step * observed.mean_grey
         alike = column @ quotient / np.linalg.norm(column) / np.linalg.norm(quotient)
-        assert alike > (0.9 if "tilt" in name else 1 - 1e-9), name
+        assert alike > (0.9 if "tilt" in name else 1 - 1e-4), name
     for mode, column in zip(np.moveaxis(modes, -1, 0), problem.jacobian[:, 6:-3].T, strict=True):
         moved = predicted(BOARD_PRESS, points_mm + 0.02 * mode) - predicted(BOARD_PRESS, points_mm - 0.02 * mode)
         quotient = np.where(True, moved / 0.04, 0) * observed.mean_grey
         assert np.linalg.norm(column - quotient) < 0.2 * np.linalg.norm(quotient)
     plane = np.column_stack([np.ones(len(points_mm)), points_mm / 10])
-    lit = plane * (1 + board_model.predict_image(BOARD_PRESS).at(points_mm))[:, None] * observed.mean_grey
+    lit = plane * (1 + unmoved)[:, None] * observed.mean_grey
     np.testing.assert_allclose(problem.jacobian[:, -3:], lit, rtol=1e-9)
     np.testing.assert_allclose(lit.T @ problem.residual, 0, atol=1e-4)
     np.testing.assert_allclose(problem.contact_derivatives[0] * light * observed.mean_grey, problem.jacobian[:, 0])
     reused = solver.linearise(BOARD_PRESS, points_mm, modes, np.ones((2, len(points_mm))))
     np.testing.assert_allclose(reused.jacobian[:, [0, 3]] / reused.jacobian[:, :1], 1)
-    figures = [133.48, 286.80, 396.32, 938.49, 72.534, 135.46]
+    figures = [135.20, 289.43, 398.73, 943.58, 72.534, 135.46]
     np.testing.assert_allclose(np.linalg.norm(problem.jacobian[:, :6], axis=0), figures, **SAME)
 
 
@@ -619,11 +641,11 @@ def test_the_fit_of_a_board_goes_as_it_went(
     monkeypatch.setattr(lens_refinement, "MAX_FINE_ITERATIONS", 2)
     fit = fit_board_press_and_lens(observed, board_model.twin_fit)
     assert not fit.converged and len(fit.lens.radial) == 3
-    figures = [0.69829, 0.010229, -0.019352, 0.48877, 0.034762, 0.52861]
+    figures = [0.69712, 0.010235, -0.019271, 0.48894, 0.036440, 0.52865]
     np.testing.assert_allclose(fit.press.vector, figures, **SAME_FIT)
-    figures = [0.004833, 0.000557, 0.000495, 0.000615, 0.007653, 0.002661]
+    figures = [0.004775, 0.000553, 0.000486, 0.000586, 0.007663, 0.002590]
     np.testing.assert_allclose(fit.standard_deviations.vector, figures, rtol=1e-2)
-    np.testing.assert_allclose(fit.lens.to_px(PINS_MM[[0, 11]]), [[246.006, 183.600], [399.144, 282.284]], atol=0.01)
+    np.testing.assert_allclose(fit.lens.to_px(PINS_MM[[0, 11]]), [[246.044, 183.627], [399.117, 282.266]], atol=0.01)
     refined = refine_board_lens(board_fit, board_model.twin_fit, fit)
     assert refined.lens == fit.lens and refined.correction is None
     imprints_mm = BoardPressModel(board_model.twin_fit, BOARD).imprints_mm(

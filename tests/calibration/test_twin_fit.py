@@ -1,7 +1,6 @@
 """The twin that one ball press tells: of a twin whose numbers are known, and of real sensors whose are not."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from ninedtact.calibration.ball.ball_press import BallPress, find_usable_contact
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
-from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
 from ninedtact.calibration.twin.sensor_twin import assemble_twin, fitted_gel
 from ninedtact.design import SensingArea, SensorDesign
@@ -107,8 +106,8 @@ def test_the_twin_of_gel_at_finite_strain_bears_more_load_at_the_same_depth(cali
     assert 1.05 < loads_n[1] / loads_n[0] < 1.3
 
 
-def test_the_twin_of_a_wide_sensor_has_its_skin(calibrated_a: Calibration, tmp_path: Path) -> None:
-    folder = save_sensor(tmp_path / "a", calibrated_a)
+def test_the_twin_of_a_wide_sensor_has_its_skin(sensor_a: SensorFolder) -> None:
+    folder = sensor_a
     assert (folder.twin().area_mm, folder.twin().gel_mm) == ((24, 18), (29.5, 22.5))
     design = replace(folder.record.design, sensing_area=SensingArea(30, 22.5))
     wide = replace(folder, record=structs.replace(folder.record, design=design)).twin()

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ninedtact.calibration.procedure import Calibration
-from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.force.contact_detection import (
     ContactRegionSettings,
@@ -63,17 +62,14 @@ def test_pins_all_over_the_view_are_a_touch_and_not_noise() -> None:
 
 
 @pytest.mark.parametrize("reference", ["board_reference", "ball_reference"])
-def test_the_board_of_a_real_sensor_touches(
-    reference: str, calibrated_a: Calibration, real_data: Path, tmp_path: Path
-) -> None:
-    sensor = save_sensor(tmp_path / "a", calibrated_a)
+def test_the_board_of_a_real_sensor_touches(reference: str, sensor_a: SensorFolder, real_data: Path) -> None:
     folder = real_data / "sensor_a"
-    depth_reader = sensor.shape.depth_reader(Frame(read_image(folder / f"{reference}.png")))
+    depth_reader = sensor_a.shape.depth_reader(Frame(read_image(folder / f"{reference}.png")))
     frame = Frame(read_image(folder / "board.png"))
-    rectified = sensor.shape.rectify(frame)
+    rectified = sensor_a.shape.rectify(frame)
     read = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
     assert detect_contact(read)
-    assert build_traction_force(sensor.shape, sensor.gel).estimate(read).wrench.force_n[2] < -1
+    assert build_traction_force(sensor_a.shape, sensor_a.gel).estimate(read).wrench.force_n[2] < -1
 
 
 SETTINGS = ContactRegionSettings()

@@ -119,3 +119,15 @@ def test_a_twist_is_resisted_about_the_contact_alone():
     contact = pressed(model(), DOWN, Pose(depth_mm=1.0, twist_rad=0.3))
     assert contact.wrench().torque_nm[2] > 1e-4
     np.testing.assert_allclose(contact.wrench().six[[0, 1, 3, 4]], 0, atol=1e-7)
+
+
+def test_a_first_guess_saves_iterations_and_leads_to_the_same_contact() -> None:
+    """Friction remembers the last contact; the guess gives only the tractions from which the search starts."""
+    skin = model(settings=FINE)
+    before, dragged = pressed(skin, DOWN), Pose(0.4, -0.2, 1.0)
+    near = skin.step(before, BALL, Pose(0.42, -0.2, 1.01))
+    alone, guided = skin.step(before, BALL, dragged), skin.step(before, BALL, dragged, near)
+    assert guided.iterations < alone.iterations
+    np.testing.assert_allclose(guided.height_mm, alone.height_mm, atol=5e-4)
+    np.testing.assert_allclose(shear_n(guided), shear_n(alone), rtol=2e-3)
+    assert np.abs(shear_n(near) - shear_n(alone)).max() > 0.02 * np.abs(shear_n(alone)).max()

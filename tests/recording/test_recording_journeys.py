@@ -29,9 +29,7 @@ from mcap_ros2.decoder import DecoderFactory
 from twin_folder import twin_folder
 
 import ninedtact
-from ninedtact.calibration.procedure import Calibration
-from ninedtact.calibration.save import save_sensor
-from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.frame_pacing import LatestFrameSource
@@ -559,14 +557,13 @@ def test_a_reference_of_another_sensor_is_a_warning_of_every_estimate_and_said_o
 
 
 def test_record_prints_what_a_person_must_know_of_every_estimate(
-    calibrated_a: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sensor_a: SensorFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path, sensor = tmp_path / "twin.mcap", tmp_path / "a"
-    save_sensor(sensor, calibrated_a)
-    options = ["--source", "sim", "--sensor", sensor, "--seconds", "5", "--force", "physics", "--out", path]
+    path = tmp_path / "twin.mcap"
+    options = ["--source", "sim", "--sensor", sensor_a.path, "--seconds", "5", "--force", "physics", "--out", path]
     assert main(["record", *map(str, options)]) == 0
     said = capsys.readouterr().err
-    notices = load_sensor(sensor).estimator("physics").notices
+    notices = sensor_a.estimator("physics").notices
     assert notices and all(f"ninedtact: {notice}\n" in said for notice in notices)
 
 

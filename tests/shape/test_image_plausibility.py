@@ -8,8 +8,7 @@ import pytest
 
 from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImplausible, load_reference_image_checker
 from ninedtact.calibration.press_brightness import to_grey_float
-from ninedtact.calibration.procedure import Calibration, CalibrationImages
-from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.procedure import CalibrationImages
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.force.estimator_loading import build_estimator
@@ -68,14 +67,13 @@ def test_an_image_that_is_no_press_is_named(name: str, twin_sensor: SensorFolder
 @pytest.mark.parametrize("spec", ["physics", "corrected"])
 @pytest.mark.parametrize("name", ["black", "white", "uniform"])
 def test_an_estimator_by_itself_knows_nothing_of_an_image_that_is_no_press(
-    spec: str, name: str, calibrated_a: Calibration, real_data: Path, tmp_path: Path
+    spec: str, name: str, sensor_a: SensorFolder, real_data: Path
 ) -> None:
-    sensor = save_sensor(tmp_path / "a", calibrated_a)
     image = read_image(real_data / "sensor_a" / "ball_reference.png")
-    depth_reader, frame = sensor.shape.depth_reader(Frame(image)), Frame(WRONG[name][0](image))
-    rectified = sensor.shape.rectify(frame)
+    depth_reader, frame = sensor_a.shape.depth_reader(Frame(image)), Frame(WRONG[name][0](image))
+    rectified = sensor_a.shape.rectify(frame)
     reading = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
-    found = build_estimator(spec, sensor.shape, sensor.gel).estimate(reading)
+    found = build_estimator(spec, sensor_a.shape, sensor_a.gel).estimate(reading)
     assert not found.wrench.six.any() and not np.isfinite(found.std).any() and found.warnings == (WRONG[name][1],)
 
 
@@ -94,9 +92,9 @@ def test_a_press_is_plausible_and_exchanged_images_are_not(press: tuple, twin_se
 
 
 def test_real_presses_are_plausible_and_exchanged_ones_are_not(
-    calibrated_a: Calibration, real_images: dict[str, CalibrationImages], tmp_path: object
+    sensor_a: SensorFolder, real_images: dict[str, CalibrationImages]
 ) -> None:
-    sensor, images = save_sensor(tmp_path / "a", calibrated_a), real_images["a"]  # type: ignore[operator]
+    sensor, images = sensor_a, real_images["a"]
     assert warnings_of(sensor, images.ball_reference, images.ball) == ()
     assert warnings_of(sensor, images.board_reference, images.board) == ()
     assert warnings_of(sensor, images.ball, images.ball_reference) == (UNLIKE,)
@@ -112,10 +110,10 @@ def test_real_presses_are_plausible_and_exchanged_ones_are_not(
 
 
 def test_an_image_of_another_real_sensor_is_refused(
-    calibrated_a: Calibration, real_images: dict[str, CalibrationImages], tmp_path: Path
+    sensor_a: SensorFolder, real_images: dict[str, CalibrationImages]
 ) -> None:
     """Nothing but the fine structure of the skin tells them apart: all pass the comparison of the light."""
-    sensor, own = save_sensor(tmp_path / "a", calibrated_a), real_images["a"]
+    sensor, own = sensor_a, real_images["a"]
     for reference in (own.ball_reference, own.board_reference):
         for image in (own.ball, own.board, own.ball_reference, own.board_reference):
             require_plausible(sensor, reference, image)

@@ -33,7 +33,7 @@ CONTROLS = """() => {
   for (const e of document.querySelectorAll('button, [role=slider], input:not([type=hidden]):not([type=file])')) {
     const box = e.getBoundingClientRect();
     if (box.width === 0 || e.disabled || e.closest('.mantine-Notifications-root') || !e.closest('[class*=mantine]')) continue;
-    if (getComputedStyle(e).visibility === 'hidden') continue;
+    if (getComputedStyle(e).visibility === 'hidden' || e.closest('[inert]')) continue;  // inert: of a panel that closes
     const kind = e.tagName === 'BUTTON' ? 'button' : e.type === 'checkbox' ? 'checkbox' : e.inputMode ? 'number' : 'text';
     const role = (e.getAttribute('role') || '').replace('combobox', 'menu') || kind;
     if (role === 'tab') continue;

@@ -43,6 +43,8 @@ class ContactProblem:
     """One step before it is solved: an object at its next pose over the skin as the last step left it, or a batch of them."""
 
     last: Contact
+    guess: Contact
+    """A contact whose tractions are the first guess."""
     pose: Pose
     constraint: ContactConstraint
     overlap_mm: ScalarField
@@ -81,7 +83,7 @@ class ContactProblem:
             self.friction,
             settings,
         )
-        start = (self._over_batch(self.last.pressure_mpa, 2), self._over_batch(self.last.shear_mpa, 3))
+        start = (self._over_batch(self.guess.pressure_mpa, 2), self._over_batch(self.guess.shear_mpa, 3))
         result = solver.solve(solver.initial_state(*(region.crop(guess) for guess in start)))
         pressure, shear = result.state.pressure, result.state.shear
         tractions = region.embed(pressure.pressure_mpa), region.embed(shear.shear_mpa)
@@ -104,15 +106,21 @@ class ContactProblem:
 
 
 def build_contact_problem_at_pose(
-    last: Contact, indenter: Indenter, pose: Pose, constraint: ContactConstraint, friction: float | PerContact
+    last: Contact,
+    indenter: Indenter,
+    pose: Pose,
+    constraint: ContactConstraint,
+    friction: float | PerContact,
+    guess: Contact | None = None,
 ) -> ContactProblem:
     """Return the problem of an object that moves to this pose over skin that was last in this contact.
 
-    The skin's points are carried along as if all that touched stuck.
+    The skin's points are carried along as if all that touched stuck. guess: a contact whose tractions are the first guess; the last
+    one unless another is closer.
     """
     overlap = -indenter.height_over_skin_mm(replace(pose, x_mm=0.0, y_mm=0.0), *last.skin.coordinates_mm)
     overlap, carried = _broadcast_to_batch(pose, overlap, 2), _broadcast_to_batch(pose, _carried_mm(last, pose), 3)
-    return ContactProblem(last, pose, constraint, overlap, carried, friction)
+    return ContactProblem(last, guess or last, pose, constraint, overlap, carried, friction)
 
 
 @dataclass(frozen=True)
@@ -134,13 +142,14 @@ class ContactModel:
             contact = self.step(contact, indenter, pose)
             yield contact
 
-    def step(self, last: Contact, indenter: Indenter, pose: Pose) -> Contact:
+    def step(self, last: Contact, indenter: Indenter, pose: Pose, guess: Contact | None = None) -> Contact:
         """Return the contact after the object moved from the last pose to this one.
 
+        guess: a contact like the wanted one, from whose tractions it is found sooner than from the last ones.
         Raises `InvalidPose` where the object would reach the base, `ContactLeavesGrid` where the contact would meet
         its own periodic image, `ContactNotConverged`.
         """
-        problem = build_contact_problem_at_pose(last, indenter, pose, ContactConstraint(), self.friction)
+        problem = build_contact_problem_at_pose(last, indenter, pose, ContactConstraint(), self.friction, guess)
         require_depth_within_gel(problem.max_overlap_mm, self.skin.thickness_mm)
         if problem.max_overlap_mm <= 0:
             return self._no_contact(pose, problem.overlap_mm)

@@ -104,11 +104,11 @@ def sensors(tmp_path_factory: pytest.TempPathFactory, twin_sensor: SensorFolder)
 
 
 @pytest.fixture(scope="module")
-def physics_sensors(tmp_path_factory: pytest.TempPathFactory, calibrated_a: Calibration) -> Path:
+def physics_sensors(tmp_path_factory: pytest.TempPathFactory, sensor_a: SensorFolder) -> Path:
     """Both as a real sensor was calibrated by the method `physics`."""
     place = tmp_path_factory.mktemp("physics_sensors")
     for name in "ab":
-        save_sensor(place / name, calibrated_a)
+        shutil.copytree(sensor_a.path, place / name)
     return place
 
 

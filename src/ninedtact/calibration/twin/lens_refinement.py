@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
+from scipy.linalg import qr
 
 from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.board.lens_fit import fit_lens, refine_lens, with_radial_term_count
@@ -31,7 +32,13 @@ from ninedtact.calibration.twin.board_press_model import (
     ObservedBoardPress,
     PredictedBrightnessField,
 )
-from ninedtact.shape.lens import LensModel, PixelNotOnSkin, Points
+from ninedtact.shape.lens import (
+    LensModel,
+    PixelNotOnSkin,
+    Points,
+    determinant_at_each_point,
+    solve_at_each_point,
+)
 
 MAX_RELATIVE_RESIDUAL = 0.06
 """Largest root mean square residual as a fraction of the imprints' contrast, as for a ball's darkening (ball/contact_circle.py).
@@ -257,8 +264,8 @@ def _lens_displacement_modes(lens: LensModel, points_mm: Points) -> Float[Array,
     """Return an orthogonal basis of the displacements, by changes of the lens, of the points that the pixels see, in mm; each mode
     has a root mean square displacement of 1 mm.
     """
-    displacements = np.linalg.solve(lens.px_per_mm(points_mm), lens.px_per_parameter(points_mm))
-    orthonormal, _ = np.linalg.qr(displacements.reshape(2 * len(points_mm), -1))
+    displacements = solve_at_each_point(lens.px_per_mm(points_mm), lens.px_per_parameter(points_mm))
+    orthonormal, _ = qr(displacements.reshape(2 * len(points_mm), -1), mode="economic", check_finite=False)
     return orthonormal.reshape(displacements.shape) * np.sqrt(len(points_mm))
 
 
@@ -270,13 +277,13 @@ def _invert_lens_projection(lens: LensModel, pixels: Points, start_mm: Points) -
     points_mm = start_mm
     for _ in range(INVERSION_ITERATIONS):
         jacobian = lens.px_per_mm(points_mm)
-        if not (np.linalg.det(jacobian) > 0).all():
+        if not (determinant_at_each_point(jacobian) > 0).all():
             raise PixelNotOnSkin(
                 "expected a lens that maps the skin to the image one to one, got one that folds the image over; "
                 "press the board evenly, and calibrate again"
             )
         residual_px = pixels - lens.to_px(points_mm)
-        points_mm = points_mm + np.linalg.solve(jacobian, residual_px[..., None])[..., 0]
+        points_mm = points_mm + solve_at_each_point(jacobian, residual_px)
     return points_mm
 
 
