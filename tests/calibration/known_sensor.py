@@ -21,6 +21,8 @@ LENS = LensModel(
 )
 DARK_PER_MM = 0.17
 BRIGHT = 0.1
+PIN_REACH_MM = 6.5
+"""Beyond it a pin changes no grey level, not even by the rounding of a number."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,9 @@ class KnownSensor:
         factor = np.ones(skin.shape[:2])
         for number, pin in enumerate(pins_mm(self.design.pin_board)):
             if number not in skip:
-                squared = ((skin - pin) ** 2).sum(axis=-1)
-                factor -= self.contrast * (np.exp(-squared / 0.6) - 0.2 * np.exp(-squared / 1.6))
+                near = (np.abs(skin - pin) < PIN_REACH_MM).all(axis=-1)
+                squared = ((skin[near] - pin) ** 2).sum(axis=-1)
+                factor[near] -= self.contrast * (np.exp(-squared / 0.6) - 0.2 * np.exp(-squared / 1.6))
         return factor
 
     def ball_factor(self, centre_mm: tuple[float, float] = (0.6, 0.7), edge_mm: float = 3.2) -> Array:

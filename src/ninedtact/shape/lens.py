@@ -97,9 +97,10 @@ class LensModel:
 
     def _in_plane_with_depth(self, points_mm: Points) -> tuple[Points, Float[Array, "n 1"]]:
         """Return the points in image units before distortion, and the divisor of the homography."""
-        matrix = np.append(self.homography, 1.0).reshape(3, 3)
-        ahead = np.column_stack([points_mm, np.ones(len(points_mm))]) @ matrix.T
-        return ahead[:, :2] / ahead[:, 2:], ahead[:, 2:]
+        x, y = points_mm[:, :1], points_mm[:, 1:]
+        (a, b, c), (d, e, f), (g, h) = self.homography[:3], self.homography[3:6], self.homography[6:]
+        depth = g * x + h * y + 1.0
+        return np.hstack([a * x + b * y + c, d * x + e * y + f]) / depth, depth
 
     def distort(self, plane: Points) -> Points:
         """Apply the radial and tangential terms, image units to image units."""

@@ -194,18 +194,11 @@ def fit_smooth_lens_residual(fit: LensFit, pitch_mm: float) -> LensCorrectionFit
 
 def _fit_correction(fit: LensFit, width_mm: float, noise: float) -> LensCorrectionFit:
     """Return the correction of this width and relative variance of a pin's own error."""
-    kernel, pins = gaussian_basis_matrix(fit.points_mm, fit.points_mm, width_mm), np.arange(len(fit.points_mm))
-    smoothed = kernel + noise * np.eye(len(pins))
+    smoothed = gaussian_basis_matrix(fit.points_mm, fit.points_mm, width_mm) + noise * np.eye(len(fit.points_mm))
     weights = np.linalg.solve(smoothed, -fit.residual_px)
-    left_out_px = fit.residuals_without_each_pin_px
-    errors_px = np.array(
-        [
-            left_out_px[pin, pin]
-            - kernel[pin, pins != pin]
-            @ np.linalg.solve(smoothed[pins != pin][:, pins != pin], left_out_px[pin, pins != pin])
-            for pin in pins
-        ]
-    )
+    inverse = np.linalg.inv(smoothed)
+    # The errors at pins that the regression is not given, from the inverse for all pins (ibid., equation 5.12).
+    errors_px = np.einsum("ij,ija->ia", inverse, fit.residuals_without_each_pin_px) / np.diag(inverse)[:, None]
     errors_mm = np.linalg.solve(fit.lens.px_per_mm(fit.points_mm), errors_px[..., None])[..., 0]
     return LensCorrectionFit(LensModelCorrection(fit.points_mm, weights, width_mm), np.asarray(errors_mm))
 

@@ -78,7 +78,8 @@ def _fit_ring_plane(
     """Return the plane through each patch's ring: the background without the pin, with any gradient of a glare."""
     ones = np.ones_like(x_mm)
     columns = np.stack([ones, x_mm, y_mm])
-    planes = np.linalg.lstsq(columns[:, ring].T, seen[:, ring].T, rcond=None)[0]
+    on_ring = columns[:, ring]
+    planes = np.linalg.solve(on_ring @ on_ring.T, on_ring @ seen[:, ring].T)
     return np.tensordot(planes.T, columns, axes=1)
 
 

@@ -94,14 +94,18 @@ def _normal_equations(earlier: Field, later: Field) -> tuple[Float[Array, "tiles
     """Return the normal equations of every tile: gradient times motion equals the difference of the images."""
     down, right = np.gradient((earlier + later) / 2)
     y, x = (np.indices(earlier.shape) - (np.array(earlier.shape)[:, None, None] - 1) / 2) / (earlier.shape[1] / 2)
-    columns = np.stack([right, down, x * down - y * right], axis=-1)
     lacking = earlier - later
+    columns = np.stack([right, down, x * down - y * right, lacking], axis=-1)
     spread = np.median(np.abs(lacking)) / 0.6745
     weight = 1 / (1 + (lacking / (_HALF_WEIGHT_STDS * spread + 1e-9)) ** 2)
-    weighted = split_into_tiles(weight[..., None] * columns)
-    normal = [np.einsum("rci,rcj->ij", *pair) for pair in zip(weighted, split_into_tiles(columns), strict=True)]
-    side = [np.einsum("rci,rc->i", *pair) for pair in zip(weighted, split_into_tiles(lacking), strict=True)]
-    return np.array(normal), np.array(side)
+    weighted = split_into_tiles(weight[..., None] * columns[..., :3])
+    sums = np.array(
+        [
+            rows.reshape(-1, 3).T @ tile.reshape(-1, 4)
+            for rows, tile in zip(weighted, split_into_tiles(columns), strict=True)
+        ]
+    )
+    return sums[..., :3], sums[..., 3]
 
 
 def _jackknife_error(normal: Float[Array, "tiles 3 3"], right: Float[Array, "tiles 3"]) -> Motion:
