@@ -14,11 +14,11 @@ for _library in ("OPENBLAS", "OMP"):
 
 import jaxtyping  # noqa: E402
 
-from type_checker import check_calls  # noqa: E402
-
 _SOURCES = Path(__file__).parents[1] / "src" / "ninedtact"
 _UNCHECKED = set() if os.environ.get("NINEDTACT_CHECK_MECHANICS") else {"mechanics"}
 if not os.environ.get("JAXTYPING_DISABLE"):
+    from type_checker import check_calls
+
     jaxtyping.jaxtyped = check_calls  # type: ignore[assignment]
     jaxtyping.install_import_hook(
         sorted(f"ninedtact.{path.stem}" for path in _SOURCES.iterdir() if path.stem not in _UNCHECKED),
