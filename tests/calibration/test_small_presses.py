@@ -40,12 +40,7 @@ from ninedtact.calibration.twin.ball_press_model import (
     ObservedBallPress,
     perturb_parameter,
 )
-from ninedtact.calibration.twin.board_press_model import (
-    SOLVER_SETTINGS,
-    BoardPressModel,
-    BoardPressParameters,
-    ObservedBoardPress,
-)
+from ninedtact.calibration.twin.board_press_model import BoardPressModel, BoardPressParameters, ObservedBoardPress
 from ninedtact.calibration.twin.lens_refinement import (
     INITIAL_PRESS,
     BoardPressFit,
@@ -488,13 +483,8 @@ def test_a_board_is_accepted_that_the_twin_explains(fit: BoardPressFit, accepted
     assert fit.priors == ((ParameterPrior("inverse_distance_per_mm", 0.05, 0.005),) if accepted else ())
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def board_model() -> BoardPressModel:
-    """One for every test, as that of the ball."""
-    return new_board_model()
-
-
-def new_board_model() -> BoardPressModel:
     return BoardPressModel(as_drawn(model_of(UNTOUCHED)), BOARD, 10)
 
 
@@ -508,14 +498,14 @@ def board_fit() -> BoardFit:
 
 
 @pytest.fixture(scope="module")
-def observed(board_fit: BoardFit) -> ObservedBoardPress:
+def observed(board_model: BoardPressModel, board_fit: BoardFit) -> ObservedBoardPress:
     """The drawn board in dimmer light, rectified through the wrong lens."""
     mm_per_px = 0.11
     x, y = skin_grid_mm((90, 110), mm_per_px)
     grid_mm = np.column_stack([x.ravel(), y.ravel()]).astype(float)
     pixels = WRONG_LENS.to_px(grid_mm)
     seen_mm = _invert_lens_projection(LENS, pixels, _invert_lens_projection(LENS, pixels, grid_mm))
-    change = new_board_model().predict_image(BOARD_PRESS).at(seen_mm).reshape(x.shape)
+    change = board_model.predict_image(BOARD_PRESS).at(seen_mm).reshape(x.shape)
     reference = (150 + 2 * x - 1.5 * y).astype(np.float32)
     pressed = reference * 0.98 * (1 + 0.003 * x) * (1 + change) + np.random.default_rng(0).normal(0, 0.3, x.shape)
     return ObservedBoardPress(
@@ -529,8 +519,8 @@ def test_the_height_under_the_board_is_solved_once_for_all_views(board_model: Bo
     assert height_mm.min() == pytest.approx(-0.7, abs=0.08)
     for other in ({"depth_mm": 0.6}, {"tilt_x_rad": 0.0}, {"tilt_y_rad": 0.0}, {"poisson_ratio": 0.45}):
         assert np.abs(board_model.height_mm(replace(BOARD_PRESS, **other)) - height_mm).max() > 0.01
-        assert list(board_model.cached_contact) == [astuple(replace(BOARD_PRESS, **other))[:4]]
-    np.testing.assert_allclose(board_model.height_mm(BOARD_PRESS), height_mm, atol=SOLVER_SETTINGS.tolerance_mm(0.7))
+        assert list(board_model.cached_height_mm) == [astuple(replace(BOARD_PRESS, **other))[:4]]
+    np.testing.assert_array_equal(board_model.height_mm(BOARD_PRESS), height_mm)
 
 
 def test_the_predicted_board_is_the_one_it_was(board_model: BoardPressModel) -> None:
@@ -577,7 +567,7 @@ def test_the_linearised_board_is_its_difference_quotients(
         """The prediction in this light."""
         return light * (1 + board_model.predict_image(press).at(at_mm))
 
-    unmoved = new_board_model().predict_image(BOARD_PRESS).at(points_mm)
+    unmoved = board_model.predict_image(BOARD_PRESS).at(points_mm)
     light = (observed.relative_brightness - problem.residual / observed.mean_grey) / (1 + unmoved)
     steps = {"depth_mm": 0.02, "tilt_x_rad": 0.003, "tilt_y_rad": 0.003, "poisson_ratio": -0.003}
     steps |= {"inverse_distance_per_mm": 0.004, "point_spread_mm": 0.02}
@@ -585,7 +575,7 @@ def test_the_linearised_board_is_its_difference_quotients(
         moved = replace(BOARD_PRESS, **{name: getattr(BOARD_PRESS, name) + step})
         quotient = (predicted(moved, points_mm) - predicted(BOARD_PRESS, points_mm)) / step * observed.mean_grey
         alike = column @ quotient / np.linalg.norm(column) / np.linalg.norm(quotient)
-        assert alike > (0.9 if "tilt" in name else 1 - 1e-4), name
+        assert alike > (0.9 if "tilt" in name else 1 - 1e-9), name
     for mode, column in zip(np.moveaxis(modes, -1, 0), problem.jacobian[:, 6:-3].T, strict=True):
         moved = predicted(BOARD_PRESS, points_mm + 0.02 * mode) - predicted(BOARD_PRESS, points_mm - 0.02 * mode)
         quotient = np.where(True, moved / 0.04, 0) * observed.mean_grey
@@ -597,7 +587,7 @@ def test_the_linearised_board_is_its_difference_quotients(
     np.testing.assert_allclose(problem.contact_derivatives[0] * light * observed.mean_grey, problem.jacobian[:, 0])
     reused = solver.linearise(BOARD_PRESS, points_mm, modes, np.ones((2, len(points_mm))))
     np.testing.assert_allclose(reused.jacobian[:, [0, 3]] / reused.jacobian[:, :1], 1)
-    figures = [135.20, 289.43, 398.73, 943.58, 72.534, 135.46]
+    figures = [133.48, 286.80, 396.32, 938.49, 72.534, 135.46]
     np.testing.assert_allclose(np.linalg.norm(problem.jacobian[:, :6], axis=0), figures, **SAME)
 
 
@@ -641,11 +631,11 @@ def test_the_fit_of_a_board_goes_as_it_went(
     monkeypatch.setattr(lens_refinement, "MAX_FINE_ITERATIONS", 2)
     fit = fit_board_press_and_lens(observed, board_model.twin_fit)
     assert not fit.converged and len(fit.lens.radial) == 3
-    figures = [0.69712, 0.010235, -0.019271, 0.48894, 0.036440, 0.52865]
+    figures = [0.69829, 0.010229, -0.019352, 0.48877, 0.034762, 0.52861]
     np.testing.assert_allclose(fit.press.vector, figures, **SAME_FIT)
-    figures = [0.004775, 0.000553, 0.000486, 0.000586, 0.007663, 0.002590]
+    figures = [0.004833, 0.000557, 0.000495, 0.000615, 0.007653, 0.002661]
     np.testing.assert_allclose(fit.standard_deviations.vector, figures, rtol=1e-2)
-    np.testing.assert_allclose(fit.lens.to_px(PINS_MM[[0, 11]]), [[246.044, 183.627], [399.117, 282.266]], atol=0.01)
+    np.testing.assert_allclose(fit.lens.to_px(PINS_MM[[0, 11]]), [[246.006, 183.600], [399.144, 282.284]], atol=0.01)
     refined = refine_board_lens(board_fit, board_model.twin_fit, fit)
     assert refined.lens == fit.lens and refined.correction is None
     imprints_mm = BoardPressModel(board_model.twin_fit, BOARD).imprints_mm(

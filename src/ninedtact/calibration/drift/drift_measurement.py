@@ -95,14 +95,14 @@ def _normal_equations(earlier: Field, later: Field) -> tuple[Float[Array, "tiles
     down, right = np.gradient((earlier + later) / 2)
     y, x = (np.indices(earlier.shape) - (np.array(earlier.shape)[:, None, None] - 1) / 2) / (earlier.shape[1] / 2)
     lacking = earlier - later
-    columns = np.stack([right, down, x * down - y * right, lacking], axis=-1)
+    terms = np.stack([right, down, x * down - y * right, lacking], axis=-1)
     spread = np.median(np.abs(lacking)) / 0.6745
     weight = 1 / (1 + (lacking / (_HALF_WEIGHT_STDS * spread + 1e-9)) ** 2)
-    weighted = split_into_tiles(weight[..., None] * columns[..., :3])
+    weighted = split_into_tiles(weight[..., None] * terms[..., :3])
     sums = np.array(
         [
-            rows.reshape(-1, 3).T @ tile.reshape(-1, 4)
-            for rows, tile in zip(weighted, split_into_tiles(columns), strict=True)
+            weighted_tile.reshape(-1, 3).T @ tile.reshape(-1, 4)
+            for weighted_tile, tile in zip(weighted, split_into_tiles(terms), strict=True)
         ]
     )
     return sums[..., :3], sums[..., 3]

@@ -240,7 +240,7 @@ SOLVER_SETTINGS = SolverSettings(tolerance=5e-4, must_converge=False)
 MAX_CACHED_CONTACTS = 64
 MAX_GUESS_DIFFERENCE_MM = 0.3
 """Difference of two presses, the sum of those of pose and thickness, below which the tractions of the one are the first guess for
-the other. The next vector of the fit and those of the difference quotients differ by less, which halves the time of a fit.
+the other. The next vector of the fit and those of the difference quotients differ by less.
 """
 
 
@@ -259,7 +259,7 @@ class BallPressModel:
 
     def contact(self, press: BallPressParameters) -> Contact:
         """Return the solved contact of the skin under this press, with the heights at finite strain, and pressures in units of the
-        gel's shear modulus.
+        gel's shear modulus. It depends on the contacts that were solved before, by less than the tolerance of the solver.
         """
         linear = self._contact_after(press.thickness_mm, tuple(press.poses()))
         distance_mm = np.hypot(*self.patch.positions_mm)  # the fields move with the ball

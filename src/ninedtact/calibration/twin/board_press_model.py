@@ -20,7 +20,6 @@ from ninedtact.calibration.twin.ball_press_model import FRICTION, ObservedPress
 from ninedtact.design import PinBoard
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_model import ContactModel
-from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid
@@ -157,21 +156,20 @@ class BoardPressModel:
         return padded_grid(width_mm, height_mm, pitch_mm / self.points_per_pitch, MARGIN_MM)
 
     @cached_property
-    def cached_contact(self) -> dict[tuple[float, ...], Contact]:
-        """The contact that was solved last, by the parameters of the contact; those of the view change more often."""
+    def cached_height_mm(self) -> dict[tuple[float, ...], Field]:
+        """The height that was solved last, by the parameters of the contact; those of the view change more often."""
         return {}
 
     def height_mm(self, press: BoardPressParameters) -> Field:
         """Return the height of the skin under the board, from the cache where possible."""
         key = press.depth_mm, press.tilt_x_rad, press.tilt_y_rad, press.poisson_ratio
-        if key not in self.cached_contact:
-            guess = next(iter(self.cached_contact.values()), None)
-            self.cached_contact.clear()
-            self.cached_contact[key] = self.solve_contact(press, guess)
-        return np.asarray(self.cached_contact[key].height_mm, np.float32)
+        if key not in self.cached_height_mm:
+            self.cached_height_mm.clear()
+            self.cached_height_mm[key] = self.solve_height_mm(press)
+        return self.cached_height_mm[key]
 
-    def solve_contact(self, press: BoardPressParameters, guess: Contact | None) -> Contact:
-        """Return the solved contact of the skin under the board. guess: one at a press close to this one."""
+    def solve_height_mm(self, press: BoardPressParameters) -> Field:
+        """Solve the contact and return the height of the skin under the board."""
         gel = replace(
             self.twin_fit.forward.design.gel,
             thickness_mm=self.twin_fit.press.thickness_mm,
@@ -181,7 +179,7 @@ class BoardPressModel:
         skin = Skin(self.patch, lambda wave_number: bonded_layer_compliance(wave_number, gel), np.zeros((), np.float32))
         model = ContactModel(skin, FRICTION, SOLVER_SETTINGS)
         pose = Pose(0.0, 0.0, press.depth_mm, 0.0, press.tilt_x_rad, press.tilt_y_rad)
-        return model.step(model.initial_contact(), self.indenter, pose, guess)
+        return np.asarray(model.step(model.initial_contact(), self.indenter, pose).height_mm, np.float32)
 
     def predict_image(self, press: BoardPressParameters) -> PredictedBrightnessField:
         """Return the brightness of the skin on the undeformed plane, in the twin's light."""
