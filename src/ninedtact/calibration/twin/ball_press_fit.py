@@ -263,7 +263,7 @@ def fit_twin_to_ball_press(
     _, initial_residual = forward.fit_linear_terms(start)
     observations = effective_observation_count(forward.observed.image(initial_residual))
     prior_terms = _make_prior_terms(forward, initial_residual, observations, priors)
-    vector, jacobian = _fit_finely(forward, start, prior_terms)
+    forward, vector, jacobian = _fit_finely(forward, start, prior_terms)
     coefficients, residual = forward.fit_linear_terms(vector)
     uncertainty = _estimate_uncertainty(jacobian, residual, observations)
     return TwinFit(
@@ -297,7 +297,7 @@ def _fit_coarsely(forward: BallPressModel, start: ParameterVector) -> ParameterV
         return forward.fit_linear_terms(vector)[1]
 
     def jacobian(vector: ParameterVector) -> Float[Array, "n parameters"]:
-        return _image_jacobian(forward, vector, residual(vector))
+        return _image_jacobian(forward.starting_from(BallPressParameters.from_vector(vector)), vector, residual(vector))
 
     lower, upper = parameter_bounds()
     fixed = PARAMETER_NAMES.index("finite_strain")  # no image determines it before the other parameters are known
@@ -319,9 +319,9 @@ def _fit_coarsely(forward: BallPressModel, start: ParameterVector) -> ParameterV
 
 def _fit_finely(
     forward: BallPressModel, start: ParameterVector, prior_terms: _PriorTerms
-) -> tuple[ParameterVector, Float[Array, "n parameters"]]:
-    """Return the least-squares parameters with prior terms from a start near by, by Gauss–Newton, and the last Jacobian of the
-    residual, with one row for every prior.
+) -> tuple[BallPressModel, ParameterVector, Float[Array, "n parameters"]]:
+    """Return the least-squares parameters with prior terms from a start near by, by Gauss–Newton, after the model with their
+    contacts and before the last Jacobian of the residual, which has one row for every prior.
 
     The contacts are solved to a tolerance, so the sum of squares scatters from one vector to the next, and a search that waits for
     the smallest differences of it does not end. This one ends where the linearised problem predicts too small a reduction, or where
@@ -335,6 +335,7 @@ def _fit_finely(
     residual = stacked_residual(start)
     reused_jacobian = None
     for _ in range(MAX_FINE_STEPS):
+        forward = forward.starting_from(BallPressParameters.from_vector(vector))
         image_residual = residual[: forward.observed.count]
         image_jacobian = _image_jacobian(forward, vector, image_residual, reused_jacobian)
         jacobian = np.vstack([image_jacobian, prior_terms.jacobian])
@@ -353,7 +354,7 @@ def _fit_finely(
                 break
         else:
             break
-    return vector, jacobian
+    return forward, vector, jacobian
 
 
 def _bounded_step(

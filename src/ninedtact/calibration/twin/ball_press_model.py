@@ -238,10 +238,6 @@ FRICTION = 1.0
 """Coefficient of friction of silicone on a clean surface; between 0.5 and 1 the fit hardly changes."""
 SOLVER_SETTINGS = SolverSettings(tolerance=5e-4, must_converge=False)
 MAX_CACHED_CONTACTS = 64
-MAX_GUESS_DIFFERENCE_MM = 0.3
-"""Difference of two presses, the sum of those of pose and thickness, below which the tractions of the one are the first guess for
-the other. The next vector of the fit and those of the difference quotients differ by less.
-"""
 
 
 @dataclass(frozen=True)
@@ -251,15 +247,27 @@ class BallPressModel:
     observed: ObservedBallPress
     design: SensorDesign
     patch: PeriodicGrid = PATCH
+    initial_contacts: tuple[Contact, ...] = ()
+    """The contacts of a similar press after each of its poses, whose tractions are first guesses. Without them the search for a
+    contact starts from the contact before it."""
 
     @cached_property
     def cached_contacts(self) -> dict[tuple[float, tuple[Pose, ...]], Contact]:
         """The contacts that were solved last, by the thickness of the gel and the trajectory of the ball."""
         return {}
 
+    def starting_from(self, press: BallPressParameters) -> "BallPressModel":
+        """Return the same model with the contacts of this press as first guesses, which save iterations for similar presses."""
+        poses = press.poses()
+        trajectories = [tuple(poses[: count + 1]) for count in range(len(poses))]
+        contacts = tuple(self._contact_after(press.thickness_mm, trajectory) for trajectory in trajectories)
+        model = replace(self, initial_contacts=contacts)
+        model.cached_contacts.update(((press.thickness_mm, t), c) for t, c in zip(trajectories, contacts, strict=True))
+        return model
+
     def contact(self, press: BallPressParameters) -> Contact:
         """Return the solved contact of the skin under this press, with the heights at finite strain, and pressures in units of the
-        gel's shear modulus. It depends on the contacts that were solved before, by less than the tolerance of the solver.
+        gel's shear modulus.
         """
         linear = self._contact_after(press.thickness_mm, tuple(press.poses()))
         distance_mm = np.hypot(*self.patch.positions_mm)  # the fields move with the ball
@@ -280,22 +288,10 @@ class BallPressModel:
             previous = model.initial_contact() if is_first else self._contact_after(thickness_mm, trajectory[:-1])
             if len(self.cached_contacts) >= MAX_CACHED_CONTACTS:
                 self.cached_contacts.pop(next(iter(self.cached_contacts)))
-            guess = self._most_similar_contact(thickness_mm, trajectory)
+            guesses = self.initial_contacts[len(trajectory) - 1 :]
+            guess = guesses[0] if guesses else None
             self.cached_contacts[key] = model.step(previous, Ball(self.design.ball.radius_mm), trajectory[-1], guess)
         return self.cached_contacts[key]
-
-    def _most_similar_contact(self, thickness_mm: float, trajectory: tuple[Pose, ...]) -> Contact | None:
-        """Return the cached contact after as many poses that was solved for the most similar press, or None where all differ by
-        more than `MAX_GUESS_DIFFERENCE_MM`.
-        """
-        position_mm = _press_position_mm(thickness_mm, trajectory)
-        alike = {
-            float(np.abs(_press_position_mm(*key) - position_mm).sum()): contact
-            for key, contact in self.cached_contacts.items()
-            if len(key[1]) == len(trajectory)
-        }
-        smallest_mm = min(alike, default=np.inf)
-        return alike[smallest_mm] if smallest_mm < MAX_GUESS_DIFFERENCE_MM else None
 
     def linear_basis(self, press: BallPressParameters) -> Float[Array, "n 3"]:
         """Return the coefficients of level, darkening slope and brightening slope in the brightness at each observed point."""
@@ -329,12 +325,6 @@ class BallPressModel:
         observed = self.observed.relative_brightness
         coefficients = np.linalg.solve(basis.T @ basis, basis.T @ observed)
         return coefficients, (observed - basis @ coefficients) * self.observed.mean_grey
-
-
-def _press_position_mm(thickness_mm: float, trajectory: tuple[Pose, ...]) -> Float[Array, "4"]:
-    """Return the thickness of the gel and the last pose of the ball."""
-    pose = trajectory[-1]
-    return np.array([thickness_mm, pose.x_mm, pose.y_mm, pose.depth_mm], float)
 
 
 @lru_cache(maxsize=64)
