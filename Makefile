@@ -35,9 +35,10 @@ unexport PYTHONDONTWRITEBYTECODE
 	$(INSTALL) -e '.[docs]'
 	touch $@
 
-# The tests of a file run on one worker, so that what they share is made once; tests/conftest.py says which files begin.
+# The tests of a file run on one worker, so that what they share is made once; tests/conftest.py says which files begin. One of them is
+# tests/test_types.py, which does what `make types` does.
 PYTEST := .venv/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
-test: .venv/ready lint types
+test: .venv/ready lint
 	$(PYTEST) --ignore tests/mechanics
 	NINEDTACT_CHECK_MECHANICS=1 $(PYTEST) tests/mechanics
 

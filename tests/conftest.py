@@ -37,6 +37,7 @@ from ninedtact.simulation.calibration_images import simulate_calibration_images 
 from ninedtact.simulation.twin import default_twin  # noqa: E402
 
 _LONGEST_FILES = (
+    "test_types.py",
     "test_model_journey.py",
     "test_mutated_files.py",
     "test_export.py",
