@@ -132,6 +132,11 @@ def overall_check_level(certificate: Certificate) -> OverallLevel:
     return "warn" if "warn" in levels or certificate.warnings else "pass"
 
 
+def has_failed_checks(certificate: Certificate | None) -> bool:
+    """Return whether a check failed; a sensor without a certificate, such as an imported one, has no checks that could fail."""
+    return certificate is not None and overall_check_level(certificate) == "fail"
+
+
 def certificate_headline(certificate: Certificate) -> str:
     """Return the overall result in a sentence or two."""
     lines, level = compute_certificate_checks(certificate), overall_check_level(certificate)
