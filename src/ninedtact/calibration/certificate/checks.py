@@ -216,7 +216,7 @@ def _check_ball(ball: BallQuality) -> list[CheckResult]:
             UNEVEN_BULGE.level(ball.asymmetry),
             f"Press: the bulge around the ball is uneven by {ball.asymmetry:.1%} of the ball's darkening "
             f"(expected: at most {UNEVEN_BULGE.good:.0%})",
-            "the ball was sheared: press it straight down",
+            "the ball was sheared, so that depths may be off by a tenth of a millimetre: press it straight down",
         ),
         _make_check_result(
             CONTACT_RADIUS.level(_relative_contact_radius(ball)),
