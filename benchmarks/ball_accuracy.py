@@ -20,8 +20,9 @@ from real_images import sensor_folder
 from ninedtact import SensorDesign, read_image
 from ninedtact.calibration.ball.ball_fit import fit_ball
 from ninedtact.calibration.ball.ball_press import BallFit
-from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
+from ninedtact.calibration.ball.contact_circle import BallPressUnusable
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
+from ninedtact.calibration.certificate.checks import UNEVEN_BULGE
 from ninedtact.shape.depth import DepthMethod
 from ninedtact.shape.rectification import Rectification
 
@@ -88,14 +89,11 @@ def in_mm(distance: float) -> str:
 
 
 def warned(name: str) -> Figure:
-    """A sheared press is used, with a word."""
+    """A sheared press is used, with a warning."""
     folder = sensor_folder(name)
-    fit = fitted(folder, grid(folder), "ratio", SensorDesign().camera.distance_mm)
-    images = (read_image(folder / f"{image}.png") for image in ("board_reference", "ball_reference"))
-    words = [*fit.warnings, *reference_mismatch_warnings(*images)]
-    return holds(
-        f"{name}: warned", " | ".join(words) or "no warning", "a warning", any("asymmetric" in w for w in words)
-    )
+    asymmetry = fitted(folder, grid(folder), "ratio", SensorDesign().camera.distance_mm).press.circle.asymmetry
+    level = UNEVEN_BULGE.level(asymmetry)
+    return holds(f"{name}: warned", f"{level}: uneven by {asymmetry:.1%}", "a warning", level == "warn")
 
 
 def refused(name: str) -> Figure:

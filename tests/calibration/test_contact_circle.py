@@ -14,7 +14,6 @@ from ninedtact.calibration.ball.contact_circle import (
     _require_round_edge,
     _require_single_contact,
     _require_whole_disc,
-    asymmetry_warnings,
     find_contact_circle,
     reference_mismatch_warnings,
     require_disc_above_black,
@@ -22,6 +21,7 @@ from ninedtact.calibration.ball.contact_circle import (
     require_usable_depth,
     spherical_cap_height_mm,
 )
+from ninedtact.calibration.certificate.checks import UNEVEN_BULGE
 from ninedtact.calibration.press_brightness import (
     estimate_camera_noise,
     estimate_pixel_noise,
@@ -69,7 +69,7 @@ def test_an_uneven_rim_leans_to_its_brighter_side() -> None:
     expected = 0.4 * disc(40.0)[ring].mean() / 40
     assert found(disc(40.0, lean=0.4)).asymmetry_vector == pytest.approx((expected, 0), abs=0.005)
     for asymmetry_vector, warned in (((0.06, 0.05), False), ((0.08, 0.0), False), ((0.06, 0.06), True)):
-        assert bool(asymmetry_warnings(ContactCircle((0, 0), 9, 0, 40, asymmetry_vector))) == warned
+        assert (UNEVEN_BULGE.level(ContactCircle((0, 0), 9, 0, 40, asymmetry_vector).asymmetry) == "warn") == warned
 
 
 def test_a_fixed_disc_has_the_circle_that_it_had() -> None:

@@ -258,6 +258,31 @@ def test_a_recording_is_named_as_one_and_a_wrong_source_fails(
         Doctor("nonsense").run()
 
 
+def test_a_damaged_file_is_named_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    video, folder = tmp_path / "press.avi", tmp_path / "images"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (64, 48))
+    for level in range(30):
+        writer.write(np.full((48, 64, 3), 5 * level, np.uint8))
+    writer.release()
+    assert Doctor(str(video), json=True).run() == 0
+    assert json.loads(capsys.readouterr().out)["cameras"][0]["trouble"] is None
+    content = video.read_bytes()
+    video.write_bytes(content[: len(content) // 2])
+    assert Doctor(str(video)).run() == 1
+    said = capsys.readouterr().out
+    assert "64 x 48 pixels, a recording at 30 images per second" in said
+    assert f"expected every image of {video}, got a file that is cut or damaged: " in said
+    folder.mkdir()
+    for number in range(3):
+        cv2.imwrite(str(folder / f"{number}.png"), np.full((48, 64, 3), number, np.uint8))
+    assert Doctor(str(folder), json=True).run() == 0
+    whole = (folder / "1.png").read_bytes()
+    (folder / "1.png").write_bytes(whole[:-20])
+    capsys.readouterr()
+    assert Doctor(str(folder), json=True).run() == 1
+    assert "1.png" in json.loads(capsys.readouterr().out)["cameras"][0]["trouble"]
+
+
 def test_a_camera_that_regulates_itself_is_pointed_out() -> None:
     for exposure, balance in product((True, False, None), repeat=2):
         advice = camera_settings_advice(CameraSettings(auto_exposure=exposure, auto_white_balance=balance))

@@ -1,5 +1,6 @@
 """Recordings of `ninedtact collect` in a data set: rectified as the live sensor does it, with the sensor that rides along."""
 
+import json
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     LensModelTable,
     SensorTomlRecord,
 )
+from ninedtact.cli import main
 from ninedtact.dataset.build import BuildResult, build_dataset
 from ninedtact.dataset.calibrated_readings import SensorCalibrationMissing
 from ninedtact.dataset.fault_report import NoUsablePairs
@@ -25,7 +27,9 @@ from ninedtact.dataset.sources.find_sources import find_sources
 from ninedtact.dataset.sources.source import SourceConventions
 from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.quantities import Frame, Wrench
+from ninedtact.recording.collected_pairs import read_recorded_pairs
 from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.missing_end import RecordingCutShort
 from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import PairLabel, Topic
 from ninedtact.recording.writer import RecordingWriter
@@ -142,3 +146,35 @@ def test_a_damaged_recording_is_listed_and_the_others_are_read(sensor: SensorFol
     built = built_from(tmp_path / "out", tmp_path / "in")
     assert listed(built.report) == {("unreadable", "in/odd")}
     assert built.statistics.pairs == 2
+
+
+def test_a_recording_that_was_cut_short_is_named_with_its_pairs_which_are_kept(
+    sensor: SensorFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut, out = tmp_path / "in" / "cut.mcap", tmp_path / "out"
+    episode(cut, sensor_folder_attachments(sensor.path))
+    whole = cut.read_bytes()
+    kept = []
+    for share in range(100, 0, -1):  # down to the last one that has one of its two pairs
+        cut.write_bytes(whole[: len(whole) * share // 100])
+        kept = []
+        try:
+            kept.extend(read_recorded_pairs(cut))
+        except RecordingCutShort as error:
+            counted = f"and {len(kept)} {'pair' if len(kept) == 1 else 'pairs'} of a recording that was cut short"
+            assert share < 100 and counted in str(error)
+        assert share < 100 or len(kept) == 2
+        if len(kept) == 1:
+            break
+    assert [pair.object for pair in kept] == ["cup_0"]
+
+    command = ["dataset", "build", str(tmp_path / "in"), f"--out={out}", "--json"]
+    for _ in range(2):  # the second finds the data set finished
+        assert main(command) == 0
+        said = capsys.readouterr()
+        counted = json.loads(said.out)
+        assert (counted["pairs"], counted["without_fault"], counted["faults"]) == (1, 1, {"missing end": 1})
+        assert f"expected all of {cut}, got 0.0 s and 1 pair of a recording that was cut short" in said.err
+    assert "1 missing end: a recording that was cut short" in (out / "README.md").read_text()
+    assert main([*command, "--strict"]) == 1
+    assert "expected no faults, got 1 missing end" in capsys.readouterr().err

@@ -309,7 +309,7 @@ BALL_MISSING_WARNING = (
 def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDesign) -> list[str]:
     """Return what makes the calibration doubtful, in words."""
     warnings = [IMPORTED_LENS_WARNING] if fits.board is None else fits.board.warnings
-    warnings += [BALL_MISSING_WARNING] if fits.ball is None else fits.ball.warnings
+    warnings += [BALL_MISSING_WARNING] if fits.ball is None else []
     if fits.twin is not None:
         deviation = deviation_from_population(fits.twin.light, fitted_gel(fits.twin), design)
         warnings += unusual_fit_warnings(deviation, design)

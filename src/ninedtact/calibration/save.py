@@ -18,11 +18,12 @@ from ninedtact.atomic_write import (
     refuse_working_directory,
     write_file_atomically,
 )
+from ninedtact.calibration.certificate.checks import has_failed_checks
 from ninedtact.calibration.certificate.html_page import render_certificate_html
 from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
 from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
-from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, SensorFolderDamaged, load_sensor
 from ninedtact.calibration.sensor_toml_schema import NOT_CALIBRATED, SensorTomlRecord, StoredCalibrationImage
 from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.errors import OutputError
@@ -47,17 +48,53 @@ class SensorFolderNotReplaceable(OutputError):
 def save_sensor(out: Path, calibration: Calibration) -> SensorFolder:
     """Write a calibration as a sensor folder, all or nothing; an older sensor folder at `out` is replaced.
 
-    Raises `SensorFolderNotReplaceable` where something else is in the way, `FileNotWritten` and `OSError` from the disk.
+    A calibration whose checks failed replaces only one whose checks failed as well. Otherwise the older one stays, and the failed
+    one is written beside it, to `OUT_failed`; the returned folder has that path. Raises `SensorFolderNotReplaceable` where
+    something else is in the way, `FileNotWritten` and `OSError` from the disk.
 
     >>> folder = ninedtact.save_sensor(Path("my_sensor"), ninedtact.calibrate(images))
     """
-    with create_sensor_folder(out) as folder:
+    final = _choose_folder(out, calibration.record)
+    with create_sensor_folder(final) as folder:
         if calibration.imported is not None:
             _copy_imported_files(folder, calibration.imported)
         record = msgspec.structs.replace(calibration.record, images=_save_images(folder, calibration.images))
         write_file_atomically(folder / SENSOR_FILE, to_sensor_toml(record))
         write_file_atomically(folder / CERTIFICATE_FILE, render_certificate_html(calibration).encode())
-    return SensorFolder(out, record)
+    return SensorFolder(final, record)
+
+
+def kept_calibration_notices(out: Path, saved: SensorFolder) -> list[str]:
+    """Return a sentence where `save_sensor` has kept the older sensor at `out` and written a failed calibration beside it."""
+    if saved.path == out:
+        return []
+    return [f"the new calibration failed its checks and is saved in {saved.path}; {out} keeps the older calibration"]
+
+
+def _choose_folder(out: Path, record: SensorTomlRecord) -> Path:
+    """Return the folder to which a calibration is written: `out`, or one beside it where a failed one would replace a better one.
+
+    The one beside it is named `OUT_failed`, with a number where that holds anything but a failed calibration. Raises
+    `SensorFolderNotReplaceable` where `out` cannot be replaced at all.
+    """
+    require_replaceable_sensor_folder(out)
+    if not has_failed_checks(record.certificate):
+        return out
+    endings = chain(["_failed"], (f"_failed_{number}" for number in count(2)))
+    beside = (out.with_name(out.name + ending) for ending in endings)
+    return next(folder for folder in chain([out], beside) if _has_nothing_better(folder))
+
+
+def _has_nothing_better(folder: Path) -> bool:
+    """Return whether a failed calibration may be written to a folder, which is new or empty, or holds one that failed as well.
+
+    A calibration that cannot be read, as one of an older format, may be a good one.
+    """
+    try:
+        require_replaceable_sensor_folder(folder)
+        return not (folder / SENSOR_FILE).exists() or has_failed_checks(load_sensor(folder).record.certificate)
+    except (SensorFolderNotReplaceable, SensorFolderDamaged):
+        return False
 
 
 def _copy_imported_files(folder: Path, imported: SensorFolder) -> None:

@@ -76,15 +76,15 @@ class SensorFolder:
     @property
     def notices(self) -> tuple[str, ...]:
         """A sentence for each reason to distrust the calibration; empty for one that passed its checks and is as it was written."""
-        from ninedtact.calibration.certificate.checks import overall_check_level
+        from ninedtact.calibration.certificate.checks import has_failed_checks
 
         reason = "its checksum is not that of its numbers" if self.has_checksum else "it has no checksum"
         edited = (
             f"{self.path / SENSOR_FILE} was edited or damaged after the calibration: {reason}; restore the sensor folder or "
             "calibrate again if you did not edit it"
         )
-        notices, certificate = [edited] if self.is_edited else [], self.record.certificate
-        if certificate is not None and overall_check_level(certificate) == "fail":
+        notices = [edited] if self.is_edited else []
+        if has_failed_checks(self.record.certificate):
             notices.append(
                 f"the calibration of {self.path} failed its checks; do not measure with it, and calibrate again as its "
                 "certificate.html advises"

@@ -81,7 +81,7 @@ _TOLERATED_DUPLICATES = 0.1
 
 @dataclass(frozen=True)
 class CameraCheck:
-    """The result of a camera check; `trouble` is a sentence where the source could not be opened or measured."""
+    """The result of a camera check; `trouble` is a sentence where the source could not be opened or measured, or is damaged."""
 
     name: str
     model: str | None = None
@@ -95,7 +95,10 @@ class CameraCheck:
 
 
 def check_camera(source: FrameSource, model: str | None = None, frames: int = 60) -> CameraCheck:
-    """Open, measure and close a source. Faults of the source are part of the result and raise nothing."""
+    """Open, measure and close a source; a recording is read to its end, which shows whether images are missing or damaged.
+
+    Faults of the source are part of the result and raise nothing.
+    """
     try:
         with source:
             return _check_open_camera(source, model, frames)
@@ -109,7 +112,18 @@ def _check_open_camera(source: FrameSource, model: str | None, frames: int) -> C
     rate = measure_frame_rate(source, frames) if source.recorded_hz is None else None
     settings = source.current_settings if isinstance(source, UvcCamera) else None
     advice = (*duplicate_frame_advice(rate), *camera_settings_advice(settings))
-    return CameraCheck(source.name, model, (cols, rows), rate, source.recorded_hz, settings, advice=advice)
+    trouble = None if source.recorded_hz is None else _find_damage(source)
+    return CameraCheck(source.name, model, (cols, rows), rate, source.recorded_hz, settings, trouble, advice)
+
+
+def _find_damage(recording: FrameSource) -> str | None:
+    """Read an open recording to its end; return the error for images that are missing or damaged, None where it is whole."""
+    try:
+        for _ in recording:
+            pass
+    except NinedtactError as damage:
+        return str(damage)
+    return None
 
 
 def describe_camera_settings(settings: CameraSettings) -> str:

@@ -27,6 +27,7 @@ from ninedtact.cli.result_and_interrupt import (
     StatusLine,
     StepLine,
     print_notice,
+    print_notices,
     print_result,
     sensor_replacement,
 )
@@ -77,7 +78,8 @@ class CalibrateCommand:
     """
 
     out: Path
-    """Sensor folder to write. An older calibration there is replaced."""
+    """Sensor folder to write. An older calibration there is replaced, unless the new one fails its checks and the older one did
+    not; the new one is then written to OUT_failed."""
     from_import: Path | None = None
     """Imported sensor, or sensor_N folder of the original project, whose rectification is kept; give it images of a ball."""
     board_reference: tuple[Path, ...] = ()
@@ -107,6 +109,7 @@ class CalibrateCommand:
 
     def run(self) -> int:
         """Calibrate, write the sensor folder, and print how good it is."""
+        from ninedtact.calibration.save import kept_calibration_notices
         from ninedtact.calibration.sensor_toml_schema import require_sensor_id
 
         require_sensor_id(self.sensor_id)
@@ -115,6 +118,7 @@ class CalibrateCommand:
         if sensor is None:
             print_notice(f"stopped before the calibration was complete; {self.out} is as it was")
             return 1
+        print_notices(kept_calibration_notices(self.out, sensor))
         result = calibration_json_dict(sensor)
         print_result(self.json, result, format_calibration(sensor))
         return 1 if result["result"] == "fail" else 0

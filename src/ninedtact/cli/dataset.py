@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import print_result
+from ninedtact.cli.result_and_interrupt import print_notices, print_result
 from ninedtact.cli.shared_options import ClusterOption, JsonOption, WorkersOption
 from ninedtact.errors import DatasetError
 
@@ -84,7 +84,7 @@ class BuildDatasetCommand:
     def run(self) -> int:
         """Build it and print what is in it; raises `DatasetStopped`, and `FaultsFound` with `--strict`."""
         from ninedtact.dataset.build import BuildSettings, build_dataset
-        from ninedtact.dataset.fault_report import require_no_faults
+        from ninedtact.dataset.fault_report import PairFault, require_no_faults
         from ninedtact.dataset.folder import REPORT_FILE
         from ninedtact.dataset.sources.find_sources import find_sources
         from ninedtact.parallel_jobs import connect_workers
@@ -97,6 +97,7 @@ class BuildDatasetCommand:
         except KeyboardInterrupt:
             raise DatasetStopped(self.out) from None
         print_result(self.json, _build_to_json_dict(built), _format_build(built))
+        print_notices(finding.message for finding in built.report.findings if finding.fault is PairFault.MISSING_END)
         if self.strict:
             require_no_faults(built.report, self.out / REPORT_FILE)
         return 0

@@ -61,11 +61,12 @@ class Doctor:
     """List cameras, measure their true frame rate, and report what is missing and how to install it."""
 
     source: str | None = None
-    """Examine this source instead of all cameras: 0, /dev/video0, URL, FILE or FOLDER."""
+    """Examine this source instead of all cameras: 0, /dev/video0, URL, FILE or FOLDER. Files are read to their end,
+    which shows whether images are missing or damaged."""
     json: JsonOption = False
 
     def run(self) -> int:
-        """Print the report; return 1 where the source that was named cannot be read."""
+        """Print the report; return 1 where the source that was named cannot be read to its end."""
         report = _DoctorReport(_software_versions(), self._check_cameras(), _optional_parts())
         print(_to_json(report) if self.json else _to_text(report))
         failed = self.source is not None and report.cameras[0].trouble is not None

@@ -17,7 +17,7 @@ import msgspec
 import tyro
 
 from ninedtact.cli.dataset import DatasetStopped
-from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_result, sensor_replacement
+from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notices, print_result, sensor_replacement
 from ninedtact.cli.shared_options import (
     ClusterOption,
     DesignFileOption,
@@ -53,19 +53,22 @@ class _Fit:
     json: JsonOption = False
 
     def run(self) -> int:
-        """Fit and save the twin, and print the quality of the fit."""
+        """Fit and save the twin, and print the quality of the fit; return 1 where its calibration failed its checks."""
+        from ninedtact.calibration.certificate.checks import has_failed_checks
         from ninedtact.calibration.procedure import repeat_calibration
-        from ninedtact.calibration.save import save_sensor
+        from ninedtact.calibration.save import kept_calibration_notices, save_sensor
 
         calibrated = load_sensor_with_notices(self.sensor)
         with sensor_replacement(self.sensor):
             folder = save_sensor(self.sensor, repeat_calibration(calibrated, "physics"))
         twin = folder.record.twin
         assert twin is not None, "the physics method makes a twin"
-        found = {"sensor": str(self.sensor), **msgspec.to_builtins(twin)}
-        return print_result(self.json, found, self._format_fit(twin))
+        print_notices(kept_calibration_notices(self.sensor, folder))
+        found = {"sensor": str(folder.path), **msgspec.to_builtins(twin)}
+        print_result(self.json, found, self._format_fit(twin, folder.path))
+        return 1 if has_failed_checks(folder.record.certificate) else 0
 
-    def _format_fit(self, twin: "TwinTable") -> Iterator[str]:
+    def _format_fit(self, twin: "TwinTable", written: Path) -> Iterator[str]:
         """Yield the lines that describe the fit."""
         fit = twin.fit
         yield f"twin of {self.sensor} fitted in {fit.duration_s:.1f} s"
@@ -76,7 +79,7 @@ class _Fit:
         yield f"  press        {fit.depth_mm:.2f} mm deep, dragged by ({fit.drag_mm[0]:+.2f}, {fit.drag_mm[1]:+.2f}) mm"
         yield "  parameters, ± one standard deviation:"
         yield from _format_parameters(fit)
-        yield f"  written to {self.sensor}; open {self.sensor / 'certificate.html'} in a browser"
+        yield f"  written to {written}; open {written / 'certificate.html'} in a browser"
 
 
 def _format_parameters(fit: "TwinFitQuality") -> Iterator[str]:

@@ -30,6 +30,7 @@ class PairFault(StrEnum):
     MISSING_IMAGE = "missing image"
     MISSING_WRENCH = "missing wrench"
     UNREADABLE = "unreadable"
+    MISSING_END = "missing end"
     NO_REFERENCE = "no reference"
     NOT_FINITE = "not finite"
     OUT_OF_RANGE = "out of range"
@@ -49,6 +50,7 @@ FAULT_MEANINGS = {
     PairFault.MISSING_IMAGE: "a wrench without an image; it cannot become a pair",
     PairFault.MISSING_WRENCH: "an image without a wrench; it cannot become a pair",
     PairFault.UNREADABLE: "a file that is damaged or of another kind; it cannot become a pair",
+    PairFault.MISSING_END: "a recording that was cut short, or is still being written; the pairs before its end are kept",
     PairFault.NO_REFERENCE: "no reference image (no contact) belongs to it",
     PairFault.NOT_FINITE: "the wrench contains a value that is not a finite number",
     PairFault.OUT_OF_RANGE: "a force or torque is larger than this sensor is used with",

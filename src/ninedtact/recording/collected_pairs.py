@@ -50,8 +50,10 @@ class RecordedPair:
 def read_recorded_pairs(recording: Path | str) -> Iterator[RecordedPair]:
     """Yield the pairs of a recording, finished or cut short, in the order of saving, undone contacts excluded.
 
-    Raises `CameraNotFound` where there is no file, and `RecordingUnreadable`.
+    Raises `CameraNotFound` where there is no file, `RecordingUnreadable`, and `RecordingCutShort` after the last pair of a
+    recording that has no end.
     """
+    from ninedtact.recording.missing_end import missing_end_error
     from ninedtact.recording.reader import Recording
     from ninedtact.recording.topics_and_messages import Topic
 
@@ -65,7 +67,8 @@ def read_recorded_pairs(recording: Path | str) -> Iterator[RecordedPair]:
             )
             for tare, frames in frames_of_tares
         }
-        for label in opened.kept_labels():
+        labels = opened.kept_labels()
+        for label in labels:
             kind = next((kind for kind in PAIR_KINDS if kind == label.kind), None)
             if kind is None or label.stamp_ns not in image_positions or label.reference not in references:
                 raise RecordingUnreadable(
@@ -82,6 +85,8 @@ def read_recorded_pairs(recording: Path | str) -> Iterator[RecordedPair]:
                 sensor=opened.sensor,
                 reference=references[label.reference],
             )
+        if not opened.is_finished:
+            raise missing_end_error(opened, opened.duration_s, len(labels))
 
 
 def _read_only(image: Array) -> Array:

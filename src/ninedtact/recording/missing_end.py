@@ -57,14 +57,18 @@ def require_ended_recording(recording: "Recording", then: str) -> None:
         )
 
 
-def missing_end_error(recording: "Recording", seconds: float) -> RecordingCutShort:
-    """Return the error for the end that an unfinished recording lacks; seconds: duration of what is there."""
+def missing_end_error(recording: "Recording", seconds: float, pairs: int | None = None) -> RecordingCutShort:
+    """Return the error for the end that an unfinished recording lacks.
+
+    seconds: duration of what is there. pairs: number of training pairs in it, None where they are not read.
+    """
     if is_being_written(recording):
         state, remedy = "that is still being written", "read it again after its end"
     else:
         state, remedy = "that was cut short, so that the rest is missing", "copy it again whole"
+    counted = "" if pairs is None else f" and {pairs} {'pair' if pairs == 1 else 'pairs'}"
     return RecordingCutShort(
-        f"expected all of {recording.path}, got {seconds:.1f} s of a recording {state}; use what was read, or {remedy}"
+        f"expected all of {recording.path}, got {seconds:.1f} s{counted} of a recording {state}; use what was read, or {remedy}"
     )
 
 

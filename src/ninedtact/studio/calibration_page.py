@@ -5,6 +5,7 @@ The parts that it shares with other guided pages are in `guided_page`.
 
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from viser import GuiEvent, Icon, ViserServer
@@ -14,7 +15,7 @@ from ninedtact.calibration.certificate.checks import (
     compute_certificate_checks,
     overall_check_level,
 )
-from ninedtact.calibration.save import CERTIFICATE_FILE
+from ninedtact.calibration.save import CERTIFICATE_FILE, kept_calibration_notices
 from ninedtact.calibration.sensor_toml_schema import Certificate
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession, CalibrationState
@@ -66,7 +67,7 @@ class CalibrationPage:
         with self._server.atomic():
             self._layout.show(state, _steps_html(state), _advice_html(state), state.pins)
             self._figures.content = "" if state.phase is CalibrationPhase.RESULT else _figures_html(state)
-            self._result.content = _result_html(state)
+            self._result.content = _result_html(state, self._session.out)
             self._show_buttons(state)
             self._progress.visible = state.phase is CalibrationPhase.FIT
             set_gui_control(self._progress, 100 * state.fit_progress)
@@ -191,13 +192,17 @@ def _certificate(state: CalibrationState) -> Certificate:
     return state.result.record.certificate
 
 
-def _result_html(state: CalibrationState) -> str:
-    """Return checks and warnings of the certificate as HTML; empty before there is one."""
+def _result_html(state: CalibrationState, out: Path) -> str:
+    """Return checks and warnings of the certificate as HTML; empty before there is one.
+
+    out: sensor folder that was to be written.
+    """
     if state.result is None:
         return ""
     certificate = _certificate(state)
     checks = [(*_CHECK_MARKS[check.level], check.text) for check in compute_certificate_checks(certificate)]
-    return card_html("calibration_result", path=state.result.path, warnings=certificate.warnings, checks=checks)
+    warnings = (*kept_calibration_notices(out, state.result), *certificate.warnings)
+    return card_html("calibration_result", path=state.result.path, warnings=warnings, checks=checks)
 
 
 def _held_html(held: HeldCalibrationObject, refusal: str) -> str:

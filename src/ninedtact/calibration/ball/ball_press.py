@@ -17,7 +17,6 @@ from numpy import ndarray as Array
 from ninedtact.calibration.ball.contact_circle import (
     MAX_RADIUS_BY_PHYSICS,
     ContactCircle,
-    asymmetry_warnings,
     find_contact_circle,
     require_disc_above_black,
     require_usable_depth,
@@ -201,11 +200,6 @@ class BallFit(ABC):
         """Mean absolute error of one half of the disc, reconstructed with the curve of the other half; the mean over four cuts."""
         halves = self.press.halves()
         return float(np.mean([self.error_mm(self.fit_curve(self.disc & half), self.disc & ~half) for half in halves]))
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings about the press, in words."""
-        return asymmetry_warnings(self.press.circle)
 
     def reader(self, before: Rectified, source: UInt8[Array, "rows cols"]) -> DepthReader:
         """Return the depth reader of the calibrated sensor for this reference image."""

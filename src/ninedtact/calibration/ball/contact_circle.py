@@ -2,7 +2,7 @@
 
 Indented gel is darker, and the rim that bulges around it is brighter; between them the change is zero, and that circle is the edge
 of the disc. No threshold is needed: the background far away defines the zero. A press that is too shallow, not round, cut by the
-border or unlike a ball is refused with `BallPressUnusable`; an asymmetric one gives a warning.
+border or unlike a ball is refused with `BallPressUnusable`. An asymmetric one is not: a check of the certificate warns of it.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,6 @@ from scipy import ndimage
 from scipy.optimize import least_squares
 
 from ninedtact.calibration.press_brightness import BgrImage, estimate_pixel_noise, smooth_gaussian
-from ninedtact.calibration.press_limits import MAX_ASYMMETRY
 from ninedtact.design import BallGauge
 from ninedtact.errors import CalibrationError
 
@@ -245,16 +244,6 @@ def require_explained_by_ball(rmse_grey: float, circle: ContactCircle) -> None:
 def spherical_cap_height_mm(radius_mm: float, edge_radius_mm: float) -> float:
     """Return the height of the cap that a circle cuts off a sphere."""
     return float(radius_mm - np.sqrt(radius_mm**2 - edge_radius_mm**2))
-
-
-def asymmetry_warnings(circle: ContactCircle) -> tuple[str, ...]:
-    """Return the warnings about a sheared press, in words."""
-    if circle.asymmetry <= MAX_ASYMMETRY:
-        return ()
-    return (
-        f"the ball press is asymmetric (uneven bulge {circle.asymmetry:.0%} of the drop, at most {MAX_ASYMMETRY:.0%} expected): it "
-        "was sheared; depths may be off by a tenth of a millimetre, press straight down and calibrate again",
-    )
 
 
 def reference_mismatch_warnings(board_reference: BgrImage, ball_reference: BgrImage) -> tuple[str, ...]:

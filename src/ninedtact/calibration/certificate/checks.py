@@ -132,6 +132,11 @@ def overall_check_level(certificate: Certificate) -> OverallLevel:
     return "warn" if "warn" in levels or certificate.warnings else "pass"
 
 
+def has_failed_checks(certificate: Certificate | None) -> bool:
+    """Return whether a check failed; a sensor without a certificate, such as an imported one, has no checks that could fail."""
+    return certificate is not None and overall_check_level(certificate) == "fail"
+
+
 def certificate_headline(certificate: Certificate) -> str:
     """Return the overall result in a sentence or two."""
     lines, level = compute_certificate_checks(certificate), overall_check_level(certificate)
@@ -211,7 +216,7 @@ def _check_ball(ball: BallQuality) -> list[CheckResult]:
             UNEVEN_BULGE.level(ball.asymmetry),
             f"Press: the bulge around the ball is uneven by {ball.asymmetry:.1%} of the ball's darkening "
             f"(expected: at most {UNEVEN_BULGE.good:.0%})",
-            "the ball was sheared: press it straight down",
+            "the ball was sheared, so that depths may be off by a tenth of a millimetre: press it straight down",
         ),
         _make_check_result(
             CONTACT_RADIUS.level(_relative_contact_radius(ball)),

@@ -46,6 +46,7 @@ from ninedtact.dataset.sources.source import (
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import NO_OBJECT, Frame
 from ninedtact.recording.collected_pairs import RecordedPair, TareReferenceImages
+from ninedtact.recording.missing_end import RecordingCutShort
 from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.rectification import Rectification
 
@@ -62,9 +63,11 @@ class _RecordingPart(SourcePart):
     """Sensor folder that replaces the attached one."""
 
     def items(self) -> Iterator[SourceItem]:
-        """Yield the saved pairs and, before each stretch of them, their reference image."""
+        """Yield the saved pairs and, before each stretch of them, their reference image; last, what is wrong with the file."""
         try:
             yield from self._pairs()
+        except RecordingCutShort as error:
+            yield RejectedItem(PairFault.MISSING_END, f"{self.source}/{self.name}", str(error))
         except NinedtactError as error:
             yield RejectedItem(PairFault.UNREADABLE, f"{self.source}/{self.name}", str(error))
 
