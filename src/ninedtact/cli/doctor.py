@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ninedtact._version import installation_command
+from ninedtact.cli.result_and_interrupt import StepLine
 from ninedtact.cli.shared_options import JsonOption
 
 if TYPE_CHECKING:
@@ -79,12 +80,15 @@ class Doctor:
         from ninedtact.capture.uvc_camera import list_cameras
         from ninedtact.open_sensor import source_for
 
-        if self.source is not None:
-            return [check_camera(source_for(self.source))]
-        return [
-            check_camera(camera_or_file_source(camera.path), ", ".join((camera.name, *camera.usb_addresses)))
-            for camera in list_cameras()
-        ]
+        with StepLine() as line:
+            if self.source is not None:
+                line.show(f"examining {self.source}, a file to its end")
+                return [check_camera(source_for(self.source))]
+            line.show("measuring the frame rate of every camera")
+            return [
+                check_camera(camera_or_file_source(camera.path), ", ".join((camera.name, *camera.usb_addresses)))
+                for camera in list_cameras()
+            ]
 
 
 def _software_versions() -> dict[str, str]:
