@@ -7,12 +7,15 @@ from matplotlib.colors import to_rgb
 from matplotlib.text import Annotation
 
 from ninedtact.design import Gel, SensingArea, SensorDesign
+from ninedtact.hardware import part_and_assembly_images
 from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import default_hardware_design
 from ninedtact.hardware.drawings.drawing_sheet import INK, DrawingSheet, NoteLine, build_drawing_notes
 from ninedtact.hardware.drawings.part_geometry import Polyline, project_section
+from ninedtact.hardware.part_and_assembly_images import colour_bodies, render_solids
 from ninedtact.hardware.parts.part_catalogue import BuiltPart
 from ninedtact.hardware.parts.solids import build_first_mould, build_second_mould
+from ninedtact.hardware.sensor_assembly import AssemblyBody
 
 BARE_MM2 = {
     "acrylic_window": 14.0 * 2.0,
@@ -126,3 +129,12 @@ def test_a_sheet_is_used_in_every_size() -> None:
         sheet = DrawingSheet(BuiltPart("first_mould", "cut", Box(x, 0.8 * x, 2.5)), [])
         wide = 1.8 * x * sheet.scale + 68
         assert 0.55 * 302 < wide < 302
+
+
+def test_an_image_is_the_same_in_any_number_of_bands(default: BuildableDesign, monkeypatch: pytest.MonkeyPatch) -> None:
+    body = colour_bodies([AssemblyBody(name, default.parts[name].solid) for name in ("sensor_base", "camera")])
+    whole = render_solids(body, size_px=(360, 280))
+    for rows in (6, 1000):
+        monkeypatch.setattr(part_and_assembly_images, "BAND_ROWS", rows)
+        assert (render_solids(body, size_px=(360, 280)) == whole).all()
+    assert (whole[:9] == 255).all() and whole.std() > 10

@@ -8,9 +8,10 @@ from build123d import Plane
 
 from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.design import default_hardware_design
+from ninedtact.hardware.export.part_files import part_to_step, part_to_stl
 from ninedtact.hardware.part_dimensions import ShellDimensions, WindowDimensions
 from ninedtact.hardware.parts.part_catalogue import PART_CATALOGUE
-from ninedtact.hardware.parts.solids import build_transparent_gel
+from ninedtact.hardware.parts.solids import build_first_mould, build_transparent_gel
 
 REFERENCE = {
     "sensor_base": ((32.5, 25.5, 8.5), 2419.59, 2748.67),
@@ -89,3 +90,10 @@ def test_gel_fills_the_frame_above_a_thin_window() -> None:
     opening = (28.5 * 21.5 - (4 - pi)) * 11.2
     expected = opening - 14.2**2 * 1.0 - (15.8**2 - 14.2**2) * 2.0
     assert build_transparent_gel(thin).volume == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_part_is_the_same_whatever_was_modelled_and_meshed_before() -> None:
+    """Plates take outlines that are remembered."""
+    solids = [build_first_mould(default_hardware_design()) for _ in range(2)]
+    assert part_to_stl(solids[0]) == part_to_stl(solids[1])
+    assert part_to_step("first_mould", solids[0]) == part_to_step("first_mould", solids[1])

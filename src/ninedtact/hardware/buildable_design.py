@@ -12,7 +12,7 @@ from ninedtact.hardware.clearances import Clearance, list_clearances
 from ninedtact.hardware.design import HardwareDesign, lens_view_radius_mm, sensing_corner_distance_mm
 from ninedtact.hardware.led_board.board_parameters import led_board_for_design
 from ninedtact.hardware.led_board.complete_layout import BoardLayout
-from ninedtact.hardware.led_board.design_rule_check import find_violations, lay_out_checked_board
+from ninedtact.hardware.led_board.design_rule_check import RuleViolation, find_violations, lay_out_checked_board
 from ninedtact.hardware.parts.part_catalogue import BuiltPart, build_parts
 from ninedtact.hardware.published_specifications import (
     OTHER_PUBLISHED_SENSORS,
@@ -69,6 +69,11 @@ class BuildableDesign:
         return lay_out_checked_board(led_board_for_design(self.design))
 
     @cached_property
+    def led_board_faults(self) -> tuple[RuleViolation, ...]:
+        """The rules that the LED board breaks: none, unless its faults are known."""
+        return find_violations(self.led_board_layout)
+
+    @cached_property
     def bill(self) -> list[BillItem]:
         """The bill of materials."""
         return build_bill_of_materials(self.design, {name: part.volume_mm3 for name, part in self.parts.items()})
@@ -89,7 +94,7 @@ class BuildableDesign:
             "sensing_corner_distance_mm": sensing_corner_distance_mm(self.design),
             "interferences": [asdict(pair) for pair in self.interferences],
             "adjacent_bodies": [asdict(pair) for pair in self.adjacent_bodies],
-            "led_board_faults": [*map(str, find_violations(self.led_board_layout))],
+            "led_board_faults": [*map(str, self.led_board_faults)],
             "clearances": [{**asdict(clearance), "is_tight": clearance.is_tight} for clearance in self.clearances],
             "masses_g": {body.name: body.mass_g for body in self.bodies},
             "publication_discrepancies": [asdict(each) for each in PUBLICATION_DISCREPANCIES],
@@ -101,7 +106,7 @@ class BuildableDesign:
         kept = f"no rule broken, but {tight} clearances are tight" if tight else "all rules kept"
         yield f"design {self.design.variant}: {kept}; {len(self.bodies)} bodies"
         yield from _format_interferences(self)
-        faults = find_violations(self.led_board_layout)
+        faults = self.led_board_faults
         yield f"  the LED board breaks {len(faults)} of its own rules{f', the first {faults[0]}' if faults else ''}"
         yield from _format_clearances(self.clearances)
         reach, corner = lens_view_radius_mm(self.design), sensing_corner_distance_mm(self.design)

@@ -120,7 +120,7 @@ def project_view(part: Part, side: str) -> ProjectedView:
 
 def _edges_to_polylines(edges: Iterable[Edge]) -> tuple[Polyline, ...]:
     """Return projected edges as sorted polylines: the modelling library lists them in another order in every process."""
-    return tuple(sorted(map(_edge_to_polyline, edges), key=_sort_key))
+    return tuple(sorted(map(_edge_to_polyline, edges), key=lambda points: points.tolist()))
 
 
 def project_section(part: Part) -> ProjectedView:
@@ -140,12 +140,8 @@ def _wire_to_polyline(wire: Wire) -> Polyline:
 def _edge_to_polyline(edge: Edge) -> Polyline:
     """Return a projected edge as points from its lower end: the modelling library may draw it from either."""
     points = np.array([(x, y) for x, y, _ in _sample_edge(edge)]).round(DECIMALS) + 0.0
-    return points if _sort_key(points) <= _sort_key(points[::-1]) else points[::-1]
-
-
-def _sort_key(points: Polyline) -> list[list[float]]:
-    """Return the key by which polylines are sorted and oriented."""
-    return points.tolist()
+    places = points.tolist()
+    return points if places <= places[::-1] else points[::-1]
 
 
 def _sample_edge(edge: Edge) -> Iterator[tuple[float, float, float]]:

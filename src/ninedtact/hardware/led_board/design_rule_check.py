@@ -1,11 +1,11 @@
 """The design-rule check: each net is one piece, none touches another, and all copper is far enough from edges and
 holes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from shapely import Point, union_all
+from shapely import Point, STRtree, union_all
 from shapely.geometry.base import BaseGeometry
 
 from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible, PointMm
@@ -75,10 +75,10 @@ def find_violations(layout: BoardLayout) -> tuple[RuleViolation, ...]:
     """Return all rules that a board breaks; none for a valid one."""
     copper, rules = list_copper_pieces(layout), layout.board.rules
     distances = (
-        ("clearance", rules.clearance_mm, _distances_of_nets(copper)),
+        ("clearance", rules.clearance_mm, _distances_of_nets(copper, rules.clearance_mm)),
         ("copper to edge", rules.copper_to_edge_mm, _distances_to_edge(layout, copper)),
-        ("copper to hole", rules.copper_to_hole_mm, _distances_to_holes(layout, copper)),
-        ("hole to hole", rules.hole_to_hole_mm, _distances_of_holes(layout)),
+        ("copper to hole", rules.copper_to_hole_mm, _distances_to_holes(layout, copper, rules.copper_to_hole_mm)),
+        ("hole to hole", rules.hole_to_hole_mm, _distances_of_holes(layout, rules.hole_to_hole_mm)),
     )
     return (
         *find_open_nets(layout, copper),
@@ -127,37 +127,56 @@ def _group_touching(copper: list[CopperPiece]) -> list[list[CopperPiece]]:
 
 def _do_touch(a: CopperPiece, b: CopperPiece) -> bool:
     """Return whether two pieces are one conductor."""
-    return bool(set(a.sides) & set(b.sides)) and a.shape.intersection(b.shape).area >= MIN_CONTACT_MM2
+    if not set(a.sides) & set(b.sides) or not a.shape.intersects(b.shape):
+        return False
+    return a.shape.intersection(b.shape).area >= MIN_CONTACT_MM2
 
 
-def _distances_of_nets(copper: tuple[CopperPiece, ...]) -> Iterator[tuple[str, float]]:
-    """Yield the distances of copper of different nets on one side; an open pin is a net of its own."""
-    for a, b in combinations(copper, 2):
+def _near_pairs(
+    first: Sequence[BaseGeometry], second: Sequence[BaseGeometry], within_mm: float
+) -> list[tuple[int, int]]:
+    """Return the numbers of those shapes that are no farther from each other than this, in ascending order."""
+    numbers, others = STRtree(second).query(first, predicate="dwithin", distance=within_mm)
+    return sorted(zip(numbers.tolist(), others.tolist(), strict=True))
+
+
+def _distances_of_nets(copper: tuple[CopperPiece, ...], within_mm: float) -> Iterator[tuple[str, float]]:
+    """Yield the distances of near copper of different nets on one side; an open pin is a net of its own."""
+    shapes = [piece.shape for piece in copper]
+    for number, other in _near_pairs(shapes, shapes, within_mm):
+        a, b = copper[number], copper[other]
         is_one_net = a.net == b.net and (a.net or a.name == b.name)
-        if not is_one_net and set(a.sides) & set(b.sides):
+        if number < other and not is_one_net and set(a.sides) & set(b.sides):
             yield f"{a.name} to {b.name}", a.shape.distance(b.shape)
 
 
 def _distances_to_edge(layout: BoardLayout, copper: tuple[CopperPiece, ...]) -> Iterator[tuple[str, float]]:
     """Yield the distance of all copper from the milled edge; zero over it."""
     board = milled_board_polygon(layout.board.outline)
+    edge = board.boundary
     for piece in copper:
-        yield piece.name, piece.shape.distance(board.boundary) if board.contains(piece.shape) else 0.0
+        yield piece.name, piece.shape.distance(edge) if board.contains(piece.shape) else 0.0
 
 
-def _distances_to_holes(layout: BoardLayout, copper: tuple[CopperPiece, ...]) -> Iterator[tuple[str, float]]:
-    """Yield the distance of all copper from each unplated hole."""
-    for hole in (hole for hole in layout.holes if not hole.plated):
-        bore = hole_polygon(hole)
-        for piece in copper:
-            yield f"{piece.name} at {_format_point(hole.start_mm)}", piece.shape.distance(bore)
+def _distances_to_holes(
+    layout: BoardLayout, copper: tuple[CopperPiece, ...], within_mm: float
+) -> Iterator[tuple[str, float]]:
+    """Yield the distances of near copper from each unplated hole."""
+    holes = [hole for hole in layout.holes if not hole.plated]
+    bores, shapes = [hole_polygon(hole) for hole in holes], [piece.shape for piece in copper]
+    for number, other in _near_pairs(bores, shapes, within_mm):
+        where = f"{copper[other].name} at {_format_point(holes[number].start_mm)}"
+        yield where, shapes[other].distance(bores[number])
 
 
-def _distances_of_holes(layout: BoardLayout) -> Iterator[tuple[str, float]]:
-    """Yield the distances of holes: where they are too close, the wall between them would break."""
-    for a, b in combinations(layout.holes, 2):
-        where = f"{_format_point(a.start_mm)} to {_format_point(b.start_mm)}"
-        yield where, hole_polygon(a).distance(hole_polygon(b))
+def _distances_of_holes(layout: BoardLayout, within_mm: float) -> Iterator[tuple[str, float]]:
+    """Yield the distances of near holes: where they are too close, the wall between them would break."""
+    bores = [hole_polygon(hole) for hole in layout.holes]
+    for number, other in _near_pairs(bores, bores, within_mm):
+        if number < other:
+            a, b = layout.holes[number], layout.holes[other]
+            where = f"{_format_point(a.start_mm)} to {_format_point(b.start_mm)}"
+            yield where, bores[number].distance(bores[other])
 
 
 def _find_cut_pads(layout: BoardLayout) -> list[RuleViolation]:
@@ -192,7 +211,7 @@ def _find_components_in_the_way(layout: BoardLayout) -> list[RuleViolation]:
     return [
         RuleViolation("overlap of", where, 0.0, -_overlap_depth_mm(one, other))
         for where, one, other in found
-        if one.intersection(other).area > 1e-6
+        if one.intersects(other) and one.intersection(other).area > 1e-6
     ]
 
 

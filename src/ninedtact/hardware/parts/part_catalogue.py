@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 from build123d import Part
@@ -63,13 +64,13 @@ class BuiltPart:
     method: ManufacturingMethod
     solid: Part
 
-    @property
+    @cached_property
     def size_mm(self) -> tuple[float, float, float]:
         """Size of the part's bounding box."""
         size = self.solid.bounding_box().size
         return float(size.X), float(size.Y), float(size.Z)
 
-    @property
+    @cached_property
     def volume_mm3(self) -> float:
         """Volume of the part."""
         return float(self.solid.volume)

@@ -6,6 +6,8 @@ Bought parts are reference bodies: the space that others must leave, not models 
 """
 
 from collections.abc import Iterable
+from copy import deepcopy
+from functools import lru_cache
 from math import hypot, radians, tan
 
 from build123d import (
@@ -38,8 +40,14 @@ _COINCIDENT_MM = 1e-4
 
 def _make_plate(size: XY, heights: ZRange, radius_mm: float = 0.0, at: XY = (0.0, 0.0)) -> Part:
     """Return a plate with vertical corners of this radius."""
-    outline = RectangleRounded(*size, radius_mm) if radius_mm > _COINCIDENT_MM else Rectangle(*size)
+    outline = deepcopy(_rounded_rectangle(size, radius_mm)) if radius_mm > _COINCIDENT_MM else Rectangle(*size)
     return _extrude_along_z(outline, heights, at)
+
+
+@lru_cache(maxsize=64)
+def _rounded_rectangle(size: XY, radius_mm: float) -> Sketch:
+    """Return a rectangle with rounded corners. They take most of the time of a plate, and many plates have the same outline."""
+    return RectangleRounded(*size, radius_mm)
 
 
 def _make_cylinder(diameter_mm: float, heights: ZRange, at: XY = (0.0, 0.0)) -> Part:

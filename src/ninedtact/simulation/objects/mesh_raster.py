@@ -18,8 +18,8 @@ Lines = Int[Array, " lines"]
 Points = Int[Array, " points"]
 Places = Float[Array, " lines"]
 
-PORTION = 2_000_000
-"""Number of grid points processed together; about 200 MB."""
+PORTION = 1_000_000
+"""Number of grid points processed together; about 100 MB."""
 NEAR = 1e-6
 """Fraction of a pitch by which triangles are widened, so that neighbours leave no gap."""
 
