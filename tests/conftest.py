@@ -17,8 +17,9 @@ import jaxtyping  # noqa: E402
 _SOURCES = Path(__file__).parents[1] / "src" / "ninedtact"
 _UNCHECKED = set() if os.environ.get("NINEDTACT_CHECK_MECHANICS") else {"mechanics"}
 if not os.environ.get("JAXTYPING_DISABLE"):
-    from type_checker import check_calls
+    from type_checker import check_calls, check_plain_arrays_faster
 
+    check_plain_arrays_faster()
     jaxtyping.jaxtyped = check_calls  # type: ignore[assignment]
     jaxtyping.install_import_hook(
         sorted(f"ninedtact.{path.stem}" for path in _SOURCES.iterdir() if path.stem not in _UNCHECKED),

@@ -22,6 +22,10 @@ from ninedtact.cli import main
 PRESSES = ("board_reference", "board", "ball_reference", "ball")
 
 
+QUICKLY = ("--method", "ratio")
+"""The method that is done soonest, where it is not the depth that is tested."""
+
+
 def calibrate_options(images: Path, out: Path, **changed: Path) -> list[str]:
     options = ["calibrate", "--out", str(out)]
     for name in PRESSES:
@@ -114,21 +118,33 @@ def sphere_radius(points: np.ndarray) -> float:
     return float(np.sqrt(offset + np.dot(centre, centre)))
 
 
-def guided_recording(real_data: Path, folder: Path, names: tuple[str, ...] = PRESSES) -> Path:
+@pytest.fixture(scope="module")
+def guided_recording(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with nine noisy frames of each step of a guided calibration."""
+    folder = tmp_path_factory.mktemp("guided") / "frames"
     folder.mkdir()
-    for number in range(9 * len(names)):
-        image = cv2.imread(str(real_data / "sensor_a" / f"{names[number // 9]}.png"))
+    for number in range(9 * len(PRESSES)):
+        image = cv2.imread(str(real_data / "sensor_a" / f"{PRESSES[number // 9]}.png"))
         noise = np.random.default_rng(number).normal(0, 0.4, image.shape)
         cv2.imwrite(str(folder / f"{number:03}.png"), np.clip(image + noise, 0, 255).round().astype(np.uint8))
     return folder
 
 
+@pytest.fixture(scope="module")
+def recording_without_ball(guided_recording: Path) -> Path:
+    """The same without the frames of its last step."""
+    folder = guided_recording.with_name("without_ball")
+    folder.mkdir()
+    for number in range(9 * (len(PRESSES) - 1)):
+        shutil.copy(guided_recording / f"{number:03}.png", folder)
+    return folder
+
+
 def test_guided_calibration_from_a_recording(
-    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    guided_recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    frames = guided_recording(real_data, tmp_path / "frames")
-    assert main(["calibrate", "--out", str(tmp_path / "s"), "--source", str(frames), "--json"]) == 0
+    options = ["--out", str(tmp_path / "s"), "--source", str(guided_recording), *QUICKLY]
+    assert main(["calibrate", *options, "--json"]) == 0
     told = capsys.readouterr()
     assert json.loads(told.out)["board"]["pins_found"] == 63
     assert "Press the pin board" in told.err and "63 of 63 pins" in told.err
@@ -136,11 +152,11 @@ def test_guided_calibration_from_a_recording(
 
 
 def test_images_of_a_guided_calibration_that_fails_are_kept(
-    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    guided_recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The presses were work: what fails after them is repeated from their images."""
-    out, frames = tmp_path / "s", guided_recording(real_data, tmp_path / "frames")
-    guided = ["calibrate", "--out", str(out), "--method", "ratio", "--source", str(frames)]
+    out = tmp_path / "s"
+    guided = ["calibrate", "--out", str(out), *QUICKLY, "--source", str(guided_recording)]
     (tmp_path / "s_images").mkdir()  # somebody else's
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (800_000, before[1]))  # room for an image, but not for the certificate
@@ -157,21 +173,23 @@ def test_images_of_a_guided_calibration_that_fails_are_kept(
 
 
 def test_images_are_kept_among_temporary_files_where_nothing_can_be_written_beside_the_sensor(
-    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    recording_without_ball: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    frames = guided_recording(real_data, tmp_path / "frames", PRESSES[:3])
-    assert main(["calibrate", "--out", str(tmp_path / "file" / "s"), "--source", str(frames)]) == 1
+    out = tmp_path / "file" / "s"
+    assert main(["calibrate", "--out", str(out), "--source", str(recording_without_ball)]) == 1
     assert f"the images are kept in {tmp_path / 's_images'};" in capsys.readouterr().err
     assert len(list((tmp_path / "s_images").iterdir())) == 2
 
 
 def test_the_board_of_a_guided_calibration_that_ends_too_soon_is_kept(
-    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recording_without_ball: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    frames = guided_recording(real_data, tmp_path / "frames", PRESSES[:3])
-    assert main(["calibrate", "--out", str(tmp_path / "s"), "--source", str(frames)]) == 1
+    assert main(["calibrate", "--out", str(tmp_path / "s"), "--source", str(recording_without_ball)]) == 1
     assert "end of the recording" in refusal(capsys)
     assert {path.name for path in (tmp_path / "s_images").iterdir()} == {"board_reference.png", "board.png"}
     assert main(["calibrate", "--out", str(tmp_path / "s"), "--images", str(tmp_path / "s_images")]) == 0
@@ -232,7 +250,7 @@ def test_grey_and_opaque_images_are_as_good(kind: object, real_data: Path, tmp_p
     good = cv2.imread(str(real_data / "sensor_a" / "board.png"))
     grey = cv2.cvtColor(good, cv2.COLOR_BGR2GRAY)
     same = painted(tmp_path, cv2.cvtColor(good, cv2.COLOR_BGR2BGRA) if kind == "opaque alpha" else grey)
-    assert main(calibrate_options(real_data / "sensor_a", tmp_path / "out", board=same)) == 0
+    assert main([*calibrate_options(real_data / "sensor_a", tmp_path / "out", board=same), *QUICKLY]) == 0
 
 
 def test_swapped_images_are_named(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -250,7 +268,7 @@ def test_half_of_the_images_is_not_enough(real_data: Path, tmp_path: Path, capsy
 
 def test_a_folder_that_may_not_be_written(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").write_text("in the way")
-    assert main(calibrate_options(real_data / "sensor_a", tmp_path / "file" / "sensor")) == 1
+    assert main([*calibrate_options(real_data / "sensor_a", tmp_path / "file" / "sensor"), *QUICKLY]) == 1
     refusal(capsys)
 
 

@@ -74,6 +74,50 @@ def test_other_calls_are_refused(call: Callable[[], object]) -> None:
         call()
 
 
+@pytest.mark.parametrize("axes", ["n m", "n 2", "n n", "n _", "n #m", "*n", "...", "n 4", "n", ""])
+def test_an_array_that_has_passed_once_is_judged_by_its_shape_and_type_again(axes: str) -> None:
+    @check
+    def call(one: Float[Array, axes], other: Float[Array, axes]) -> None: ...
+
+    square, wide, row = np.zeros((2, 2)), np.zeros((2, 3)), np.zeros(2)
+    passing = {
+        "n m": [(square, square), (wide, wide)],
+        "n 2": [(square, square)],
+        "n n": [(square, square)],
+        "n _": [(square, square), (square, wide), (wide, square), (wide, wide)],
+        "n #m": [(square, square), (wide, wide)],
+        "*n": [(square, square), (wide, wide), (row, row)],
+        "...": [(one, other) for one in (square, wide, row) for other in (square, wide, row)],
+        "n 4": [],
+        "n": [(row, row)],
+        "": [],
+    }
+    for _ in range(3):
+        for one in (square, wide, row, square.astype(int)):
+            for other in (square, wide, row, square.astype(int)):
+                if any(one is first and other is second for first, second in passing[axes]):
+                    call(one, other)
+                else:
+                    with pytest.raises(Exception, match="violat"):
+                        call(one, other)
+
+
+def test_a_function_within_a_function_is_checked_and_closes_over_its_own_values() -> None:
+    def make(factor: float, axes: str) -> Callable[[object], object]:
+        @check
+        def scale(points: Float[Array, axes]) -> Float[Array, " n"]:
+            return factor * (points if factor else points[1:])
+
+        return scale
+
+    double, triple, shorten, of_two = make(2, "n"), make(3, "n"), make(0, "n"), make(2, "2")
+    assert double(COLUMN + 1)[0] == 2 and triple(COLUMN + 1)[0] == 3
+    for call, given in ((double, POINTS), (triple, 1.0), (shorten, COLUMN), (of_two, COLUMN)):
+        with pytest.raises(Exception, match="violat"):
+            call(given)
+    assert of_two(COLUMN[:2]).shape == (2,)
+
+
 def test_a_test_may_give_what_the_types_exclude() -> None:
     config.update("jaxtyping_disable", True)
     try:

@@ -82,21 +82,20 @@ def test_steps_of_which_one_is_as_long_as_the_limit_span_no_lattice() -> None:
 def test_a_step_is_the_mean_of_the_parallel_ones_around_it(direction: tuple[int, int]) -> None:
     nodes = [node for node in product(range(-3, 4), repeat=2) if node not in ((-1, 1), (1, -1), (2, 0))]
     at = dict(zip(nodes, np.random.default_rng(1).normal(0, 1, (len(nodes), 2)), strict=True))
-    spots = DarkSpots(np.array(list(at.values())), np.ones(len(at)))
+    places = [(float(x), float(y)) for x, y in at.values()]
     taken = {node: number for number, node in enumerate(nodes)}
     ends = [(1 + a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
     steps = [(end, (end[0] - direction[0], end[1] - direction[1])) for end in ends]
     expected = np.mean([at[end] - at[start] for end, start in steps if end in at and start in at], axis=0)
-    found = _expected_step(spots, taken, (1, 0), direction, np.array([9.0, 9.0]))
+    found = _expected_step(places, taken, (1, 0), direction, (9.0, 9.0))
     np.testing.assert_allclose(found, expected)
-    first = _expected_step(spots, {(0, 0): 3}, (0, 0), direction, np.array([9.0, 8.0]))
-    assert first.tolist() == [9.0, 8.0]
+    assert _expected_step(places, {(0, 0): 3}, (0, 0), direction, (9.0, 8.0)) == (9.0, 8.0)
 
 
 @pytest.mark.parametrize(("distance", "found"), [(2.9, 1), (3.0, None), (3.1, None)])
 def test_the_next_spot_lies_within_a_third_of_a_step_and_is_free(distance: float, found: int | None) -> None:
     spots = DarkSpots(np.array([(0.0, 0.0), (10 + distance, 0), (10, 5)]), np.ones(3))
-    expected, step = np.array([10.0, 0.0]), np.array([6.0, 8.0])
+    expected, step = (10.0, 0.0), (6.0, 8.0)
     assert _find_spot_near(spots, {(0, 0): 0}, expected, step) == found
     assert _find_spot_near(spots, {(0, 0): 0, (0, 1): 1}, expected, step) is None
 

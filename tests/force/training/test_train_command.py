@@ -1,12 +1,15 @@
 """`ninedtact train`: from a data set's folder to a model that answers live as it was trained; what it says of bad data."""
 
+import io
 import json
 import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from contextlib import redirect_stdout
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import msgspec
@@ -25,9 +28,8 @@ from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
 from ninedtact.force.brightness_channels import to_whole_grey_levels
-from ninedtact.force.dataset_split import SplitKeys, SplitSettings, split_dataset, write_split
+from ninedtact.force.dataset_split import DatasetSplit, SplitKeys, SplitSettings, split_dataset, write_split
 from ninedtact.force.estimator_loading import build_estimator
-from ninedtact.force.evaluation.predictions import read_predictions
 from ninedtact.force.known_load_scale import ForceScale, write_force_scale
 from ninedtact.force.network_input import (
     InputChannels,
@@ -43,6 +45,7 @@ from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.simulation.sensor_population import sample_sensor
 from ninedtact.workflows.dataset_calibrations import DatasetSensors, calibrate_simulated_sensors, load_dataset_sensors
+from ninedtact.workflows.dataset_evaluation import DatasetEvaluationSettings, predict_dataset
 from ninedtact.workflows.dataset_training import match_input_width_to_dataset, read_training_examples
 
 MM_PER_PX = 0.0522
@@ -172,23 +175,6 @@ def test_what_physics_finds_is_kept_beside_the_heights(folder: Path, physics_sen
     np.testing.assert_array_equal(pairs.z_mm, load_height_pairs(folder, calibrated, GRID.grid, tmp_path).z_mm)
 
 
-def test_a_corrector_of_physics_is_trained_and_used(
-    folder: Path, physics_sensors: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    given = ["--data", str(folder), "--sensors", str(physics_sensors)]
-    options = [*given, "--out", str(tmp_path / "out"), "--preset", "corrector"]
-    size = ("--size", "24", "16", "--epochs", "1", "--batch", "8", "--held-out", "object")
-    assert main(["train", *options, *size, "--json", *ON_CPU]) == 0
-    assert json.loads(capsys.readouterr().out)["held_out"]["pairs"] > 1
-    sensor = load_sensor(physics_sensors / "a")
-    estimator = build_estimator(str(tmp_path / "out" / "model.onnx"), sensor.shape, sensor.gel)
-    assert estimator.name == "physics corrected by network"
-    reader = sensor.shape.reader_against(to_whole_grey_levels(image_of(0, 99), MM_PER_PX))
-    image = to_whole_grey_levels(image_of(2.0, 5), MM_PER_PX)
-    reading = Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, reader(image), reference=reader.reference)
-    assert estimator.estimate(reading).touching
-
-
 def test_an_image_that_no_press_can_cause_is_reported_and_its_predictions_can_be_read_again(
     folder: Path, physics_sensors: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -217,11 +203,9 @@ def test_a_real_sensor_is_evaluated_with_its_force_calibration(
     physics = build_estimator("physics", sensor.shape, sensor.gel)
     for name in "ab":
         write_force_scale(adapted / name, physics, ForceScale(factor=1.5, error=0.02, presses=4))
-    given = ["--data", str(folder), "--every", "3", "--workers", "1", "--json"]
-    for place in (physics_sensors, adapted):
-        assert main(["evaluate", *given, "--sensors", str(place), "--out", str(tmp_path / place.parent.name)]) == 0
     plain, scaled = (
-        read_predictions(tmp_path / place.parent.name / "predictions.csv") for place in (physics_sensors, adapted)
+        predict_dataset(folder, DatasetEvaluationSettings(sensors=place, every=3), workers=1)
+        for place in (physics_sensors, adapted)
     )
     assert plain.predicted[:, 2].min() < -0.05 and plain.std is not None and scaled.std is not None
     np.testing.assert_allclose(scaled.predicted, 1.5 * plain.predicted)
@@ -229,11 +213,22 @@ def test_a_real_sensor_is_evaluated_with_its_force_calibration(
     assert (scaled.std[pressed, 2] < 1.5 * plain.std[pressed, 2]).all(), "25 % of each force is unknown without it"
 
 
-def test_a_split_of_the_whole_data_set_also_holds_where_pairs_are_left_out(
-    folder: Path, physics_sensors: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A model that corrects physics learns nothing from pairs in which physics finds no contact."""
-    untouched = tmp_path / "pairs"
+@dataclass(frozen=True)
+class Corrector:
+    """A model that corrects physics, what it was trained with, and what was printed."""
+
+    options: list[str]
+    split: DatasetSplit
+    untouched_ids: list[str]
+    """Pairs in which physics finds no contact."""
+    printed: dict[str, Any]
+    out: Path
+
+
+@pytest.fixture(scope="module")
+def corrector(folder: Path, physics_sensors: Path, tmp_path_factory: pytest.TempPathFactory) -> Corrector:
+    place = tmp_path_factory.mktemp("corrector")
+    untouched = place / "pairs"
     shutil.copytree(folder, untouched, ignore=shutil.ignore_patterns("cache"))
     rows = [row_of(number, 3, (460, 345)) for number in range(24)]
     rows[:4] = [replace(row, image=png(image_of(0, 99))) for row in rows[:4]]
@@ -241,18 +236,38 @@ def test_a_split_of_the_whole_data_set_also_holds_where_pairs_are_left_out(
         write_pair_file(untouched / "data" / f"train-0000{part}-of-00002.parquet", rows[part::2])
     ids = [row.id for row in rows]
     split = split_dataset(SplitKeys(ids, [row.object for row in rows]), SplitSettings("object", objects=1))
-    write_split(tmp_path / "split.json", split)
-    given = ["--data", str(untouched), "--sensors", str(physics_sensors), "--split", str(tmp_path / "split.json")]
-    options = [*given, "--out", str(tmp_path / "out"), "--preset", "corrector", "--held-out", "object"]
-    size = ("--size", "24", "16", "--epochs", "1", "--batch", "8")
-    assert main(["train", *options, *size, "--json", *ON_CPU]) == 0
-    found = json.loads(capsys.readouterr().out)
-    left = set(split.train) - set(ids[:4])
+    write_split(place / "split.json", split)
+    given = ["--data", str(untouched), "--sensors", str(physics_sensors), "--split", str(place / "split.json")]
+    kind = ["--preset", "corrector", "--held-out", "object", "--size", "24", "16", "--epochs", "1", "--batch", "8"]
+    options = [*given, "--out", str(place / "out"), *kind]
+    printed = io.StringIO()
+    with redirect_stdout(printed):
+        assert main(["train", *options, "--json", *ON_CPU]) == 0
+    return Corrector(options, split, ids[:4], json.loads(printed.getvalue()), place / "out")
+
+
+def test_a_corrector_of_physics_is_trained_and_used(corrector: Corrector, physics_sensors: Path) -> None:
+    assert corrector.printed["held_out"]["pairs"] > 1
+    sensor = load_sensor(physics_sensors / "a")
+    estimator = build_estimator(str(corrector.out / "model.onnx"), sensor.shape, sensor.gel)
+    assert estimator.name == "physics corrected by network"
+    reader = sensor.shape.reader_against(to_whole_grey_levels(image_of(0, 99), MM_PER_PX))
+    image = to_whole_grey_levels(image_of(2.0, 5), MM_PER_PX)
+    reading = Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, reader(image), reference=reader.reference)
+    assert estimator.estimate(reading).touching
+
+
+def test_a_split_of_the_whole_data_set_also_holds_where_pairs_are_left_out(
+    corrector: Corrector, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A model that corrects physics learns nothing from pairs in which physics finds no contact."""
+    split, found = corrector.split, corrector.printed
+    left = set(split.train) - set(corrector.untouched_ids)
     assert found["pairs"] + found["held_out"]["pairs"] == len(left) < len(split.train)
     assert set(found["held_out"]["by_object"]) < {"thing_0", "thing_1", "thing_2"} - set(split.held_out_objects)
     other = replace(split, train=(*split.train, "another"))
-    write_split(tmp_path / "split.json", other)
-    assert "expected the 25 pairs of the split" in told(capsys, [*options, *size])
+    write_split(corrector.out.parent / "split.json", other)
+    assert "expected the 25 pairs of the split" in told(capsys, corrector.options)
 
 
 def test_the_input_is_as_wide_as_the_design_of_a_real_sensor(

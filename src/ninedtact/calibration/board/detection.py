@@ -112,7 +112,10 @@ class PinLattice:
 
     def window(self, cols: int, rows: int) -> "PinLattice":
         """Return the cols × rows part with most contrast, with its nodes counted from (0, 0)."""
-        return max((self.cut(corner, cols, rows) for corner in self.corners(cols, rows)), key=lambda part: part.score)
+        corners, roots = list(self.corners(cols, rows)), np.sqrt(self.strength)
+        nodes = self.nodes - np.array(corners)[:, None]
+        scores = [float(roots[inside].sum()) for inside in ((nodes >= 0) & (nodes < (cols, rows))).all(axis=2)]
+        return self.cut(corners[int(np.argmax(scores))], cols, rows)
 
     def cut(self, corner: Node, cols: int, rows: int) -> "PinLattice":
         """Return the part that begins at one corner."""
@@ -154,8 +157,10 @@ def _spans_square_lattice(u: Float[Array, "2"], v: Float[Array, "2"]) -> bool:
 
 def _grow_lattice(dark_spots: DarkSpots, seed: int, right: Float[Array, "2"], down: Float[Array, "2"]) -> PinLattice:
     """Return the lattice grown breadth first from a seed, each node where its neighbours' steps predict it."""
+    places: list[_Vector] = [(x, y) for x, y in dark_spots.points_px.tolist()]
     taken: dict[Node, int] = {(0, 0): seed}
-    steps = {(1, 0): right, (-1, 0): -right, (0, 1): down, (0, -1): -down}
+    (u, v), (s, t) = right.tolist(), down.tolist()
+    steps: dict[Node, _Vector] = {(1, 0): (u, v), (-1, 0): (-u, -v), (0, 1): (s, t), (0, -1): (-s, -t)}
     queue = deque([(0, 0)])
     while queue:
         node = queue.popleft()
@@ -163,8 +168,8 @@ def _grow_lattice(dark_spots: DarkSpots, seed: int, right: Float[Array, "2"], do
             target = (node[0] + direction[0], node[1] + direction[1])
             if target in taken:
                 continue
-            step = _expected_step(dark_spots, taken, node, direction, first_step)
-            spot = _find_spot_near(dark_spots, taken, dark_spots.points_px[taken[node]] + step, step)
+            step, (x, y) = _expected_step(places, taken, node, direction, first_step), places[taken[node]]
+            spot = _find_spot_near(dark_spots, taken, (x + step[0], y + step[1]), step)
             if spot is not None:
                 taken[target] = spot
                 queue.append(target)
@@ -172,25 +177,27 @@ def _grow_lattice(dark_spots: DarkSpots, seed: int, right: Float[Array, "2"], do
     return PinLattice(np.array(list(taken)), dark_spots.points_px[spots], dark_spots.strength[spots])
 
 
+_Vector = tuple[float, float]
+"""Two numbers: a lattice takes thousands of steps, each of which is too small for arrays."""
+
+
 def _expected_step(
-    dark_spots: DarkSpots, taken: dict[Node, int], node: Node, direction: Node, first_step: Float[Array, "2"]
-) -> Float[Array, "2"]:
+    places: list[_Vector], taken: dict[Node, int], node: Node, direction: Node, first_step: _Vector
+) -> _Vector:
     """Return the mean of the parallel steps already taken next to this one, or the seed's step."""
-    around = [(node[0] + a, node[1] + b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
-    pairs = [(taken.get(end), taken.get((end[0] - direction[0], end[1] - direction[1]))) for end in around]
-    known = [
-        dark_spots.points_px[end] - dark_spots.points_px[start]
-        for end, start in pairs
-        if end is not None and start is not None
-    ]
-    return np.mean(known, axis=0) if known else first_step
+    (column, row), (across, along) = node, direction
+    count, x, y = 0, 0.0, 0.0
+    for end_node in product((column - 1, column, column + 1), (row - 1, row, row + 1)):
+        end, start = taken.get(end_node), taken.get((end_node[0] - across, end_node[1] - along))
+        if end is not None and start is not None:
+            count, x, y = count + 1, x + (places[end][0] - places[start][0]), y + (places[end][1] - places[start][1])
+    return (x / count, y / count) if count else first_step
 
 
-def _find_spot_near(
-    dark_spots: DarkSpots, taken: dict[Node, int], expected_px: Float[Array, "2"], step: Float[Array, "2"]
-) -> int | None:
+def _find_spot_near(dark_spots: DarkSpots, taken: dict[Node, int], expected_px: _Vector, step: _Vector) -> int | None:
     """Return the free spot nearest to the predicted position, or None where none is near enough."""
-    distance = np.hypot(*(dark_spots.points_px - expected_px).T)
+    x, y = dark_spots.points_px.T
+    distance = np.hypot(x - expected_px[0], y - expected_px[1])
     nearest = int(distance.argmin())
     near_enough = distance[nearest] < _MAX_PREDICTION_ERROR * np.hypot(*step)
     return nearest if near_enough and nearest not in taken.values() else None
