@@ -4,6 +4,7 @@ The inner loops of the contact solvers take twice as long when they are checked.
 run by themselves (`make test`), and unchecked in all others.
 """
 
+import gc
 import os
 from pathlib import Path
 
@@ -70,6 +71,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for item in items:
             if "browser" in getattr(item, "fixturenames", ()):
                 item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+def pytest_collection_finish() -> None:
+    """Spare what was imported and collected the search for garbage, which passes over all of it again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 # A busy computer may take any time for an example.

@@ -10,12 +10,20 @@ import cv2
 import msgspec
 import pytest
 
+from ninedtact.calibration.certificate import html_page
 from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.save import SensorFolderNotReplaceable, save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, load_sensor
 from ninedtact.cli import main
 from ninedtact.studio.calibration_page import _result_html
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationState
+
+
+@pytest.fixture(autouse=True)
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody looks at the figures of these certificates, which take most of the time of saving."""
+    names = (*html_page.BOARD_IMAGES, *html_page.BALL_IMAGES, "rest", "profile")
+    monkeypatch.setattr(html_page, "_plot_certificate_images", lambda calibration: dict.fromkeys(names, b""))
 
 
 @pytest.fixture
