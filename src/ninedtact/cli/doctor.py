@@ -82,7 +82,7 @@ class Doctor:
 
         with StepLine() as line:
             if self.source is not None:
-                line.show(f"examining {self.source}, a file to its end")
+                line.show(f"examining {self.source}; files are read to their end")
                 return [check_camera(source_for(self.source))]
             line.show("measuring the frame rate of every camera")
             return [
