@@ -320,8 +320,8 @@ def _fit_coarsely(forward: BallPressModel, start: ParameterVector) -> ParameterV
 def _fit_finely(
     forward: BallPressModel, start: ParameterVector, prior_terms: _PriorTerms
 ) -> tuple[BallPressModel, ParameterVector, Float[Array, "n parameters"]]:
-    """Return the least-squares parameters with prior terms from a start near by, by Gauss–Newton, after the model with their
-    contacts and before the last Jacobian of the residual, which has one row for every prior.
+    """Return the model with the contacts of the last iteration as first guesses, the least-squares parameters with prior terms, and
+    the last Jacobian of the residual, with one row for every prior. They are found from a start near by, by Gauss–Newton.
 
     The contacts are solved to a tolerance, so the sum of squares scatters from one vector to the next, and a search that waits for
     the smallest differences of it does not end. This one ends where the linearised problem predicts too small a reduction, or where
