@@ -24,10 +24,11 @@ from ninedtact import Frame, Sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.design import Gel
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_server import page_server
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
-from ninedtact.studio.sensor_poller import SensorPoller
+from ninedtact.live.sensor_poller import SensorPoller
 
 CLIENTS = Path(__file__).parents[1] / "tests" / "studio" / "reading_clients.py"
 sys.path.append(str(CLIENTS.parent))
@@ -124,15 +125,15 @@ def figures(
 @contextmanager
 def crowd(server: viser.ViserServer, clients: int, silent: int = 1, others: int = 0) -> Iterator[None]:
     """Connect clients, some of which never read, beside others, wait for all, and let them leave at the end."""
-    command = [sys.executable, str(CLIENTS), f"ws://127.0.0.1:{server.get_port()}", f"viser-v{viser.__version__}"]
+    command = [sys.executable, str(CLIENTS), f"ws://127.0.0.1:{server.port}", f"viser-v{viser.__version__}"]
     process = subprocess.Popen([*command, str(clients), str(silent)])
-    while len(server.get_clients()) < clients + others:
+    while len(server.viser.get_clients()) < clients + others:
         time.sleep(0.1)
     time.sleep(1)
     yield
     process.kill()
     process.wait()
-    while len(server.get_clients()) > others:
+    while len(server.viser.get_clients()) > others:
         time.sleep(0.1)
 
 

@@ -29,13 +29,14 @@ from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
 from ninedtact.force.estimator_loading import load_estimator
 from ninedtact.simulation.simulated_sources import demo_sources
-from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_server import page_server
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.scene_3d import gel_block_under_skin
-from ninedtact.studio.sensor_poller import SensorPoller
+from ninedtact.live.sensor_poller import SensorPoller
 from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM
-from ninedtact.studio.wrench_history import WrenchHistory
+from ninedtact.live.wrench_history import WrenchHistory
 
 DISPLAY_HZ = 30.0
 DEPTHS_MM = (0.6, 0.75)
@@ -110,7 +111,7 @@ def press_through_page(folder: SensorFolder, moves: int) -> tuple[list[float], f
         page = SensorPage(server, studio, gel_block_under_skin(folder.shape, folder.record.design.gel), "twin")
         showing = threading.Thread(target=studio.run, args=(page, DISPLAY_HZ, stop.is_set))
         showing.start()
-        person = context.Process(target=move_handle, args=(server.get_port(), moves, there))
+        person = context.Process(target=move_handle, args=(server.port, moves, there))
         person.start()
         while not page.viewers:
             time.sleep(0.05)

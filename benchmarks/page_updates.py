@@ -27,10 +27,11 @@ from websockets.sync.client import connect
 from ninedtact import Sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.design import Gel
-from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_server import page_server
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
-from ninedtact.studio.sensor_poller import SensorPoller
+from ninedtact.live.sensor_poller import SensorPoller
 
 CAMERA_HZ, DISPLAY_HZ = 60.0, 40.0
 SETTLE_S = 3.0
@@ -86,7 +87,7 @@ def page_updates(seconds: float = 20.0, json: bool = False) -> None:
         page = SensorPage(server, studio, gel_block_under_skin(shape, Gel()), "sensor_a")
         showing = threading.Thread(target=studio.run, args=(page, DISPLAY_HZ, stop.is_set))
         showing.start()
-        client = context.Process(target=watch, args=(server.get_port(), seconds, there))
+        client = context.Process(target=watch, args=(server.port, seconds, there))
         stay_on_one_core()
         alone = load_while(sensor, lambda: time.sleep(seconds))
         client.start()

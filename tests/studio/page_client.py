@@ -10,7 +10,7 @@ from reading_clients import CAMERA, unpack_text
 from small_sensor import wait_until
 from websockets.sync.client import ClientConnection, connect
 
-from ninedtact.studio.page_and_server import SensorPage
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.viewer import ViewerPage
 
 

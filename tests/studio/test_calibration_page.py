@@ -31,20 +31,20 @@ from ninedtact.studio.calibration_page import CalibrationPage
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession
 from ninedtact.studio.guided_page import GuidedPageLayout
 from ninedtact.studio.guided_session import SwitchableCamera
-from ninedtact.studio.page_and_server import page_server
-from ninedtact.studio.socket_guard import SocketGuard
+from ninedtact.studio.page_server import page_server
+from ninedtact.live.socket_guard import SocketGuard
 
 PATIENCE_S = 120.0
 
 
 def run_callbacks_late(server: ViserServer, monkeypatch: pytest.MonkeyPatch, delay_s: float = 0.3) -> None:
     """Run what a control of the page does some time after its value has arrived, as on a busy computer."""
-    submit = server.gui._thread_executor.submit
+    submit = server.viser.gui._thread_executor.submit
 
     def submit_late(callback: Callable[..., Any], *args: Any) -> Any:
         return submit(lambda: (time.sleep(delay_s), callback(*args)))
 
-    monkeypatch.setattr(server.gui._thread_executor, "submit", submit_late)
+    monkeypatch.setattr(server.viser.gui._thread_executor, "submit", submit_late)
 
 
 def test_no_image_is_kept_for_a_browser_that_left_while_its_page_was_made(
@@ -55,14 +55,14 @@ def test_no_image_is_kept_for_a_browser_that_left_while_its_page_was_made(
         layout = GuidedPageLayout(server, session, lambda: {"sim": "simulated sensor"}, "Calibration")
         run_callbacks_late(server, monkeypatch)
         layout.serve()
-        with page_socket(server.get_port()):
-            wait_until(lambda: len(server.get_clients()) == 1)
+        with page_socket(server.port):
+            wait_until(lambda: len(server.viser.get_clients()) == 1)
             wait_until(lambda: len(layout._images) == 1)
         wait_until(lambda: not layout._images)
         made = []
         monkeypatch.setattr("ninedtact.studio.guided_page.ThemeChoice", made.append)
-        with page_socket(server.get_port()):
-            wait_until(lambda: len(server.get_clients()) == 1)
+        with page_socket(server.port):
+            wait_until(lambda: len(server.viser.get_clients()) == 1)
         wait_until(lambda: len(made) == 1)  # after the browser has left
         wait_until(lambda: not layout._images)
 
@@ -93,7 +93,7 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
             return text in tab.inner_text("body")
 
         for tab in (desk, phone):
-            tab.goto(f"http://127.0.0.1:{server.get_port()}")
+            tab.goto(f"http://127.0.0.1:{server.port}")
             wait(lambda tab=tab: says(tab, "Choose the camera") and says(tab, "sharpness"))
         assert not says(desk, "replace the sensor") and phone.locator("img").count() > 0
         assert phone.evaluate("document.documentElement.scrollWidth") == 390

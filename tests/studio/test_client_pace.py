@@ -15,11 +15,12 @@ from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 from websockets.sync.client import connect
 
 from ninedtact.design import Gel
-from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_server import page_server
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
-from ninedtact.studio.sensor_poller import SensorPoller
-from ninedtact.studio.socket_guard import SocketGuard, SocketLimits
+from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.live.socket_guard import SocketGuard, SocketLimits
 from ninedtact.studio.viewer import MAX_COARSER, MAX_LEFT_OUT, PACE_OVER_S, RETRY_S, ClientSurfaceDensity
 
 
@@ -66,7 +67,7 @@ def test_a_moment_is_sent_at_once_and_whole(tmp_path: Path) -> None:
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(camera := SkinCamera())) as loop:
         studio = PageController([DisplayedSensor(loop)], tmp_path)
         page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
-        client = Client(server.get_port())
+        client = Client(server.port)
         with connected(page, client):
             buffer = page.viewers[0].client._websock_connection.get_message_buffer()
             wait_until(lambda: loop.snapshot(0).reading is not None)  # the reference is taken
@@ -91,7 +92,7 @@ def test_a_client_that_is_too_slow_gets_fewer_points_and_it_alone(
     ):
         studio = PageController([DisplayedSensor(loop)], tmp_path)
         page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
-        fast, slow = Client(server.get_port()), Client(server.get_port(), pause_s=0.4)
+        fast, slow = Client(server.port), Client(server.port, pause_s=0.4)
         showing = page_thread.submit(studio.run, page, 10.0, stop.is_set)
         try:
             with connected(page, fast, slow):

@@ -38,7 +38,7 @@ from ninedtact.studio.force_calibration_session import (
     fit_scale_so_far,
 )
 from ninedtact.studio.guided_session import SwitchableCamera
-from ninedtact.studio.page_and_server import page_server
+from ninedtact.studio.page_server import page_server
 from ninedtact.workflows.force_calibration import UnscaledForceReader
 
 PATIENCE_S = 120.0
@@ -95,7 +95,7 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
             field.press("Enter")
 
         for tab in (desk, phone):
-            tab.goto(f"http://127.0.0.1:{server.get_port()}")
+            tab.goto(f"http://127.0.0.1:{server.port}")
             wait(lambda tab=tab: says(tab, "Choose the camera") and says(tab, "brightness"))
         assert phone.locator("img").count() > 0 and phone.evaluate("document.documentElement.scrollWidth") == 390
         phone.get_by_role("button", name="Start", exact=True).click()
@@ -187,7 +187,7 @@ def test_a_press_is_dropped_once_and_a_load_that_still_rests_is_not_taken_for_it
     session.on_load = put_on
     with page_server("127.0.0.1", 0) as server:
         page = ForceCalibrationPage(server, session, lambda: {"sim": "simulated sensor"}, 4.0)
-        with page_socket(server.get_port()) as one, page_socket(server.get_port()) as other:
+        with page_socket(server.port) as one, page_socket(server.port) as other:
             session.start()
             wait_until(lambda: session.state.phase is ForceCalibrationPhase.LIFT and stays.is_set(), PATIENCE_S)
             first, second = session.state.presses

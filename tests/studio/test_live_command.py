@@ -22,9 +22,9 @@ from ninedtact.cli.live import Live
 from ninedtact.cli.serve_sensor_page import PageLibraryMissing, RerunMissing
 from ninedtact.cli.shared_options import InvalidLiveOption
 from ninedtact.open_sensor import assemble_live_sensor
-from ninedtact.studio.page_and_server import SensorPage
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_controller import PageMoment
-from ninedtact.studio.socket_guard import InvalidAllowedOrigin
+from ninedtact.live.socket_guard import InvalidAllowedOrigin
 
 CHECK = "import ninedtact.cli.live, sys; print(*[m for m in ('cv2', 'numpy', 'viser') if m in sys.modules])"
 

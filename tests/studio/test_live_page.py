@@ -17,11 +17,12 @@ from ninedtact.design import Gel
 from ninedtact.studio.calibration_session import CalibrationSession
 from ninedtact.studio.guided_page import GuidedPageLayout
 from ninedtact.studio.guided_session import SwitchableCamera
-from ninedtact.studio.page_and_server import PORTS_TRIED, PagePortRefused, SensorPage, find_default_port, page_server
+from ninedtact.studio.page_server import PORTS_TRIED, PagePortRefused, page_server
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.saved_files import SaveLimits
 from ninedtact.studio.scene_3d import gel_block_under_skin
-from ninedtact.studio.sensor_poller import SensorPoller
+from ninedtact.live.sensor_poller import SensorPoller
 
 PATIENCE_S = 90.0
 
@@ -38,7 +39,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
         studio = PageController([DisplayedSensor(loop)], tmp_path, save_limits=SaveLimits(per_minute=1))
         page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
-        address = f"127.0.0.1:{server.get_port()}"
+        address = f"127.0.0.1:{server.port}"
 
         def until_shown(*texts: str) -> None:
             def shown() -> bool:
@@ -88,12 +89,12 @@ def test_a_browser_keeps_the_choice_of_a_dark_page(tmp_path: Path, is_guided: bo
                 server, PageController([DisplayedSensor(loop)], tmp_path), gel_block_under_skin(SHAPE, Gel()), "small"
             )
         for kept, chosen in ((None, True), ("dark", False), ("light", True)):
-            with page_socket(server.get_port()) as browser:
+            with page_socket(server.port) as browser:
                 messages, themes = received_messages(browser), list[bool]()
                 request = next(one for one in messages if one["type"] == "LocalStorageGetItemRequestMessage")
                 answer = {"type": "LocalStorageGetItemResponseMessage", "request_uuid": request["request_uuid"]}
                 browser.send(msgspec.msgpack.encode(answer | {"value": kept, "error": None}))
-                (client,) = server.get_clients().values()
+                (client,) = server.viser.get_clients().values()
                 controls = client.gui._gui_input_handle_from_uuid.values()
                 dark: Any = next(one for one in controls if one._impl.props.label == "dark")
                 wait_until(lambda dark=dark, kept=kept: dark.value == (kept == "dark"))
@@ -108,7 +109,7 @@ def test_a_browser_keeps_the_choice_of_a_dark_page(tmp_path: Path, is_guided: bo
                         break
                 assert (one["key"], one["value"]) == (request["key"], "dark" if chosen else "light")
                 assert themes[-1] == chosen
-            wait_until(lambda: not server.get_clients())
+            wait_until(lambda: not server.viser.get_clients())
 
 
 def test_a_port_in_use_is_refused_and_not_replaced_by_another() -> None:

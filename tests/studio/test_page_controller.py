@@ -25,8 +25,8 @@ from ninedtact.studio.page_controller import (
 )
 from ninedtact.studio.reading_view import ImageKind, ReadingView, ShownTraction, SkinColouring
 from ninedtact.studio.saved_files import SaveLimits, SaveRefused
-from ninedtact.studio.sensor_poller import SensorPoller
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchWithUncertainty
+from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.live.wrench_history import WrenchHistory, WrenchWithUncertainty
 
 
 class Screen:

@@ -32,12 +32,13 @@ from websockets.typing import Subprotocol
 
 from ninedtact.design import Gel
 from ninedtact.studio import viser_internals
-from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_server import page_server
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment
 from ninedtact.studio.page_messages import PART_BYTES, is_page_message
 from ninedtact.studio.scene_3d import gel_block_under_skin
-from ninedtact.studio.sensor_poller import SensorPoller
-from ninedtact.studio.socket_guard import InvalidAllowedOrigin, SocketGuard, SocketLimits
+from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.live.socket_guard import InvalidAllowedOrigin, SocketGuard, SocketLimits
 from ninedtact.studio.viser_internals import UnknownPageServer
 
 PATIENCE_S = 90.0
@@ -70,7 +71,7 @@ def open_client(port: int) -> ClientConnection:
 
 def test_other_websites_and_rebound_names_are_refused() -> None:
     with page_server("127.0.0.1", 0, SocketGuard.for_host("127.0.0.1", (PROXY,))) as server:
-        port = server.get_port()
+        port = server.port
         own = f"Host: 127.0.0.1:{port}"
         for host in (
             f"127.0.0.1:{port}",
@@ -122,7 +123,7 @@ def test_files_of_this_computer_connect_only_where_they_are_allowed() -> None:
 def test_on_a_network_the_address_has_a_secret() -> None:
     guard = SocketGuard.for_host("0.0.0.0")
     with page_server("0.0.0.0", 0, guard) as server:
-        port, token = server.get_port(), guard.token
+        port, token = server.port, guard.token
         assert re.fullmatch(rf"http://[\w.-]+:{port}/[\w-]{{22}}/", guard.page_address(port))
         host = f"Host: 127.0.0.1:{port}"
         assert both(port, f"/{token}/", host) == both(port, f"/{token}", host) == (200, 101)
@@ -158,11 +159,11 @@ def test_junk_is_dropped_in_one_line_and_disturbs_nobody(
     caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
 ) -> None:
     with page_server("127.0.0.1", 0) as server:
-        slider = server.gui.add_slider("slider", 0.0, 9.0, 1.0, 1.0)
+        slider = server.viser.gui.add_slider("slider", 0.0, 9.0, 1.0, 1.0)
         uuid = slider._impl.uuid
         shared: list[str] = []
         server.request_share_url = lambda verbose=True: shared.append("shared")
-        with open_client(server.get_port()) as junk, open_client(server.get_port()) as other:
+        with open_client(server.port) as junk, open_client(server.port) as other:
             for message in (
                 "text",
                 b"",
@@ -182,12 +183,12 @@ def test_junk_is_dropped_in_one_line_and_disturbs_nobody(
             wait_until(lambda: slider.value == 7.0)  # the one who sends junk is still connected, and heard
             other.send(msgspec.msgpack.encode(not_a_number | {"updates": {"value": 3}}))
             wait_until(lambda: slider.value == 3.0)
-            assert len(server.get_clients()) == 2 and not slider._impl.removed and not shared
-            with open_client(server.get_port()) as large, pytest.raises(ConnectionClosed, match="1009"):
+            assert len(server.viser.get_clients()) == 2 and not slider._impl.removed and not shared
+            with open_client(server.port) as large, pytest.raises(ConnectionClosed, match="1009"):
                 large.send(b"x" * 1_000_000)
                 while True:
                     large.recv(timeout=30)
-            wait_until(lambda: len(server.get_clients()) == 2)
+            wait_until(lambda: len(server.viser.get_clients()) == 2)
     (dropped,) = caplog.messages
     assert "dropped a message of 4 bytes" in dropped and "Traceback" not in capfd.readouterr().err
 
@@ -202,10 +203,10 @@ def test_what_fails_in_a_control_is_one_line_and_no_flood(
         fail(event)
 
     with page_server("127.0.0.1", 0) as server:
-        first, second = server.gui.add_button("a thread"), server.gui.add_button("a task")
+        first, second = server.viser.gui.add_button("a thread"), server.viser.gui.add_button("a task")
         first.on_click(fail)
         second.on_click(fail_later)
-        with open_client(server.get_port()) as client:
+        with open_client(server.port) as client:
 
             def press(button: viser.GuiButtonHandle) -> None:
                 message = {"type": "GuiUpdateMessage", "uuid": button._impl.uuid, "updates": {"value": True}}
@@ -220,7 +221,7 @@ def test_what_fails_in_a_control_is_one_line_and_no_flood(
         for _ in range(30):  # pages of another version are refused, and no more is said
             other: list[Subprotocol] = [Subprotocol("viser-v0.0.1")]
             with (
-                connect(f"ws://127.0.0.1:{server.get_port()}", subprotocols=other) as outdated,
+                connect(f"ws://127.0.0.1:{server.port}", subprotocols=other) as outdated,
                 pytest.raises(ConnectionClosed, match=r"1002 .* Version mismatch\. Client: 0\.0\.1"),
             ):
                 outdated.recv(timeout=30)
@@ -245,7 +246,7 @@ def test_what_cannot_be_shown_to_one_viewer_is_one_line_and_the_others_see_it(
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         controller = PageController([DisplayedSensor(loop)], tmp_path)
         page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "small")
-        with open_client(server.get_port()), open_client(server.get_port()):
+        with open_client(server.port), open_client(server.port):
             wait_until(lambda: len(page.viewers) == 2)
             seen: list[PageMoment] = []
             for viewer, show in zip(page.viewers, (fail, seen.append), strict=True):
@@ -290,10 +291,10 @@ def test_every_control_of_the_page_is_heard_and_no_more_than_one_file_at_a_time(
         (False, part | {"content": b"", "part_index": -1}),
     ):
         assert is_page_message(msgspec.msgpack.encode(message), lambda uuid: None) == accepted, message
-    with page_server("127.0.0.1", 0) as server, open_client(server.get_port()) as client:
-        button = server.gui.add_upload_button("upload")
+    with page_server("127.0.0.1", 0) as server, open_client(server.port) as client:
+        button = server.viser.gui.add_upload_button("upload")
         start |= {"source_component_uuid": button._impl.uuid}
-        unfinished = server.gui._current_file_upload_states
+        unfinished = server.viser.gui._current_file_upload_states
         for name in ("first", "second"):
             client.send(msgspec.msgpack.encode(start | {"transfer_uuid": name}))
             wait_until(lambda name=name: list(unfinished) == [name])
@@ -384,9 +385,9 @@ def test_the_memory_of_departed_clients_is_given_back() -> None:
         gc.collect()
         gc.disable()
         try:
-            clients = [open_client(server.get_port()) for _ in range(3)]
-            wait_until(lambda: len(server.get_clients()) == 3)
-            handles = [weakref.ref(handle) for handle in server.get_clients().values()]
+            clients = [open_client(server.port) for _ in range(3)]
+            wait_until(lambda: len(server.viser.get_clients()) == 3)
+            handles = [weakref.ref(handle) for handle in server.viser.get_clients().values()]
             for client in clients:
                 client.close()
             wait_until(lambda: not any(handle() for handle in handles), limit_s=20)
@@ -398,9 +399,9 @@ def test_clients_are_woken_in_the_thread_of_the_server_only(monkeypatch: pytest.
     woken_in: set[int] = set()
     set_event = asyncio.Event.set
     monkeypatch.setattr(asyncio.Event, "set", lambda event: (woken_in.add(threading.get_ident()), set_event(event))[1])
-    with page_server("127.0.0.1", 0) as server, open_client(server.get_port()) as client:
-        wait_until(lambda: len(server.get_clients()) == 1)
-        text = server.gui.add_text("word", "first")
+    with page_server("127.0.0.1", 0) as server, open_client(server.port) as client:
+        wait_until(lambda: len(server.viser.get_clients()) == 1)
+        text = server.viser.gui.add_text("word", "first")
         received = b""
         text.value = "second"
         while b"second" not in received:
@@ -419,10 +420,10 @@ def test_twenty_clients_do_not_slow_the_sensor(tmp_path: Path) -> None:
         page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
         showing = page_thread.submit(studio.run, page, 15.0, stop.is_set)
         script = Path(__file__).with_name("reading_clients.py")
-        address = f"ws://127.0.0.1:{server.get_port()}"
+        address = f"ws://127.0.0.1:{server.port}"
         clients = subprocess.Popen([sys.executable, str(script), address, PROTOCOL, "20", "1"])
         try:
-            wait_until(lambda: len(server.get_clients()) == 20)
+            wait_until(lambda: len(server.viser.get_clients()) == 20)
             lost_shares: list[float] = []
             while len(lost_shares) < 6 and min(lost_shares, default=1.0) >= 0.05:
                 lost_shares.append(lost_share(loop, images=60))
@@ -468,12 +469,12 @@ def test_in_a_browser_other_websites_reach_nothing(browser: Browser) -> None:
         def log_message(self, *args: object) -> None: ...
 
     with page_server("127.0.0.1", 0) as server, http.server.ThreadingHTTPServer(("127.0.0.1", 0), Website) as website:
-        port, tab = server.get_port(), browser.new_page()
+        port, tab = server.port, browser.new_page()
         threading.Thread(target=website.serve_forever).start()
         try:
             tab.goto(f"http://localhost:{website.server_port}/")
             tab.wait_for_function("document.title != ''", timeout=PATIENCE_S * 1000)
-            assert tab.title() == "refused" and not server.get_clients()
+            assert tab.title() == "refused" and not server.viser.get_clients()
             assert all(frame.url != f"http://127.0.0.1:{port}/" for frame in tab.frames)
             asked.clear()
             said: list[str] = []
@@ -493,14 +494,14 @@ def test_in_a_browser_the_secret_address_works(browser: Browser, caplog: pytest.
     guard, tab = SocketGuard.for_host("0.0.0.0"), browser.new_page()
     errors = page_errors(tab)
     with page_server("0.0.0.0", 0, guard) as server:
-        text = server.gui.add_text("word", "none yet")
-        box = server.gui.add_slider("number", 0, 10, 1, 5)
-        tab.goto(f"http://127.0.0.1:{server.get_port()}/{guard.token}/")
+        text = server.viser.gui.add_text("word", "none yet")
+        box = server.viser.gui.add_slider("number", 0, 10, 1, 5)
+        tab.goto(f"http://127.0.0.1:{server.port}/{guard.token}/")
         for number in range(2):
             text.value = f"shown {number}"
             shown = f"[...document.querySelectorAll('input')].some(input => input.value == 'shown {number}')"
             tab.wait_for_function(shown, timeout=PATIENCE_S * 1000)
-            wait_until(lambda: bool(server.get_clients()), PATIENCE_S)
+            wait_until(lambda: bool(server.viser.get_clients()), PATIENCE_S)
             slider = tab.get_by_role("slider").first
             slider.focus()
             tab.keyboard.press("ArrowRight")
@@ -524,8 +525,8 @@ def test_an_image_that_is_replaced_before_it_is_loaded_leaves_no_error_in_the_br
     tab = browser.new_page()
     errors = page_errors(tab)
     with page_server("127.0.0.1", 0) as server:
-        server.gui.add_text("word", "shown")
-        tab.goto(f"http://127.0.0.1:{server.get_port()}")
+        server.viser.gui.add_text("word", "shown")
+        tab.goto(f"http://127.0.0.1:{server.port}")
         is_shown = "[...document.querySelectorAll('input')].some(input => input.value == 'shown')"
         tab.wait_for_function(is_shown, timeout=PATIENCE_S * 1000)
         assert tab.evaluate(LATE_IMAGE) == "loaded"
@@ -536,8 +537,8 @@ def test_a_browser_loads_the_page_anew_where_another_program_serves_it(browser: 
     tab, port = browser.new_page(), 0
     for number in range(2):
         with page_server("127.0.0.1", port) as server:
-            server.gui.add_text("word", f"shown {number}")
-            port = server.get_port()
+            server.viser.gui.add_text("word", f"shown {number}")
+            port = server.port
             if number == 0:
                 tab.goto(f"http://127.0.0.1:{port}")
             is_shown = f"[...document.querySelectorAll('input')].some(input => input.value == 'shown {number}')"

@@ -24,15 +24,16 @@ from ninedtact.simulation.press_sequence import PressSequence
 from ninedtact.studio.calibration_page import CalibrationPage
 from ninedtact.studio.calibration_session import CalibrationSession
 from ninedtact.studio.guided_session import SwitchableCamera
-from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_server import page_server
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.page_messages import has_no_effect, is_page_message
 from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
 from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
 from ninedtact.studio.scene_3d import gel_block_under_skin
-from ninedtact.studio.sensor_poller import SensorPoller
-from ninedtact.studio.socket_guard import SocketGuard, SocketLimits
+from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.live.socket_guard import SocketGuard, SocketLimits
 
 JUNK: tuple[Any, ...] = (
     *(None, False, True, 0, -1, 7, 0.5, 1e9, -1e9, 1e300, float("nan"), float("inf"), 2**63),
@@ -49,7 +50,7 @@ def update(uuid: str, value: Any) -> bytes:
 
 def test_a_control_gets_values_of_its_kind_within_its_limits() -> None:
     with page_server("127.0.0.1", 0) as server:
-        gui = server.gui
+        gui = server.viser.gui
         number: Kind = (int, float)
         cases: list[tuple[Any, Kind, list[Any], list[Any]]] = [
             (gui.add_button("press"), (), [True], []),
@@ -83,10 +84,10 @@ def test_a_control_gets_values_of_its_kind_within_its_limits() -> None:
 def test_a_control_that_is_hidden_or_disabled_cannot_be_used() -> None:
     with page_server("127.0.0.1", 0) as server:
         hidden, disabled = (
-            server.gui.add_button("hidden", visible=False),
-            server.gui.add_checkbox("off", False, disabled=True),
+            server.viser.gui.add_button("hidden", visible=False),
+            server.viser.gui.add_checkbox("off", False, disabled=True),
         )
-        shown = server.gui.add_button("shown")
+        shown = server.viser.gui.add_button("shown")
         find = {one._impl.uuid: one for one in (hidden, disabled, shown)}.get
         for control, has_effect in ((hidden, False), (disabled, False), (shown, True)):
             assert has_no_effect(update(control._impl.uuid, True), find) != has_effect  # type: ignore[attr-defined]
@@ -96,7 +97,7 @@ def test_a_control_that_is_hidden_or_disabled_cannot_be_used() -> None:
 
 def test_a_file_is_taken_by_the_button_for_it_only() -> None:
     with page_server("127.0.0.1", 0) as server:
-        button, slider = server.gui.add_upload_button("upload"), server.gui.add_slider("slide", 0.0, 1.0, 0.1, 0.0)
+        button, slider = server.viser.gui.add_upload_button("upload"), server.viser.gui.add_slider("slide", 0.0, 1.0, 0.1, 0.0)
         find = {one._impl.uuid: one for one in (button, slider)}.get
         for control, is_taken in ((button, True), (slider, False)):
             of = {"source_component_uuid": control._impl.uuid, "transfer_uuid": "t"}  # type: ignore[attr-defined]
@@ -115,7 +116,7 @@ def live_page(server: ViserServer, out: Path) -> Iterator[Callable[[], Any]]:
         )
         folder = load_sensor(sensor_folder(out / "sensor"))
         recorder = PageRecorder([PageSensorToRecord(folder, "bench", [])], out, controller.quota)
-        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, folder, recorder))
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorder))
         page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "small", [panel])
         yield lambda: controller.refresh(page)
         recorder.stop()
@@ -137,10 +138,10 @@ def test_junk_for_every_control_disturbs_no_page(
     with ExitStack() as opened:
         server = opened.enter_context(page_server("127.0.0.1", 0, patient))
         refresh = opened.enter_context(page(server, tmp_path))
-        with page_socket(server.get_port()) as junk, page_socket(server.get_port()) as other:
+        with page_socket(server.port) as junk, page_socket(server.port) as other:
 
             def controls() -> list[Any]:
-                pages = [server.gui, *(client.gui for client in server.get_clients().values())]
+                pages = [server.viser.gui, *(client.gui for client in server.viser.get_clients().values())]
                 return [one for gui in pages for one in gui._gui_input_handle_from_uuid.values()]
 
             def themes() -> list[Any]:
@@ -178,6 +179,6 @@ def test_junk_for_every_control_disturbs_no_page(
                     or not usable
                     or not has_no_effect(update(control._impl.uuid, control.value), {control._impl.uuid: control}.get)
                 )
-            assert len(server.get_clients()) == 2
+            assert len(server.viser.get_clients()) == 2
     assert len(caplog.messages) == 1 and "dropped a message of" in caplog.messages[0]
     assert "Traceback" not in capfd.readouterr().err

@@ -34,7 +34,8 @@ from ninedtact.simulation.hand_moved_object import HandTarget, SimulatedHand
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press_sequence import PressSequence
 from ninedtact.simulation.simulated_sources import demo_sources
-from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_server import page_server
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
 from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
 from ninedtact.studio.press_control import (
@@ -51,10 +52,10 @@ from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelCo
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
 from ninedtact.studio.sensor_panels import WrenchAndCurvesPanel
-from ninedtact.studio.sensor_poller import SensorPoller
+from ninedtact.live.sensor_poller import SensorPoller
 from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM, THUMBNAIL_PX, TwinPressPanel, object_thumbnails
 from ninedtact.studio.viewer import ViewerPage
-from ninedtact.studio.wrench_history import WrenchHistory
+from ninedtact.live.wrench_history import WrenchHistory
 
 PATIENCE_S = 120.0
 HZ = 8.0
@@ -124,7 +125,7 @@ def pressed_twin(
         recorder = PageRecorder(recorded, out, studio.quota)
         opened.callback(recorder.stop)
         listeners.append(recorder.keep)
-        desk = partial(RecordingsPanel, context=RecordingsPanelContext(server, folder, recorder))
+        desk = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorder))
         page = SensorPage(server, studio, block, "twin", [desk])
         yield PressedTwin(controls[0], studio, page, server)
 
@@ -134,7 +135,7 @@ def open_tab(browser: Browser, twin: PressedTwin, width: int, height: int) -> tu
     tab = browser.new_page(viewport={"width": width, "height": height})
     errors = page_errors(tab)
     tab.set_default_timeout(PATIENCE_S * 1000)
-    tab.goto(f"http://127.0.0.1:{twin.server.get_port()}")
+    tab.goto(f"http://127.0.0.1:{twin.server.port}")
     wait_until(lambda: twin.page.is_watched, PATIENCE_S)
     twin.page.viewers[0].choose(coarser=4)  # a browser without a graphics card
     return tab, errors
@@ -292,7 +293,7 @@ def test_every_control_can_be_used_and_nothing_is_outside_or_covered(
 @contextmanager
 def socket_client(twin: PressedTwin) -> Iterator[object]:
     """A viewer without a browser."""
-    address, protocol = f"ws://127.0.0.1:{twin.server.get_port()}", f"viser-v{viser.__version__}"
+    address, protocol = f"ws://127.0.0.1:{twin.server.port}", f"viser-v{viser.__version__}"
     before = len(twin.page.viewers)
     with connect(address, subprotocols=[protocol], max_size=None, max_queue=None) as client:  # type: ignore[list-item]
         client.send(msgspec.msgpack.encode(CAMERA))
@@ -509,7 +510,7 @@ def test_the_side_of_a_mesh_that_faces_the_skin_is_chosen_on_the_page(tmp_path: 
             gel_block_under_skin(SHAPE, Gel()),
             "twin",
         )
-        with page_client(page, server.get_port()) as client:
+        with page_client(page, server.port) as client:
             plate, sizes = stl(trimesh.creation.box((2, 4, 70))), []
             for unit, side in (("mm", "bottom (−z)"), ("mm", "left (−x)"), ("fit to 16 mm", "front (−y)")):
                 client.use("unit", unit)
@@ -532,10 +533,10 @@ def test_viewers_who_come_later_are_shown_the_mesh_that_presses(tmp_path: Path) 
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         controller = PageController([DisplayedSensor(loop, press=control)], tmp_path)
         page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "twin")
-        with page_client(page, server.get_port()) as client:
+        with page_client(page, server.port) as client:
             client.upload("Upload a mesh", "part.stl", stl(trimesh.creation.box((2, 4, 7))))
             wait_until(lambda: len(client.notices) == 1, PATIENCE_S)
-            with page_client(page, server.get_port()) as later:
+            with page_client(page, server.port) as later:
                 assert later.control("kind").value == "own mesh" and later.control("object").value == "part"
                 panel = next(each for each in later.viewer._panels if isinstance(each, TwinPressPanel))
                 before = panel._thumbnails.image
@@ -554,7 +555,7 @@ def test_a_handle_without_a_direction_moves_nothing(tmp_path: Path) -> None:
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         controller = PageController([DisplayedSensor(loop, press=control)], tmp_path)
         page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "twin")
-        with page_client(page, server.get_port()) as client:
+        with page_client(page, server.port) as client:
             handle = {"type": "TransformControlsUpdateMessage", "name": "/handle"}
             handle |= {"owner": client.viewer.client.scene._owner_id, "position": (1.0, 0.0, HANDLE_LIFT_MM - 0.5)}
             panel = next(each for each in client.viewer._panels if isinstance(each, TwinPressPanel))

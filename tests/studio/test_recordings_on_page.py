@@ -40,7 +40,8 @@ from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_server import page_server
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_cards import time_slider_marks
 from ninedtact.studio.page_controller import (
     DisplayedSensor,
@@ -61,9 +62,9 @@ from ninedtact.studio.recording_player import (
 from ninedtact.studio.recordings_panel import WHOLE, RecordingsPanel, RecordingsPanelContext
 from ninedtact.studio.saved_files import Exporter, SaveLimits, SaveQuota, save_surface_sequence, save_video
 from ninedtact.studio.scene_3d import gel_block_under_skin
-from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.studio.viewer import ViewerPage
-from ninedtact.studio.wrench_history import MOST_HZ, WrenchHistory, WrenchWithUncertainty
+from ninedtact.live.wrench_history import MOST_HZ, WrenchHistory, WrenchWithUncertainty
 
 PATIENCE_S = 90.0
 
@@ -358,7 +359,7 @@ def test_buttons_of_two_viewers_do_what_they_say(recorded: tuple[Path, Bench]) -
     path, bench = recorded
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera()), bench.recorder.keep) as loop:
         page, controller = recordings_page(server, loop, bench, path.parent)
-        with page_client(page, server.get_port()) as client, page_client(page, server.get_port()) as other:
+        with page_client(page, server.port) as client, page_client(page, server.port) as other:
             panels = [recordings_panel(one.viewer) for one in (client, other)]
 
             def press_both(
@@ -400,13 +401,13 @@ def test_a_recording_is_closed_for_a_viewer_who_left_before_it_was_opened(record
     built: list[ViewerPage] = []
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         context, block = (
-            RecordingsPanelContext(server, bench.folder, opens=path),
+            RecordingsPanelContext(bench.folder, opens=path),
             gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel),
         )
         panels = [partial(RecordingsPanel, context=context), partial(UntilAlone, server=server, built=built)]
         page = SensorPage(server, PageController([DisplayedSensor(loop)], path.parent), block, "small", panels)
-        with page_socket(server.get_port()):
-            wait_until(lambda: len(server.get_clients()) == 1)
+        with page_socket(server.port):
+            wait_until(lambda: len(server.viser.get_clients()) == 1)
         wait_until(lambda: len(built) == 1 and not built[0].plays_recording)
         (player,) = [recordings_panel(built[0])._player]
         assert player is not None and not page.viewers
@@ -427,7 +428,7 @@ def test_controls_of_a_recording_show_what_is_open(recorded: tuple[Path, Bench])
         writer.write_image(Frame(bench.kept[0].image, 1, 0))
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         page, controller = recordings_page(server, loop, bench, path.parent)
-        with page_client(page, server.get_port()) as client:
+        with page_client(page, server.port) as client:
             panel = recordings_panel(client.viewer)
 
             def wait_for(is_done: Callable[[], bool]) -> None:
@@ -482,7 +483,7 @@ def recordings_page(
 ) -> tuple[SensorPage, PageController]:
     """Return the page of a sensor with the recorder of the bench, and its controller."""
     controller = PageController([DisplayedSensor(loop)], out, save_limits=SaveLimits(per_minute=100))
-    panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, bench.recorder))
+    panel = partial(RecordingsPanel, context=RecordingsPanelContext(bench.folder, bench.recorder))
     block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
     return SensorPage(server, controller, block, "small", [panel]), controller
 
@@ -655,11 +656,11 @@ def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp
 
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep) as loop:
         controller = PageController([DisplayedSensor(loop, [estimated])], out, limits)
-        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, folder, recorder))
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorder))
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
         page = SensorPage(server, controller, block, "small", [panel])
         journey = Journey(tab, out, lambda: controller.refresh(page))
-        tab.goto(f"http://127.0.0.1:{server.get_port()}")
+        tab.goto(f"http://127.0.0.1:{server.port}")
         journey.until_shown("live, ", "0.00 mm")
         path = record_with_a_label(journey, camera)
         stamps_s = (lambda at: (at - at[0]) / 1e9)(Recording(path).stamps_ns(Topic.IMAGES))
@@ -694,11 +695,11 @@ def test_a_browser_says_why_a_recording_cannot_be_opened_and_goes_on_after_a_rel
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
         controller = PageController([DisplayedSensor(loop)], out)
         recorder = PageRecorder([PageSensorToRecord(bench.folder, "bench", [])], out, controller.quota)
-        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, recorder))
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(bench.folder, recorder))
         block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
         page = SensorPage(server, controller, block, "small", [panel])
         journey = Journey(tab, out, lambda: controller.refresh(page))
-        tab.goto(f"http://127.0.0.1:{server.get_port()}")
+        tab.goto(f"http://127.0.0.1:{server.port}")
         journey.until_shown("live, ", "0.00 mm")
         open_panel(tab, "Record")
         for file, said in files.items():
@@ -717,10 +718,10 @@ def test_a_viewer_of_a_recording_is_not_frozen_and_takes_no_reference_of_the_sen
     path, bench = recorded
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         controller = PageController([DisplayedSensor(loop)], path.parent)
-        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder))
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(bench.folder))
         block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
         page = SensorPage(server, controller, block, "small", [panel])
-        with page_client(page, server.get_port()) as client:
+        with page_client(page, server.port) as client:
             viewer = client.viewer
 
             def shows(sentence: str, freeze: str) -> bool:
@@ -756,11 +757,11 @@ def test_a_page_exports_into_the_formats_that_its_program_hands_in(recorded: tup
         controller = PageController([DisplayedSensor(loop)], path.parent, save_limits=SaveLimits(per_minute=100))
         exporters = {**installed_exporters(), "Stamps": Exporter(write_stamps, "stamps", "a list", ".txt")}
         panel = partial(
-            RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, opens=path, exporters=exporters)
+            RecordingsPanel, context=RecordingsPanelContext(bench.folder, opens=path, exporters=exporters)
         )
         block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
         page = SensorPage(server, controller, block, "small", [panel])
-        with page_client(page, server.get_port()) as client:
+        with page_client(page, server.port) as client:
             wait_until(lambda: controller.refresh(page) and client.viewer.moment is not None)
             for number, (name, exporter) in enumerate(exporters.items(), start=1):
                 assert client.control(name).visible

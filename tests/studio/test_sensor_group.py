@@ -30,7 +30,8 @@ from ninedtact.quantities import Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import Topic
-from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_server import page_server
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_controller import (
     DisplayedSensor,
     PageController,
@@ -45,9 +46,9 @@ from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelCo
 from ninedtact.studio.saved_files import SaveLimits
 from ninedtact.studio.scene_3d import FIELD_OF_VIEW_RAD, GelBlock, SideBySideLayout, gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
-from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.studio.view_panels import ProfilePanel, ScenePanel
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
+from ninedtact.live.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 
 PATIENCE_S = 90.0
 SMALLEST_IMAGE_PX = 30
@@ -110,10 +111,10 @@ def gripper(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Gripper]
         wait_until(lambda: all(one.poller.snapshot(0).reading is not None for one in sensors))
         recorded = [PageSensorToRecord(folder, "bench", [histories[name]], name) for name in names]
         recorders.append(PageRecorder(recorded, out, controller.quota))
-        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, folder, recorders[0]))
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorders[0]))
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
         page = SensorPage(server, controller, block, " · ".join(names), [panel])
-        yield Gripper(folder, cameras, controller, page, out, f"http://127.0.0.1:{server.get_port()}")
+        yield Gripper(folder, cameras, controller, page, out, f"http://127.0.0.1:{server.port}")
         recorders[0].stop()
 
 

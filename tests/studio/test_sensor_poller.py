@@ -17,7 +17,7 @@ from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 from ninedtact.studio.page_controller import most_urgent_status
-from ninedtact.studio.sensor_poller import RecordingTooShortForReference, SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.live.sensor_poller import RecordingTooShortForReference, SensorPhase, SensorPoller, SensorSnapshot
 
 
 def now_in(loop: SensorPoller) -> SensorSnapshot:

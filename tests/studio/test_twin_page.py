@@ -22,12 +22,13 @@ from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.simulation.simulated_sources import demo_sources
-from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_server import page_server
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_cards import _curves_of, explained_wrench_table_html, wrench_table_html
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
-from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchPoller, WrenchWithUncertainty
+from ninedtact.live.sensor_poller import SensorPhase, SensorPoller
+from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller, WrenchWithUncertainty
 
 PATIENCE_S = 90.0
 
@@ -168,7 +169,7 @@ def test_a_browser_shows_the_twin_move_and_its_true_and_estimated_wrench(
         page = SensorPage(
             server, studio, gel_block_under_skin(twin_sensor.shape, twin_sensor.record.design.gel), "twin"
         )
-        tab.goto(f"http://127.0.0.1:{server.get_port()}")
+        tab.goto(f"http://127.0.0.1:{server.port}")
 
         def moved() -> bool:
             studio.refresh(page)

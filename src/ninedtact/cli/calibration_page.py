@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.design import SensorDesign
+    from ninedtact.live.socket_guard import SocketGuard
     from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
-    from ninedtact.studio.socket_guard import SocketGuard
 
 _READINGS = Path("readings")
 """Folder for the readings that are saved from the live page after a calibration."""
@@ -61,11 +61,11 @@ class CalibrationPageServer:
     def serve(self) -> "SensorFolder | None":
         """Serve the page until Ctrl-C, and the live page once somebody asks for it; return the sensor, None without one."""
         require_page_library()
+        from ninedtact.live.socket_guard import SocketGuard
         from ninedtact.studio.calibration_page import CalibrationPage
         from ninedtact.studio.calibration_session import CalibrationSession
         from ninedtact.studio.guided_session import SwitchableCamera
-        from ninedtact.studio.page_and_server import page_server
-        from ninedtact.studio.socket_guard import SocketGuard
+        from ninedtact.studio.page_server import page_server
 
         guard = SocketGuard.for_host(self.options.host, self.options.allow_origin)
         list_cameras = partial(list_calibration_cameras, self.source)
@@ -79,7 +79,7 @@ class CalibrationPageServer:
         )
         with suppress(KeyboardInterrupt):
             with page_server(self.options.host, self.options.port, guard) as server, session:
-                page, port = CalibrationPage(server, session, list_cameras, simulated), server.get_port()
+                page, port = CalibrationPage(server, session, list_cameras, simulated), server.port
                 wanted = session.live_requested, session.force_requested
                 is_wanted = _refresh_until("calibration", guard.page_address(port), page.refresh, *wanted)
             if not is_wanted:
@@ -111,11 +111,11 @@ class ForceCalibrationPageServer:
         """Serve the page until Ctrl-C, and the live page once somebody asks for it; return the file that was written, if any."""
         require_page_library()
         from ninedtact.capture.frame_source import CameraNotFound
+        from ninedtact.live.socket_guard import SocketGuard
         from ninedtact.studio.force_calibration_page import ForceCalibrationPage, ball_press_under_load
         from ninedtact.studio.force_calibration_session import ForceCalibrationSession
         from ninedtact.studio.guided_session import SwitchableCamera
-        from ninedtact.studio.page_and_server import page_server
-        from ninedtact.studio.socket_guard import SocketGuard
+        from ninedtact.studio.page_server import page_server
         from ninedtact.workflows.force_calibration import UnscaledForceReader
 
         reader, folder, options = UnscaledForceReader(self.folder, self.force), self.folder, self.options
@@ -141,7 +141,7 @@ class ForceCalibrationPageServer:
         session = ForceCalibrationSession(camera, folder.path, reader, on_load=offer_load)
         with suppress(KeyboardInterrupt):
             with page_server(options.host, options.port, guard) as server, session:
-                radius_mm, port = folder.record.design.ball.radius_mm, server.get_port()
+                radius_mm, port = folder.record.design.ball.radius_mm, server.port
                 page = ForceCalibrationPage(server, session, list_cameras, radius_mm, simulated, stiffness)
                 address, wanted = guard.page_address(port), session.live_requested
                 is_wanted = _refresh_until("force calibration", address, page.refresh, wanted)

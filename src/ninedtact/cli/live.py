@@ -155,15 +155,16 @@ class Play:
 
     def serve(self, folders: "dict[str, SensorFolder]") -> None:
         """Serve the recording of these sensors; raises what reading it raises, before anything is served."""
+        from ninedtact.live.sensor_poller import SensorPoller
+        from ninedtact.live.socket_guard import SocketGuard
         from ninedtact.recording.recorded_source import RecordedFrameSource
         from ninedtact.sensor import Sensor
-        from ninedtact.studio.page_and_server import SensorPage, page_server
         from ninedtact.studio.page_controller import DisplayedSensor, PageController
+        from ninedtact.studio.page_server import page_server
         from ninedtact.studio.recording_player import empty_wrench_histories
         from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
         from ninedtact.studio.scene_3d import gel_block_under_skin
-        from ninedtact.studio.sensor_poller import SensorPoller
-        from ninedtact.studio.socket_guard import SocketGuard
+        from ninedtact.studio.sensor_page import SensorPage
 
         columns = {address: empty_wrench_histories(Path(address), one.shape) for address, one in folders.items()}
         folder, shapes = next(iter(folders.values())), {address: one.shape for address, one in folders.items()}
@@ -180,11 +181,9 @@ class Play:
             ]
             controller = PageController(sensors, self.out, recheck_s=0.0)
             block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-            context = RecordingsPanelContext(server, folder, None, self.recording, shapes, installed_exporters())
+            context = RecordingsPanelContext(folder, None, self.recording, shapes, installed_exporters())
             title = folder.id if len(folders) == 1 else self.recording.stem
             page = SensorPage(server, controller, block, title, [partial(RecordingsPanel, context=context)])
-            print(
-                f"{self.recording}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True
-            )
+            print(f"{self.recording}: open {guard.page_address(server.port)} in a browser; Ctrl-C ends", flush=True)
             with stop_on_signal() as stop:
                 controller.run(page, self.display_hz, lambda: stop.now)

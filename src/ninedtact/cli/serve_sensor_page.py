@@ -10,7 +10,7 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from time import monotonic_ns
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ninedtact._version import find_incompatible_library, installation_command
 from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
@@ -21,6 +21,8 @@ from ninedtact.recording.errors import RecordingLibrariesMissing, require_record
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.live.socket_guard import SocketGuard
+    from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller
     from ninedtact.open_sensor import LiveSensor
     from ninedtact.quantities import Frame
     from ninedtact.reading import Reading
@@ -31,9 +33,7 @@ if TYPE_CHECKING:
     from ninedtact.simulation.simulated_sources import DemoSources
     from ninedtact.studio.page_controller import PageController
     from ninedtact.studio.saved_files import Exporter
-    from ninedtact.studio.socket_guard import SocketGuard
     from ninedtact.studio.viewer import PanelFactory
-    from ninedtact.studio.wrench_history import WrenchHistory, WrenchPoller
 
 _MAX_DISPLAY_HZ = 120.0
 
@@ -83,8 +83,8 @@ class PageSensor:
 
 def page_sensor(folder: "SensorFolder", live: "LiveSensor", name: str = "") -> PageSensor:
     """Return a sensor that is read in real time as a part of a page, with the true wrench of a twin; name: among several."""
+    from ninedtact.live.wrench_history import WrenchPoller
     from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
-    from ninedtact.studio.wrench_history import WrenchPoller
 
     true = live.true_wrench
     wrenches = [] if true is None else [WrenchPoller(true, "true", TRUE_WRENCH_MEANING)]
@@ -93,12 +93,13 @@ def page_sensor(folder: "SensorFolder", live: "LiveSensor", name: str = "") -> P
 
 def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends: bool = True) -> None:
     """Serve the page of one or several sensors until Ctrl-C, or with `ends` until the last round of their twins has ended."""
-    from ninedtact.studio.page_and_server import SensorPage, page_server
+    from ninedtact.live.sensor_poller import SensorPhase, SensorPoller
+    from ninedtact.live.socket_guard import SocketGuard
     from ninedtact.studio.page_controller import DisplayedSensor, PageController
+    from ninedtact.studio.page_server import page_server
     from ninedtact.studio.press_control import TwinPressController
     from ninedtact.studio.scene_3d import gel_block_under_skin
-    from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
-    from ninedtact.studio.socket_guard import SocketGuard
+    from ninedtact.studio.sensor_page import SensorPage
 
     with ExitStack() as opened:
         guard = settings.guard or SocketGuard.for_host(settings.host, settings.allow_origin)
@@ -118,11 +119,11 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
                 opened.enter_context(poller)
         first = parts[0]
         block = gel_block_under_skin(first.folder.shape, first.folder.record.design.gel)
-        panels = connect_recordings_panel(opened, server, parts, controller, listeners)
+        panels = connect_recordings_panel(opened, parts, controller, listeners)
         title = " · ".join(part.name or part.folder.id for part in parts)
         page = SensorPage(server, controller, block, title, panels)
         sources = ", ".join(f"{part.name}: " * bool(part.name) + part.sensor.source.name for part in parts)
-        address = guard.page_address(server.get_port())
+        address = guard.page_address(server.port)
         print(f"{sources}: open {address} in a browser; Ctrl-C ends", flush=True)
         if settings.opens_browser and can_open_browser():
             webbrowser.open(address)
@@ -166,7 +167,6 @@ def _show_in_rerun(opened: ExitStack, parts: Sequence[PageSensor]) -> "Callable[
 
 def connect_recordings_panel(
     opened: ExitStack,
-    server: Any,
     parts: Sequence[PageSensor],
     controller: "PageController",
     listeners: "list[Callable[[Reading, int], None]]",
@@ -190,7 +190,7 @@ def connect_recordings_panel(
     recorder = PageRecorder(recorded, controller.out, controller.quota)
     opened.callback(recorder.stop)
     listeners.append(recorder.keep)
-    context = RecordingsPanelContext(server, parts[0].folder, recorder, exporters=installed_exporters())
+    context = RecordingsPanelContext(parts[0].folder, recorder, exporters=installed_exporters())
     return [partial(RecordingsPanel, context=context)]
 
 
@@ -228,10 +228,10 @@ def twin_sensor_and_true_wrench(
 ) -> "tuple[Sensor, list[WrenchPoller]]":
     """Return a sensor on the simulated camera, and a poller of the true wrench."""
     from ninedtact.capture.frame_pacing import LatestFrameSource
+    from ninedtact.live.wrench_history import WrenchPoller
     from ninedtact.reference_images import ReferenceImages
     from ninedtact.sensor import Sensor
     from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
-    from ninedtact.studio.wrench_history import WrenchPoller
 
     untouched = shape.depth_reader(*(references or shown.reference_frames))
     return Sensor(LatestFrameSource(shown.camera), shape, ReferenceImages(untouched)), [
@@ -244,7 +244,7 @@ def _estimate_history(sensor: "Sensor", force: str, folder: "SensorFolder") -> "
     if force == NONE:
         return []
     from ninedtact.force.estimator_loading import load_estimator
-    from ninedtact.studio.wrench_history import WrenchHistory
+    from ninedtact.live.wrench_history import WrenchHistory
 
     sensor.estimator = estimator = load_estimator(force, folder)
     meaning = f"what {estimator.name} reads from the image alone, ± one standard deviation"

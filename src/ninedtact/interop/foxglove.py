@@ -7,7 +7,7 @@ Topics, each after the sensor's name; stamps are the wall time of the image's ar
     wrench, contact      JSON with a schema: wrench with errors; depth and area of the contact, warnings      /tf  FrameTransforms
 
 foxglove-sdk gives the schemas and encodes the messages. Its WebSocket server lets every website on the computer connect, whatever
-its `Origin`, so that the protocol is spoken here, on a server behind the guard of the live page (`studio.socket_guard`).
+its `Origin`, so that the protocol is spoken here, on a server behind the guard of the live page (`live.socket_guard`).
 """
 
 import base64
@@ -34,8 +34,8 @@ from ninedtact.interop.reading_broadcast import BroadcastServer, ReadingQueue, f
 from ninedtact.interop.ros2_topics_and_messages import POINT_FIELDS, SensorMessages
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
-from ninedtact.studio.sensor_poller import SensorSnapshot
-from ninedtact.studio.socket_guard import SocketGuard
+from ninedtact.live.sensor_poller import SensorSnapshot
+from ninedtact.live.socket_guard import SocketGuard
 
 SUBPROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
 """Names of the protocol: that of today's Foxglove, and that of programs made before, such as Lichtblick."""

@@ -23,7 +23,7 @@ from websockets.exceptions import ConnectionClosed
 from ninedtact.errors import DeviceError
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.live.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
 
 _POLL_S = 0.1
 

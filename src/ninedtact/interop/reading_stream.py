@@ -1,7 +1,7 @@
 """Readings for programs in any language: one JSON object a line over TCP, and the same objects over WebSocket for browsers.
 
 A client that reads too slowly misses readings, which its next message counts (`missed`), and is disconnected after ten seconds
-without reading. Who may connect is decided as for the live page (`studio.socket_guard`). The messages are the classes below; their
+without reading. Who may connect is decided as for the live page (`live.socket_guard`). The messages are the classes below; their
 JSON schema is served at `/schema.json`.
 """
 
@@ -26,8 +26,8 @@ from ninedtact.interop.reading_broadcast import BroadcastServer, feed_until_clos
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
-from ninedtact.studio.sensor_poller import SensorSnapshot
-from ninedtact.studio.socket_guard import SocketGuard
+from ninedtact.live.sensor_poller import SensorSnapshot
+from ninedtact.live.socket_guard import SocketGuard
 
 STREAM_FORMAT = 1
 """Number of the message format, raised when a field changes its meaning."""

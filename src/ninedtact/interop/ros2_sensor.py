@@ -40,7 +40,7 @@ from ninedtact.recording.recorder import new_reading_writer, notify_partial_reco
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.live.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
 
 _COMMAND_WAIT_S = 0.05
 _STATUS_S = 1.0

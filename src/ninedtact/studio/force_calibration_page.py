@@ -3,7 +3,7 @@
 from functools import partial
 from typing import Any
 
-from viser import GuiEvent, Icon, ViserServer
+from viser import GuiEvent, Icon
 
 from ninedtact.force.known_load_scale import ForceScaleFit, weight_of_grams_n
 from ninedtact.open_sensor import is_twin_address
@@ -24,6 +24,7 @@ from ninedtact.studio.guided_page import (
     steps_html,
 )
 from ninedtact.studio.page_cards import card_html, name_value_table_html
+from ninedtact.studio.page_server import PageServer
 from ninedtact.studio.viewer import ControlFollower, is_user_event
 
 _MOST_G = 5000.0
@@ -39,7 +40,7 @@ class ForceCalibrationPage:
 
     def __init__(
         self,
-        server: ViserServer,
+        server: PageServer,
         session: ForceCalibrationSession,
         list_cameras: ListCameras,
         ball_radius_mm: float,
@@ -57,7 +58,7 @@ class ForceCalibrationPage:
         self._follower = ControlFollower()
         self._layout = GuidedPageLayout(server, session, list_cameras, "Force calibration")
         self._build_buttons()
-        self._presses, self._figures = server.gui.add_html(""), server.gui.add_html("")
+        self._presses, self._figures = server.viser.gui.add_html(""), server.viser.gui.add_html("")
         if simulated is not None:
             self._build_simulated_load(simulated)
         self.refresh()
@@ -66,7 +67,7 @@ class ForceCalibrationPage:
     def refresh(self) -> None:
         """Show the present state of the session in all browsers."""
         state = self._session.state
-        with self._server.atomic():
+        with self._server.viser.atomic():
             self._layout.show(state, _progress_html(state, len(self._session.loads_g)), self._advice_html(state))
             self._presses.content = _scale_html(state, self._stiffness if is_twin_address(state.source) else None)
             self._figures.content = (
@@ -80,7 +81,7 @@ class ForceCalibrationPage:
 
     def _build_buttons(self) -> None:
         """Add the load and the buttons."""
-        gui, session = self._server.gui, self._session
+        gui, session = self._server.viser.gui, self._session
         self._load = gui.add_number("load (g)", session.loads_g[0], min=1.0, max=_MOST_G, step=1.0)
         self._start = gui.add_button("Start", icon=Icon.PLAYER_PLAY)
         self._save = gui.add_button("Save the force scale", icon=Icon.DEVICE_FLOPPY)
@@ -98,7 +99,7 @@ class ForceCalibrationPage:
 
     def _build_simulated_load(self, simulated: SimulatedCalibrationCamera) -> None:
         """Add the controls that load the ball on a simulated sensor."""
-        gui = self._server.gui
+        gui = self._server.viser.gui
         self._loads = SimulatedSensorControls(gui, simulated, "Load the simulated sensor", "loads by itself")
         with self._loads.folder:
             self._weight = gui.add_slider("load on the ball (g)", 0.0, _MOST_SIMULATED_G, 5.0, 0.0)

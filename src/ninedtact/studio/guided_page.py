@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
-from viser import ClientHandle, GuiApi, GuiEvent, GuiImageHandle, Icon, ViserServer
+from viser import ClientHandle, GuiApi, GuiEvent, GuiImageHandle, Icon
 
 from ninedtact.calibration.guidance import PinSearchResult
 from ninedtact.capture.frame_source import ExposureWithLimits
@@ -21,14 +21,16 @@ from ninedtact.open_sensor import is_twin_address
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
 from ninedtact.studio.guided_session import GuidedSession, GuidedState, ImageQuality
 from ninedtact.studio.page_cards import card_html
+from ninedtact.studio.page_server import PageServer, set_title_and_icon
+from ninedtact.studio.scene_3d import LIGHT
 from ninedtact.studio.viewer import (
-    LIGHT,
+    NARROW_PX,
     NOTICE_S,
+    PHONE_STYLE,
     ControlFollower,
     ThemeChoice,
     is_user_event,
 )
-from ninedtact.studio.viser_internals import NARROW_PX, PHONE_STYLE, TALL_PHONE_STYLE, set_title_and_icon
 
 REFRESH_HZ = 8.0
 _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900
@@ -45,21 +47,26 @@ _NO_EXPOSURE = "The exposure of this source cannot be set here; a camera has its
 ListCameras = Callable[[], Mapping[str, str]]
 """Returns the address and the name of each camera that can be chosen."""
 _LIST_EVERY_S = 2.0
+_TALL_PHONE_STYLE = (
+    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'] "
+    "{ max-height: 100% !important; } }</style>"
+)
+"""Lets the controls fill the screen of a phone; there is nothing behind them."""
 
 
 class GuidedPageLayout:
     """What every guided page has in every browser: its look, the steps, the sentence, the choice of the camera, and its image."""
 
-    def __init__(self, server: ViserServer, session: GuidedSession[Any], list_cameras: ListCameras, title: str) -> None:
+    def __init__(self, server: PageServer, session: GuidedSession[Any], list_cameras: ListCameras, title: str) -> None:
         """Add these parts; the controls that follow are those of the page, which then calls `serve`."""
         self._server = server
         self._images: dict[int, GuiImageHandle] = {}
         """The image of each browser that is connected."""
         self._canvas, self._drawn = LIGHT, (0, 0)
-        gui = server.gui
+        gui = server.viser.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.set_panel_label(title)
-        server.scene.set_background_image(LIGHT)
+        server.viser.scene.set_background_image(LIGHT)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_WIDTH_PX)
         set_title_and_icon(server, f"{title} · 9DTact")
@@ -68,8 +75,8 @@ class GuidedPageLayout:
 
     def serve(self) -> None:
         """Give the image to every browser that connects, once all shared controls are there."""
-        self._server.on_client_connect(self._add_image)
-        self._server.on_client_disconnect(self._forget)
+        self._server.viser.on_client_connect(self._add_image)
+        self._server.viser.on_client_disconnect(self._forget)
 
     def show(
         self, state: GuidedState, steps_html: str, instruction_html: str, pins: PinSearchResult | None = None
@@ -99,7 +106,7 @@ class GuidedPageLayout:
             with panel.add_tab("Camera image", Icon.CAMERA):
                 image = gui.add_image(self._canvas, format="jpeg")
         self._images[client.client_id] = image
-        if client.client_id not in self._server.get_clients():  # it has left meanwhile
+        if client.client_id not in self._server.viser.get_clients():  # it has left meanwhile
             self._forget(client)
         ThemeChoice(client)
 
@@ -225,7 +232,7 @@ def attempt(client: ClientHandle | None, action: Callable[[], Any]) -> None:
 
 def steps_html(names: Sequence[str], done: int) -> str:
     """Return the steps as HTML, those that are done ticked and the present one marked; -1 marks none."""
-    return PHONE_STYLE + TALL_PHONE_STYLE + card_html("steps", names=names, done=done)
+    return PHONE_STYLE + _TALL_PHONE_STYLE + card_html("steps", names=names, done=done)
 
 
 def live_image_quality_rows(quality: ImageQuality) -> dict[str, str]:

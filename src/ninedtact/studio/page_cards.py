@@ -6,25 +6,41 @@ All HTML of the pages stands in `page_cards.html.jinja`, one macro for each card
 
 from base64 import b64encode
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, UInt8
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy import ndarray as Array
-from viser import GuiApi, GuiUplotHandle, SceneApi, ViserServer, uplot
+from viser import GuiApi, GuiUplotHandle, ViserServer, uplot
 
+from ninedtact.live.sensor_poller import HISTORY_S
+from ninedtact.live.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Wrench
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.studio.page_controller import SensorStatusMessage
-from ninedtact.studio.reading_view import HeightProfile, ImageKind, ReadingView, ShownTraction, SkinColouring
-from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, GelBlock, SkinScene, format_signed_tenths
-from ninedtact.studio.sensor_poller import HISTORY_S
+from ninedtact.studio.page_server import standalone_scene_html
+from ninedtact.studio.reading_view import (
+    JPEG_QUALITY,
+    HeightProfile,
+    ImageKind,
+    ReadingView,
+    ShownTraction,
+    SkinColouring,
+)
+from ninedtact.studio.scene_3d import (
+    ARC_DEG_PER_NMM,
+    LIGHT,
+    MM_PER_N,
+    GelBlock,
+    SkinScene,
+    format_signed_tenths,
+    set_up_view,
+)
 from ninedtact.studio.skin_fields import NO_CONTACT, SLIP, STICK
-from ninedtact.studio.viser_internals import standalone_scene_html
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 
 if TYPE_CHECKING:  # a page without recordings does not need its libraries
     from ninedtact.studio.page_recorder import RecorderState
@@ -264,7 +280,7 @@ _MARK_LETTERS, _MARK_ROOM = 10, 0.2
 """Number of letters of a label that are drawn on the time slider, and the share of it that they take."""
 
 
-def time_slider_marks(player: "RecordingPlayer") -> Iterator[tuple[float, str | None]]:
+def time_slider_marks(player: "RecordingPlayer") -> Iterator[float | tuple[float, str]]:
     """Yield what is drawn on the time slider: its end, and both ends of every label, with its name where there is room for it."""
     duration_s, free_s = player.duration_s, 0.0
     room_s = _MARK_ROOM * duration_s
@@ -272,14 +288,13 @@ def time_slider_marks(player: "RecordingPlayer") -> Iterator[tuple[float, str | 
     for at_s, label in sorted((min(max(at_s, 0.0), duration_s), label) for at_s, label in ends):
         has_room = bool(label) and free_s <= at_s <= duration_s - room_s
         free_s = at_s + room_s if has_room else free_s
-        yield at_s, label[:_MARK_LETTERS] if has_room else None
+        yield (at_s, label[:_MARK_LETTERS]) if has_room else at_s
     yield duration_s, f"{duration_s:.1f} s"
 
 
 def standalone_moment_html(
     view: ReadingView,
     cards: Iterable[str],
-    server: ViserServer,
     block: GelBlock,
     title: str,
     wrench: Wrench | None = None,
@@ -288,15 +303,23 @@ def standalone_moment_html(
 
     cards: HTML beside the images. wrench: is drawn as an arrow; None draws none.
     """
-    scene_page = standalone_scene_html(server, lambda scene: _draw_scene(scene, view, block, wrench))
-    images = {kind: b64encode(view.jpeg(kind, True)).decode() for kind in (ImageKind.CAMERA, ImageKind.HEIGHT)}
+    scene_page = standalone_scene_html(partial(_draw_scene, view=view, block=block, wrench=wrench))
+    images = {
+        kind: b64encode(_encode_jpeg(view.image(kind, True))).decode() for kind in (ImageKind.CAMERA, ImageKind.HEIGHT)
+    }
     page = _TEMPLATES.get_template("exported_moment.html.jinja")
     return page.render(title=title, scene_page=scene_page, cards=cards, images=images)
 
 
-def _draw_scene(scene: SceneApi, view: ReadingView, block: GelBlock, wrench: Wrench | None) -> None:
+def _encode_jpeg(image: UInt8[Array, "rows cols 3"]) -> bytes:
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
+
+
+def _draw_scene(server: ViserServer, view: ReadingView, block: GelBlock, wrench: Wrench | None) -> None:
     """Draw the surface of a view as a new viewer sees it."""
-    skin = SkinScene(scene, block)
+    set_up_view(server, block)
+    server.scene.set_background_image(LIGHT)
+    skin = SkinScene(server.scene, block)
     skin.show_surface(view.surface(SkinColouring.HEIGHT, 1, ShownTraction.ESTIMATED), True, False)
     skin.show_lines(view.outline_mm(), None)
     skin.show_wrench(wrench)

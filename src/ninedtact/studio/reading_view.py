@@ -37,7 +37,7 @@ FADED = 0.35
 _OUTLINE = (20, 20, 20)
 LINE_LIFT_MM = 0.2
 """Height of lines over the skin, so that the points of a coarse surface do not hide them."""
-_JPEG_QUALITY = 85
+JPEG_QUALITY = 85
 TILE_WIDTH_PX = 320
 """Width of the image of one sensor where those of several stand side by side."""
 
@@ -184,14 +184,6 @@ class ReadingView:
         """Return an image in BGR; where something is not known, the image is grey."""
         return self._draw(("image", kind, with_outline, source), lambda: self._draw_image(kind, with_outline, source))
 
-    def jpeg(self, kind: ImageKind, with_outline: bool = False, source: ShownTraction = ShownTraction.TRUE) -> bytes:
-        """Return an image as JPEG, which is encoded once for all viewers."""
-        options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
-        encode: Callable[[], bytes] = lambda: cv2.imencode(  # noqa: E731
-            ".jpg", self.image(kind, with_outline, source), options
-        )[1].tobytes()
-        return self._draw(("jpeg", kind, with_outline, source), encode)
-
     def scale_end_mpa(self, kind: ImageKind, source: ShownTraction) -> float | None:
         """Return the pressure or shear at the end of the colours; None for other images and where nothing is known."""
         tractions = self.tractions(source)
@@ -295,17 +287,10 @@ class ReadingView:
         return replace(surface, colours=_darken(surface.colours)) if self.is_past else surface
 
 
-def sensor_tiles_jpeg(
+def sensor_tiles(
     views: Sequence[ReadingView], names: Sequence[str], kind: ImageKind, with_outline: bool, source: ShownTraction
-) -> bytes:
-    """Return the same image of several sensors in one JPEG, with their names, encoded once for all viewers."""
-    key = ("tiles", kind, with_outline, source, *((view.reading.stamp_ns, view.is_past) for view in views))
-    return views[0]._draw(key, lambda: _encode_tiles(views, names, kind, with_outline, source))
-
-
-def _encode_tiles(
-    views: Sequence[ReadingView], names: Sequence[str], kind: ImageKind, with_outline: bool, source: ShownTraction
-) -> bytes:
+) -> Image:
+    """Return the same image of several sensors side by side, with their names, in BGR."""
     images = [view.image(kind, with_outline, source) for view in views]
     rows, cols = images[0].shape[0] * TILE_WIDTH_PX // images[0].shape[1], TILE_WIDTH_PX
     tiles = [np.asarray(cv2.resize(image, (cols, rows), interpolation=cv2.INTER_AREA), np.uint8) for image in images]
@@ -314,7 +299,7 @@ def _encode_tiles(
         cv2.putText(tile, name, (4, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
     tiles += [np.full_like(tiles[0], 90)] * (len(tiles) % 2)
     pairs = [np.hstack(tiles[at : at + 2]) for at in range(0, len(tiles), 2)]
-    return cv2.imencode(".jpg", np.vstack(pairs), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
+    return np.vstack(pairs)
 
 
 def full_range_colour_scale(curve: DepthCurve) -> ColourScale:

@@ -12,7 +12,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from viser import GuiApi, GuiButtonHandle, GuiEvent, Icon, IconName, ViserServer
+from viser import GuiApi, GuiButtonHandle, GuiEvent, Icon, IconName
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
@@ -36,7 +36,6 @@ from ninedtact.studio.page_recorder import PageRecorder, RecorderState
 from ninedtact.studio.recording_player import SPEEDS, LabelledSpanRefused, RecordedSensor, RecordingPlayer
 from ninedtact.studio.saved_files import Exporter, save_surface_sequence, save_video
 from ninedtact.studio.viewer import Side, ViewerPage, is_user_event, set_gui_control
-from ninedtact.studio.viser_internals import set_slider_marks
 
 NOTHING, WHOLE = "none", "the whole recording"
 STEPS = {"back": -1, "play": 0, "next": 1}
@@ -52,7 +51,6 @@ _TABLES = Exporter(export_each_sensor, "export", "PNG, CSV, .npy and the sensor 
 class RecordingsPanelContext:
     """What the recordings panels of all viewers share: recorder, first recording, calibrations and exporters."""
 
-    server: ViserServer
     sensor: SensorFolder
     recorder: PageRecorder | None = None
     """None on a page without a sensor."""
@@ -94,18 +92,18 @@ class RecordingsPanel:
 
     def build(self, gui: GuiApi) -> None:
         """Add the controls of recording, playing, labels and export."""
+        self._gui = gui
         if self._context.recorder is not None:
             self._build_record(gui, self._context.recorder)
-        with gui.add_folder("play"):
+        with gui.add_folder("play") as folder:
             if self._context.opens is None:
                 self._choice = gui.add_dropdown("recording", (NOTHING,), hint=f"recordings in {self._out}")
                 self._close_button = gui.add_button("Back to the sensor", icon=Icon.PLAYER_EJECT, visible=False)
                 self._choice.on_update(self._choose)
                 self._close_button.on_click(lambda event: self._close())
-            self._slider = gui.add_slider("time (s)", 0.0, 1.0, 0.001, 0.0, visible=False)
+            self._play_folder, self._slider = folder, gui.add_slider("time (s)", 0.0, 1.0, 0.001, 0.0, visible=False)
             self._steps = gui.add_button_group("image", tuple(STEPS), visible=False, hint="play: or pause")
             self._speed = gui.add_dropdown("speed", tuple(_SPEED_OF_NAME), initial_value="1 ×", visible=False)
-            self._slider.on_update(self._seek)
             self._steps.on_click(lambda event: self._step(STEPS[event.target.value]))
             self._speed.on_update(self._set_speed)
             self._keys = gui.add_html(card_html("lines", texts=[PLAY_KEYS]), visible=False)
@@ -215,8 +213,6 @@ class RecordingsPanel:
             opened.pop_all()
             player.speed = _SPEED_OF_NAME.get(str(self._speed.value), 1.0)
             self._player, self._opened_name = player, path.name
-            set_gui_control(self._slider, 0.0)
-            self._slider.max = max(round(player.duration_s, 3), 0.001)
             self._marks_s = [0.0, player.duration_s]
             viewer.play(player)
             self._show_labels()
@@ -288,9 +284,20 @@ class RecordingsPanel:
         if player is not None:
             names = [_span_name(player, span) for span in player.spans]
             self._label_choice.options = (WHOLE, *dict.fromkeys(names))
-            set_slider_marks(self._slider, time_slider_marks(player))
+            self._replace_slider(player)
             self._list.content = card_html("lines", texts=names)
             self._show_marks()
+
+    def _replace_slider(self, player: RecordingPlayer) -> None:
+        """Show the time on another slider, because viser takes the marks of labels only when a slider is made."""
+        before, end_s = self._slider, max(round(player.duration_s, 3), 0.001)
+        at_s, marks = min(round(player.at_s, 3), end_s), tuple(time_slider_marks(player))
+        with self._play_folder:
+            self._slider = self._gui.add_slider(
+                "time (s)", 0.0, end_s, 0.001, at_s, marks=marks, order=before.order, visible=before.visible
+            )
+        self._slider.on_update(self._seek)
+        before.remove()
 
     def _show_marks(self) -> None:
         self._marked.content = card_html("lines", texts=["marked: {:.2f} to {:.2f} s".format(*self._marks_s)])
@@ -323,7 +330,7 @@ class RecordingsPanel:
         wrench = None if sample is None else sample.wrench
         sensor = moment.name or (self._context.sensor.id if self._player is None else self._player.sensor_id)
         title = f"{sensor}, {moment.status.sentence}"
-        content = standalone_moment_html(view, cards, self._context.server, self._viewer.block, title, wrench).encode()
+        content = standalone_moment_html(view, cards, self._viewer.block, title, wrench).encode()
         self._quota.require_space(len(content), self._out, "a web page")
         write_file_atomically(path, content)
         self._quota.add_bytes(len(content))

@@ -24,10 +24,10 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import FileNotWritten, create_folder_atomically, write_file_atomically
 from ninedtact.errors import OutputError
+from ninedtact.live.wrench_history import WrenchSourceSnapshot
 from ninedtact.reading import Reading
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.export import export_shape
-from ninedtact.studio.wrench_history import WrenchSourceSnapshot
 
 if TYPE_CHECKING:
     from ninedtact.recording.reader import Recording  # whose libraries a page without recordings does not need

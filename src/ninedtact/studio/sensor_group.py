@@ -13,6 +13,8 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 from viser import GuiApi, GuiEvent, Icon, uplot
 
+from ninedtact.live.sensor_poller import HISTORY_S, SensorPhase
+from ninedtact.live.wrench_history import WrenchSourceSnapshot, WrenchWithUncertainty
 from ninedtact.studio.page_cards import (
     BAND_OPACITY,
     CURVE_POINTS,
@@ -25,9 +27,7 @@ from ninedtact.studio.page_cards import (
     format_signed_hundredths,
 )
 from ninedtact.studio.page_controller import PageMoment, SensorMoment
-from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.viewer import Side, ViewerPage, is_user_event
-from ninedtact.studio.wrench_history import WrenchSourceSnapshot, WrenchWithUncertainty
 
 SENSOR_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 """Blue, vermilion, green and purple of Okabe and Ito, one for each sensor; a fifth begins again."""

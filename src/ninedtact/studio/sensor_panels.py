@@ -6,6 +6,7 @@ import numpy as np
 from viser import CommandEvent, GuiApi, GuiEvent, Icon, uplot
 
 from ninedtact.errors import NinedtactError
+from ninedtact.live.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.page_cards import (
     WrenchCurves,
     card_html,
@@ -18,7 +19,6 @@ from ninedtact.studio.page_cards import (
 )
 from ninedtact.studio.page_controller import WAITING_STATUS, PageMoment, SensorMoment
 from ninedtact.studio.sensor_group import group_status_html, group_wrench_table_html, is_curve_redraw_due
-from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.viewer import Side, ViewerPage
 
 SIDE_BY_SIDE = "all side by side"

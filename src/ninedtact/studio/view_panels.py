@@ -17,12 +17,13 @@ from ninedtact.studio.page_cards import (
 )
 from ninedtact.studio.page_controller import PageMoment, SensorMoment
 from ninedtact.studio.reading_view import (
+    JPEG_QUALITY,
     PROFILE_POINTS,
     ImageKind,
     ReadingView,
     ShownTraction,
     SkinColouring,
-    sensor_tiles_jpeg,
+    sensor_tiles,
 )
 from ninedtact.studio.scene_3d import SkinScene
 from ninedtact.studio.viewer import (
@@ -34,7 +35,6 @@ from ninedtact.studio.viewer import (
     is_user_event,
     set_gui_control,
 )
-from ninedtact.studio.viser_internals import show_encoded_image
 
 BLANK = np.full((3, 4, 3), 90, np.uint8)
 _DENSITIES = {"all": 1, "a quarter": 2, "a sixteenth": 4}
@@ -56,7 +56,7 @@ class ImagesPanel:
         for slot, kind in enumerate(self._viewer.options.images):
             menu = gui.add_dropdown(f"image {slot + 1}", [str(choice) for choice in ImageKind], initial_value=str(kind))
             menu.on_update(partial(self._choose, slot))
-            self._images.append(gui.add_image(BLANK, format="jpeg"))
+            self._images.append(gui.add_image(BLANK, format="jpeg", jpeg_quality=JPEG_QUALITY))
             self._legends.append(gui.add_html(""))
 
     def update(self, moment: PageMoment) -> None:
@@ -70,10 +70,10 @@ class ImagesPanel:
             return
         for image, legend, kind in zip(self._images, self._legends, options.images, strict=True):
             if len(views) > 1:
-                jpeg = sensor_tiles_jpeg(views, names, kind, options.with_outline, options.source)
+                bgr = sensor_tiles(views, names, kind, options.with_outline, options.source)
             else:
-                jpeg = views[0].jpeg(kind, options.with_outline, options.source)
-            show_encoded_image(image, jpeg)
+                bgr = views[0].image(kind, options.with_outline, options.source)
+            image.image = bgr[..., ::-1]
             legend.content = _legend_html(views[0], kind, self._scale, options.source)
 
     def _choose(self, slot: int, event: GuiEvent[Any]) -> None:

@@ -8,19 +8,19 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from threading import RLock, Thread
 from time import monotonic, monotonic_ns, time
 from typing import Any, Literal, Protocol, runtime_checkable
 
-import numpy as np
 from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
 
 from ninedtact.errors import NinedtactError
 from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
+from ninedtact.studio.page_server import draw_unless_interrupted
 from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
-from ninedtact.studio.scene_3d import GelBlock, SideBySideLayout
-from ninedtact.studio.viser_internals import NARROW_PX, PHONE_STYLE, has_unsent_messages
+from ninedtact.studio.scene_3d import DARK, LIGHT, GelBlock, SideBySideLayout
 
 NOTICE_S = 8.0
 """Time for which a notification stays."""
@@ -38,12 +38,17 @@ RETRY_S = 5.0
 LEFT_PX, RIGHT_PX = 330, 350
 
 
+NARROW_PX = 600
+"""Width of a browser below which it is a phone: viser then shows its panel at the bottom."""
 PHONE_PANEL_SHARE = 0.6
 """Share of the height of a phone that viser's panel covers, at the bottom."""
+PHONE_STYLE = (
+    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'], [style*='max-height: 60%'] [style*='width: 20em'] "
+    "{ width: 100% !important; } }</style>"
+)
+"""Lets the controls be as wide as the screen of a phone, of which viser gives them a part."""
 
 
-LIGHT, DARK = np.full((2, 2, 3), (236, 239, 242), np.uint8), np.full((2, 2, 3), (36, 38, 42), np.uint8)
-"""The backgrounds of the scene."""
 _THEME_KEY, _THEME_WITHIN_S = "theme", 30.0
 """Name under which a browser keeps its choice, and the time within which it says what it has kept."""
 
@@ -178,9 +183,15 @@ class ViewerPage:
     """The page of one browser."""
 
     def __init__(
-        self, client: ClientHandle, controller: PageController, block: GelBlock, panels: Sequence[PanelFactory]
+        self,
+        client: ClientHandle,
+        controller: PageController,
+        block: GelBlock,
+        panels: Sequence[PanelFactory],
+        is_behind: Callable[[], bool] = lambda: False,
     ) -> None:
-        self.client, self.controller, self.block = client, controller, block
+        """is_behind: returns whether messages of earlier moments still wait to be sent to this browser."""
+        self.client, self.controller, self.block, self._is_behind = client, controller, block, is_behind
         self.is_narrow = client.camera.image_width < NARROW_PX
         self.is_shared = len(controller.sensors) > 1
         """Whether the page has several sensors."""
@@ -266,7 +277,7 @@ class ViewerPage:
     def show(self, newest: PageMoment) -> None:
         """Show the newest moment, or the frozen one with its age; a client that has not got the last one goes on with that one."""
         with self._lock:
-            is_behind = has_unsent_messages(self.client)
+            is_behind = self._is_behind()
             self.pace.count_moment(is_behind, monotonic())
             if is_behind and not all(one.status.is_past for one in newest.sensors):
                 return
@@ -276,7 +287,7 @@ class ViewerPage:
             self.moment = moment
             with self.client.atomic():
                 for panel in self._panels:
-                    panel.update(moment)
+                    draw_unless_interrupted(partial(panel.update, moment))
             # viser would wait 17 ms for more, and send nothing where the next moment has begun by then.
             self.client.flush()
 
