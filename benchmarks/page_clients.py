@@ -23,12 +23,12 @@ from real_sensor import real_sensor
 from ninedtact import Frame, Sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.design import Gel
-from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.studio.page_server import page_server
-from ninedtact.studio.sensor_page import SensorPage
-from ninedtact.studio.page_controller import DisplayedSensor, PageController
-from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
+from ninedtact.studio.page_server import page_server
+from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.sensor_page import SensorPage
 
 CLIENTS = Path(__file__).parents[1] / "packages/ninedtact/tests/studio" / "reading_clients.py"
 sys.path.append(str(CLIENTS.parent))

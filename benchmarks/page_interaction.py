@@ -28,15 +28,15 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
 from ninedtact.force.estimator_loading import load_estimator
+from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.live.wrench_history import WrenchHistory
 from ninedtact.simulation.simulated_sources import demo_sources
-from ninedtact.studio.page_server import page_server
-from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
+from ninedtact.studio.page_server import page_server
 from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.scene_3d import gel_block_under_skin
-from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM
-from ninedtact.live.wrench_history import WrenchHistory
 
 DISPLAY_HZ = 30.0
 DEPTHS_MM = (0.6, 0.75)

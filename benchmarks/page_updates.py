@@ -27,11 +27,11 @@ from websockets.sync.client import connect
 from ninedtact import Sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.design import Gel
-from ninedtact.studio.page_server import page_server
-from ninedtact.studio.sensor_page import SensorPage
-from ninedtact.studio.page_controller import DisplayedSensor, PageController
-from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
+from ninedtact.studio.page_server import page_server
+from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.sensor_page import SensorPage
 
 CAMERA_HZ, DISPLAY_HZ = 60.0, 40.0
 SETTLE_S = 3.0

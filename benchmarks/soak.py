@@ -27,15 +27,15 @@ from ninedtact import Frame, Sensor, SensorFolder, calibrate, load_estimator
 from ninedtact.__main__ import limit_memory_arenas
 from ninedtact.calibration.save import save_sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
+from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.live.wrench_history import WrenchHistory
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorder import record
 from ninedtact.reference_images import FollowingSettings, ReferenceImages
-from ninedtact.studio.page_server import page_server
-from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
+from ninedtact.studio.page_server import page_server
 from ninedtact.studio.scene_3d import gel_block_under_skin
-from ninedtact.live.sensor_poller import SensorPoller
-from ninedtact.live.wrench_history import WrenchHistory
+from ninedtact.studio.sensor_page import SensorPage
 
 SETTLED = 8
 """Number of the round from which growth counts: until then, the allocator's arenas of the threads fill."""

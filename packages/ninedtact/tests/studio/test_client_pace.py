@@ -15,12 +15,12 @@ from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 from websockets.sync.client import connect
 
 from ninedtact.design import Gel
-from ninedtact.studio.page_server import page_server
-from ninedtact.studio.sensor_page import SensorPage
-from ninedtact.studio.page_controller import DisplayedSensor, PageController
-from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.live.sensor_poller import SensorPoller
 from ninedtact.live.socket_guard import SocketGuard, SocketLimits
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
+from ninedtact.studio.page_server import page_server
+from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.viewer import MAX_COARSER, MAX_LEFT_OUT, PACE_OVER_S, RETRY_S, ClientSurfaceDensity
 
 
@@ -61,22 +61,6 @@ def connected(page: SensorPage, *clients: Client) -> Iterator[None]:
             for client in clients:
                 client.is_closing = True
     running.result()
-
-
-def test_a_moment_is_sent_at_once_and_whole(tmp_path: Path) -> None:
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(camera := SkinCamera())) as loop:
-        studio = PageController([DisplayedSensor(loop)], tmp_path)
-        page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
-        client = Client(server.port)
-        with connected(page, client):
-            buffer = page.viewers[0].client._websock_connection.get_message_buffer()
-            wait_until(lambda: loop.snapshot(0).reading is not None)  # the reference is taken
-            buffer.window_duration_sec = 1000.0  # for which viser waits for more
-            for level, depth in ((90, b"0.40"), (80, b"0.80")):
-                camera.level = level
-                wait_until(lambda: studio.refresh(page) and page.viewers[0].moment is not None, pause_s=0.02)
-                wait_until(lambda wanted=depth: studio.refresh(page) and wanted in client.text, pause_s=0.02)
-        assert len(client.points) >= 2
 
 
 def test_a_client_that_is_too_slow_gets_fewer_points_and_it_alone(

@@ -19,12 +19,11 @@ from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
 from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.cli import main
 from ninedtact.cli.live import Live
-from ninedtact.cli.serve_sensor_page import PageLibraryMissing, RerunMissing
 from ninedtact.cli.shared_options import InvalidLiveOption
+from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.open_sensor import assemble_live_sensor
-from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_controller import PageMoment
-from ninedtact.live.socket_guard import InvalidAllowedOrigin
+from ninedtact.studio.sensor_page import SensorPage
 
 CHECK = "import ninedtact.cli.live, sys; print(*[m for m in ('cv2', 'numpy', 'viser') if m in sys.modules])"
 
@@ -125,13 +124,13 @@ def test_bad_options_are_refused_before_any_camera_is_touched(
         Live(("nothing",), (str(folder),)).run()
     with pytest.raises(InvalidLiveOption, match="above 0 and at most 120, got 0;"):
         Live((str(images),), (str(folder),), display_hz=0).run()
-    with pytest.raises(InvalidAllowedOrigin, match="got 'robot';"):
+    with pytest.raises(InputError, match="got 'robot';"):
         Live((str(images),), (str(folder),), allow_origin=("robot",)).run()
     monkeypatch.setattr("ninedtact.cli.serve_sensor_page.find_spec", lambda name: None if name == "rerun" else True)
-    with pytest.raises(RerunMissing, match=re.escape(f"run {installation_command('rerun')}")):
+    with pytest.raises(MissingLibraryError, match=re.escape(f"run {installation_command('rerun')}")):
         Live((str(images),), (str(folder),), rerun=True).run()
     monkeypatch.setattr("ninedtact.cli.serve_sensor_page.find_spec", lambda name: None)
     with pytest.raises(
-        PageLibraryMissing, match=re.escape(f"got no such package; run {installation_command('studio')}")
+        MissingLibraryError, match=re.escape(f"got no such package; run {installation_command('studio')}")
     ):
         Live((str(images),), (str(folder),)).run()

@@ -2,30 +2,32 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from threading import Event
 
-import msgspec
+import cv2
 import numpy as np
 import pytest
 import trimesh
 import viser
-from page_client import page_client
+from page_client import PageClient, page_viewer
 from page_walk import controls_of, find_layout_faults, open_every_panel, panels_of, use_every_control
 from playwright.sync_api import Browser, Page
-from reading_clients import CAMERA, open_panel, page_errors
+from reading_clients import page_errors
 from small_press_simulation import PRESSED, TWIN
 from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
-from websockets.sync.client import connect
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
 from ninedtact.design import Gel
+from ninedtact.errors import FileFormatError
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
+from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.live.wrench_history import WrenchHistory
 from ninedtact.mechanics.height_grid_indenter import indenter_from_heights
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.reading import Reading
@@ -34,16 +36,14 @@ from ninedtact.simulation.hand_moved_object import HandTarget, SimulatedHand
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press_sequence import PressSequence
 from ninedtact.simulation.simulated_sources import demo_sources
-from ninedtact.studio.page_server import page_server
-from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
 from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
+from ninedtact.studio.page_server import PageServer, page_server
 from ninedtact.studio.press_control import (
     MAX_DEPTH_MM,
     OBJECTS_BY_KIND,
     HandPressState,
     TwinPressController,
-    UploadRefused,
     read_uploaded_mesh,
     twist_and_tilts_deg,
 )
@@ -51,11 +51,8 @@ from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColourin
 from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
-from ninedtact.studio.sensor_panels import WrenchAndCurvesPanel
-from ninedtact.live.sensor_poller import SensorPoller
-from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM, THUMBNAIL_PX, TwinPressPanel, object_thumbnails
-from ninedtact.studio.viewer import ViewerPage
-from ninedtact.live.wrench_history import WrenchHistory
+from ninedtact.studio.sensor_page import SensorPage
+from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM, THUMBNAIL_PX, object_thumbnails
 
 PATIENCE_S = 120.0
 HZ = 8.0
@@ -66,7 +63,7 @@ class PressedTwin:
     """A twin on a page, refreshed by the test."""
 
     def __init__(
-        self, control: TwinPressController, studio: PageController, page: SensorPage, server: viser.ViserServer
+        self, control: TwinPressController, studio: PageController, page: SensorPage, server: PageServer
     ) -> None:
         self.control, self.studio, self.page, self.server = control, studio, page, server
 
@@ -215,32 +212,6 @@ def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
     assert errors == []
 
 
-def test_a_phone_has_all_in_one_column_without_scrolling_sideways(
-    browser: Browser, tmp_path: Path, twin_sensor: SensorFolder
-) -> None:
-    with pressed_twin(twin_sensor, tmp_path) as twin:
-        tab, errors = open_tab(browser, twin, 390, 844)
-        wait_until(lambda: twin.studio.refresh(twin.page) or set(PANELS) <= set(panels_of(tab)), PATIENCE_S, 0.05)
-
-        def profile_is_shown() -> bool:
-            open_panel(tab, "Profile")  # again and again: a click while the page is still laid out may miss
-            twin.studio.refresh(twin.page)
-            return "Shift and click" in tab.inner_text("body")
-
-        wait_until(profile_is_shown, PATIENCE_S, 0.5)
-        open_panel(tab, "Images")
-
-        def images_are_in_view() -> bool:
-            twin.studio.refresh(twin.page)
-            boxes = [image.bounding_box() for image in tab.locator("img[src^=blob]").all()]
-            seen = [box for box in boxes if box is not None and box["width"] > 150]
-            return len(seen) == 2 and all(box["x"] >= 0 and box["x"] + box["width"] <= 390 for box in seen)
-
-        wait_until(images_are_in_view, PATIENCE_S, 0.05)
-        assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
-    assert errors == []
-
-
 PANELS = ("Images", "Press", "View", "Profile", "Record", "Sensor", "Wrench")
 
 
@@ -290,86 +261,64 @@ def test_every_control_can_be_used_and_nothing_is_outside_or_covered(
     assert {"button|Back to the sensor|1", "button|Video (MP4)|1", "button|Add label|1", "slider|twist (°)|1"} <= used
 
 
-@contextmanager
-def socket_client(twin: PressedTwin) -> Iterator[object]:
-    """A viewer without a browser."""
-    address, protocol = f"ws://127.0.0.1:{twin.server.port}", f"viser-v{viser.__version__}"
-    before = len(twin.page.viewers)
-    with connect(address, subprotocols=[protocol], max_size=None, max_queue=None) as client:  # type: ignore[list-item]
-        client.send(msgspec.msgpack.encode(CAMERA))
-        wait_until(lambda: len(twin.page.viewers) == before + 1)
-        yield client
-
-
-def drag_handle(hand: object, viewer: ViewerPage, position_mm: Sequence[float], twist_rad: float = 0.0) -> None:
+def drag_handle(hand: PageClient, position_mm: Sequence[float], twist_rad: float = 0.0) -> None:
     """Take the handle, move it and let it go, as a browser says it."""
-    handle = {"name": "/handle", "owner": viewer.client.scene._owner_id}
     wxyz = tuple(viser.transforms.SO3.from_matrix(Pose(0, 0, 0, twist_rad).rotation).wxyz.tolist())
-    for message in (
-        {"type": "TransformControlsDragStartMessage"} | handle,
-        {"type": "TransformControlsUpdateMessage", "wxyz": wxyz, "position": tuple(position_mm)} | handle,
-        {"type": "TransformControlsDragEndMessage"} | handle,
-    ):
-        hand.send(msgspec.msgpack.encode(message))  # type: ignore[attr-defined]
+    hand.drag_handle(tuple(map(float, position_mm)), wxyz)
+    hand.end_drag()
 
 
-class LateThreads:
-    """Runs the callbacks of a viewer when the test says so, the last one first, as threads of a busy computer may."""
-
-    def __init__(self) -> None:
-        self.waiting: list[Callable[[], object]] = []
-
-    def submit(self, call: Callable[..., object], *values: object) -> Future[None]:
-        self.waiting.append(partial(call, *values))
-        return Future()
-
-    def run(self) -> None:
-        while self.waiting:
-            self.waiting.pop()()
-
-
-def test_a_drag_is_followed_where_its_callbacks_come_late_and_in_any_order(
+def test_a_drag_is_followed_where_the_object_comes_late(
     tmp_path: Path, twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pressed_twin(twin_sensor, tmp_path) as twin, socket_client(twin) as hand:
-        (viewer,) = twin.page.viewers
+    with pressed_twin(twin_sensor, tmp_path) as twin, page_viewer(twin.page, twin.server) as (hand, viewer):
         wait_until(lambda: (twin.studio.refresh(twin.page), viewer.moment is not None)[1], PATIENCE_S)
-        (panel,) = (one for one in viewer._panels if isinstance(one, TwinPressPanel))
-        threads = LateThreads()
-        monkeypatch.setattr(viewer.client.scene, "_thread_executor", threads)
+        move, may_move, waiting = twin.control.move, Event(), []
+
+        def move_late(**changes: float) -> None:
+            waiting.append(changes)
+            may_move.wait(PATIENCE_S)
+            move(**changes)
+
+        monkeypatch.setattr(twin.control, "move", move_late)
         for x_mm in (0.5, 1.5):
-            drag_handle(hand, viewer, (x_mm, -1.0, HANDLE_LIFT_MM - 0.9))
-        wait_until(lambda: len(threads.waiting) == 6)
-        panel.update(twin.moment)  # would put the handle back to the object, which has not moved yet
-        threads.run()
-        state = twin.control.state
-        assert (state.x_mm, state.y_mm, state.depth_mm) == pytest.approx((1.5, -1.0, 0.9))
-        panel.update(twin.moment)
-        assert panel._handle.position == pytest.approx((1.5, -1.0, HANDLE_LIFT_MM - 0.9))
+            drag_handle(hand, (x_mm, -1.0, HANDLE_LIFT_MM - 0.9))
+        wait_until(lambda: bool(waiting))
+        hand.socket.ping().wait(PATIENCE_S)  # both drags have arrived
+        sent = len(hand.messages)
+        twin.studio.refresh(twin.page)  # would put the handle back to the object, which has not moved yet
+        may_move.set()
+        wait_until(lambda: (twin.control.state.x_mm, twin.control.state.depth_mm) == pytest.approx((1.5, 0.9)))
         twin.control.move(x_mm=-2.0)
-        panel.update(twin.moment)
-        assert panel._handle.position[0] == pytest.approx(-2.0)
+
+        def handle_is_at(x_mm: float) -> bool:
+            twin.studio.refresh(twin.page)
+            places = [one["position"] for one in hand.messages[sent:] if one["type"] == "SetPositionMessage"]
+            return any(place[0] == pytest.approx(x_mm) for place in places)
+
+        wait_until(lambda: handle_is_at(-2.0), PATIENCE_S)
+        assert not handle_is_at(0.0)
 
 
 def test_a_moment_without_wrenches_shows_none_of_the_moment_before(tmp_path: Path, twin_sensor: SensorFolder) -> None:
-    with pressed_twin(twin_sensor, tmp_path) as twin, socket_client(twin):
-        (viewer,) = twin.page.viewers
-        (panel,) = (one for one in viewer._panels if isinstance(one, WrenchAndCurvesPanel))
-        wait_until(lambda: (twin.studio.refresh(twin.page), "N·mm" in panel._table.content)[1], PATIENCE_S)
-        assert "about the skin" in panel._meaning.content
-        panel.update(PageMoment((replace(twin.moment.sensors[0], wrenches=()),)))  # of a recording that has none
-        assert panel._table.content == panel._meaning.content == ""
+    with pressed_twin(twin_sensor, tmp_path) as twin, page_viewer(twin.page, twin.server) as (client, viewer):
+        wait_until(lambda: (twin.studio.refresh(twin.page), client.shows("N·mm"))[1], PATIENCE_S)
+        wait_until(lambda: client.shows("about the skin"))
+        viewer.show(PageMoment((replace(twin.moment.sensors[0], wrenches=()),)))  # of a recording that has none
+        wait_until(lambda: not client.shows("N·mm") and not client.shows("about the skin"))
 
 
 def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor: SensorFolder) -> None:
-    with pressed_twin(twin_sensor, tmp_path, ("left", "right")) as twin, socket_client(twin) as hand:
-        (viewer,) = twin.page.viewers
+    with (
+        pressed_twin(twin_sensor, tmp_path, ("left", "right")) as twin,
+        page_viewer(twin.page, twin.server) as (hand, viewer),
+    ):
         wait_until(
             lambda: (twin.studio.refresh(twin.page), viewer.moment is not None and viewer.moment.sensors[0].view)[1],
             PATIENCE_S,
         )
         x, y, z = viewer.arrangement.places_mm[0]
-        drag_handle(hand, viewer, (x + 1.5, y - 1.0, z + HANDLE_LIFT_MM - 0.9))
+        drag_handle(hand, (x + 1.5, y - 1.0, z + HANDLE_LIFT_MM - 0.9))
 
         def both_rest() -> bool:
             twin.studio.refresh(twin.page)
@@ -394,7 +343,7 @@ def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor
         assert abs(means_n[1] - means_n[0]) < 4 * estimated.std_n
         viewer.choose(sensor=1)
         twin.studio.refresh(twin.page)
-        drag_handle(hand, viewer, (0.0, 0.0, HANDLE_LIFT_MM - 0.4))
+        drag_handle(hand, (0.0, 0.0, HANDLE_LIFT_MM - 0.4))
 
         def only_the_right_is_pressed_less() -> bool:
             twin.studio.refresh(twin.page)
@@ -415,8 +364,11 @@ def shows_the_true_wrench(moment: SensorMoment) -> bool:
 def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_viewers_own(
     tmp_path: Path, twin_sensor: SensorFolder
 ) -> None:
-    with pressed_twin(twin_sensor, tmp_path) as twin, socket_client(twin) as hand, socket_client(twin):
-        first, second = twin.page.viewers
+    with (
+        pressed_twin(twin_sensor, tmp_path) as twin,
+        page_viewer(twin.page, twin.server) as (hand, first),
+        page_viewer(twin.page, twin.server) as (_, second),
+    ):
 
         def both_see_the_skin() -> bool:
             twin.studio.refresh(twin.page)
@@ -427,7 +379,7 @@ def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_v
         assert first.moment is not None and second.moment is not None
         (kept,) = second.moment.sensors
         assert second.is_frozen and not first.is_frozen
-        drag_handle(hand, first, (1.5, -1.0, HANDLE_LIFT_MM - 0.9), twist_rad=0.1)
+        drag_handle(hand, (1.5, -1.0, HANDLE_LIFT_MM - 0.9), twist_rad=0.1)
         # The samples of the wrench come from another thread, so the last step of the motion may reach them a moment later.
         wait_until(lambda: twin.rests_at(0.9) and shows_the_true_wrench(first.moment.sensors[0]), PATIENCE_S, 0.01)
         (moment,) = first.moment.sensors
@@ -510,7 +462,7 @@ def test_the_side_of_a_mesh_that_faces_the_skin_is_chosen_on_the_page(tmp_path: 
             gel_block_under_skin(SHAPE, Gel()),
             "twin",
         )
-        with page_client(page, server.port) as client:
+        with page_viewer(page, server) as (client, _):
             plate, sizes = stl(trimesh.creation.box((2, 4, 70))), []
             for unit, side in (("mm", "bottom (−z)"), ("mm", "left (−x)"), ("fit to 16 mm", "front (−y)")):
                 client.use("unit", unit)
@@ -533,18 +485,26 @@ def test_viewers_who_come_later_are_shown_the_mesh_that_presses(tmp_path: Path) 
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         controller = PageController([DisplayedSensor(loop, press=control)], tmp_path)
         page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "twin")
-        with page_client(page, server.port) as client:
+        with page_viewer(page, server) as (client, _):
             client.upload("Upload a mesh", "part.stl", stl(trimesh.creation.box((2, 4, 7))))
             wait_until(lambda: len(client.notices) == 1, PATIENCE_S)
-            with page_client(page, server.port) as later:
+            with page_viewer(page, server) as (later, _):
                 assert later.control("kind").value == "own mesh" and later.control("object").value == "part"
-                panel = next(each for each in later.viewer._panels if isinstance(each, TwinPressPanel))
-                before = panel._thumbnails.image
-                assert np.array_equal(before, object_thumbnails("own mesh", control.own_mesh))
+                (before,) = thumbnails(later)
+                assert before == png(object_thumbnails("own mesh", control.own_mesh))
                 later.upload("Upload a mesh", "part.stl", stl(trimesh.creation.cylinder(5.0, 7.0)))  # of the same name
                 wait_until(lambda: len(later.notices) == 1, PATIENCE_S)
-                wait_until(lambda: controller.refresh(page) and panel._thumbnails.image is not before)
-                assert np.array_equal(panel._thumbnails.image, object_thumbnails("own mesh", control.own_mesh))
+                wait_until(lambda: controller.refresh(page) and thumbnails(later) != [before])
+                assert thumbnails(later) == [png(object_thumbnails("own mesh", control.own_mesh))]
+
+
+def thumbnails(client: PageClient) -> list[bytes]:
+    """The images of a page that have no colours of a camera."""
+    return [one._data for one in client.controls.values() if getattr(one, "_format", "") == "png"]
+
+
+def png(image: np.ndarray) -> bytes:
+    return bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA))[1])
 
 
 def test_a_handle_without_a_direction_moves_nothing(tmp_path: Path) -> None:
@@ -555,13 +515,10 @@ def test_a_handle_without_a_direction_moves_nothing(tmp_path: Path) -> None:
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         controller = PageController([DisplayedSensor(loop, press=control)], tmp_path)
         page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "twin")
-        with page_client(page, server.port) as client:
-            handle = {"type": "TransformControlsUpdateMessage", "name": "/handle"}
-            handle |= {"owner": client.viewer.client.scene._owner_id, "position": (1.0, 0.0, HANDLE_LIFT_MM - 0.5)}
-            panel = next(each for each in client.viewer._panels if isinstance(each, TwinPressPanel))
-            client.send(handle | {"wxyz": (0.0, 0.0, 0.0, 0.0)})
-            wait_until(lambda: not np.any(panel._handle.wxyz))
-            client.send(handle | {"wxyz": (1.0, 0.0, 0.0, 0.0)})
+        with page_viewer(page, server) as (client, _):
+            for wxyz in ((0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)):
+                assert control.state.x_mm == 0.0
+                client.drag_handle((1.0, 0.0, HANDLE_LIFT_MM - 0.5), wxyz)
             wait_until(lambda: controller.refresh(page) and control.state.x_mm == 1.0)
 
 
@@ -591,7 +548,7 @@ def open_box() -> trimesh.Trimesh:
     ],
 )
 def test_a_mesh_that_cannot_be_pressed_is_refused_in_one_sentence(name: str, content: bytes, because: str) -> None:
-    with pytest.raises(UploadRefused) as refusal:
+    with pytest.raises(FileFormatError) as refusal:
         read_uploaded_mesh(name, content)
     said = str(refusal.value)
     assert "give " not in said  # which is how objects are named on the command line

@@ -20,15 +20,15 @@ from ninedtact.design import Gel
 from ninedtact.force.estimator_interface import unknown_wrench_estimate
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
-from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
-from ninedtact.simulation.simulated_sources import demo_sources
-from ninedtact.studio.page_server import page_server
-from ninedtact.studio.sensor_page import SensorPage
-from ninedtact.studio.page_cards import _curves_of, explained_wrench_table_html, wrench_table_html
-from ninedtact.studio.page_controller import DisplayedSensor, PageController
-from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
 from ninedtact.live.sensor_poller import SensorPhase, SensorPoller
 from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller, WrenchWithUncertainty
+from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
+from ninedtact.simulation.simulated_sources import demo_sources
+from ninedtact.studio.page_cards import component_curve_and_error_band, explained_wrench_table_html, wrench_table_html
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
+from ninedtact.studio.page_server import page_server
+from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
+from ninedtact.studio.sensor_page import SensorPage
 
 PATIENCE_S = 90.0
 
@@ -141,7 +141,7 @@ def test_curves_have_the_band_of_their_error_where_samples_are() -> None:
         wrench = Wrench(np.array([0.0, 0.0, -second]), np.zeros(3), stamp_ns=second * 10**9)
         history.add_estimate(WrenchEstimate(wrench, np.eye(6) * 0.25, True))
     at_s = np.array([-12.0, -9.0, -5.5, -1.0, -0.5])
-    value, upper, lower = list(_curves_of(history.snapshot(None, now_ns), at_s, 0, 1.0))[6:]
+    value, upper, lower = component_curve_and_error_band(history.snapshot(None, now_ns), at_s, 2, 1.0)
     np.testing.assert_allclose(value, [np.nan, -1, -4.5, -9, np.nan])
     np.testing.assert_allclose([upper, lower], [[-1, -0.5, -4, -8.5, -9], [-1, -1.5, -5, -9.5, -9]])
 

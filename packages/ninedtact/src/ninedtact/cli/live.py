@@ -11,7 +11,6 @@ import tyro
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, stop_on_signal
 from ninedtact.cli.serve_sensor_page import (
     PageSettings,
-    installed_exporters,
     page_sensor,
     require_display_rate,
     require_page_library,
@@ -181,7 +180,7 @@ class Play:
             ]
             controller = PageController(sensors, self.out, recheck_s=0.0)
             block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-            context = RecordingsPanelContext(folder, None, self.recording, shapes, installed_exporters())
+            context = RecordingsPanelContext(folder, None, self.recording, shapes)
             title = folder.id if len(folders) == 1 else self.recording.stem
             page = SensorPage(server, controller, block, title, [partial(RecordingsPanel, context=context)])
             print(f"{self.recording}: open {guard.page_address(server.port)} in a browser; Ctrl-C ends", flush=True)

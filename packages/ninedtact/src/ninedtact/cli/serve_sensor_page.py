@@ -4,7 +4,7 @@ import os
 import sys
 import webbrowser
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
@@ -26,24 +26,14 @@ if TYPE_CHECKING:
     from ninedtact.open_sensor import LiveSensor
     from ninedtact.quantities import Frame
     from ninedtact.reading import Reading
-    from ninedtact.recording.reader import Recording
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
     from ninedtact.simulation.press_sequence import PressSequence
     from ninedtact.simulation.simulated_sources import DemoSources
     from ninedtact.studio.page_controller import PageController
-    from ninedtact.studio.saved_files import Exporter
     from ninedtact.studio.viewer import PanelFactory
 
 _MAX_DISPLAY_HZ = 120.0
-
-
-class PageLibraryMissing(MissingLibraryError):
-    """The library that serves the page is not installed."""
-
-
-class RerunMissing(MissingLibraryError):
-    """The library of Rerun is not installed."""
 
 
 @dataclass(frozen=True)
@@ -190,37 +180,8 @@ def connect_recordings_panel(
     recorder = PageRecorder(recorded, controller.out, controller.quota)
     opened.callback(recorder.stop)
     listeners.append(recorder.keep)
-    context = RecordingsPanelContext(parts[0].folder, recorder, exporters=installed_exporters())
+    context = RecordingsPanelContext(parts[0].folder, recorder)
     return [partial(RecordingsPanel, context=context)]
-
-
-def installed_exporters() -> "dict[str, Exporter]":
-    """Return the formats of other programs into which the page exports, by their buttons: those whose libraries are installed."""
-    from ninedtact.studio.saved_files import Exporter
-
-    exporters = {}
-    if find_spec("pyarrow") is not None:
-        hint = "a LeRobotDataset v3.0 of one episode, of the whole recording"
-        exporters["LeRobot data set"] = Exporter(_write_lerobot, "lerobot", hint)
-    with suppress(RerunMissing):
-        require_rerun()
-        hint = "for the Rerun viewer, of the whole recording"
-        exporters["Rerun (RRD)"] = Exporter(_write_rerun, "rerun", hint, ".rrd")
-    return exporters
-
-
-def _write_lerobot(recordings: "Sequence[Recording]", out: Path, on_image: Callable[[], None]) -> None:
-    """Write recordings as `ninedtact export --to lerobot` does."""
-    from ninedtact.interop.lerobot import export_lerobot
-
-    export_lerobot(recordings, out, on_image=on_image)
-
-
-def _write_rerun(recordings: "Sequence[Recording]", out: Path, on_image: Callable[[], None]) -> None:
-    """Write a recording as `ninedtact export --to rerun` does."""
-    from ninedtact.interop.rerun import export_rerun
-
-    export_rerun(recordings[0], out, on_image=on_image)
 
 
 def twin_sensor_and_true_wrench(
@@ -260,16 +221,18 @@ def require_display_rate(display_hz: float) -> None:
 
 
 def require_rerun() -> None:
-    """Refuse what needs Rerun without it, or with another version; raises `RerunMissing`."""
+    """Refuse what needs Rerun without it, or with another version; raises `MissingLibraryError`."""
     if find_spec("rerun") is None:
-        raise RerunMissing(f"expected rerun-sdk, got no such package; run {installation_command('rerun')} (740 MB)")
+        raise MissingLibraryError(
+            f"expected rerun-sdk, got no such package; run {installation_command('rerun')} (740 MB)"
+        )
     if other := find_incompatible_library("rerun"):
-        raise RerunMissing(f"{other}; run {installation_command('rerun')}")
+        raise MissingLibraryError(f"{other}; run {installation_command('rerun')}")
 
 
 def require_page_library() -> None:
-    """Refuse to start without viser; raises `PageLibraryMissing`."""
+    """Refuse to start without viser; raises `MissingLibraryError`."""
     if find_spec("viser") is None:
-        raise PageLibraryMissing(
+        raise MissingLibraryError(
             f"expected viser, which serves the live page, got no such package; run {installation_command('studio')}"
         )

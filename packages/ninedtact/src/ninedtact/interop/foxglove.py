@@ -32,10 +32,10 @@ from websockets.typing import Subprotocol
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.interop.reading_broadcast import BroadcastServer, ReadingQueue, feed_until_closed, port_errors
 from ninedtact.interop.ros2_topics_and_messages import POINT_FIELDS, SensorMessages
-from ninedtact.reading import Reading
-from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.live.sensor_poller import SensorSnapshot
 from ninedtact.live.socket_guard import SocketGuard
+from ninedtact.reading import Reading
+from ninedtact.recording.metadata import wall_time_ns
 
 SUBPROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
 """Names of the protocol: that of today's Foxglove, and that of programs made before, such as Lichtblick."""

@@ -21,9 +21,9 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from ninedtact.errors import DeviceError
+from ninedtact.live.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
-from ninedtact.live.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
 
 _POLL_S = 0.1
 

@@ -23,11 +23,11 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from ninedtact.interop.reading_broadcast import BroadcastServer, feed_until_closed, port_errors
+from ninedtact.live.sensor_poller import SensorSnapshot
+from ninedtact.live.socket_guard import SocketGuard
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
-from ninedtact.live.sensor_poller import SensorSnapshot
-from ninedtact.live.socket_guard import SocketGuard
 
 STREAM_FORMAT = 1
 """Number of the message format, raised when a field changes its meaning."""

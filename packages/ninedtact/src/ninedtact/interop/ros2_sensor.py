@@ -32,6 +32,7 @@ from ninedtact.interop.ros2_topics_and_messages import (
     decode_ros2_command,
     encode_ros2_status,
 )
+from ninedtact.live.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingStopped
@@ -40,7 +41,6 @@ from ninedtact.recording.recorder import new_reading_writer, notify_partial_reco
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.sensor import Sensor
-from ninedtact.live.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
 
 _COMMAND_WAIT_S = 0.05
 _STATUS_S = 1.0

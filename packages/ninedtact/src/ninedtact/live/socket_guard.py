@@ -53,10 +53,6 @@ MessageTest = Callable[[str | bytes], bool]
 RequestHandler = Callable[[ServerConnection, Request], Response | Awaitable[Response | None] | None]
 
 
-class InvalidAllowedOrigin(InputError):
-    """Raised where an allowed origin is not one."""
-
-
 @dataclass(frozen=True)
 class SocketLimits:
     """What one server accepts."""
@@ -89,7 +85,7 @@ class SocketGuard:
 
     @classmethod
     def for_host(cls, host: str, allowed_origins: tuple[str, ...] = ()) -> "SocketGuard":
-        """Return the guard of a server, with a random token unless its host is loopback; raises `InvalidAllowedOrigin`."""
+        """Return the guard of a server, with a random token unless its host is loopback; raises `InputError`."""
         token = "" if _is_loopback(host) else token_urlsafe(_TOKEN_BYTES)
         return cls(host, tuple(_normalise_origin(origin) for origin in allowed_origins), token)
 
@@ -322,12 +318,12 @@ def _first_segment(path: str) -> str:
 
 
 def _normalise_origin(origin: str) -> str:
-    """Return an origin as browsers send it; raises `InvalidAllowedOrigin`."""
+    """Return an origin as browsers send it; raises `InputError`."""
     if origin.lower() == _FILES_ORIGIN:
         return _FILES_ORIGIN
     parts = re.fullmatch(r"https?://(?:[\w.-]+|\[[0-9a-f:]+\])(?::(\d{1,5}))?", origin.lower().rstrip("/"))
     if parts is None or not 0 < int(parts[1] or 80) <= 65535:
-        raise InvalidAllowedOrigin(
+        raise InputError(
             f"expected --allow-origin as http://NAME:PORT, https://NAME or {_FILES_ORIGIN}, got {origin!r}; "
             f"leave out path and user, and name a port of at most 65535"
         )

@@ -120,10 +120,6 @@ def _format_duration(ms: float) -> str:
 WITHOUT_READING = "expected a reading on the page, got none yet; wait for the first image"
 
 
-class NothingToSave(InputError):
-    """Raised where no reading has been shown yet."""
-
-
 @dataclass(frozen=True)
 class SensorMoment:
     """Everything that the page shows of one sensor at one refresh."""
@@ -308,7 +304,7 @@ class PageController:
     def save(self, moments: Sequence[SensorMoment]) -> list[Path]:
         """Write the moments of sensors that have been read to files, with their wrenches, errors and warnings.
 
-        Raises `NothingToSave`, `SaveRefused` and `FileNotWritten`.
+        Raises `InputError`, `OutputError` and `FileNotWritten`.
         """
         paths: list[Path] = []
         for one in moments:
@@ -316,7 +312,7 @@ class PageController:
                 status = one.status.sentence
                 paths += save_moment_files(one.reading, status, one.wrenches, self.out, self.quota, one.name)
         if not paths:
-            raise NothingToSave(WITHOUT_READING)
+            raise InputError(WITHOUT_READING)
         return paths
 
     def _present(self, display: PageMomentDisplay, moments: Sequence[SensorMoment]) -> None:

@@ -31,10 +31,6 @@ _ReadingQueue = Queue[tuple[int, Reading]]
 """Readings with the numbers of their sensors."""
 
 
-class NotRecording(InputError):
-    """Raised where a label is begun or ended while nothing is recorded."""
-
-
 @dataclass(frozen=True)
 class PageSensorToRecord:
     """One of the sensors of a page, as it is recorded."""
@@ -107,7 +103,7 @@ class PageRecorder:
     def start(self) -> Path:
         """Begin a recording, or return the path of the one that runs.
 
-        Raises `SaveRefused`, `RecordingRefused`, `RecordingStopped`.
+        Raises `OutputError`, `RecordingRefused`, `RecordingStopped`.
         """
         with self._lock:
             if self._state.is_running and self._state.path is not None:
@@ -146,11 +142,11 @@ class PageRecorder:
         return self.state()
 
     def begin_label(self, label: str) -> None:
-        """Begin a labelled span now; raises `NotRecording`."""
+        """Begin a labelled span now; raises `InputError`."""
         with self._lock:
             is_running = self._state.is_running and not self._stopping.is_set()
             if not is_running or not label.strip():
-                raise NotRecording(
+                raise InputError(
                     f"expected a recording and a name for the label, got '{label}' and "
                     f"{'a recording' if is_running else 'no recording'}; begin a recording and name the label"
                 )
@@ -159,10 +155,10 @@ class PageRecorder:
             self._span = label.strip(), monotonic_ns()
 
     def end_label(self) -> None:
-        """End the labelled span now; raises `NotRecording` where none has begun."""
+        """End the labelled span now; raises `InputError` where none has begun."""
         with self._lock:
             if self._span is None:
-                raise NotRecording("expected a label that has begun, got none; begin one first")
+                raise InputError("expected a label that has begun, got none; begin one first")
             (label, begin_ns), self._span = self._span, None
             self._spans.append(LabelledSpan(begin_ns, monotonic_ns(), label))
 
@@ -182,9 +178,7 @@ class PageRecorder:
             writers.append(new_reading_writer(path, part.sensor, metadata, *kinds, topics, beside))
         return writers
 
-    def _run(
-        self, opened: ExitStack, writers: list[RecordingWriter], queue: _ReadingQueue, kept: list[str]
-    ) -> None:
+    def _run(self, opened: ExitStack, writers: list[RecordingWriter], queue: _ReadingQueue, kept: list[str]) -> None:
         """Write until the end; what ends the recording early is kept as a sentence for the page."""
         trouble, writer = "", writers[0]
         try:
@@ -235,7 +229,7 @@ class PageRecorder:
             self._spans.popleft()
 
     def _count(self, writers: list[RecordingWriter], counted_bytes: int) -> int:
-        """Count the bytes against the quota of the page and return them; raises `SaveRefused` where it is used up."""
+        """Count the bytes against the quota of the page and return them; raises `OutputError` where it is used up."""
         size = writers[0].path.stat().st_size
         self._quota.add_bytes(size - counted_bytes)
         dropped, labels = sum(one.dropped for one in writers), writers[0].written[Topic.SPANS]

@@ -46,10 +46,6 @@ _VISER_PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 _PASSED_ON = ("Content-Type", "Content-Encoding")
 
 
-class PagePortRefused(DeviceError):
-    """Raised where the page cannot be served at this address."""
-
-
 class PageServer:
     """viser with a guarded front. viser: server of viser, to which controls and scene are added. port: of the front."""
 
@@ -68,13 +64,13 @@ class PageServer:
         self.viser.on_client_connect(self._note_client)
 
     def listen(self, host: str, port: int) -> None:
-        """Open the front; raises `PagePortRefused`."""
+        """Open the front; raises `DeviceError`."""
         try:
             self._front = self._run(self._open_front(host, port))
         except (OSError, OverflowError) as trouble:
             is_taken = isinstance(trouble, OSError) and trouble.errno == errno.EADDRINUSE
             got = IN_USE if is_taken else f"'{getattr(trouble, 'strerror', None) or trouble}'"
-            raise PagePortRefused(
+            raise DeviceError(
                 f"expected port {port} on {host} to be free for the page, got {got}; choose another with --port, or a host of "
                 "this machine with --host"
             ) from trouble
@@ -214,7 +210,7 @@ def standalone_scene_html(draw: Callable[[viser.ViserServer], None]) -> str:
 
 @contextmanager
 def page_server(host: str, port: int | None, guard: SocketGuard | None = None) -> Iterator[PageServer]:
-    """Serve until the `with` block ends; raises `PagePortRefused`.
+    """Serve until the `with` block ends; raises `DeviceError`.
 
     port: 0 takes any free port, None the default one or the next that is free. guard: the rules by which requests are accepted;
     without it those of the host, without further allowed origins.
@@ -229,12 +225,12 @@ def page_server(host: str, port: int | None, guard: SocketGuard | None = None) -
 
 
 def _listen_on_free_port(server: PageServer, host: str) -> None:
-    """Listen at the default port, or the next free one; raises `PagePortRefused` where all that are tried are in use."""
+    """Listen at the default port, or the next free one; raises `DeviceError` where all that are tried are in use."""
     for port in range(DEFAULT_PORT, DEFAULT_PORT + PORTS_TRIED):
         try:
             server.listen(host, port)
             return
-        except PagePortRefused as refusal:
+        except DeviceError as refusal:
             if IN_USE not in str(refusal) or port == DEFAULT_PORT + PORTS_TRIED - 1:
                 raise
 
@@ -242,8 +238,8 @@ def _listen_on_free_port(server: PageServer, host: str) -> None:
 _PAGE_SCRIPT = """
 if (!window.pageProgram) {
   window.pageProgram = PROGRAM;
-  const drop = URL.revokeObjectURL.bind(URL);
-  URL.revokeObjectURL = (address) => setTimeout(() => drop(address), 5000);
+  const drop = window.URL.revokeObjectURL.bind(window.URL);
+  window.URL.revokeObjectURL = (address) => setTimeout(() => drop(address), 5000);
 } else if (window.pageProgram !== PROGRAM) location.reload();
 """
 """Corrects two errors of the page of viser 1.1.

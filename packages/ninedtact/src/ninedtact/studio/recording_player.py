@@ -63,10 +63,6 @@ _StampAndRepetition = tuple[int, int]
 """A stamp in ns, and the number of earlier messages of the same topic with this stamp."""
 
 
-class LabelledSpanRefused(InputError):
-    """Raised for a label without a name, or for a stretch of time that ends before it begins."""
-
-
 class RecordedReadings:
     """Reads the readings of a recording by their number: computed again from the images, with the heights and estimates that are
     stored. One thread at a time; close it."""
@@ -359,9 +355,9 @@ class RecordingPlayer:
             self._stop_at(min(max(self.number + images, 0), len(self) - 1))
 
     def add_span(self, begin_s: float, end_s: float, label: str) -> None:
-        """Label a span of time and keep it in the file; raises `LabelledSpanRefused`, `FileNotWritten`, `RecordingUnreadable`."""
+        """Label a span of time and keep it in the file; raises `InputError`, `FileNotWritten`, `RecordingUnreadable`."""
         if not label.strip() or not 0 <= begin_s <= end_s:
-            raise LabelledSpanRefused(
+            raise InputError(
                 f"expected a label and an end after its beginning, got '{label}' from {begin_s:.2f} to {end_s:.2f} s; name it and "
                 "mark both ends"
             )

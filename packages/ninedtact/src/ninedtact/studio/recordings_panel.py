@@ -16,6 +16,7 @@ from viser import GuiApi, GuiButtonHandle, GuiEvent, Icon, IconName
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.errors import InputError
 from ninedtact.open_sensor import RECORDING_SUFFIX, load_given_or_recorded_sensor
 from ninedtact.reading import Reading
 from ninedtact.recording.export import export_each_sensor
@@ -31,10 +32,10 @@ from ninedtact.studio.page_cards import (
     status_html,
     time_slider_marks,
 )
-from ninedtact.studio.page_controller import WITHOUT_READING, NothingToSave, PageMoment
+from ninedtact.studio.page_controller import WITHOUT_READING, PageMoment
 from ninedtact.studio.page_recorder import PageRecorder, RecorderState
-from ninedtact.studio.recording_player import SPEEDS, LabelledSpanRefused, RecordedSensor, RecordingPlayer
-from ninedtact.studio.saved_files import Exporter, save_surface_sequence, save_video
+from ninedtact.studio.recording_player import SPEEDS, RecordedSensor, RecordingPlayer
+from ninedtact.studio.saved_files import save_surface_sequence, save_video
 from ninedtact.studio.viewer import Side, ViewerPage, is_user_event, set_gui_control
 
 NOTHING, WHOLE = "none", "the whole recording"
@@ -44,7 +45,6 @@ PLAY_KEYS = "keys: J frame back, K play or pause, L frame forward"
 _LIST_EVERY_S = 1.0
 _HEIGHT_BYTES = 4
 _OF_CHOICE = "of the chosen label or of the whole recording"
-_TABLES = Exporter(export_each_sensor, "export", "PNG, CSV, .npy and the sensor folder", has_all_sensors=True)
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,6 @@ class RecordingsPanelContext:
     """The recording that every viewer begins with."""
     shapes: Mapping[str, CalibratedShape] = field(default_factory=dict)
     """The calibrations of its sensors by how `Recording` opens them; those that are not here are read from the recording."""
-    exporters: Mapping[str, Exporter] = field(default_factory=dict)
-    """Further formats into which recordings are exported, by the names of their buttons."""
 
     def shape_of(self, path: Path) -> CalibratedShape:
         """Return the calibration that a recording carries, or that of the page's sensor where it carries none of the same sensor.
@@ -122,12 +120,10 @@ class RecordingsPanel:
             page = gui.add_button("This moment as a web page", icon=Icon.HTML, hint=f"one HTML file in {self._out}")
             page.on_click(partial(self._export, self._export_page))
             exports: dict[str, tuple[IconName, str, Export]] = {
-                "Images and tables": (Icon.TABLE, _TABLES.hint, partial(self._export_with, _TABLES)),
+                "Images and tables": (Icon.TABLE, "PNG, CSV, .npy and the sensor folder", self._export_tables),
                 "Surfaces (PLY)": (Icon.STACK_2, f"every surface, {_OF_CHOICE}", self._export_surfaces),
                 "Video (MP4)": (Icon.MOVIE, f"image beside heights, {_OF_CHOICE}", self._export_video),
             }
-            for name, one in self._context.exporters.items():
-                exports[name] = Icon.FILE_EXPORT, one.hint, partial(self._export_with, one)
             self._exports: list[GuiButtonHandle] = []
             for name, (icon, hint, export) in exports.items():
                 self._exports.append(gui.add_button(name, icon=icon, visible=False, hint=hint))
@@ -270,7 +266,7 @@ class RecordingsPanel:
     def _remove_label(self, player: RecordingPlayer) -> None:
         span = self._chosen_span()
         if span is None:
-            raise LabelledSpanRefused(f"expected a label to remove, got '{self._label_choice.value}'; choose one first")
+            raise InputError(f"expected a label to remove, got '{self._label_choice.value}'; choose one first")
         player.remove_span(span)
 
     def _edit(self, change: Callable[[RecordingPlayer], None]) -> None:
@@ -319,7 +315,7 @@ class RecordingsPanel:
         newest = self._viewer.moment
         moment = None if newest is None else self._viewer.choose_shown(newest)[0]
         if moment is None or moment.view is None:
-            raise NothingToSave(WITHOUT_READING)
+            raise InputError(WITHOUT_READING)
         view, path = moment.view.bright_copy(), self._out / f"moment_{time}.html"
         cards = (
             status_html(moment.status),
@@ -336,19 +332,17 @@ class RecordingsPanel:
         self._quota.add_bytes(len(content))
         return path
 
-    def _export_with(self, exporter: Exporter, time: str) -> Path:
-        sensors = self._opened().sensors if exporter.has_all_sensors else (self._chosen_sensor(),)
-        name = self._opened().path.stem if exporter.has_all_sensors else _file_name(sensors[0].path)
-        path = self._out / f"{name}_{exporter.word}_{time}{exporter.ending}"
+    def _export_tables(self, time: str) -> Path:
+        path = self._out / f"{self._opened().path.stem}_export_{time}"
         with ExitStack() as opened:
-            recordings = [opened.enter_context(Recording(one.path)) for one in sensors]
+            recordings = [opened.enter_context(Recording(one.path)) for one in self._opened().sensors]
             count = sum(len(recording.positions(Topic.IMAGES)) for recording in recordings)
             first = None if self._viewer.moment is None else self._viewer.moment.sensors[0].reading
             image_bytes = 0 if first is None else first.frame.image.nbytes + _HEIGHT_BYTES * first.height.z_mm.size
             self._quota.require_space(count * image_bytes, self._out, "an export")
             said = iter(range(1, count + 1))
-            exporter.write(recordings, path, lambda: self._say_progress(next(said, count), count))
-        self._quota.add_bytes(sum(file.stat().st_size for file in (path, *path.rglob("*")) if file.is_file()))
+            export_each_sensor(recordings, path, lambda: self._say_progress(next(said, count), count))
+        self._quota.add_bytes(sum(file.stat().st_size for file in path.rglob("*") if file.is_file()))
         return path
 
     def _export_surfaces(self, time: str) -> Path:
@@ -369,7 +363,7 @@ class RecordingsPanel:
         readings, numbers = self._chosen_sensor().readings_within(self._chosen_span())
         with readings:
             if not numbers:
-                raise NothingToSave(f"expected images in {self._label_choice.value}, got none; choose another label")
+                raise InputError(f"expected images in {self._label_choice.value}, got none; choose another label")
             yield (self._say_and_read(readings.reading, number, numbers) for number in numbers)
 
     def _say_and_read(self, read: Callable[[int], Reading], number: int, numbers: range) -> Reading:
@@ -381,14 +375,14 @@ class RecordingsPanel:
             self._progress.content = card_html("lines", texts=[f"exporting {number} of {count}"])
 
     def _chosen_sensor(self) -> RecordedSensor:
-        """Return the recorded sensor that the views show, or of the first; raises `NothingToSave`."""
+        """Return the recorded sensor that the views show, or of the first; raises `InputError`."""
         sensors = self._opened().sensors
         return sensors[min(self._viewer.options.sensor or 0, len(sensors) - 1)]
 
     def _opened(self) -> RecordingPlayer:
-        """Return what is open; raises `NothingToSave`."""
+        """Return what is open; raises `InputError`."""
         if self._player is None:
-            raise NothingToSave("expected an open recording to export, got none; open one first")
+            raise InputError("expected an open recording to export, got none; open one first")
         return self._player
 
 
