@@ -34,9 +34,7 @@ from ninedtact.studio.page_server import page_server
 PATIENCE_S = 120.0
 
 
-def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
-    browser: Browser, tmp_path: Path
-) -> None:
+def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(browser: Browser, tmp_path: Path) -> None:
     camera, settings = PluggedCamera(TWIN, SensorDesign(), rate_hz=60.0), CalibrationSettings(method="ratio")
     session = CalibrationSession(
         SwitchableCamera(lambda address: camera, "sim"),

@@ -17,11 +17,20 @@ from websockets.sync.client import connect
 from ninedtact.design import Gel
 from ninedtact.live.sensor_poller import SensorPoller
 from ninedtact.live.socket_guard import SocketGuard, SocketLimits
+from ninedtact.quantities import Frame
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.page_server import page_server
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.viewer import MAX_COARSER, MAX_LEFT_OUT, PACE_OVER_S, RETRY_S, ClientSurfaceDensity
+
+
+class TremblingSkin(SkinCamera):
+    """A skin that is pressed a little more or less in every image, because an unchanged surface is not sent again."""
+
+    def read(self) -> Frame:
+        self.level = 60 if self.level > 60 else 70
+        return super().read()
 
 
 class Client:
@@ -71,7 +80,7 @@ def test_a_client_that_is_too_slow_gets_fewer_points_and_it_alone(
     limits, stop = SocketLimits(acknowledged_bytes=1, unacknowledged=1), threading.Event()
     with (
         page_server("127.0.0.1", 0, SocketGuard("127.0.0.1", limits=limits)) as server,
-        SensorPoller(sensor_on(SkinCamera(period_s=0.02))) as loop,
+        SensorPoller(sensor_on(TremblingSkin(period_s=0.02))) as loop,
         ThreadPoolExecutor(1) as page_thread,
     ):
         studio = PageController([DisplayedSensor(loop)], tmp_path)

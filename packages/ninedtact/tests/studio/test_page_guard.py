@@ -11,9 +11,10 @@ import sys
 import threading
 import time
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,20 +24,31 @@ import viser
 from page_client import PROTOCOL, page_client
 from playwright.sync_api import Browser
 from reading_clients import CAMERA, page_errors
-from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
+from small_calibrated_twin import TWIN as CALIBRATED_TWIN
+from small_calibrated_twin import PluggedCamera
+from small_press_simulation import PRESSED, TWIN
+from small_sensor import SHAPE, SkinCamera, sensor_folder, sensor_on, wait_until
 from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request
 from websockets.sync.client import connect
 
-from ninedtact.design import Gel
+from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.live.sensor_poller import SensorPoller
 from ninedtact.live.socket_guard import SocketGuard, SocketLimits
+from ninedtact.simulation.press_sequence import PressSequence
+from ninedtact.studio.calibration_page import CalibrationPage
+from ninedtact.studio.calibration_session import CalibrationSession
+from ninedtact.studio.guided_session import SwitchableCamera
 from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment
 from ninedtact.studio.page_messages import PART_BYTES, UploadTest, decode_page_message
-from ninedtact.studio.page_server import draw_unless_interrupted, page_server
+from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
+from ninedtact.studio.page_server import PageServer, draw_unless_interrupted, page_server
+from ninedtact.studio.press_control import TwinPressController
+from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_page import SensorPage
 
@@ -195,6 +207,50 @@ def test_junk_is_dropped_in_one_line_and_disturbs_nobody(
     assert "dropped a message of" in dropped and "load it again" in version and not shared
     said = capfd.readouterr()
     assert "Traceback" not in said.err and said.out == ""
+
+
+@contextmanager
+def live_page(server: PageServer, out: Path) -> Iterator[Callable[[], Any]]:
+    """The page of a twin that is pressed by hand and recorded."""
+    with SensorPoller(sensor_on(SkinCamera())) as poller:
+        press = TwinPressController(PressSequence(TWIN, [PRESSED]))
+        controller = PageController([DisplayedSensor(poller, press=press)], out)
+        folder = load_sensor(sensor_folder(out / "sensor"))
+        recorder = PageRecorder([PageSensorToRecord(folder, "bench", [])], out, controller.quota)
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorder))
+        page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "small", [panel])
+        yield lambda: controller.refresh(page)
+        recorder.stop()
+
+
+@contextmanager
+def calibration_page(server: PageServer, out: Path) -> Iterator[Callable[[], Any]]:
+    """The page of a guided calibration."""
+    camera = PluggedCamera(CALIBRATED_TWIN, SensorDesign(), rate_hz=60.0)
+    with CalibrationSession(SwitchableCamera(lambda address: camera, "sim"), out / "s") as session:
+        yield CalibrationPage(server, session, lambda: {"sim": "simulated sensor"}, camera).refresh
+
+
+@pytest.mark.parametrize(("page", "expected"), [(live_page, 50), (calibration_page, 15)])
+def test_values_that_no_person_could_choose_stop_no_page(page: Any, expected: int, tmp_path: Path) -> None:
+    patient = SocketGuard("127.0.0.1", limits=SocketLimits(messages_per_s=1_000_000))
+    with ExitStack() as opened:
+        server = opened.enter_context(page_server("127.0.0.1", 0, patient))
+        refresh = opened.enter_context(page(server, tmp_path))
+        junk, other = (opened.enter_context(page_client(server)) for _ in range(2))
+        wait_until(lambda: (refresh(), all(one.control("dark") for one in (junk, other)))[1])
+        every = [one for one in list(junk.controls.values()) if hasattr(one, "value")]
+        assert len(every) >= expected
+        for control in every:
+            for value in (-1e9, 7, 0.5, "nope", "", "\x00", (0.0, 0.0), (1e9, -1e9)):
+                junk.set_value(control.uuid, value)
+            refresh()
+        junk.send(CAMERA | {"wxyz": (0.0,) * 4, "position": (1e9,) * 3, "image_height": -1, "image_width": 1e9})
+        junk.socket.ping().wait(PATIENCE_S)
+        for dark in (True, False):
+            other.use("dark", dark)
+            newest = lambda: other.until_sent(lambda one: one["type"] == "ThemeConfigurationMessage")  # noqa: E731
+            wait_until(lambda dark=dark, newest=newest: (refresh(), newest()["dark_mode"] == dark)[1])
 
 
 def test_what_cannot_be_shown_to_one_viewer_is_one_line_and_the_others_see_it(

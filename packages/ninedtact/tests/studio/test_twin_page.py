@@ -24,11 +24,12 @@ from ninedtact.live.sensor_poller import SensorPhase, SensorPoller
 from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller, WrenchWithUncertainty
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.simulation.simulated_sources import demo_sources
-from ninedtact.studio.page_cards import component_curve_and_error_band, explained_wrench_table_html, wrench_table_html
+from ninedtact.studio.page_cards import explained_wrench_table_html, wrench_table_html
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.page_server import page_server
 from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
 from ninedtact.studio.sensor_page import SensorPage
+from ninedtact.studio.wrench_curves import component_curve_and_error_band
 
 PATIENCE_S = 90.0
 

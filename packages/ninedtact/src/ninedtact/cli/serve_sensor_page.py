@@ -231,8 +231,12 @@ def require_rerun() -> None:
 
 
 def require_page_library() -> None:
-    """Refuse to start without viser; raises `MissingLibraryError`."""
+    """Refuse to start without viser, or with a version whose messages are not known; raises `MissingLibraryError`."""
     if find_spec("viser") is None:
         raise MissingLibraryError(
-            f"expected viser, which serves the live page, got no such package; run {installation_command('studio')}"
+            expected="viser, which serves the live page",
+            got="no such package",
+            remedy=f"run {installation_command('studio')}",
         )
+    if other := find_incompatible_library("studio"):
+        raise MissingLibraryError(f"{other}; run {installation_command('studio')}")

@@ -28,7 +28,7 @@ from ninedtact.studio.guided_page import (
     steps_html,
 )
 from ninedtact.studio.page_cards import card_html, name_value_table_html
-from ninedtact.studio.page_server import PageServer
+from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
 from ninedtact.studio.viewer import NOTICE_S, is_user_event, set_gui_control
 
 _STEP_NAMES = ("untouched", "board", "untouched", "ball", "fit")
@@ -64,6 +64,9 @@ class CalibrationPage:
 
     def refresh(self) -> None:
         """Show the present state of the session in all browsers."""
+        draw_unless_interrupted(self._draw)
+
+    def _draw(self) -> None:
         state = self._session.state
         with self._server.viser.atomic():
             self._layout.show(state, _steps_html(state), _advice_html(state), state.pins)

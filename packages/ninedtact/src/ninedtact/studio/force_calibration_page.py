@@ -24,10 +24,10 @@ from ninedtact.studio.guided_page import (
     steps_html,
 )
 from ninedtact.studio.page_cards import card_html, name_value_table_html
-from ninedtact.studio.page_server import PageServer
+from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
 from ninedtact.studio.viewer import ControlFollower, is_user_event
 
-_MOST_G = 5000.0
+_LEAST_G, _MOST_G = 1.0, 5000.0
 _MOST_SIMULATED_G = 800.0
 _HOW = (
     "Rest weights of this mass on the ball. Or put the sensor on a kitchen scale with the gel up, set the scale to zero, press the "
@@ -66,6 +66,9 @@ class ForceCalibrationPage:
 
     def refresh(self) -> None:
         """Show the present state of the session in all browsers."""
+        draw_unless_interrupted(self._draw)
+
+    def _draw(self) -> None:
         state = self._session.state
         with self._server.viser.atomic():
             self._layout.show(state, _progress_html(state, len(self._session.loads_g)), self._advice_html(state))
@@ -82,7 +85,7 @@ class ForceCalibrationPage:
     def _build_buttons(self) -> None:
         """Add the load and the buttons."""
         gui, session = self._server.viser.gui, self._session
-        self._load = gui.add_number("load (g)", session.loads_g[0], min=1.0, max=_MOST_G, step=1.0)
+        self._load = gui.add_number("load (g)", session.loads_g[0], min=_LEAST_G, max=_MOST_G, step=1.0)
         self._start = gui.add_button("Start", icon=Icon.PLAYER_PLAY)
         self._save = gui.add_button("Save the force scale", icon=Icon.DEVICE_FLOPPY)
         self._live = gui.add_button("Open the sensor live", icon=Icon.PLAYER_PLAY)
@@ -123,9 +126,10 @@ class ForceCalibrationPage:
         self._refusal.content = card_html("alert", text=simulated.refusal, margin="0 0.9em")
 
     def _set_load(self, event: GuiEvent[Any]) -> None:
-        """State the load that a person has typed."""
-        if is_user_event(event):
-            attempt(event.client, partial(self._session.set_load, float(self._load.value)))
+        """State the load that a person has typed, unless it is beyond the limits, as while it is typed."""
+        load_g = float(self._load.value)
+        if is_user_event(event) and _LEAST_G <= load_g <= _MOST_G:
+            attempt(event.client, partial(self._session.set_load, load_g))
 
     def _remove_doubtful(self, event: GuiEvent[Any]) -> None:
         """Drop the press that the button names, also where another person has just dropped it and another one is doubtful now."""

@@ -181,9 +181,10 @@ class _CameraChoiceControls:
             self._session.choose_source(addresses[self._camera.value])
 
     def _set_exposure(self, event: GuiEvent[Any]) -> None:
-        """Set the exposure that a person has typed."""
-        if is_user_event(event):
-            attempt(event.client, lambda: self._session.set_exposure(float(self._exposure.value)))
+        """Set the exposure that a person has typed, unless it is beyond the limits, as the 1 of 15 while it is typed may be."""
+        wanted_ms, limits = float(self._exposure.value), self._limits
+        if is_user_event(event) and limits is not None and limits.least_ms <= wanted_ms <= limits.most_ms:
+            attempt(event.client, lambda: self._session.set_exposure(wanted_ms))
 
     def _brighten(self, event: GuiEvent[Any]) -> None:
         """Change the exposure by a factor, within its limits."""

@@ -10,11 +10,11 @@ from ninedtact.live.socket_guard import one_line_logger
 from ninedtact.studio.page_controller import PageController, PageMoment
 from ninedtact.studio.page_server import PageServer, set_title_and_icon
 from ninedtact.studio.scene_3d import LIGHT, GelBlock, set_up_view
-from ninedtact.studio.sensor_group import SensorGroupCurvesPanel
-from ninedtact.studio.sensor_panels import ReferenceAndRatesPanel, StatusPanel, WrenchAndCurvesPanel, WrenchPanel
+from ninedtact.studio.sensor_panels import ReferenceAndRatesPanel, StatusPanel, WrenchPanel
 from ninedtact.studio.twin_press_panel import TwinPressPanel
 from ninedtact.studio.view_panels import ImagesPanel, ProfilePanel, ScenePanel
 from ninedtact.studio.viewer import PanelFactory, ViewerPage
+from ninedtact.studio.wrench_curves import SensorGroupCurvesPanel, WrenchAndCurvesPanel
 
 
 class SensorPage:
