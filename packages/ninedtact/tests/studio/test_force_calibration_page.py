@@ -215,8 +215,7 @@ def test_the_live_page_that_follows_shows_the_estimator_that_was_calibrated(
     monkeypatch.setattr(
         "ninedtact.cli.calibration_page.serve_sensor_page", lambda parts, settings, ends: served.append(settings)
     )
-    is_set = "ninedtact.cli.calibration_page._refresh_until"
-    monkeypatch.setattr(is_set, lambda what, address, refresh, *wanted: True)
+    monkeypatch.setattr("ninedtact.cli.calibration_page._serve_until_wanted", lambda *words: 1234)
     page = ForceCalibrationPageServer(twin_sensor, CalibrationPageOptions(port=0), "0", force="corrected")
     assert page.serve() is None  # no scale was saved
     assert [settings.force for settings in served] == ["corrected"]

@@ -231,7 +231,7 @@ def calibration_page(server: PageServer, out: Path) -> Iterator[Callable[[], Any
         yield CalibrationPage(server, session, lambda: {"sim": "simulated sensor"}, camera).refresh
 
 
-@pytest.mark.parametrize(("page", "expected"), [(live_page, 50), (calibration_page, 15)])
+@pytest.mark.parametrize(("page", "expected"), [(live_page, 25), (calibration_page, 8)])
 def test_values_that_no_person_could_choose_stop_no_page(page: Any, expected: int, tmp_path: Path) -> None:
     patient = SocketGuard("127.0.0.1", limits=SocketLimits(messages_per_s=1_000_000))
     with ExitStack() as opened:
@@ -239,7 +239,7 @@ def test_values_that_no_person_could_choose_stop_no_page(page: Any, expected: in
         refresh = opened.enter_context(page(server, tmp_path))
         junk, other = (opened.enter_context(page_client(server)) for _ in range(2))
         wait_until(lambda: (refresh(), all(one.control("dark") for one in (junk, other)))[1])
-        every = [one for one in list(junk.controls.values()) if hasattr(one, "value")]
+        every = [one for one in list(junk.controls.values()) if one.value is not None]
         assert len(every) >= expected
         for control in every:
             for value in (-1e9, 7, 0.5, "nope", "", "\x00", (0.0, 0.0), (1e9, -1e9)):

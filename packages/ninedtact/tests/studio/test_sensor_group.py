@@ -259,23 +259,25 @@ def test_what_one_finger_reads_is_saved_before_the_other_has_read(gripper: Gripp
 
 
 @pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
-def test_a_lost_finger_is_said_and_the_other_goes_on(browser: Browser, gripper: Gripper) -> None:
-    tab = browser.new_page(viewport={"width": 1200, "height": 900})
-    tab.goto(f"http://127.0.0.1:{gripper.server.port}")
-    gripper.until_shown(tab, "left: live", "right: live")
-    gripper.cameras["left"].plugged_in, gripper.cameras["right"].level = False, 75
-    gripper.until_shown(tab, "left: no image for", "right: live", "1.00 mm, ", "unknown without left")
-    gripper.cameras["left"].plugged_in = True
-    gripper.until_shown(tab, "left: live", "1.00 N")
-    (viewer,) = gripper.page.viewers
-    viewer.toggle_freeze()
-    gripper.cameras["right"].level = 50
-    gripper.until_shown(tab, "left: frozen", "right: frozen", "1.00 N")
-    viewer.toggle_freeze()
-    viewer.choose(sensor=1)
-    gripper.until_shown(tab, "2.00 N")
-    assert viewer.moment is not None and [one.name for one in viewer.choose_shown(viewer.moment)] == ["right"]
-    assert [one.name for one in viewer.shown_sensors] == ["right"]
+def test_a_lost_finger_is_said_and_the_other_goes_on(gripper: Gripper) -> None:
+    with page_viewer(gripper.page, gripper.server) as (client, viewer):
+
+        def until_shown(*texts: str) -> None:
+            wait_until(lambda: gripper.controller.refresh(gripper.page) and all(map(client.shows, texts)), PATIENCE_S)
+
+        until_shown("<b>left</b>: live", "<b>right</b>: live")
+        gripper.cameras["left"].plugged_in, gripper.cameras["right"].level = False, 75
+        until_shown("<b>left</b>: no image for", "<b>right</b>: live", "1.00 mm, ", "unknown without left")
+        gripper.cameras["left"].plugged_in = True
+        until_shown("<b>left</b>: live", "1.00 N")
+        viewer.toggle_freeze()
+        gripper.cameras["right"].level = 50
+        until_shown("<b>left</b>: frozen", "<b>right</b>: frozen", "1.00 N")
+        viewer.toggle_freeze()
+        viewer.choose(sensor=1)
+        until_shown("2.00 N")
+        assert viewer.moment is not None and [one.name for one in viewer.choose_shown(viewer.moment)] == ["right"]
+        assert [one.name for one in viewer.shown_sensors] == ["right"]
 
 
 def overlaps(tab: Page) -> list[str]:

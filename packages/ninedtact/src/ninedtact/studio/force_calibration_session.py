@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from ninedtact.calibration.force_calibration import UnscaledForceReader
 from ninedtact.calibration.guidance import (
     STILL,
     CalibrationStepAdvice,
@@ -24,7 +24,6 @@ from ninedtact.calibration.guidance import (
 )
 from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.errors import NinedtactError
-from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.known_load_scale import (
     FEWEST,
     ForceScaleFit,
@@ -49,19 +48,6 @@ _ALIKE = 0.25
 """Difference of the logarithms of two loads up to which they count as the same suggested load."""
 _FEWEST_FOR_OUTLIER = 3
 """Number of presses from which one that contradicts the others can be named."""
-
-
-@runtime_checkable
-class _PressReader(Protocol):
-    """Estimates the force in single images, by an estimator without its force scale."""
-
-    estimator: ForceEstimator
-
-    def use_reference(self, frames: Sequence[Frame]) -> None:
-        """Compare the following images with the mean of these; raises `ReferenceImplausible`."""
-
-    def read(self, name: str, frame: Frame) -> Reading:
-        """Return the reading of an image with its estimate; raises `ImageImplausible`."""
 
 
 class ForceCalibrationPhase(Enum):
@@ -150,7 +136,7 @@ class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
 
     sensor: Path
     """Sensor folder, in which the scale is kept."""
-    reader: _PressReader
+    reader: UnscaledForceReader
     loads_g: Sequence[float] = USUAL_LOADS_G
     on_load: Callable[[float], None] = lambda grams: None
     """Called with the load of each press that is awaited, g, and with 0 where nothing may touch."""

@@ -37,7 +37,6 @@ from ninedtact.studio.viewer import (
 )
 
 BLANK = np.full((3, 4, 3), 90, np.uint8)
-_DENSITIES = {"all": 1, "a quarter": 2, "a sixteenth": 4}
 
 
 class ImagesPanel:
@@ -107,9 +106,6 @@ class ScenePanel:
         colouring = gui.add_dropdown(
             "surface colouring", [str(each) for each in SkinColouring], initial_value=str(options.colouring)
         )
-        density = gui.add_dropdown(
-            "points of the surface", tuple(_DENSITIES), initial_value=_density_name(options.coarser)
-        )
         times = gui.add_slider("vertical exaggeration", 1.0, MAX_EXAGGERATION, 0.5, 1.0, hint="1 is true to scale")
         outline = gui.add_checkbox("contact outline", options.with_outline)
         source = gui.add_dropdown(
@@ -122,7 +118,6 @@ class ScenePanel:
         shear = gui.add_checkbox("shear as arrows", options.shear_arrows)
         ThemeChoice(viewer.client)
         colouring.on_update(lambda event: viewer.choose(colouring=SkinColouring(event.target.value)))
-        density.on_update(lambda event: viewer.choose(coarser=_DENSITIES[event.target.value]))
         times.on_update(lambda event: viewer.choose(exaggeration=_exaggeration(event.target.value)))
         outline.on_update(lambda event: viewer.choose(with_outline=event.target.value))
         source.on_update(lambda event: viewer.choose(source=ShownTraction(event.target.value)))
@@ -267,11 +262,6 @@ def _legend_html(view: ReadingView, kind: ImageKind, scale: ColourScale, source:
         return sticking_legend_html()
     end_mpa = view.scale_end_mpa(kind, source)
     return "" if end_mpa is None else magnitude_legend_html(f"{kind}, {source}", end_mpa)
-
-
-def _density_name(coarser: int) -> str:
-    """Return the name of a density of the surface."""
-    return next(name for name, factor in _DENSITIES.items() if factor == coarser)
 
 
 def _exaggeration(value: float) -> float:
