@@ -190,7 +190,8 @@ def test_a_line_is_picked_on_the_nearest_finger_and_within_its_skin(gripper: Gri
         (left_x, left_y, _), (right_x, right_y, _) = viewer.arrangement.places_mm
         hand.click_on_scene(right_x + 1.0, right_y - 2.0, "shift")
         wait_until(lambda: viewer.options.profile_mm[0] == (1.0, -2.0))
-        assert viewer.options.with_profile and viewer.profiled_sensor == 1 and hand.control("line on the skin").value
+        assert viewer.options.with_profile and viewer.profiled_sensor == 1
+        wait_until(lambda: hand.control("line on the skin").value)
         hand.click_on_scene(right_x + 1000.0, right_y - 1000.0, "shift")
         wait_until(lambda: viewer.options.profile_mm[1] == (round(half_x, 1), round(-half_y, 1)))
         hand.click_on_scene(left_x, left_y)  # nothing: Shift is not held
