@@ -118,7 +118,9 @@ class ForceCalibrationPageServer:
         simulated, stiffness = self._simulated_camera()
         list_cameras = partial(list_calibration_cameras, self.source, simulated is not None)
         if not list_cameras():
-            raise CameraNotFound("expected a camera, got none; plug it in, or name a stream or recording with --source")
+            raise CameraNotFound(
+                expected="a camera", got="none", remedy="plug it in, or name a stream or recording with --source"
+            )
         guard = guard or SocketGuard.for_host(options.host, options.allow_origin)
 
         def offer_load(grams: float) -> None:

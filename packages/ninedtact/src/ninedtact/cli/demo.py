@@ -96,7 +96,7 @@ class Demo:
     def require_rounds(self) -> None:
         """Refuse fewer rounds than one; raises `InputError`."""
         if self.rounds is not None and self.rounds < 1:
-            raise InputError(f"expected --rounds of at least 1, got {self.rounds}; drop it")
+            raise InputError(expected="--rounds of at least 1", got=f"{self.rounds}", remedy="drop it")
 
     @property
     def resolved_rounds(self) -> int | None:

@@ -104,11 +104,14 @@ class Live:
         """Return address and sensor folder of all sources by their names; raises `InvalidLiveOption`."""
         named = parse_named_sources(self.source, self.sensor)
         if len(named) > MAX_SENSORS:
-            raise InvalidLiveOption(f"expected at most {MAX_SENSORS} sources on one page, got {len(named)}; drop some")
+            raise InvalidLiveOption(
+                expected=f"at most {MAX_SENSORS} sources on one page", got=f"{len(named)}", remedy="drop some"
+            )
         if self.reference and "" not in named:
             raise InvalidLiveOption(
-                f"expected no --reference with named sources, got {self.reference[0]}; drop it: the first images of each are its "
-                "reference"
+                expected="no --reference with named sources",
+                got=f"{self.reference[0]}",
+                remedy="drop it: the first images of each are its reference",
             )
         return named
 
@@ -136,7 +139,7 @@ class Play:
         require_display_rate(self.display_hz)
         if not is_recording_address(str(self.recording)):
             raise RecordingUnreadable(
-                f"expected a recording ({RECORDING_SUFFIX}), got {self.recording}; check the path"
+                expected=f"a recording ({RECORDING_SUFFIX})", got=f"{self.recording}", remedy="check the path"
             )
         from ninedtact.recording.missing_end import notify_of_missing_end
         from ninedtact.recording.reader import Recording, recorded_sensor_addresses

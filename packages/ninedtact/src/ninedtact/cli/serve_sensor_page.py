@@ -216,7 +216,7 @@ def require_display_rate(display_hz: float) -> None:
     """Refuse a display rate of zero, or one above the rate of screens."""
     if not 0 < display_hz <= _MAX_DISPLAY_HZ:
         raise InvalidLiveOption(
-            f"expected --display-hz above 0 and at most {_MAX_DISPLAY_HZ:g}, got {display_hz:g}; drop it"
+            expected=f"--display-hz above 0 and at most {_MAX_DISPLAY_HZ:g}", got=f"{display_hz:g}", remedy="drop it"
         )
 
 
@@ -224,7 +224,7 @@ def require_rerun() -> None:
     """Refuse what needs Rerun without it, or with another version; raises `MissingLibraryError`."""
     if find_spec("rerun") is None:
         raise MissingLibraryError(
-            f"expected rerun-sdk, got no such package; run {installation_command('rerun')} (740 MB)"
+            expected="rerun-sdk", got="no such package", remedy=f"run {installation_command('rerun')} (740 MB)"
         )
     if other := find_incompatible_library("rerun"):
         raise MissingLibraryError(f"{other}; run {installation_command('rerun')}")

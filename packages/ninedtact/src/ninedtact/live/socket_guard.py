@@ -324,8 +324,9 @@ def _normalise_origin(origin: str) -> str:
     parts = re.fullmatch(r"https?://(?:[\w.-]+|\[[0-9a-f:]+\])(?::(\d{1,5}))?", origin.lower().rstrip("/"))
     if parts is None or not 0 < int(parts[1] or 80) <= 65535:
         raise InputError(
-            f"expected --allow-origin as http://NAME:PORT, https://NAME or {_FILES_ORIGIN}, got {origin!r}; "
-            f"leave out path and user, and name a port of at most 65535"
+            expected=f"--allow-origin as http://NAME:PORT, https://NAME or {_FILES_ORIGIN}",
+            got=f"{origin!r}",
+            remedy="leave out path and user, and name a port of at most 65535",
         )
     return re.sub(r"(?<=^http:)(//.*):80$|(?<=^https:)(//.*):443$", r"\1\2", origin.lower().rstrip("/"))
 

@@ -160,7 +160,7 @@ class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
     def set_load(self, grams: float) -> None:
         """State the load of the press that is awaited, or correct that of the press just taken; raises `ForceScaleImpossible`."""
         if not 0 < grams < np.inf:
-            raise ForceScaleImpossible(f"expected a load above zero, got {grams:g} g; read the scale again")
+            raise ForceScaleImpossible(expected="a load above zero", got=f"{grams:g} g", remedy="read the scale again")
         with self._changed:
             phase, presses = self._state.phase, self._state.presses
             if phase is ForceCalibrationPhase.LIFT:
@@ -310,9 +310,12 @@ def _require_in_middle(reading: Reading) -> None:
     """Raise `ForceScaleImpossible` for a press that the image does not show, or that is far from the middle."""
     centre_mm = reading.summary.contact_centre_mm
     if reading.force is None or not reading.force.touching or centre_mm is None:
-        raise ForceScaleImpossible("expected a press that the image shows, got none; let the object rest on the skin")
+        raise ForceScaleImpossible(
+            expected="a press that the image shows", got="none", remedy="let the object rest on the skin"
+        )
     if np.hypot(*centre_mm) > _MAX_OFF_CENTRE_MM:
         raise ForceScaleImpossible(
-            f"expected a press within {_MAX_OFF_CENTRE_MM:g} mm of the middle, got one at x {round(centre_mm[0])}, y "
-            f"{round(centre_mm[1])} mm; press in the middle"
+            expected=f"a press within {_MAX_OFF_CENTRE_MM:g} mm of the middle",
+            got=f"one at x {round(centre_mm[0])}, y {round(centre_mm[1])} mm",
+            remedy="press in the middle",
         )

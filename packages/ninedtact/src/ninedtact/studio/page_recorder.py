@@ -147,8 +147,9 @@ class PageRecorder:
             is_running = self._state.is_running and not self._stopping.is_set()
             if not is_running or not label.strip():
                 raise InputError(
-                    f"expected a recording and a name for the label, got '{label}' and "
-                    f"{'a recording' if is_running else 'no recording'}; begin a recording and name the label"
+                    expected="a recording and a name for the label",
+                    got=f"'{label}' and {('a recording' if is_running else 'no recording')}",
+                    remedy="begin a recording and name the label",
                 )
             if self._span is not None:
                 self.end_label()
@@ -158,7 +159,7 @@ class PageRecorder:
         """End the labelled span now; raises `InputError` where none has begun."""
         with self._lock:
             if self._span is None:
-                raise InputError("expected a label that has begun, got none; begin one first")
+                raise InputError(expected="a label that has begun", got="none", remedy="begin one first")
             (label, begin_ns), self._span = self._span, None
             self._spans.append(LabelledSpan(begin_ns, monotonic_ns(), label))
 

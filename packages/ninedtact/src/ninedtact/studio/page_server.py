@@ -71,8 +71,9 @@ class PageServer:
             is_taken = isinstance(trouble, OSError) and trouble.errno == errno.EADDRINUSE
             got = IN_USE if is_taken else f"'{getattr(trouble, 'strerror', None) or trouble}'"
             raise DeviceError(
-                f"expected port {port} on {host} to be free for the page, got {got}; choose another with --port, or a host of "
-                "this machine with --host"
+                expected=f"port {port} on {host} to be free for the page",
+                got=got,
+                remedy="choose another with --port, or a host of this machine with --host",
             ) from trouble
         self.port = next(iter(self._front.sockets)).getsockname()[1]
 

@@ -163,7 +163,7 @@ class TwinPressController:
         if state.kind != OWN_KIND:
             return indenter_from_name(state.object_name)
         if self._own_mesh is None:
-            raise FileFormatError("expected a mesh of your own, got none yet; upload an STL or OBJ file")
+            raise FileFormatError(expected="a mesh of your own", got="none yet", remedy="upload an STL or OBJ file")
         return self._own_mesh.relief
 
 
@@ -175,8 +175,9 @@ def read_uploaded_mesh(name: str, content: bytes, placement: MeshPlacement = Mes
     suffix = Path(name).suffix.lower()
     if suffix not in UPLOAD_SUFFIXES or not 0 < len(content) <= MAX_UPLOAD_MB * 1e6:
         raise FileFormatError(
-            f"expected a file of at most {MAX_UPLOAD_MB} MB ending in {' or '.join(UPLOAD_SUFFIXES)}, got {name[-40:]!a} of "
-            f"{len(content) / 1e6:.2g} MB; convert or simplify the mesh"
+            expected=f"a file of at most {MAX_UPLOAD_MB} MB ending in {' or '.join(UPLOAD_SUFFIXES)}",
+            got=f"{name[-40:]!a} of {len(content) / 1e6:.2g} MB",
+            remedy="convert or simplify the mesh",
         )
     stem = re.sub(r"[^\w-]", "_", Path(name).stem)[:40] or "mesh"
     with TemporaryDirectory() as folder:
@@ -192,12 +193,15 @@ def read_uploaded_mesh(name: str, content: bytes, placement: MeshPlacement = Mes
             raise FileFormatError(str(trouble).replace(str(path), path.name)) from trouble
     if mesh.triangles > MAX_UPLOAD_TRIANGLES:
         raise FileFormatError(
-            f"expected at most {MAX_UPLOAD_TRIANGLES} triangles in {path.name}, got {mesh.triangles}; simplify the mesh"
+            expected=f"at most {MAX_UPLOAD_TRIANGLES} triangles in {path.name}",
+            got=f"{mesh.triangles}",
+            remedy="simplify the mesh",
         )
     if not mesh.closed:
         raise FileFormatError(
-            f"expected {path.name} to bound a solid (every edge between two triangles or more), got edges of one triangle "
-            "alone; repair the mesh"
+            expected=f"{path.name} to bound a solid (every edge between two triangles or more)",
+            got="edges of one triangle alone",
+            remedy="repair the mesh",
         )
     return mesh
 

@@ -74,7 +74,7 @@ class RecordedReadings:
         self._images = positions[np.argsort(positions["stamp_ns"], kind="stable")]
         if len(self._images) == 0:
             self.recording.close()
-            raise RecordingUnreadable(f"expected images in {path}, got none; take another recording")
+            raise RecordingUnreadable(expected=f"images in {path}", got="none", remedy="take another recording")
         self.stamps_ns: Int64[Array, " n"] = np.asarray(self._images["stamp_ns"])
         topics = (Topic.HEIGHTS, Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS)
         self._at = {topic: _by_stamp_and_repetition(self.recording.positions(topic)) for topic in topics}
@@ -155,8 +155,9 @@ class RecordedReadings:
         wanted = self._shape.rectify.height_source.shape
         if size != wanted:
             raise RecordingUnreadable(
-                f"expected heights of {wanted[1]} x {wanted[0]} pixels in {self.recording.path}, as the sensor has, got "
-                f"{size[1]} x {size[0]}; name the recorded sensor with --sensor, or leave it out"
+                expected=f"heights of {wanted[1]} x {wanted[0]} pixels in {self.recording.path}, as the sensor has",
+                got=f"{size[1]} x {size[0]}",
+                remedy="name the recorded sensor with --sensor, or leave it out",
             )
 
 
@@ -358,8 +359,9 @@ class RecordingPlayer:
         """Label a span of time and keep it in the file; raises `InputError`, `FileNotWritten`, `RecordingUnreadable`."""
         if not label.strip() or not 0 <= begin_s <= end_s:
             raise InputError(
-                f"expected a label and an end after its beginning, got '{label}' from {begin_s:.2f} to {end_s:.2f} s; name it and "
-                "mark both ends"
+                expected="a label and an end after its beginning",
+                got=f"'{label}' from {begin_s:.2f} to {end_s:.2f} s",
+                remedy="name it and mark both ends",
             )
         first_ns = int(self._stamps_ns[0])
         begin_ns, end_ns = (first_ns + round(at_s * NS_PER_S) for at_s in (begin_s, end_s))

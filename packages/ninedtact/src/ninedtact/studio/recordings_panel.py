@@ -266,7 +266,9 @@ class RecordingsPanel:
     def _remove_label(self, player: RecordingPlayer) -> None:
         span = self._chosen_span()
         if span is None:
-            raise InputError(f"expected a label to remove, got '{self._label_choice.value}'; choose one first")
+            raise InputError(
+                expected="a label to remove", got=f"'{self._label_choice.value}'", remedy="choose one first"
+            )
         player.remove_span(span)
 
     def _edit(self, change: Callable[[RecordingPlayer], None]) -> None:
@@ -363,7 +365,9 @@ class RecordingsPanel:
         readings, numbers = self._chosen_sensor().readings_within(self._chosen_span())
         with readings:
             if not numbers:
-                raise InputError(f"expected images in {self._label_choice.value}, got none; choose another label")
+                raise InputError(
+                    expected=f"images in {self._label_choice.value}", got="none", remedy="choose another label"
+                )
             yield (self._say_and_read(readings.reading, number, numbers) for number in numbers)
 
     def _say_and_read(self, read: Callable[[int], Reading], number: int, numbers: range) -> Reading:
@@ -382,7 +386,7 @@ class RecordingsPanel:
     def _opened(self) -> RecordingPlayer:
         """Return what is open; raises `InputError`."""
         if self._player is None:
-            raise InputError("expected an open recording to export, got none; open one first")
+            raise InputError(expected="an open recording to export", got="none", remedy="open one first")
         return self._player
 
 

@@ -77,7 +77,9 @@ class SaveQuota:
     def one_export(self) -> Iterator[None]:
         """Refuse, with `OutputError`, a second export while the block runs."""
         if not self._exporting.acquire(blocking=False):
-            raise OutputError("expected one export at a time, got a second one; wait until the first has ended")
+            raise OutputError(
+                expected="one export at a time", got="a second one", remedy="wait until the first has ended"
+            )
         try:
             yield
         finally:
@@ -87,7 +89,9 @@ class SaveQuota:
         most = self._limits.per_minute
         if len(self._saved_at_s) == most and (wait_s := self._saved_at_s[0] + 60 - now_s) > 0:
             raise OutputError(
-                f"expected at most {most} saves a minute, got one more; wait {ceil(wait_s)} s, or use 'ninedtact record'"
+                expected=f"at most {most} saves a minute",
+                got="one more",
+                remedy=f"wait {ceil(wait_s)} s, or use 'ninedtact record'",
             )
 
     def _require_space(self, needed_bytes: int, folder: Path, what: str) -> None:
@@ -95,8 +99,9 @@ class SaveQuota:
         allowed = self._limits.disk_share * (shutil.disk_usage(there).free + self._written_bytes)
         if self._written_bytes + needed_bytes > allowed:
             raise OutputError(
-                f"expected the page to save at most {self._limits.disk_share:.0%} of the free disk, {allowed / 1e6:.0f} MB, got "
-                f"{self._written_bytes / 1e6:.0f} MB and {what}; free the disk, or choose another folder with --out"
+                expected=f"the page to save at most {self._limits.disk_share:.0%} of the free disk, {allowed / 1e6:.0f} MB",
+                got=f"{self._written_bytes / 1e6:.0f} MB and {what}",
+                remedy="free the disk, or choose another folder with --out",
             )
 
 
@@ -213,7 +218,9 @@ def _require_images(video: Path, count: int, final: Path) -> None:
     reader.release()
     if written != count or count == 0:
         raise FileNotWritten(
-            f"expected to write {count} images to {final}, got {written}; free the disk or correct the folder's permissions"
+            expected=f"to write {count} images to {final}",
+            got=f"{written}",
+            remedy="free the disk or correct the folder's permissions",
         )
 
 
