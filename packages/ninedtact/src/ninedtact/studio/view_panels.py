@@ -4,6 +4,7 @@ from functools import partial
 from math import isfinite
 from typing import Any
 
+import cv2
 import numpy as np
 from viser import GuiApi, GuiEvent, GuiImageHandle, Icon, SceneClickEvent, uplot
 
@@ -72,7 +73,7 @@ class ImagesPanel:
                 bgr = sensor_tiles(views, names, kind, options.with_outline, options.source)
             else:
                 bgr = views[0].image(kind, options.with_outline, options.source)
-            image.image = bgr[..., ::-1]
+            image.image = np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
             legend.content = _legend_html(views[0], kind, self._scale, options.source)
 
     def _choose(self, slot: int, event: GuiEvent[Any]) -> None:
