@@ -21,7 +21,7 @@ from ninedtact.open_sensor import is_twin_address
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
 from ninedtact.studio.guided_session import GuidedSession, GuidedState, ImageQuality
 from ninedtact.studio.page_cards import card_html
-from ninedtact.studio.page_server import PageServer, set_title_and_icon
+from ninedtact.studio.page_server import PageServer, prepare_page
 from ninedtact.studio.scene_3d import LIGHT
 from ninedtact.studio.viewer import (
     NARROW_PX,
@@ -64,12 +64,10 @@ class GuidedPageLayout:
         """The image of each browser that is connected."""
         self._canvas, self._drawn = LIGHT, (0, 0)
         gui = server.viser.gui
-        gui.configure_theme(show_logo=False, show_share_button=False)
-        gui.set_panel_label(title)
         server.viser.scene.set_background_image(LIGHT)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_WIDTH_PX)
-        set_title_and_icon(server, f"{title} · 9DTact")
+        prepare_page(server, title)
         self._steps, self._instruction = gui.add_html(""), gui.add_html("")
         self._camera = _CameraChoiceControls(gui, session, list_cameras)
 

@@ -32,7 +32,6 @@ from ninedtact.studio.reading_view import (
 )
 from ninedtact.studio.scene_3d import (
     ARC_DEG_PER_NMM,
-    LIGHT,
     MM_PER_N,
     GelBlock,
     SkinScene,
@@ -231,7 +230,6 @@ def _encode_jpeg(image: UInt8[Array, "rows cols 3"]) -> bytes:
 def _draw_scene(server: ViserServer, view: ReadingView, block: GelBlock, wrench: Wrench | None) -> None:
     """Draw the surface of a view as a new viewer sees it."""
     set_up_view(server, block)
-    server.scene.set_background_image(LIGHT)
     skin = SkinScene(server.scene, block)
     skin.show_surface(view.surface(SkinColouring.HEIGHT, 1, ShownTraction.ESTIMATED), True, False)
     skin.show_lines(view.outline_mm(), None)

@@ -258,10 +258,12 @@ _PAGE_ICON = (
 """A dent in the skin."""
 
 
-def set_title_and_icon(server: PageServer, title: str) -> None:
-    """Name the tab of the browser, and give it an icon."""
+def prepare_page(server: PageServer, title: str) -> None:
+    """Give a page its title, in the tab of the browser with an icon, and nothing of viser's own."""
+    server.viser.gui.configure_theme(show_logo=False, show_share_button=False)
+    server.viser.gui.set_panel_label(title)
     script = (
-        f"document.title = {json.dumps(title)}; const icon = document.querySelector('link[rel~=icon]') || "
+        f"document.title = {json.dumps(f'{title} · 9DTact')}; const icon = document.querySelector('link[rel~=icon]') || "
         f"document.head.appendChild(document.createElement('link')); icon.rel = 'icon'; icon.href = {json.dumps(_PAGE_ICON)};"
     )
     run_in_browsers(server, script)

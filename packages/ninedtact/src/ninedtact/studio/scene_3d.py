@@ -305,7 +305,8 @@ def indenter_underside_mesh(indenter: Indenter) -> tuple[Float32[Array, "n 3"], 
 
 
 def set_up_view(server: ViserServer, block: GelBlock) -> None:
-    """Place camera and lights for all viewers."""
+    """Place background, camera and lights for all viewers."""
+    server.scene.set_background_image(LIGHT)
     _place_camera(server, block)
     _add_lights(server)
 

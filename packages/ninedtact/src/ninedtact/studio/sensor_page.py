@@ -8,8 +8,8 @@ from viser import ClientHandle
 
 from ninedtact.live.socket_guard import one_line_logger
 from ninedtact.studio.page_controller import PageController, PageMoment
-from ninedtact.studio.page_server import PageServer, set_title_and_icon
-from ninedtact.studio.scene_3d import LIGHT, GelBlock, set_up_view
+from ninedtact.studio.page_server import PageServer, prepare_page
+from ninedtact.studio.scene_3d import GelBlock, set_up_view
 from ninedtact.studio.sensor_panels import ReferenceAndRatesPanel, StatusPanel, WrenchPanel
 from ninedtact.studio.twin_press_panel import TwinPressPanel
 from ninedtact.studio.view_panels import ImagesPanel, ProfilePanel, ScenePanel
@@ -48,11 +48,8 @@ class SensorPage:
             ReferenceAndRatesPanel,
             *([curves] if has_wrenches else []),
         )
-        server.viser.gui.configure_theme(show_logo=False, show_share_button=False)
-        server.viser.gui.set_panel_label(title)
-        server.viser.scene.set_background_image(LIGHT)
         set_up_view(server.viser, block)
-        set_title_and_icon(server, f"{title} · 9DTact")
+        prepare_page(server, title)
         server.viser.on_client_connect(self._add_viewer)
         server.viser.on_client_disconnect(self._remove_viewer)
 
