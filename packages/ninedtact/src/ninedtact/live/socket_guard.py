@@ -123,7 +123,7 @@ class SocketGuard:
 
     def serve(
         self,
-        handler: Callable[["GuardedConnection"], Awaitable[None]],
+        handler: Callable[[Any], Awaitable[None]],
         host: str,
         port: int,
         *,
@@ -187,8 +187,6 @@ class GuardedConnection(ServerConnection):
         self, limits: SocketLimits, is_expected: MessageTest, memory: "_MemoryRelease", *args: Any, **options: Any
     ) -> None:
         super().__init__(*args, **options)
-        self.is_behind = False
-        """Whether a message waits until the client has received earlier ones."""
         self._limits, self._is_expected, self._memory = limits, is_expected, memory
         self._second, self._events_in_second, self._has_dropped = 0.0, 0, False
         self._unanswered: deque[Awaitable[float]] = deque()
@@ -227,7 +225,6 @@ class GuardedConnection(ServerConnection):
     async def send(self, message: Any, text: bool | None = None) -> None:
         """Send a message after the client has received the earlier ones; end with a client that does not read."""
         is_acknowledged = isinstance(message, bytes) and len(message) >= self._limits.acknowledged_bytes
-        self.is_behind = True
         try:
             async with asyncio.timeout(self._limits.send_timeout_s):
                 while is_acknowledged and len(self._unanswered) >= self._limits.unacknowledged:
@@ -239,8 +236,6 @@ class GuardedConnection(ServerConnection):
             self._end(f"it did not read for {self._limits.send_timeout_s:g} s")
             await self.wait_closed()
             raise self.protocol.close_exc from None
-        finally:
-            self.is_behind = False
 
     async def close(self, *args: Any, **options: Any) -> None:
         """Close, without waiting for a client that does not answer."""

@@ -15,6 +15,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from html import escape
 from http.client import HTTPConnection
@@ -46,6 +47,13 @@ _VISER_PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 _PASSED_ON = ("Content-Type", "Content-Encoding")
 
 
+@dataclass
+class _Passage:
+    """What has been passed from viser to one browser."""
+
+    messages: int = 0
+
+
 class PageServer:
     """viser with a guarded front. viser: server of viser, to which controls and scene are added. port: of the front."""
 
@@ -56,7 +64,7 @@ class PageServer:
         self._guard, self._address = guard, _hidden_loopback_address()
         self.viser, self.port = viser.ViserServer(host=self._address, port=0, label="9DTact", verbose=False), 0
         self._front: Server | None = None
-        self._browsers: dict[int, GuardedConnection] = {}
+        self._passages: dict[int, _Passage] = {}
         self._introduced: asyncio.Future[int] | None = None
         self._introducing = asyncio.Lock()
         loop = self.viser.get_event_loop()
@@ -77,10 +85,10 @@ class PageServer:
             ) from trouble
         self.port = next(iter(self._front.sockets)).getsockname()[1]
 
-    def is_behind(self, client: viser.ClientHandle) -> bool:
-        """Return whether messages of earlier moments still wait to be sent to a client."""
-        browser = self._browsers.get(client.client_id)
-        return browser is not None and browser.is_behind
+    def passed_messages(self, client: viser.ClientHandle) -> int:
+        """Return the number of messages that viser has sent to a browser and that do not wait on the way any more."""
+        passage = self._passages.get(client.client_id)
+        return 0 if passage is None else passage.messages
 
     def close(self) -> None:
         """Send what is left, and end."""
@@ -133,9 +141,10 @@ class PageServer:
         address, options = f"ws://{self._address}:{self.viser.get_port()}", {"compression": None, "max_size": None}
         options |= {"proxy": None, "ping_interval": None, "max_queue": 1, "close_timeout": 0.1}
         async with connect(address, subprotocols=[_VISER_PROTOCOL], **options) as page:
+            passage = _Passage()
             passing = [
-                asyncio.create_task(self._pass_to_page(browser, page)),
-                asyncio.create_task(_pass_to_browser(page, browser)),
+                asyncio.create_task(self._pass_to_page(browser, page, passage)),
+                asyncio.create_task(_pass_to_browser(page, browser, passage)),
             ]
             _, running = await asyncio.wait(passing, return_when=asyncio.FIRST_COMPLETED)
             for task in running:
@@ -144,19 +153,19 @@ class PageServer:
                 if isinstance(result, Exception) and not isinstance(result, ConnectionClosed):
                     raise result
 
-    async def _pass_to_page(self, browser: GuardedConnection, page: ClientConnection) -> None:
+    async def _pass_to_page(self, browser: GuardedConnection, page: ClientConnection, passage: _Passage) -> None:
         uploads, client_id = UploadTest(), None
         try:
             async for message in browser:
                 content = decode_page_message(message)
                 if client_id is None and isinstance(content, CameraMessage):
                     client_id = await self._introduce(page, message)
-                    self._browsers[client_id] = browser
+                    self._passages[client_id] = passage
                 elif uploads.accepts(content):
                     await page.send(message)
         finally:
             if client_id is not None:
-                self._browsers.pop(client_id, None)
+                self._passages.pop(client_id, None)
 
     async def _introduce(self, page: ClientConnection, message: str | bytes) -> int:
         """Pass the first message of a browser on, one browser at a time, and return the number that viser gives it."""
@@ -170,9 +179,10 @@ class PageServer:
             self._introduced.set_result(client.client_id)
 
 
-async def _pass_to_browser(page: ClientConnection, browser: GuardedConnection) -> None:
+async def _pass_to_browser(page: ClientConnection, browser: GuardedConnection, passage: _Passage) -> None:
     async for message in page:
         await browser.send(message)
+        passage.messages += 1
 
 
 async def _close(front: Server) -> None:

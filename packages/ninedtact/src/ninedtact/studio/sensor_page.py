@@ -77,7 +77,7 @@ class SensorPage:
 
     def _add_viewer(self, client: ClientHandle) -> None:
         viewer = ViewerPage(
-            client, self._controller, self._block, self._panels, partial(self._server.is_behind, client)
+            client, self._controller, self._block, self._panels, partial(self._server.passed_messages, client)
         )
         with self._lock:
             is_there = client.client_id in self._server.viser.get_clients()

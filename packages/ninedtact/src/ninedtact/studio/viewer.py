@@ -188,10 +188,11 @@ class ViewerPage:
         controller: PageController,
         block: GelBlock,
         panels: Sequence[PanelFactory],
-        is_behind: Callable[[], bool] = lambda: False,
+        passed_messages: Callable[[], int],
     ) -> None:
-        """is_behind: returns whether messages of earlier moments still wait to be sent to this browser."""
-        self.client, self.controller, self.block, self._is_behind = client, controller, block, is_behind
+        """passed_messages: returns the number of messages to this browser that do not wait on their way any more."""
+        self.client, self.controller, self.block = client, controller, block
+        self._passed_messages, self._passed_before = passed_messages, -1
         self.is_narrow = client.camera.image_width < NARROW_PX
         self.is_shared = len(controller.sensors) > 1
         """Whether the page has several sensors."""
@@ -277,7 +278,8 @@ class ViewerPage:
     def show(self, newest: PageMoment) -> None:
         """Show the newest moment, or the frozen one with its age; a client that has not got the last one goes on with that one."""
         with self._lock:
-            is_behind = self._is_behind()
+            passed = self._passed_messages()
+            is_behind = passed == self._passed_before
             self.pace.count_moment(is_behind, monotonic())
             if is_behind and not all(one.status.is_past for one in newest.sensors):
                 return
@@ -285,7 +287,9 @@ class ViewerPage:
             if self._frozen and self.moment is not None:
                 moment = self.moment.frozen_copy(moment, monotonic_ns())
             self.moment = moment
+            self._passed_before = passed
             with self.client.atomic():
+                self._beat.content = f"{passed}"
                 for panel in self._panels:
                     draw_unless_interrupted(partial(panel.update, moment))
             # viser would wait 17 ms for more, and send nothing where the next moment has begun by then.
@@ -316,6 +320,7 @@ class ViewerPage:
         gui = self.client.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_PX)
+        self._beat = gui.add_html("", visible=False)  # so that every moment is at least one message
         if self.is_narrow:
             gui.add_html(PHONE_STYLE)
         columns: dict[Side, PanelHandle | GuiTabGroupHandle] = {}
