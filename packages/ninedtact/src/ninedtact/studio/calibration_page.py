@@ -71,7 +71,7 @@ class CalibrationPage:
         with self._server.viser.atomic():
             self._layout.show(state, _steps_html(state), _advice_html(state), state.pins)
             self._figures.content = "" if state.phase is CalibrationPhase.RESULT else _figures_html(state)
-            self._result.content = _result_html(state, self._session.out)
+            self._result.content = calibration_result_html(state, self._session.out)
             self._show_buttons(state)
             self._progress.visible = state.phase is CalibrationPhase.FIT
             set_gui_control(self._progress, 100 * state.fit_progress)
@@ -196,7 +196,7 @@ def _certificate(state: CalibrationState) -> Certificate:
     return state.result.record.certificate
 
 
-def _result_html(state: CalibrationState, out: Path) -> str:
+def calibration_result_html(state: CalibrationState, out: Path) -> str:
     """Return checks and warnings of the certificate as HTML; empty before there is one.
 
     out: sensor folder that was to be written.
