@@ -41,7 +41,7 @@ IN_USE = "it in use (another 'ninedtact live'?)"
 _LAST_WORDS_S = 0.1
 """Time to wait for the last messages, because viser drops unsent ones when it stops."""
 _INTRODUCED_WITHIN_S = 10.0
-_FETCHED_WITHIN_S = 30.0
+_FETCHED_WITHIN_S, _CLOSE_S = 30.0, 0.1
 _VISER_PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 """What a page of this version of viser states when it connects."""
 _PASSED_ON = ("Content-Type", "Content-Encoding")
@@ -138,9 +138,16 @@ class PageServer:
             browser.logger.warning("refused %s: %s", format_peer(browser), expected)
             await browser.close(1002, f"Version mismatch. Client: {got}, Server: {viser.__version__}")
             return
-        address, options = f"ws://{self._address}:{self.viser.get_port()}", {"compression": None, "max_size": None}
-        options |= {"proxy": None, "ping_interval": None, "max_queue": 1, "close_timeout": 0.1}
-        async with connect(address, subprotocols=[_VISER_PROTOCOL], **options) as page:
+        async with connect(
+            f"ws://{self._address}:{self.viser.get_port()}",
+            subprotocols=[_VISER_PROTOCOL],
+            compression=None,
+            max_size=None,
+            max_queue=1,
+            proxy=None,
+            ping_interval=None,
+            close_timeout=_CLOSE_S,
+        ) as page:
             passage = _Passage()
             passing = [
                 asyncio.create_task(self._pass_to_page(browser, page, passage)),

@@ -281,7 +281,7 @@ def _catalogue_html(kind: str) -> str:
 
 
 def _thumbnails_html(objects: Sequence[Indenter], names: Sequence[str] = ()) -> str:
-    images = [b64encode(cv2.imencode(".png", _thumbnail(one))[1]).decode() for one in objects]
+    images = [b64encode(cv2.imencode(".png", _thumbnail(one))[1].tobytes()).decode() for one in objects]
     captions = [name.replace("_", " ") for name in names or [one.name for one in objects]]
     return card_html("thumbnails", objects=list(zip(captions, images, strict=True)))
 
