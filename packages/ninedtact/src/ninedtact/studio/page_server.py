@@ -14,7 +14,7 @@ import socket
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -119,14 +119,13 @@ class PageServer:
         encodings = ", ".join(request.headers.get_all("Accept-Encoding"))
 
         def fetch() -> Response:
-            page = HTTPConnection(self._address, self.viser.get_port(), timeout=_FETCHED_WITHIN_S)
-            page.request("GET", request.path, headers={"Accept-Encoding": encodings})
-            with page.getresponse() as answer:
+            with closing(HTTPConnection(self._address, self.viser.get_port(), timeout=_FETCHED_WITHIN_S)) as page:
+                page.request("GET", request.path, headers={"Accept-Encoding": encodings})
+                answer = page.getresponse()
                 content = answer.read()
-                headers = {name: answer.headers[name] for name in _PASSED_ON if answer.headers[name]}
-                return Response(
-                    answer.status, answer.reason, Headers(headers | {"Content-Length": str(len(content))}), content
-                )
+            headers = {name: answer.headers[name] for name in _PASSED_ON if answer.headers[name]}
+            headers |= {"Content-Length": str(len(content))}
+            return Response(answer.status, answer.reason, Headers(headers), content)
 
         return await asyncio.to_thread(fetch)
 
