@@ -24,6 +24,7 @@ from ninedtact.studio.guided_page import (
     ListCameras,
     SimulatedSensorControls,
     attempt,
+    instruction_html,
     live_image_quality_rows,
     steps_html,
 )
@@ -168,16 +169,12 @@ def _steps_html(state: CalibrationState) -> str:
 def _advice_html(state: CalibrationState) -> str:
     """Return what to do in one large sentence, and below it what the images say, as HTML."""
     sentence, detail, tone = state.instruction, state.advice, "held"
-    if state.camera_trouble:
-        sentence, detail, tone = "No images arrive.", state.camera_trouble, "lost"
-    elif state.phase is CalibrationPhase.PREVIEW:
-        sentence = "Choose the camera of the sensor."
-    elif state.phase is CalibrationPhase.REFUSED:
+    if state.phase is CalibrationPhase.REFUSED:
         sentence, tone = "This calibration is refused.", "lost"
     elif state.phase is CalibrationPhase.RESULT and state.result is not None:
         sentence, tone = _GRADES[overall_check_level(_certificate(state))]
         detail = certificate_headline(_certificate(state))
-    return card_html("instruction", sentence=sentence, detail=detail, tone=tone)
+    return instruction_html(state, sentence, detail, tone)
 
 
 def _figures_html(state: CalibrationState) -> str:

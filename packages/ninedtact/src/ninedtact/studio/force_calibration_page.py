@@ -20,6 +20,7 @@ from ninedtact.studio.guided_page import (
     ListCameras,
     SimulatedSensorControls,
     attempt,
+    instruction_html,
     live_image_quality_rows,
     steps_html,
 )
@@ -139,11 +140,9 @@ class ForceCalibrationPage:
     def _advice_html(self, state: ForceCalibrationState) -> str:
         """Return what to do in one large sentence, and below it what the images say, as HTML."""
         detail, tone, phase = state.advice, "held", state.phase
-        if state.camera_trouble:
-            sentence, detail, tone = "No images arrive.", state.camera_trouble, "lost"
-        elif phase is ForceCalibrationPhase.PREVIEW:
-            sentence = "Choose the camera of the sensor."
-        elif phase is ForceCalibrationPhase.REFERENCE:
+        if state.is_preview:
+            return instruction_html(state, "", detail)
+        if phase is ForceCalibrationPhase.REFERENCE:
             sentence = "Do not touch the gel."
         elif phase is ForceCalibrationPhase.PRESS:
             sentence = f"Load {self._ball} with {state.load_g:g} g in the middle of the skin, and hold still."
@@ -157,8 +156,7 @@ class ForceCalibrationPage:
         else:
             sentence, tone = "All loads are taken.", "live"
             detail = "Save the force scale if its error is small enough for you."
-        how = _HOW if phase is ForceCalibrationPhase.PRESS and not state.camera_trouble else ""
-        return card_html("instruction", sentence=sentence, detail=detail, tone=tone, how=how)
+        return instruction_html(state, sentence, detail, tone, _HOW if phase is ForceCalibrationPhase.PRESS else "")
 
     def _show_buttons(self, state: ForceCalibrationState) -> None:
         """Show the controls that do something now."""

@@ -229,6 +229,18 @@ def attempt(client: ClientHandle | None, action: Callable[[], Any]) -> None:
             client.add_notification("Not done", str(refusal), color="red", auto_close_seconds=NOTICE_S)
 
 
+def instruction_html(state: GuidedState, sentence: str, detail: str, tone: str = "held", how: str = "") -> str:
+    """Return what to do in one large sentence, and below it what the images say, as HTML.
+
+    Before the start, and where no images arrive, the sentence is that of all guided pages. how: longer explanation, shown small.
+    """
+    if state.camera_trouble:
+        sentence, detail, tone, how = "No images arrive.", state.camera_trouble, "lost", ""
+    elif state.is_preview:
+        sentence = "Choose the camera of the sensor."
+    return card_html("instruction", sentence=sentence, detail=detail, tone=tone, how=how)
+
+
 def steps_html(names: Sequence[str], done: int) -> str:
     """Return the steps as HTML, those that are done ticked and the present one marked; -1 marks none."""
     return PHONE_STYLE + _TALL_PHONE_STYLE + card_html("steps", names=names, done=done)
