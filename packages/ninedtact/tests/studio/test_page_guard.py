@@ -231,7 +231,7 @@ def calibration_page(server: PageServer, out: Path) -> Iterator[Callable[[], Any
         yield CalibrationPage(server, session, lambda: {"sim": "simulated sensor"}, camera).refresh
 
 
-@pytest.mark.parametrize(("page", "expected"), [(live_page, 25), (calibration_page, 8)])
+@pytest.mark.parametrize(("page", "expected"), [(live_page, 20), (calibration_page, 8)])
 def test_values_that_no_person_could_choose_stop_no_page(page: Any, expected: int, tmp_path: Path) -> None:
     patient = SocketGuard("127.0.0.1", limits=SocketLimits(messages_per_s=1_000_000))
     with ExitStack() as opened:
