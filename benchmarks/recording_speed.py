@@ -15,8 +15,7 @@ import cv2
 import numpy as np
 import tyro
 from figures import Figure, answer, at_least
-from real_images import PRESSES, sensor_folders
-from real_sensor import real_sensor
+from real_images import PRESSES, real_sensor, sensor_folders
 
 from ninedtact import Frame, HeightMap, Wrench, default_twin, read_image
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata
@@ -29,9 +28,9 @@ HZ, SAMPLES_HZ = 30, 1000
 Images = list[np.ndarray]
 
 
-def recording_speed(count: int = 150, json: bool = False) -> None:
+def recording_speed(count: int = 150, quick: bool = False, json: bool = False) -> None:
     """Measure, and print."""
-    twin = default_twin()
+    twin, count, samples = default_twin(), 4 if quick else count, 200 if quick else 20_000
     sets = {
         "real": [read_image(folder / f"{name}.png") for folder in sensor_folders() for name in PRESSES],
         "twin": [twin.renderer(None, number) for number in range(12)],
@@ -39,7 +38,7 @@ def recording_speed(count: int = 150, json: bool = False) -> None:
     cv2.setNumThreads(1)
     figures = [figure for name, images in sets.items() for figure in of_images(name, images, count)]
     figures += [figure for name, images in sets.items() for figure in of_storages(name, images, count)]
-    answer("Recording, one thread", [*figures, *of_heights(count), *of_samples()], json)
+    answer("Recording, one thread", [*figures, *of_heights(count), *of_samples(samples)], json)
 
 
 def of_images(name: str, images: Images, count: int) -> list[Figure]:
@@ -116,7 +115,7 @@ def compared(what: str, other: str, found: np.ndarray, beside: np.ndarray) -> li
     ]
 
 
-def of_samples(count: int = 20_000) -> list[Figure]:
+def of_samples(count: int) -> list[Figure]:
     """Cost and size of wrenches."""
     rng = np.random.default_rng(0)
     samples = [Wrench(rng.normal(0, 3, 3), rng.normal(0, 0.1, 3), stamp_ns=number) for number in range(count)]
