@@ -18,7 +18,7 @@ from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 
-CLIENTS = Path(__file__).parents[1] / "tests" / "studio" / "reading_clients.py"
+CLIENTS = Path(__file__).parents[1] / "packages/ninedtact/tests/studio/reading_clients.py"
 sys.path.append(str(CLIENTS.parent))
 
 
