@@ -42,7 +42,11 @@ def ball_accuracy(quick: bool = False, json: bool = False) -> None:
     figures = [on_other_half(method, fit(method, design.camera.distance_mm)) for method in methods]
     for method in methods:
         figures += scan(
-            method, {distance_mm: fit(method, distance_mm).cross_validation_mae_mm for distance_mm in (SCAN_MM[4:7] if quick else SCAN_MM)}
+            method,
+            {
+                distance_mm: fit(method, distance_mm).cross_validation_mae_mm
+                for distance_mm in (SCAN_MM[4:7] if quick else SCAN_MM)
+            },
         )
     answer("Accuracy of the depth calibration, real ball presses", [*figures, *others], json)
 

@@ -14,7 +14,9 @@ from ninedtact_train.dataset.generation.settings import GenerationSettings
 WANTED, ALLOWED_MINUTES = 10_000, 20.0
 
 
-def dataset_speed(pairs: int = 1000, workers: int = os.cpu_count() or 1, quick: bool = False, json: bool = False) -> None:
+def dataset_speed(
+    pairs: int = 1000, workers: int = os.cpu_count() or 1, quick: bool = False, json: bool = False
+) -> None:
     """Measure."""
     pairs, workers, alone, sensors = (4, 1, 2, 1) if quick else (pairs, workers, 100, 20)
     with TemporaryDirectory() as folder:

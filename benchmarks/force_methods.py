@@ -20,7 +20,6 @@ from time import process_time
 
 import numpy as np
 import tyro
-from matplotlib.figure import Figure
 
 from ninedtact.force.network_input import InputChannels, NetworkInputSettings, scale_input_settings_to_width
 from ninedtact.quantities import WRENCH_AXES
@@ -59,19 +58,23 @@ def force_methods(
     out: Path = Path("out/force_methods"),
     data: Path | None = None,
     workers: int = 2,
+    quick: bool = False,
 ) -> None:
-    """Print the table for every split, and draw a figure of all axes.
+    """Print the table for every split.
 
     size: columns and rows of the networks' images. densenet_epochs: fewer than those of the others, because one costs as much as
     ten of them. data: a generated data set to use in place of a new one.
     """
+    splits = SPLITS
+    if quick:
+        pairs, sensors, epochs, densenet, densenet_epochs, workers, splits = 24, 1, 1, "moments", 1, 1, SPLITS[:1]
     if data is None:
         data = out / "data"
         generate_dataset(data, GenerationSettings(pairs, sensors=sensors), workers, progress=True)
     tables: dict[str, list[Method]] = {}
     heights = examples_of(data, CORRECTOR_TRAINING.input, workers)
     images = examples_of(data, NetworkInputSettings(InputChannels.DEFORMATION, size[1], size[0]), workers)
-    for split in SPLITS:
+    for split in splits:
         rows = split_rows(heights[0], heights[1], split)
         image_rows = matching_rows(rows, heights[1], images[1])
         folder = out / split
@@ -84,7 +87,6 @@ def force_methods(
             network("physics corrected", heights[0], rows, folder, epochs, None),
         ]
         show(split, tables[split])
-    draw(tables, out / "force_methods.png")
 
 
 def examples_of(data: Path, grid: NetworkInputSettings, workers: int) -> tuple[TrainingExamples, list[str]]:
@@ -201,23 +203,6 @@ def show(split: str, methods: list[Method]) -> None:
         slope = scores.slope_with_offset[2]
         ms = "–" if np.isnan(one.ms) else f"{one.ms:.1f}"
         print(f"  {one.name:18s} {skill} | {mae} | {std} | {slope:.2f} | {one.parameters:9,d} | {ms}", flush=True)
-
-
-def draw(tables: dict[str, list[Method]], path: Path) -> None:
-    """Draw the skill of every method on every axis, one panel for each split."""
-    figure = Figure(figsize=(10, 3.2 * len(tables)), layout="constrained")
-    for panel, (split, methods) in zip(
-        figure.subplots(len(tables), 1, squeeze=False)[:, 0], tables.items(), strict=True
-    ):
-        for at, one in enumerate(methods):
-            skill = evaluate_predictions(one.predictions).scores.skill
-            panel.bar(np.arange(6) + 0.13 * (at - 2.5), np.maximum(skill, 0), 0.12, label=one.name)
-        panel.set_xticks(range(6), WRENCH_AXES)
-        panel.set(title=f"held out: {split}", ylabel="skill", ylim=(0, 1))
-    panel.legend(ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.12))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
-    print(path)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Contacts per second of a data set, solved and rendered, many at a time with torch on a GPU if there is one.
 
 Sessions of `ninedtact simulate dataset` are advanced as `--device cuda` advances them: twenty sensors, generated objects, default
-grid, images of 460 x 345; but every contact is rendered. Beside them one session without torch. Without a GPU torch does the same on
-the CPU, which is slow and says nothing of a GPU; but its operations are counted, and the time that they would take a GPU is computed
-from the bandwidth of its memory, and called extrapolated.
+grid, images of 460 x 345; but every contact is rendered. Beside them one session without torch. Without a GPU torch does the same
+on the CPU, which is slow and says nothing of a GPU; but its operations are counted, and the time that they would take a GPU is
+computed from the bandwidth of its memory, and called extrapolated.
 """
 
 from collections import Counter

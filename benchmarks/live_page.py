@@ -1,4 +1,4 @@
-"""A camera in memory, the live page of sensors with it, and crowds of clients: what the benchmarks of the page and the soak share."""
+"""A camera in memory, the live page of sensors with it, and crowds of clients: shared by page benchmarks and soak."""
 
 import subprocess
 import sys

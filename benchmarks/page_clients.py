@@ -32,7 +32,10 @@ def page_clients(
     clients, rounds, images, several = (3, 1, 15, (2,)) if quick else (clients, rounds, images, (2, 4))
     of_many = [figure for sensors in several for figure in several_sensors(sensors, images)]
     alone, crowded, few, memory_mb = 0, 0, 0, []
-    with paced_sensor() as poller, shown_page([DisplayedSensor(poller)], shape(), DISPLAY_HZ, READINGS) as (server, page):
+    with (
+        paced_sensor() as poller,
+        shown_page([DisplayedSensor(poller)], shape(), DISPLAY_HZ, READINGS) as (server, page),
+    ):
         for _ in range(rounds):
             alone += lost_images(poller, images)
             with crowd(server, clients):
@@ -60,11 +63,13 @@ def shape():
 
 def paced_sensor(hz: float = CAMERA_HZ) -> SensorPoller:
     """Return a sensor that reads its camera at a rate."""
-    return SensorPoller(Sensor(LatestFrameSource(CameraInMemory(real_sensor("sensor_a")[0], hz)), shape(), ReferenceImages()))
+    return SensorPoller(
+        Sensor(LatestFrameSource(CameraInMemory(real_sensor("sensor_a")[0], hz)), shape(), ReferenceImages())
+    )
 
 
 def several_sensors(sensors: int, images: int) -> list[Figure]:
-    """Return the share of images that the worst of several sensors loses while a client watches all, and processor time per time."""
+    """Return the share of images that the worst of several sensors loses while a client watches all, and the processor time."""
     with ExitStack() as opened:
         pollers = [opened.enter_context(paced_sensor()) for _ in range(sensors)]
         shown = [DisplayedSensor(one, name=f"finger_{number}") for number, one in enumerate(pollers)]

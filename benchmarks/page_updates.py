@@ -73,9 +73,12 @@ def page_updates(seconds: float = 20.0, quick: bool = False, json: bool = False)
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
     cores = os.sched_getaffinity(0)
-    with paced_sensor(CAMERA_HZ) as poller, shown_page([DisplayedSensor(poller)], shape(), DISPLAY_HZ, READINGS) as (
-        server,
-        _,
+    with (
+        paced_sensor(CAMERA_HZ) as poller,
+        shown_page([DisplayedSensor(poller)], shape(), DISPLAY_HZ, READINGS) as (
+            server,
+            _,
+        ),
     ):
         client = context.Process(target=watch, args=(server.get_port(), settle_s, seconds, there))
         keep_threads_on({min(cores)})

@@ -1,4 +1,4 @@
-"""Real images and the sensors that are calibrated from them: the folder in NINEDTACT_REAL_DATA, or ../shared/real beside the repository."""
+"""Real images and sensors calibrated from them: the folder in NINEDTACT_REAL_DATA, or ../shared/real beside the repository."""
 
 import os
 import sys
@@ -15,13 +15,14 @@ from ninedtact.shape.depth import DepthMethod
 PRESSES = ("board_reference", "board", "ball_reference", "ball")
 
 
+REAL = Path(os.environ.get("NINEDTACT_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "real"))
+
+
 def sensor_folders() -> list[Path]:
     """Return the folders of all sensors that have the four images; ends the program with a sentence when there are none."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "real"
-    folder = Path(os.environ.get("NINEDTACT_REAL_DATA", beside))
-    found = [path for path in sorted(folder.glob("sensor_*")) if all((path / f"{p}.png").is_file() for p in PRESSES)]
+    found = [path for path in sorted(REAL.glob("sensor_*")) if all((path / f"{p}.png").is_file() for p in PRESSES)]
     if not found:
-        sys.exit(f"expected folders sensor_a and so on with real images in {folder}, got none; set NINEDTACT_REAL_DATA")
+        sys.exit(f"expected folders sensor_a and so on with real images in {REAL}, got none; set NINEDTACT_REAL_DATA")
     return found
 
 

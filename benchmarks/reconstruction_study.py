@@ -48,7 +48,9 @@ class Errors:
     """Mean absolute error of the deepest point."""
 
 
-def reconstruction_study(sensors: int = 10, presses: int = 20, seed: int = 0, quick: bool = False, json: bool = False) -> None:
+def reconstruction_study(
+    sensors: int = 10, presses: int = 20, seed: int = 0, quick: bool = False, json: bool = False
+) -> None:
     """Study each kind of member: those whose mechanics the estimator assumes, and those of other mechanics."""
     cv2.setNumThreads(1)
     sensors, presses, kinds_tried = (1, 1, ("as the estimator assumes",)) if quick else (sensors, presses, tuple(KINDS))
@@ -56,7 +58,10 @@ def reconstruction_study(sensors: int = 10, presses: int = 20, seed: int = 0, qu
     figures: list[Figure] = []
     for kind in kinds_tried:
         count = sensors if kind.startswith("as") else max(sensors // 3, 1)
-        found = [sensor_errors(sample_sensor(number, seed, KINDS[kind]), presses, seed + number, method) for number in range(count)]
+        found = [
+            sensor_errors(sample_sensor(number, seed, KINDS[kind]), presses, seed + number, method)
+            for number in range(count)
+        ]
         figures += list(summary(kind, found))
     answer(f"Reconstruction of a ball of radius {OTHER_BALL.radius_mm:g} mm on twins", figures, json)
 
