@@ -217,20 +217,20 @@ class Case:
 
 def undisturbed(folder: Path, only: tuple[str, ...]) -> dict[str, str]:
     """Run every command once without trouble, and return the results by name: what fails by itself proves nothing."""
-    images = folder / "images"
-    images.mkdir()
+    images, whole = folder / "images", folder / "undisturbed"
+    images.mkdir(), whole.mkdir()
     for name, image in vars(simulate_calibration_images(ninedtact.default_twin())).items():
         cv2.imwrite(str(images / f"{name}.png"), image)
     with socket.create_server(("127.0.0.1", 0)) as free:
         inputs = {"images": str(images), "port": str(free.getsockname()[1])}
-    wanted = "".join(command.arguments for command in COMMANDS if not only or command.name in only)
-    for command in COMMANDS:
-        if "full disk" in command.troubles and (not only or command.name in only or f"{{{command.result}}}" in wanted):
-            if command.start(folder, inputs).wait() != 0 or not command.is_whole(folder / command.result):
-                raise SystemExit(
-                    f"expected a whole result of '{command.name}', got: {Path(f'{folder}.txt').read_text()}"
-                )
-            inputs[command.result] = str(folder / command.result)
+    needed = set(only) or {command.name for command in COMMANDS}
+    for command in (one for one in reversed(COMMANDS) if one.name in needed):
+        needed |= {other.name for other in COMMANDS if f"{{{Path(other.result).stem}}}" in command.arguments}
+    for command in (one for one in COMMANDS if one.name in needed and "full disk" in one.troubles):
+        result = whole / command.result
+        if command.start(whole, inputs).wait() != 0 or not is_whole(result, result):
+            sys.exit(f"expected a whole result of '{command.name}', got: {Path(f'{whole}.txt').read_text()}")
+        inputs[result.stem] = str(result)
     return inputs
 
 

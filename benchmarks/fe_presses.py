@@ -1,9 +1,9 @@
 """Presses of an independent finite-element gel beside the twin's mechanics and force by physics.
 
 The presses (`--presses`, by default fe/presses.npz beside the real images) were computed with other code: three-dimensional
-neo-Hookean bricks at finite strain, Coulomb friction, a gel of 1.973 mm bonded below. For each press the twin's linear mechanics and
-its finite-strain correction press the same object to the same pose, and force by physics reads the image that the finite-element
-surface makes on the twin of the real sensor L. These presses report; nothing is fitted to them.
+neo-Hookean bricks at finite strain, Coulomb friction, a gel of 1.973 mm bonded below. For each press the twin's linear mechanics
+and its finite-strain correction press the same object to the same pose, and force by physics reads the image that the surface of
+the finite elements makes on the twin of the real sensor L. These presses report; nothing is fitted to them.
 """
 
 import json

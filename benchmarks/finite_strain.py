@@ -17,15 +17,12 @@ from figures import Figure, answer, at_most
 from jaxtyping import Float
 from neo_hookean import Layer, Parts
 from numpy import ndarray as Array
-from scipy.optimize import minimize_scalar
 
 from ninedtact.design import Gel
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import (
     GROWTH,
-    LOAD_STIFFENING,
-    PRESSURE_STIFFENING,
     REDISTRIBUTION,
     TRANSPORT,
     finite_strain_ball_change_mm,
@@ -162,7 +159,7 @@ def finite_strain(
             line for pair in presses[BALLS_MM[0], name] if pair.depth_mm in SHOWN_MM for line in lines(name, pair)
         ]
     figures += [line for ball in BALLS_MM for line in corrected(ball, presses[ball, "sticks"])]
-    figures += [*best_constants(presses[BALLS_MM[0], "sticks"]), *best_height_constants(presses), *sliding(presses)]
+    figures += [*best_height_constants(presses), *sliding(presses)]
     answer("Finite strain: a ball in a neo-Hookean layer (measured) and in the linear one (peer)", figures, json)
 
 
@@ -304,27 +301,6 @@ def rms(values: Iterable[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def best_constants(together: list[Pair]) -> list[Figure]:
-    """The constants that fit the first ball best, beside those in use."""
-
-    def of_load(constant: float) -> float:
-        return rms([np.exp(constant * pair.strain**2) / pair.load_ratio - 1 for pair in together])
-
-    def of_pressure(constant: float) -> float:
-        part = constant / PRESSURE_STIFFENING
-        linear = [pair.linear_load / pair.elements.load for pair in together]
-        stiffened = [pair.stiffened_load / pair.elements.load for pair in together]
-        return rms([(1 - part) * low + part * high - 1 for low, high in zip(linear, stiffened, strict=True)])
-
-    return [
-        Figure(f"constant of {name} that fits the 4 mm ball best (in use: {used:g})", best(measure))
-        for name, used, measure in (
-            ("finite_strain_load_factor", LOAD_STIFFENING, of_load),
-            ("finite_strain_traction_mpa", PRESSURE_STIFFENING, of_pressure),
-        )
-    ]
-
-
 def best_height_constants(presses: Presses) -> list[Figure]:
     """The three constants of the heights that fit all balls best, beside those in use, which were fitted to other balls."""
     terms, missing = [], []
@@ -341,10 +317,6 @@ def best_height_constants(presses: Presses) -> list[Figure]:
             ("growth", "redistribution", "transport"), (GROWTH, REDISTRIBUTION, TRANSPORT), found, strict=True
         )
     ]
-
-
-def best(measure) -> float:
-    return float(minimize_scalar(measure, bounds=(0, 5), method="bounded").x)
 
 
 def sliding(presses: Presses) -> list[Figure]:

@@ -130,15 +130,15 @@ class Run:
     complaints: str
 
 
-def run_forked(work: Callable[[Path], int], folder: Path) -> Run:
-    """Do work in a process of its own, without permissions where this one has all, and with a limit of time and memory."""
+def run_forked(work: Callable[[Path], int], folder: Path, unprivileged: bool = False) -> Run:
+    """Do work in a process of its own, with a limit of time and memory. unprivileged: also as a user who may not read all."""
     with TemporaryDirectory(dir=folder) as name:
         out = Path(name)
         for path in (folder, out):
             path.chmod(0o777)
         child = os.fork()
         if child == 0:
-            _work_and_leave(work, out)
+            _work_and_leave(work, out, unprivileged)
         signal.signal(signal.SIGALRM, lambda *_: os.kill(child, signal.SIGKILL))
         signal.alarm(10 * LONGEST_S)
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
@@ -146,7 +146,7 @@ def run_forked(work: Callable[[Path], int], folder: Path) -> Run:
         return Run(code, *((out / each).read_text(errors="replace") for each in ("stdout", "stderr")))
 
 
-def _work_and_leave(work: Callable[[Path], int], out: Path) -> None:
+def _work_and_leave(work: Callable[[Path], int], out: Path, unprivileged: bool) -> None:
     """Work in the child and end it; a traceback is exit code 70."""
     code = 70
     try:
@@ -155,7 +155,7 @@ def _work_and_leave(work: Callable[[Path], int], out: Path) -> None:
         sys.stdout, sys.stderr = os.fdopen(1, "w", closefd=False), os.fdopen(2, "w", closefd=False)
         resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
         resource.setrlimit(resource.RLIMIT_CPU, (LONGEST_S, LONGEST_S + 5))
-        if os.geteuid() == 0:
+        if unprivileged and os.geteuid() == 0:
             os.seteuid(65534)
         code = work(out)
     except BaseException:

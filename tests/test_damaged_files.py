@@ -9,6 +9,7 @@ another design. NINEDTACT_DAMAGED_CASES is the number of cases of each kind; `ma
 import io
 import json
 import os
+import shutil
 import sys
 import warnings
 import zipfile
@@ -17,6 +18,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import cv2
@@ -26,7 +28,6 @@ import pytest
 import trimesh
 from hypothesis import HealthCheck, Phase, given, note, settings
 from hypothesis import strategies as st
-from ninedtact_train.evaluation.predictions import WrenchPredictions, write_predictions
 
 import ninedtact
 from damage import PLACES, Run, damaged_array, damaged_bytes, damaged_text, put, restore, run_forked
@@ -55,6 +56,7 @@ from ninedtact.shape.deblurring import Deblurring
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact_hardware.design import default_hardware_design, hardware_design_to_toml
 from ninedtact_train.dataset import load_dataset
+from ninedtact_train.evaluation.predictions import WrenchPredictions, write_predictions
 
 CASES = int(os.environ.get("NINEDTACT_DAMAGED_CASES", "2"))
 OUTCOMES = ("refused", "warned", "same result", "taken as written")
@@ -113,14 +115,13 @@ def sensor_kinds(sensor: Path, folder: Path) -> Iterator[tuple[str, Kind]]:
         Kind(sensor / SENSOR_FILE, commands(f"{reconstruct} {ball}", f"{estimate} {ball}"), damaged_text),
     )
     scaled = folder / "scaled"
-    scaled.mkdir()
-    (scaled / SENSOR_FILE).write_bytes((sensor / SENSOR_FILE).read_bytes())
+    shutil.copytree(sensor, scaled)
     physics = ninedtact.load_estimator("physics", ninedtact.load_sensor(sensor))
     write_force_scale(scaled, physics, ForceScale(1.08, -0.05, 2.1, 0.04, 5))
     weighed = commands(f"estimate --sensor {scaled} --reference {reference} --json {ball}")
     yield "force.toml", Kind(scaled / "force.toml", weighed, damaged_text)
     delay = write_camera_delay(folder, CameraDelay(42.1, 1.3, "camera usb:1-2", 29.9, 0.98))
-    yield "camera.toml", Kind(delay, printing(lambda out: vars(read_camera_delay(folder))), damaged_text)
+    yield "camera.toml", Kind(delay, printing(lambda out: msgspec.to_builtins(read_camera_delay(folder))), damaged_text)
     design, hardware = folder / "design.toml", folder / "hardware.toml"
     design.write_text(design_to_toml(ninedtact.load_sensor(sensor).record.design))
     hardware.write_text(hardware_design_to_toml(default_hardware_design()))
@@ -373,26 +374,32 @@ def is_same(one: Any, other: Any) -> bool:
 
 
 @pytest.fixture(scope="module")
-def kinds(twin_sensor: SensorFolder, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Kind]:
-    """One file of every kind, with the work that reads it; force by physics needs bulges and a point spread."""
+def kinds(twin_sensor: SensorFolder) -> Iterator[dict[str, Kind]]:
+    """One file of every kind, with the work that reads it."""
     cv2.setNumThreads(1)
-    folder = tmp_path_factory.mktemp("damaged")
+    with TemporaryDirectory(prefix="damaged_") as name:  # other users may enter it, unlike the folders of pytest
+        folder = Path(name)
+        sensor = write_sensor_with_physics(twin_sensor, folder / "sensor")
+        yield {**dict(sensor_kinds(sensor, folder)), **dict(data_kinds(folder))}
+
+
+def write_sensor_with_physics(twin_sensor: SensorFolder, sensor: Path) -> Path:
+    """Write a sensor with the bulges and the point spread that force by physics needs."""
     usual = twin_sensor.record.depth
     curve = replace(usual.curve, brightening=(0.0, 0.36), bulge_mm=(0.0, 1.0))
     depth = msgspec.structs.replace(usual, curve=curve, deblurring=Deblurring(0.45))
-    sensor = folder / "sensor"
     (sensor / "images").mkdir(parents=True)
     for image in (twin_sensor.path / "images").iterdir():
         (sensor / "images" / image.name).write_bytes(image.read_bytes())
     (sensor / SENSOR_FILE).write_bytes(to_sensor_toml(msgspec.structs.replace(twin_sensor.record, depth=depth)))
-    return {**dict(sensor_kinds(sensor, folder)), **dict(data_kinds(folder))}
+    return sensor
 
 
 @pytest.mark.parametrize("part", range(4))
 def test_damaged_files_are_refused_or_change_nothing_silently(
-    part: int, kinds: dict[str, Kind], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    part: int, kinds: dict[str, Kind], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    rows = {name: outcomes_of(name, kind, tmp_path) for name, kind in list(kinds.items())[part::4]}
+    rows = {name: outcomes_of(name, kind) for name, kind in list(kinds.items())[part::4]}
     with capsys.disabled():
         if "NINEDTACT_DAMAGED_CASES" in os.environ:
             for name, found in rows.items():
@@ -400,17 +407,19 @@ def test_damaged_files_are_refused_or_change_nothing_silently(
                 print(f"| {name} | {' | '.join(map(str, counts))} |")
 
 
-def outcomes_of(name: str, kind: Kind, folder: Path) -> Counter[str]:
+def outcomes_of(name: str, kind: Kind) -> Counter[str]:
     """Damage the file of a kind again and again; return how often each outcome came."""
     content, found = kind.path.read_bytes(), Counter[str]()
-    kind.work(folder)  # what it imports is imported once
-    usual = run_forked(kind.work, folder)
+    with TemporaryDirectory(prefix="results_") as folder:
+        kind.work(Path(folder))  # what it imports is imported once
+        usual = run_forked(kind.work, Path(folder))
     assert usual.code == 0, (name, usual)
 
     def judge(damage: str, change: Callable[[], object]) -> None:
         try:
             change()
-            run = run_forked(kind.work, folder)
+            with TemporaryDirectory(prefix="results_") as folder:
+                run = run_forked(kind.work, Path(folder), unprivileged=damage == "unreadable")
         finally:
             restore(kind.path, content)
         try:
@@ -418,8 +427,9 @@ def outcomes_of(name: str, kind: Kind, folder: Path) -> Counter[str]:
         except AssertionError as bad:
             raise AssertionError(f"{name}, {damage}: {bad}") from None
 
-    @settings(max_examples=CASES, deadline=None, phases=[Phase.generate], derandomize=CASES < 10, database=None)
-    @settings(suppress_health_check=list(HealthCheck))
+    @settings(
+        max_examples=CASES, phases=[Phase.generate], derandomize=CASES < 10, suppress_health_check=list(HealthCheck)
+    )
     @given(kind.damage(content if kind.part is None else kind.part))
     def damage_bytes(damaged: tuple[str, bytes]) -> None:
         note(damaged[0])
