@@ -30,10 +30,12 @@ class CameraInMemory(FrameSource):
     def __init__(self, images: dict[str, np.ndarray], hz: float = np.inf, kinds: int = 16) -> None:
         noise, untouched = np.random.default_rng(0), images["ball_reference"]
         share = [*np.zeros(kinds), *(1 - np.cos(np.linspace(0, 2 * np.pi, kinds))) / 2]
-        change = images["ball"].astype(float) - untouched
+        change = images["ball"].astype(np.float32) - untouched
         self.images = [
-            np.clip(untouched + part * change + noise.normal(0, 0.6, untouched.shape), 0, 255).astype(np.uint8)
-            for part in share
+            np.clip(untouched + part * change + 0.6 * noise.standard_normal(change.shape, np.float32), 0, 255).astype(
+                np.uint8
+            )
+            for part in np.float32(share)
         ]
         self.hz, self.next_index, self.opened_at_s = hz, 0, 0.0
 
