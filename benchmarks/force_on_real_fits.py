@@ -100,7 +100,7 @@ def force_on_real_fits(
 ) -> None:
     """Print a table for each sensor, and the mean and worst of all. presses: number on each sensor."""
     cv2.setNumThreads(1)
-    presses, sensors, workers = (3, ("A",), 1) if quick else (presses, sensors, workers)
+    presses, sensors, workers = (2, ("A",), 1) if quick else (presses, sensors, workers)
     out = out if wrong == "nothing" else out / wrong
     setups = [
         Setup(mistaken(twin, wrong), out / f"sensor_{name}", out / f"{name}_{presses}.npz")
@@ -128,7 +128,6 @@ def force_on_real_fits(
     names = [one.member.name for one in setups]
     for spec in ESTIMATORS:
         show(spec, {name: results[name, spec] for name in names})
-    compare_with_best(results, names)
     if wrong == "nothing" and not perfect_calibration:
         show_images_without_press(setups, untouched=2 if quick else 50)
 
@@ -287,27 +286,6 @@ def line(row: np.ndarray) -> str:
     skill, below, slope, one, two = row[:6], row[6:8], *row[8:]
     texts = (" ".join(f"{value:.2f}" for value in some) for some in (skill, below, (slope,), (one, two)))
     return "  |  ".join(texts)
-
-
-def compare_with_best(results: dict[tuple[str, str], Judged], sensors: list[str]) -> None:
-    """Print where the default, which is the first estimator, is worse than the best one: by 0.01 and beyond its bootstrap 95 %."""
-    default, *_ = ESTIMATORS
-    rng, behind, count = np.random.default_rng(0), 0, len(sensors) * len(AXES)
-    print(f"\n{default} (the default) compared with the best estimator on each sensor and axis")
-    for sensor in sensors:
-        truth = results[sensor, default].predictions.truth
-        errors = {spec: np.abs(results[sensor, spec].predictions.error) for spec in ESTIMATORS}
-        unskilled = np.abs(truth - np.median(truth, axis=0)).mean(axis=0)
-        skill = {spec: 1 - error.mean(axis=0) / unskilled for spec, error in errors.items()}
-        for axis, name in enumerate(AXES):
-            best = max(ESTIMATORS, key=lambda spec: skill[spec][axis])
-            lost = skill[best][axis] - skill[default][axis]
-            difference = (errors[default] - errors[best])[:, axis] / unskilled[axis]
-            resampled = rng.choice(difference, (2000, len(difference))).mean(axis=1)
-            if lost > 0.01 and np.quantile(resampled, 0.025) > 0:
-                behind += 1
-                print(f"  {sensor} {name}: {best} is better by {lost:.3f}")
-    print(f"  the default is the best, or as good, on {count - behind} of {count}")
 
 
 def show_images_without_press(setups: list[Setup], untouched: int) -> None:
