@@ -8,7 +8,7 @@ computed from the bandwidth of its memory, and called extrapolated.
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from time import perf_counter
 from typing import Any
@@ -57,15 +57,19 @@ def gpu_contacts(
 ) -> None:
     """Measure. device: as `ninedtact simulate dataset` takes it. batches: timed ones. threads: for motion, noise and PNG."""
     at_once, batches, alone = ((2,), 1, 1) if quick else (at_once, batches, 40)
-    figures = list(run(lambda setups: respond_one_by_one, 1, alone, 1).figures("one at a time, CPU without torch"))
+    figures = list(
+        run(lambda setups: respond_one_by_one, 1, alone, 1, quick).figures("one at a time, CPU without torch")
+    )
     if find_spec("torch") is None:
         figures.append(Figure("many at a time", "not measured: torch is not installed; pip install 'ninedtact[train]'"))
     else:
-        figures += torch_figures(choose_compute_device(device), at_once, batches, threads)
+        figures += torch_figures(choose_compute_device(device), at_once, batches, threads, quick)
     answer("Contacts per second of a data set, each rendered", figures, json)
 
 
-def torch_figures(device: Device, at_once: tuple[int, ...], batches: int, threads: int) -> Iterator[Figure]:
+def torch_figures(
+    device: Device, at_once: tuple[int, ...], batches: int, threads: int, quick: bool
+) -> Iterator[Figure]:
     """Yield the figures of batches on one device."""
     import torch
 
@@ -79,9 +83,9 @@ def torch_figures(device: Device, at_once: tuple[int, ...], batches: int, thread
         def execute_on(setups: Sequence[SimulatedSetup], many: int = many) -> Execute:
             return BatchExecutor(range(len(setups)), setups, device, many, print).execute
 
-        yield from run(execute_on, many, batches, threads).figures(f"{many} at a time", gpu)
+        yield from run(execute_on, many, batches, threads, quick).figures(f"{many} at a time", gpu)
     if not gpu:
-        yield from extrapolated(execute_on, many)
+        yield from extrapolated(execute_on, many, quick)
 
 
 def respond_one_by_one(requests: Sequence[SessionRequest]) -> list[Any]:
@@ -119,11 +123,13 @@ class Clock:
         yield Figure(f"{name}, with motion, noise and PNG per s", 1 / all_s)
 
 
-def run(make: Callable[[list[SimulatedSetup]], Execute], many: int, batches: int, threads: int) -> Clock:
+def run(make: Callable[[list[SimulatedSetup]], Execute], many: int, batches: int, threads: int, quick: bool) -> Clock:
     """Run some batches of this many sessions, after a few that do not count."""
     settings = GenerationSettings(
         1000 * many, sensors=min(SENSORS, many), session_pairs=1000, shares=PairKindShares(0, 0), rule=EVERY
     )
+    if quick:
+        settings = replace(settings, pitch_mm=0.6, size=(64, 48), sensors=1)
     setups = [make_simulated_sensor(number, settings) for number in range(settings.sensors)]
     clock = Clock(make(setups))
     sessions = [SimulatedPressSession(number, settings, setups[number % len(setups)]) for number in range(many)]
@@ -138,7 +144,7 @@ def run(make: Callable[[list[SimulatedSetup]], Execute], many: int, batches: int
     return clock
 
 
-def extrapolated(make: Callable[[list[SimulatedSetup]], Execute], many: int) -> Iterator[Figure]:
+def extrapolated(make: Callable[[list[SimulatedSetup]], Execute], many: int, quick: bool) -> Iterator[Figure]:
     """Yield what the counted operations of one batch would take on a GPU. Bytes grow with the batch, operations hardly do."""
     counts: dict[type, tuple[Counter[str], int]] = {}
 
@@ -153,7 +159,7 @@ def extrapolated(make: Callable[[list[SimulatedSetup]], Execute], many: int) -> 
 
         return count
 
-    run(counting, many, 1, 1)
+    run(counting, many, 1, 1, quick)
     (step, steps), (look, looks) = counts[StepRequest], counts[RenderRequest]
     grid_points = make_simulated_sensor(0, GenerationSettings()).twin.model.skin.grid.positions_mm[0].size
     bytes_each = step["bytes"] / steps + look["bytes"] / looks
