@@ -206,12 +206,12 @@ def _twin_sources(
     return sources.camera, SimulatedForceTorque(sources.simulation) if force_torque else None
 
 
-def require_new_recording_path(out: Path) -> None:
+def require_new_recording_path(out: Path, option: str = "--out") -> None:
     """Raise `RecordingRefused` for a name without .mcap, which other programs would not know, and for one that exists."""
     if out.suffix.lower() != RECORDING_SUFFIX:
-        raise RecordingRefused(f"expected --out to end in {RECORDING_SUFFIX}, got {out}; add it")
+        raise RecordingRefused(f"expected {option} to end in {RECORDING_SUFFIX}, got {out}; add it")
     if out.exists():
-        raise RecordingRefused(f"expected --out to be a new file, got {out}; choose another name")
+        raise RecordingRefused(f"expected {option} to be a new file, got {out}; choose another name")
 
 
 @contextmanager

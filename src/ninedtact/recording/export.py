@@ -79,8 +79,10 @@ def _export_into(recording: Recording, out: Path, on_image: Callable[[], None]) 
         "pairs": _export_pairs(recording, out / "pairs.csv"),
         "events": _export_events(recording, out / "events.csv"),
         "spans": _export_spans(recording, out / "spans.csv"),
-        "sensor": recording.write_sensor_files(out / SENSOR_FOLDER),
+        "sensor": len(files := recording.sensor_files()),
     }
+    if files:
+        recording.save_sensor_folder(out / SENSOR_FOLDER)
     summary = json.dumps(asdict(recording.summary()), indent=2, ensure_ascii=False)
     write_file_atomically(out / "recording.json", summary.encode())
     return written

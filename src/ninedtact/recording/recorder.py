@@ -18,9 +18,9 @@ from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import ForceEstimator, NoForceEstimator
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.reading import Reading, read_frame
+from ninedtact.reading import read_frame
+from ninedtact.recording.background_reader import BackgroundReader
 from ninedtact.recording.errors import RecordingStopped, ReferenceMomentRefused
-from ninedtact.recording.merge_streams import BackgroundReader
 from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import ESTIMATE_TOPICS, RecordingEvent, RecordingEventKind, Topic
@@ -221,42 +221,8 @@ def notify_partial_recording(path: Path, notify: Callable[[str], None]) -> Itera
 
 
 @dataclass
-class ReadingComputer:
-    """Computes readings from frames, against a known reference image (no contact) or that of the first ten frames."""
-
-    shape: CalibratedShape
-    find_reference_faults: FindReferenceFaults = lambda _: ()
-    depth_reader: DepthReader | None = None
-    """Computes heights against a reference image that is known; None takes that of the first ten frames."""
-    _first: list[Frame] = field(default_factory=list, init=False)
-
-    def require_reference(self) -> None:
-        """Raise `ReferenceMomentRefused` where the frames so far were too few for reference images."""
-        if self.depth_reader is None:
-            raise ReferenceMomentRefused(
-                f"expected at least {REFERENCE_FRAMES} images for the reference of heights and forces, got {len(self._first)}, "
-                "so that neither was computed; record longer"
-            )
-
-    def readings(self, frame: Frame) -> Iterator[Reading]:
-        """Yield the readings that this frame completes: none for the first nine frames, ten for the tenth, then one."""
-        for waiting, depth_reader in self._readable(frame):
-            yield read_frame(waiting, self.shape, depth_reader)
-
-    def _readable(self, frame: Frame) -> Iterator[tuple[Frame, DepthReader]]:
-        if self.depth_reader is not None:
-            yield frame, self.depth_reader
-            return
-        self._first.append(frame)
-        if len(self._first) == REFERENCE_FRAMES:
-            reader = self.depth_reader = self.shape.depth_reader(*self._first, find_faults=self.find_reference_faults)
-            yield from ((waiting, reader) for waiting in self._first)
-            self._first.clear()
-
-
-@dataclass
 class EstimateRecorder:
-    """Computes heights and wrenches of frames and writes them beside the images."""
+    """Computes heights and wrenches of frames, against the reference of the first ten, and writes them beside the images."""
 
     shape: CalibratedShape
     estimator: ForceEstimator = field(default_factory=NoForceEstimator)
@@ -264,11 +230,8 @@ class EstimateRecorder:
     find_reference_faults: FindReferenceFaults = lambda _: ()
     notify: Callable[[str], None] = lambda sentence: None
     """Receives a sentence about every fault of the reference."""
-
-    def __post_init__(self) -> None:
-        self._computer = ReadingComputer(self.shape, self.find_reference_faults)
-        self._has_reported = False
-        self._estimates_force = not isinstance(self.estimator, NoForceEstimator)
+    _first: list[Frame] = field(default_factory=list, init=False)
+    _depth_reader: DepthReader | None = field(default=None, init=False)
 
     @property
     def topics(self) -> set[Topic]:
@@ -276,23 +239,36 @@ class EstimateRecorder:
         return {*(ESTIMATE_TOPICS if self._estimates_force else ()), *([Topic.HEIGHTS] if self.heights else ())}
 
     def require_reference(self) -> None:
-        """Raise `ReferenceMomentRefused` where nothing could be written for lack of reference images."""
-        self._computer.require_reference()
+        """Raise `ReferenceMomentRefused` where the frames were too few for reference images, so that nothing was written."""
+        if self._depth_reader is None:
+            raise ReferenceMomentRefused(
+                f"expected at least {REFERENCE_FRAMES} images for the reference of heights and forces, got {len(self._first)}, "
+                "so that neither was computed; record longer"
+            )
 
     def write(self, frame: Frame, writer: RecordingWriter) -> None:
         """Write heights and estimate of a frame, and of the first frames once the reference is known."""
-        for reading in self._computer.readings(frame):
-            self._report_faults(reading.stamp_ns, writer)
+        self._first.append(frame)
+        if self._depth_reader is None:
+            if len(self._first) < REFERENCE_FRAMES:
+                return
+            self._depth_reader = self.shape.depth_reader(*self._first, find_faults=self.find_reference_faults)
+            self._report_faults(self._depth_reader, writer)
+        for waiting in self._first:
+            reading = read_frame(waiting, self.shape, self._depth_reader)
             if self._estimates_force:
                 reading = reading.with_force(self.estimator.estimate(reading))
             writer.write_measurements(reading)
+        self._first.clear()
 
-    def _report_faults(self, stamp_ns: int, writer: RecordingWriter) -> None:
-        """Report the faults of the reference once, as remarks in the recording and to the person who records."""
-        if self._has_reported or self._computer.depth_reader is None:
-            return
-        self._has_reported = True
-        for fault in self._computer.depth_reader.reference_faults:
+    @property
+    def _estimates_force(self) -> bool:
+        return not isinstance(self.estimator, NoForceEstimator)
+
+    def _report_faults(self, depth_reader: DepthReader, writer: RecordingWriter) -> None:
+        """Report the faults of the reference, as remarks in the recording and to the person who records."""
+        for fault in depth_reader.reference_faults:
+            stamp_ns = self._first[0].stamp_ns
             writer.write_event(RecordingEvent(stamp_ns, RecordingEventKind.REMARK, "reference image", fault))
             self.notify(f"the reference image is doubtful; {fault}")
 

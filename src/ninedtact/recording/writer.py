@@ -3,7 +3,7 @@
 import os
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from threading import RLock
@@ -12,18 +12,16 @@ from types import TracebackType
 
 from mcap.writer import CompressionType, Writer
 
-from ninedtact.errors import NinedtactError
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingRefused, RecordingStopped
-from ninedtact.recording.mcap_repair import repair_recording
+from ninedtact.recording.mcap_file import lock_while_writing
 from ninedtact.recording.metadata import (
     METADATA_RECORD,
     RecordingMetadata,
     require_recordable_metadata,
     wall_minus_monotonic_ns,
 )
-from ninedtact.recording.missing_end import lock_while_writing
 from ninedtact.recording.topics_and_messages import (
     CAMERA_FRAME,
     SKIN_FRAME,
@@ -268,7 +266,10 @@ class RecordingWriter:
         }
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        """Finish the file, whatever ended the block; delete it where the block failed before any message."""
+        """Finish the file, whatever ended the block; delete it where the block failed before any message.
+
+        Where a write has failed, as on a full disk, the file stays without an end: it is read as far as it goes.
+        """
         opened = self._open_file
         try:
             if opened.is_between_records:
@@ -278,9 +279,6 @@ class RecordingWriter:
             opened.records.close()
             if error is not None and not any(writer.written for writer in opened.writers):
                 self.path.unlink()
-            elif not opened.is_between_records:
-                with suppress(OSError, NinedtactError):  # no room for a summary: it can be read without one
-                    repair_recording(self.path)
 
 
 class _SharedFile:

@@ -23,8 +23,8 @@ from ninedtact.design import ForceTorqueMount
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
+from ninedtact.recording.collecting.merge_streams import MergedArrival, merge_live_streams, merge_recorded_streams
 from ninedtact.recording.errors import WrenchSourceMismatched
-from ninedtact.recording.merge_streams import MergedArrival, merge_live_streams, merge_recorded_streams
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedFrameSource, RecordedWrenchSource
 from ninedtact.simulation.objects.catalogue import indenter_from_name

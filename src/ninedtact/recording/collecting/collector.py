@@ -28,7 +28,9 @@ from ninedtact.capture.frame_source import SourceIncomplete
 from ninedtact.capture.training_pair_rule import SamplingRule
 from ninedtact.capture.wrench_source import WrenchSampleRejected
 from ninedtact.quantities import NO_OBJECT, Frame, Wrench
+from ninedtact.recording.background_reader import Arrival
 from ninedtact.recording.collecting.collection_sources import CollectSetup
+from ninedtact.recording.collecting.merge_streams import MergedArrival
 from ninedtact.recording.collecting.pair_selection import (
     CollectSettings,
     ImageWrenchCandidate,
@@ -37,7 +39,6 @@ from ninedtact.recording.collecting.pair_selection import (
     ZeroDriftMonitor,
 )
 from ninedtact.recording.collecting.tare_and_reference import TareInProgress, TareResult
-from ninedtact.recording.merge_streams import Arrival, MergedArrival
 from ninedtact.recording.metadata import RecordingMetadata, wall_minus_monotonic_ns
 from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import PairLabel, RecordingEvent, RecordingEventKind, Topic
