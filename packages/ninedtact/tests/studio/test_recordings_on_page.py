@@ -1,0 +1,840 @@
+"""From the page into a recording and back: every moment whole, labels kept, the original never damaged, exports complete."""
+
+import csv
+import json
+import re
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from subprocess import PIPE
+from threading import Thread
+from urllib.request import urlopen
+
+import cv2
+import numpy as np
+import pytest
+from ninedtact.recording.mcap_repair import save_labelled_spans
+from page_client import page_client, page_socket
+from playwright.sync_api import Browser, Locator, Page
+from reading_clients import open_panel, page_errors
+from small_sensor import SkinCamera, sensor_folder, sensor_on, wait_until
+from viser import ViserServer
+
+import ninedtact
+from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.cli import main
+from ninedtact.cli.serve_sensor_page import installed_exporters
+from ninedtact.errors import NinedtactError
+from ninedtact.force.estimator_interface import NoForceEstimator
+from ninedtact.open_sensor import assemble_live_sensor
+from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
+from ninedtact.reading import Reading
+from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
+from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.reader import Recording, sensor_folder_attachments
+from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
+from ninedtact.recording.writer import RecordingWriter
+from ninedtact.studio.page_and_server import SensorPage, page_server
+from ninedtact.studio.page_cards import time_slider_marks
+from ninedtact.studio.page_controller import (
+    DisplayedSensor,
+    PageController,
+    PageMoment,
+    SensorMoment,
+    SensorStatusMessage,
+)
+from ninedtact.studio.page_recorder import NotRecording, PageRecorder, PageSensorToRecord, RecorderState
+from ninedtact.studio.reading_view import full_range_colour_scale
+from ninedtact.studio.recording_player import (
+    LabelledSpanRefused,
+    RecordedReadings,
+    RecordedSensor,
+    RecordingPlayer,
+    empty_wrench_histories,
+)
+from ninedtact.studio.recordings_panel import WHOLE, RecordingsPanel, RecordingsPanelContext
+from ninedtact.studio.saved_files import Exporter, SaveLimits, SaveQuota, save_surface_sequence, save_video
+from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.studio.viewer import ViewerPage
+from ninedtact.studio.wrench_history import MOST_HZ, WrenchHistory, WrenchWithUncertainty
+
+PATIENCE_S = 90.0
+
+
+def scaled_force(reading: Reading) -> WrenchEstimate:
+    """A force of 2 N for every mm of indentation, doubtful from 0.5 mm on."""
+    deep_mm = reading.max_indentation_mm
+    wrench = Wrench(np.array([0.0, 0.0, -2.0 * deep_mm]), np.zeros(3), stamp_ns=reading.stamp_ns)
+    warnings = (EstimateWarning.OUT_OF_RANGE,) if deep_mm > 0.5 else ()
+    return WrenchEstimate(wrench, np.diag(np.full(6, 0.01)), deep_mm > 0, warnings)
+
+
+class ScaledForce(NoForceEstimator):
+    """Estimates by `scaled_force`."""
+
+    def estimate(self, reading: Reading) -> WrenchEstimate:
+        return scaled_force(reading)
+
+
+class Bench:
+    """A sensor whose readings are recorded as on the page: its skin is pressed in deeper from reading to reading."""
+
+    def __init__(self, folder: Path, out: Path, share: float = 0.1) -> None:
+        self.folder = load_sensor(sensor_folder(folder))
+        self.true, self.estimated = (
+            WrenchHistory("true", "of the bench"),
+            WrenchHistory("estimated", "", states_errors=True),
+        )
+        self.quota = SaveQuota(SaveLimits(per_minute=100, disk_share=share))
+        self.recorder = PageRecorder(
+            [PageSensorToRecord(self.folder, "bench", [self.true, self.estimated])], out, self.quota
+        )
+        self.sensor = sensor_on(SkinCamera())
+        self.sensor.estimator = ScaledForce()
+        self.kept: list[Reading] = []
+
+    def press(self, levels: list[int]) -> None:
+        """Read and record an image of every level."""
+        camera = self.sensor.source._source  # type: ignore[attr-defined]
+        for level in levels:
+            camera.level = level
+            time.sleep(0.02)
+            self.sensor.read()
+            reading = self.sensor.read()
+            wrench = Wrench(np.array([0.0, 0.0, float(-level)]), np.zeros(3), stamp_ns=reading.stamp_ns)
+            self.true.add(WrenchWithUncertainty(wrench, np.full(6, np.nan)))
+            self.recorder.keep(reading)
+            self.kept.append(reading)
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> tuple[Path, Bench]:
+    """A recording that begins in the middle of a press, with a label, and what was read."""
+    bench = Bench(tmp_path / "small", tmp_path / "out")
+    with bench.sensor:
+        bench.press([80])
+        bench.kept.clear()
+        path = bench.recorder.start()
+        bench.press([80, 70, 75])
+        bench.recorder.begin_label("deep")
+        bench.press([60, 55])
+        bench.recorder.end_label()
+        bench.press([90, 100, 85])
+        state = bench.recorder.stop()
+    assert not state.is_running and state.labels == 1 and state.trouble == "" and state.written_bytes > 1000
+    return path, bench
+
+
+NO_READING = SensorSnapshot(SensorPhase.READING, None, 0, 0.0, 0.0, np.zeros((2, 0)))
+NEWEST = PageMoment((SensorMoment(SensorStatusMessage("live", "now"), NO_READING, None),))
+
+
+def player_of(path: Path, bench: Bench) -> RecordingPlayer:
+    shape = bench.folder.shape
+    recorded = RecordedSensor(path, shape, full_range_colour_scale(shape.curve), [bench.true, bench.estimated])
+    return RecordingPlayer([recorded])
+
+
+def moment_of(player: RecordingPlayer) -> SensorMoment:
+    """What is shown of the only sensor of a recording."""
+    (moment,) = player.moment(NEWEST).sensors
+    return moment
+
+
+def test_every_moment_of_a_recording_is_the_one_that_the_page_had(
+    recorded: tuple[Path, Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, bench = recorded
+    monkeypatch.setattr("ninedtact.studio.recording_player.MOST_HZ", 1.0)  # curves have fewer points than images
+    player = player_of(path, bench)
+    assert len(player) == len(bench.kept) == 8
+    for number in (5, 0, 7, 3):  # in any order
+        player.seek((bench.kept[number].stamp_ns - bench.kept[0].stamp_ns) / 1e9)
+        moment, kept = moment_of(player), bench.kept[number]
+        assert moment.view is not None and moment.reading is not None and kept.force is not None
+        assert np.array_equal(moment.reading.image, kept.image) and moment.reading.stamp_ns == kept.stamp_ns
+        np.testing.assert_allclose(moment.reading.height.z_mm, kept.height.z_mm, atol=0.0006)
+        true, estimated = moment.wrenches
+        assert true.sample is not None and estimated.sample is not None
+        assert estimated.sample.wrench.stamp_ns == kept.stamp_ns and estimated.sample.warnings == kept.force.warnings
+        np.testing.assert_allclose(estimated.sample.wrench.six, kept.force.wrench.six)
+        np.testing.assert_allclose(estimated.sample.std, kept.force.std)
+        assert true.sample.wrench.stamp_ns <= kept.stamp_ns
+        assert all(at <= kept.stamp_ns for at, _ in estimated.samples) and moment.snapshot.phase is SensorPhase.RECORDED
+        assert f"of {player.duration_s:.2f} s, paused" in moment.status.sentence
+    same = moment_of(player)
+    assert same.view is moment_of(player).view
+    wait_until(lambda: moment_of(player).snapshot.history.shape[1] == 4)
+    player.close()
+
+
+def test_samples_at_the_rate_that_the_page_keeps_are_all_kept(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
+    _, bench = recorded
+    stamps_ns = [10**12 + round(number * 1e9 / MOST_HZ) for number in range(300)]
+    history = WrenchHistory("true", "of a twin")
+    with RecordingWriter(tmp_path / "60.mcap", RecordingMetadata("small")) as writer:
+        writer.write_image(Frame(bench.kept[0].image, stamps_ns[0], 0))
+        for stamp_ns in stamps_ns:
+            wrench = Wrench(np.zeros(3), np.zeros(3), stamp_ns=stamp_ns)
+            writer.write_measured(wrench)
+            history.add(WrenchWithUncertainty(wrench, np.full(6, np.nan)))
+    assert [at for at, _ in history.snapshot(None, stamps_ns[-1]).samples] == stamps_ns
+    with RecordedReadings(tmp_path / "60.mcap", bench.folder.shape) as readings:
+        assert [at for at, _ in readings.samples(Topic.MEASURED)] == stamps_ns
+
+
+def test_a_moment_has_no_wrench_of_another_time(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
+    _, bench = recorded
+    image, first_ns = bench.kept[0].image, 10**12
+    with RecordingWriter(tmp_path / "ended.mcap", RecordingMetadata("small")) as writer:
+        for second in range(6):
+            writer.write_image(Frame(image, first_ns + second * 10**9, second))
+        force = Wrench(np.array([0.0, 0.0, -5.0]), np.zeros(3), stamp_ns=first_ns + 10**9)
+        writer.write_measured(force)  # the force/torque sensor was lost after this
+        wrench = replace(force, stamp_ns=first_ns + 2 * 10**9)
+        writer.write_estimated(WrenchEstimate(wrench, np.eye(6), True, ()), 2)
+    player = player_of(tmp_path / "ended.mcap", bench)
+    found = []
+    for second in range(6):
+        player.seek(second)
+        found.append(tuple(one.sample is not None for one in moment_of(player).wrenches))
+    player.close()
+    assert found == [(True, False), (True, False), (True, True), *[(False, False)] * 3]
+
+
+def test_a_program_reads_the_reference_of_the_page_and_not_the_first_images(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded  # which begins in the middle of a press
+    deep_mm = [kept.max_indentation_mm for kept in bench.kept]
+    with Recording(path) as recording:
+        np.testing.assert_allclose([one.max_indentation_mm for one in recording.readings()], deep_mm, atol=1e-5)
+    with ninedtact.open(source=str(path), force="none") as sensor:
+        np.testing.assert_allclose([one.max_indentation_mm for one in sensor], deep_mm, atol=1e-5)
+    live = assemble_live_sensor(bench.folder, str(path)).sensor
+    assert live.current_depth_reader is not None and deep_mm[0] > 0.5
+
+
+def test_a_player_steps_and_plays_at_its_speed_and_stops_at_the_end(recorded: tuple[Path, Bench]) -> None:
+    player = player_of(*recorded)
+    player.step(-1)
+    assert player.number == 0
+    player.step(3)
+    player.step(-1)
+    assert player.number == 2 and not player.is_playing
+    player.seek(np.inf)
+    assert player.number == 0
+    player.speed = 0.25
+    began = time.monotonic()
+    player.toggle_play()
+    wait_until(lambda: player.moment(NEWEST) is not None and not player.is_playing)
+    assert time.monotonic() - began >= 4 * player.duration_s and player.number == len(player) - 1
+    player.toggle_play()
+    assert player.is_playing and player.number == 0
+    player.close()
+
+
+def test_labels_are_kept_in_the_file_and_exported_and_the_rest_of_it_stays(
+    recorded: tuple[Path, Bench], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, bench = recorded
+    with Recording(path) as recording:
+        (deep,) = recording.spans()
+        images = [frame.image for frame in recording.frames()]
+    assert deep.label == "deep" and bench.kept[2].stamp_ns <= deep.begin_ns <= bench.kept[4].stamp_ns <= deep.end_ns
+    player = player_of(path, bench)
+    player.add_span(0.0, player.duration_s, " whole ")
+    deep_s, (whole, *marks) = player.span_s(deep), time_slider_marks(player)
+    assert whole == (0.0, "whole") and marks[-1][0] == player.duration_s
+    assert {round(value, 6) for value, _ in marks} >= {round(at_s, 6) for at_s in deep_s}
+    assert [label for value, label in marks if value == deep_s[0]] == [
+        "deep" if deep_s[0] > 0.2 * player.duration_s else None
+    ]
+    size = path.stat().st_size
+    player.add_span(0.0, 0.01, "first")
+    assert path.stat().st_size < size + 200  # an earlier list of labels does not pile up
+    player.remove_span(deep)
+    with pytest.raises(
+        LabelledSpanRefused, match=r"expected a label and an end after its beginning, got ' ' from 0.00"
+    ):
+        player.add_span(0.0, 0.1, " ")
+    player.close()
+    with Recording(path) as recording:
+        assert recording.is_finished and [span.label for span in recording.spans()] == ["first", "whole"]
+        assert all(np.array_equal(*pair) for pair in zip(images, (f.image for f in recording.frames()), strict=True))
+    assert main(["export", str(path), "--out", str(tmp_path / "tables")]) == 0
+    rows = list(csv.DictReader((tmp_path / "tables" / "spans.csv").open()))
+    assert [row["label"] for row in rows] == ["first", "whole"]
+    assert int(rows[1]["end_monotonic_ns"]) == bench.kept[-1].stamp_ns
+    assert main(["info", str(path)]) == 0 and "label 'whole'" in capsys.readouterr().out
+
+
+def test_two_viewers_of_a_recording_keep_each_others_labels(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    one, other = player_of(path, bench), player_of(path, bench)
+    with Recording(path) as recording:
+        (deep,) = recording.spans()
+    one.add_span(0.0, 0.01, "by one")
+    other.add_span(0.02, 0.03, "by other")
+    assert {span.label for span in other.spans} == {"by one", "deep", "by other"}
+    at_once = [Thread(target=player.add_span, args=(0.0, 0.05, "again")) for player in (one, other)]
+    at_once.append(Thread(target=one.remove_span, args=(deep,)))
+    for thread in at_once:
+        thread.start()
+    for thread in at_once:
+        thread.join()
+    other.remove_span(deep)  # which is gone already
+    one.close()
+    other.close()
+    with Recording(path) as recording:
+        assert sorted(span.label for span in recording.spans()) == ["again", "again", "by one", "by other"]
+
+
+def test_labels_that_cannot_be_written_leave_the_file_as_it_was(recorded: tuple[Path, Bench]) -> None:
+    path, _ = recorded
+    before, limit = path.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) // 2, limit[1]))
+    try:
+        with pytest.raises(NinedtactError, match="expected to write"):
+            save_labelled_spans(path, [LabelledSpan(0, 1, "x")])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert path.read_bytes() == before and len(list(path.parent.iterdir())) == 1
+    path.write_bytes(before[:-300])
+    with pytest.raises(RecordingRefused, match="another computer may be writing"):
+        save_labelled_spans(path, [])
+    assert path.read_bytes() == before[:-300]
+
+
+def test_a_full_disk_and_a_used_up_quota_end_a_recording_and_say_what_was_kept(tmp_path: Path) -> None:
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    bench = Bench(tmp_path / "small", tmp_path / "out")
+
+    def press_until_it_ends() -> RecorderState:
+        bench.recorder.start()
+        while bench.recorder.state().is_running:
+            bench.press([80, 60])
+        return bench.recorder.stop()
+
+    with bench.sensor:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, limit[1]))
+        try:
+            state = press_until_it_ends()
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+        assert "expected to continue writing" in state.trouble and "keeps the messages" in state.trouble
+        assert state.path is not None
+        with Recording(state.path) as recording:
+            assert f"{len(recording.positions(Topic.IMAGES))} of /small/image_raw" in state.trouble
+        bench.recorder._quota = SaveQuota(SaveLimits(disk_share=1e-8))
+        state = press_until_it_ends()
+        assert "of the free disk" in state.trouble and "a recording that goes on" in state.trouble
+        with pytest.raises(NotRecording, match="expected a recording and a name for the label"):
+            bench.recorder.begin_label("late")
+
+
+def test_a_label_ends_with_a_recording_that_the_quota_ends(tmp_path: Path) -> None:
+    bench = Bench(tmp_path / "small", tmp_path / "out")
+    with bench.sensor:
+        path = bench.recorder.start()
+        bench.press([80])
+        bench.recorder.begin_label("to the end")
+        bench.press([60])
+        bench.recorder._quota = SaveQuota(SaveLimits(disk_share=0.0))
+        wait_until(lambda: not bench.recorder.state().is_running)
+        state = bench.recorder.stop()
+    assert "a recording that goes on" in state.trouble and state.labels == 1 and state.label is None
+    with Recording(path) as recording:
+        (span,) = recording.spans()
+    assert span.label == "to the end" and span.begin_ns <= bench.kept[-1].stamp_ns <= span.end_ns
+
+
+def test_buttons_of_two_viewers_do_what_they_say(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera()), bench.recorder.keep) as loop:
+        page, controller = recordings_page(server, loop, bench, path.parent)
+        with page_client(page, server.get_port()) as client, page_client(page, server.get_port()) as other:
+            panels = [recordings_panel(one.viewer) for one in (client, other)]
+
+            def press_both(
+                button: Callable[[RecordingsPanel, PageRecorder], None], is_shown: Callable[[], bool]
+            ) -> None:
+                wait_until(lambda: controller.refresh(page) and is_shown())
+                for panel in panels:
+                    button(panel, bench.recorder)
+
+            record, label = RecordingsPanel._toggle_record, RecordingsPanel._toggle_label
+            press_both(record, lambda: all(not panel._shown_state.is_running for panel in panels))
+            assert bench.recorder.state().is_running
+            panels[0]._live_label.value = panels[1]._live_label.value = "twice"
+            press_both(label, lambda: all(panel._shown_state.is_running for panel in panels))
+            press_both(label, lambda: all(panel._shown_state.label == "twice" for panel in panels))
+            assert bench.recorder.state().label is None
+            press_both(record, lambda: all(panel._shown_state.label is None for panel in panels))
+            assert not bench.recorder.state().is_running and len(list(path.parent.glob("*.mcap"))) == 2
+            assert client.notices[:-1] == other.notices[:-1] == []  # the last one says what was recorded
+
+
+class UntilAlone:
+    """A panel that takes as long to build as a browser stays."""
+
+    title, icon, side = "Slow", None, "right"
+
+    def __init__(self, viewer: ViewerPage, server: ViserServer, built: list[ViewerPage]) -> None:
+        self._viewer, self._server, self._built = viewer, server, built
+
+    def build(self, gui: object) -> None:
+        wait_until(lambda: self._viewer.client.client_id not in self._server.get_clients())
+        self._built.append(self._viewer)
+
+    def update(self, moment: PageMoment) -> None: ...
+
+
+def test_a_recording_is_closed_for_a_viewer_who_left_before_it_was_opened(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    built: list[ViewerPage] = []
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        context, block = (
+            RecordingsPanelContext(server, bench.folder, opens=path),
+            gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel),
+        )
+        panels = [partial(RecordingsPanel, context=context), partial(UntilAlone, server=server, built=built)]
+        page = SensorPage(server, PageController([DisplayedSensor(loop)], path.parent), block, "small", panels)
+        with page_socket(server.get_port()):
+            wait_until(lambda: len(server.get_clients()) == 1)
+        wait_until(lambda: len(built) == 1 and not built[0].plays_recording)
+        (player,) = [recordings_panel(built[0])._player]
+        assert player is not None and not page.viewers
+        wait_until(player.sensors[0]._closing.is_set)
+        late = player_of(path, bench)
+        built[0].play(late)  # by a callback that ends after the viewer has left
+        assert late.sensors[0]._closing.is_set() and not built[0].plays_recording
+
+
+def test_controls_of_a_recording_show_what_is_open(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    player = player_of(path, bench)
+    player.add_span(0.004, 0.006, "between two images")
+    player.close()
+    (path.parent / "bad.mcap").write_bytes(b"")
+    attached = sensor_folder_attachments(bench.folder.path)
+    with RecordingWriter(path.parent / "other.mcap", RecordingMetadata("other"), attachments=attached) as writer:
+        writer.write_image(Frame(bench.kept[0].image, 1, 0))
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        page, controller = recordings_page(server, loop, bench, path.parent)
+        with page_client(page, server.get_port()) as client:
+            panel = recordings_panel(client.viewer)
+
+            def wait_for(is_done: Callable[[], bool]) -> None:
+                wait_until(lambda: controller.refresh(page) and is_done())
+
+            def is_open(name: str) -> bool:
+                return panel._player is not None and panel._player.path.name == name
+
+            def shows_other() -> bool:
+                moment = client.viewer.moment
+                reading = None if moment is None else moment.sensors[0].reading
+                return reading is not None and reading.stamp_ns == 1
+
+            wait_for(lambda: len(panel._choice.options) == 4)
+            client.use("recording", path.name)
+            wait_for(lambda: is_open(path.name) and len(panel._label_choice.options) == 3)
+            client.use("Remove label")
+            wait_for(lambda: client.notices == [f"Label not changed: {_NO_LABEL}"])
+            between = next(name for name in panel._label_choice.options if name.startswith("between"))
+            client.send(
+                {"type": "GuiUpdateMessage", "uuid": panel._label_choice._impl.uuid, "updates": {"value": between}}
+            )
+            wait_for(lambda: "marked: 0.00 to 0.01 s" in panel._marked.content)
+            client.use("Surfaces (PLY)")
+            wait_for(
+                lambda: (
+                    client.notices[1:]
+                    == [f"Not exported: expected images in {between}, got none; choose another label"]
+                )
+            )
+            assert not list(path.parent.glob("*_surfaces_*"))
+            client.use("speed", "4 ×")
+            wait_for(lambda: panel._player is not None and panel._player.speed == 4.0)
+            client.use("recording", "bad.mcap")
+            wait_for(lambda: len(client.notices) == 3 and panel._choice.value == path.name)
+            assert "an empty file" in client.notices[2] and is_open(path.name)
+            client.use("recording", "other.mcap")
+            wait_for(lambda: is_open("other.mcap") and panel._choice.value == "other.mcap")
+            assert panel._player is not None and panel._player.speed == 4.0
+            wait_for(shows_other)
+            client.use("This moment as a web page")
+            wait_for(lambda: len(client.notices) == 4)
+            (exported,) = path.parent.glob("moment_*.html")
+            assert "<title>other, recorded, 0.00 of" in exported.read_text()
+
+
+_NO_LABEL = f"expected a label to remove, got '{WHOLE}'; choose one first"
+
+
+def recordings_page(
+    server: ViserServer, loop: SensorPoller, bench: Bench, out: Path
+) -> tuple[SensorPage, PageController]:
+    """Return the page of a sensor with the recorder of the bench, and its controller."""
+    controller = PageController([DisplayedSensor(loop)], out, save_limits=SaveLimits(per_minute=100))
+    panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, bench.recorder))
+    block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
+    return SensorPage(server, controller, block, "small", [panel]), controller
+
+
+def recordings_panel(viewer: ViewerPage) -> RecordingsPanel:
+    """Return the panel of recordings of a viewer."""
+    return next(panel for panel in viewer._panels if isinstance(panel, RecordingsPanel))
+
+
+def unplayable_files(path: Path, folder: Path) -> dict[Path, str]:
+    """Recordings that are foreign, of another version or damaged, with what is said about each."""
+    content, foreign, bare = path.read_bytes(), folder / "foreign.mcap", folder / "bare.mcap"
+    from mcap.writer import Writer
+
+    with foreign.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.finish()
+    with RecordingWriter(bare, RecordingMetadata("other")) as written:
+        written.write_image(Frame(np.zeros((48, 64, 3), np.uint8), 1, 0))
+    version = folder / "version.mcap"
+    version.write_bytes(content.replace(b"format\x01\x00\x00\x003", b"format\x01\x00\x00\x009"))
+    damaged = folder / "damaged.mcap"
+    inside = [match.start() for match in re.finditer(b"zstd", content)][
+        1
+    ] + 60  # of the first chunk after the sensor's folder
+    damaged.write_bytes(content[:inside] + bytes(60) + content[inside + 60 :])
+    empty = folder / "empty.mcap"
+    empty.write_bytes(b"")
+    return {
+        foreign: "an MCAP file of another program",
+        bare: "to carry its sensor's folder, got a recording without",
+        version: "from a newer ninedtact; update ninedtact",
+        damaged: "got damaged",
+        empty: "got an empty file",
+    }
+
+
+def test_files_that_cannot_be_played_are_refused_in_one_sentence(
+    recorded: tuple[Path, Bench], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = unplayable_files(recorded[0], tmp_path)
+    files |= {
+        tmp_path / "none.mcap": "expected a recording at",
+        tmp_path / "none.avi": "expected a recording (.mcap), got",
+    }
+    for file, said in files.items():
+        assert main(["play", str(file), "--port", "0"]) == 1
+        captured = capsys.readouterr()
+        assert said in captured.err and captured.err.count("\n") == 1 and captured.out == "", file
+
+
+def test_an_image_that_is_damaged_is_said_and_the_last_whole_one_stays(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    player = player_of(path, bench)
+    whole = moment_of(player).view
+    player.sensors[0].readings.recording.message = lambda position: (_ for _ in ()).throw(  # type: ignore[method-assign]
+        RecordingUnreadable("expected it as it was recorded, got damaged data at byte 7; restore it")
+    )
+    player.step(1)
+    moment = moment_of(player)
+    assert moment.view is whole and moment.status.tone == "lost" and "damaged data at byte 7" in moment.status.sentence
+    player.close()
+
+
+def test_surfaces_and_a_video_have_every_image_or_nothing(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
+    path, bench = recorded
+    scale, shape = full_range_colour_scale(bench.folder.shape.curve), bench.folder.shape
+    with RecordedReadings(path, shape) as readings:
+        assert save_surface_sequence(readings.readings(2, 4), tmp_path / "ply", bench.quota) == 3
+        assert len(list((tmp_path / "ply").glob("*.ply"))) == 3
+        assert save_video(readings.readings(), scale, 69.6971, tmp_path / "all.mp4", bench.quota) == 8
+        video = cv2.VideoCapture(str(tmp_path / "all.mp4"))
+        assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 8 and video.read()[1].shape == (72, 128, 3)
+        for write in (
+            lambda quota: save_surface_sequence(readings.readings(), tmp_path / "too" / "many", quota),
+            lambda quota: save_video(readings.readings(), scale, 10.0, tmp_path / "too" / "long.mp4", quota),
+        ):
+            with pytest.raises(NinedtactError, match="at most 0% of the free disk"):
+                write(SaveQuota(SaveLimits(disk_share=0.0)))
+    assert not list((tmp_path / "too").iterdir())
+    with (
+        bench.quota.one_export(),
+        pytest.raises(NinedtactError, match="one export at a time"),
+        bench.quota.one_export(),
+    ):
+        pass
+
+
+def test_recordings_of_the_command_line_are_played_too(tmp_path: Path) -> None:
+    folder = load_sensor(sensor_folder(tmp_path / "small"))
+    path, camera = tmp_path / "plain.mcap", SkinCamera()
+    with RecordingWriter(
+        path, RecordingMetadata("small"), (Topic.IMAGES,), sensor_folder_attachments(folder.path)
+    ) as out:
+        camera.open()
+        for number in range(14):
+            camera.level = 100 if number < 11 else 75
+            out.write_image(camera.read())
+    assert empty_wrench_histories(path, folder.shape) == []
+    with RecordedReadings(path, folder.shape) as readings:
+        depths = [reading.max_indentation_mm for reading in readings.readings()]
+    np.testing.assert_allclose(depths, [0.0] * 11 + [1.0] * 3, atol=0.02)
+
+
+def test_play_serves_a_recording_until_ctrl_c(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "ninedtact", "play", str(recorded[0]), "--port", "0", "--out", str(tmp_path)]
+    play = subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True)
+    assert play.stdout is not None
+    address = re.search(r"open (http://127.0.0.1:\d+) in a browser; Ctrl-C ends", play.stdout.readline())
+    assert address is not None
+    with urlopen(address[1], timeout=60) as page:
+        assert page.status == 200 and b"<html" in page.read()
+    play.send_signal(signal.SIGINT)
+    assert play.communicate(timeout=60) == ("", "") and play.returncode == 0
+
+
+class Journey:
+    """A page of the bench in a browser, with what a person does on it."""
+
+    def __init__(self, tab: Page, out: Path, refresh: Callable[[], None]) -> None:
+        self.tab, self.out, self.refresh = tab, out, refresh
+
+    def until_shown(self, *texts: str) -> None:
+        def shown() -> bool:
+            self.refresh()
+            said = self.tab.inner_text("body")
+            return all(text in said for text in texts)
+
+        wait_until(shown, PATIENCE_S, pause_s=0.03)
+
+    def press(self, name: str) -> None:
+        self.tab.get_by_role("button", name=name, exact=True).dispatch_event("click")
+
+    def field(self, name: str, number: int = 0) -> Locator:
+        label = self.tab.locator(f"label:text-is('{name}')").nth(number)
+        return label.locator("xpath=ancestor::*[.//input][1]//input[not(@type='hidden')]").last
+
+    def choose(self, field: Locator, option: str) -> None:
+        field.click()
+        self.tab.get_by_role("option", name=option).click()
+
+    def until_found(self, pattern: str) -> Path:
+        def found() -> bool:
+            self.refresh()
+            return bool(list(self.out.glob(pattern)))
+
+        wait_until(found, PATIENCE_S, pause_s=0.03)
+        return next(self.out.glob(pattern))
+
+    def until_exported(self, pattern: str) -> Path:
+        path = self.until_found(pattern)
+        self.until_shown("Exported", path.name)  # before that, another export is refused
+        self.until_shown(f"exported to {path.parent}")
+        return path
+
+
+def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp_path: Path) -> None:
+    folder, camera, out = load_sensor(sensor_folder(tmp_path / "small")), SkinCamera(), tmp_path / "readings"
+    tab, sensor = browser.new_page(viewport={"width": 1000, "height": 800}), sensor_on(camera)
+    errors = page_errors(tab)
+    tab.set_default_timeout(PATIENCE_S * 200)
+    sensor.estimator = ScaledForce()
+    estimated, limits = WrenchHistory("estimated", "by the bench", states_errors=True), SaveLimits(per_minute=100)
+    recorder = PageRecorder([PageSensorToRecord(folder, "bench", [estimated])], out, SaveQuota(limits))
+
+    def keep(reading: Reading) -> None:
+        estimated.add_estimate(scaled_force(reading))
+        recorder.keep(reading)
+
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep) as loop:
+        controller = PageController([DisplayedSensor(loop, [estimated])], out, limits)
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, folder, recorder))
+        block = gel_block_under_skin(folder.shape, folder.record.design.gel)
+        page = SensorPage(server, controller, block, "small", [panel])
+        journey = Journey(tab, out, lambda: controller.refresh(page))
+        tab.goto(f"http://127.0.0.1:{server.get_port()}")
+        journey.until_shown("live, ", "0.00 mm")
+        path = record_with_a_label(journey, camera)
+        stamps_s = (lambda at: (at - at[0]) / 1e9)(Recording(path).stamps_ns(Topic.IMAGES))
+        journey.choose(journey.field("recording"), path.name)
+        journey.until_shown("recorded, 0.00 of ", "paused", "1.00 mm", "shallow: ", "2.00")
+        camera.level = 50  # the sensor goes on, and this viewer is shown none of it
+        scrub(journey, stamps_s)
+        moment_page = save_the_moment(journey)
+        export_everything(journey, len(stamps_s))
+        tab.screenshot(path=tmp_path / "page.png")
+        journey.press("Back to the sensor")
+        journey.until_shown("live, ", "2.00 mm")
+        tab.goto(moment_page.as_uri())
+        tab.frame_locator("iframe").locator("canvas").first.wait_for()
+        said = tab.inner_text("body").replace("\n", " ")
+        assert "1.00 mm" in said and "out of range" in said and tab.locator("figure img").count() == 2
+        tab.wait_for_timeout(1000)
+        tab.screenshot(path=tmp_path / "moment.png")
+    assert errors == []
+
+
+def test_a_browser_says_why_a_recording_cannot_be_opened_and_goes_on_after_a_reload(
+    browser: Browser, recorded: tuple[Path, Bench], tmp_path: Path
+) -> None:
+    path, bench = recorded
+    out, tab = tmp_path / "readings", browser.new_page(viewport={"width": 1000, "height": 800})
+    out.mkdir()
+    (out / "whole.mcap").write_bytes(path.read_bytes())
+    errors, files = page_errors(tab), unplayable_files(path, out)
+    tab.set_default_timeout(PATIENCE_S * 200)
+    sensor = sensor_on(SkinCamera())
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
+        controller = PageController([DisplayedSensor(loop)], out)
+        recorder = PageRecorder([PageSensorToRecord(bench.folder, "bench", [])], out, controller.quota)
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, recorder))
+        block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
+        page = SensorPage(server, controller, block, "small", [panel])
+        journey = Journey(tab, out, lambda: controller.refresh(page))
+        tab.goto(f"http://127.0.0.1:{server.get_port()}")
+        journey.until_shown("live, ", "0.00 mm")
+        open_panel(tab, "Record")
+        for file, said in files.items():
+            journey.choose(journey.field("recording"), file.name)
+            journey.until_shown("Not opened", said, "live, ")
+        journey.choose(journey.field("recording"), "whole.mcap")
+        journey.until_shown("recorded, 0.00 of ")
+        tab.reload()
+        journey.until_shown("live, ", "0.00 mm")
+    assert errors == []
+
+
+def test_a_viewer_of_a_recording_is_not_frozen_and_takes_no_reference_of_the_sensor(
+    recorded: tuple[Path, Bench], tmp_path: Path
+) -> None:
+    path, bench = recorded
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        controller = PageController([DisplayedSensor(loop)], path.parent)
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder))
+        block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
+        page = SensorPage(server, controller, block, "small", [panel])
+        with page_client(page, server.get_port()) as client:
+            viewer = client.viewer
+
+            def shows(sentence: str, freeze: str) -> bool:
+                controller.refresh(page)
+                shown = viewer.moment is not None and viewer.moment.sensors[0].status.sentence.startswith(sentence)
+                return shown and any(each.label == freeze for each in buttons)
+
+            buttons = [client.control("Freeze")]
+            wait_until(lambda: shows("live", "Freeze") and path.name in client.control("recording").options)
+            client.use("Freeze")
+            wait_until(lambda: shows("frozen", "Resume"))
+            client.use("recording", path.name)
+            wait_until(lambda: shows("recorded", "Freeze"))
+            client.give_command("Take reference")
+            wait_until(lambda: bool(client.notices))
+            assert client.notices == [
+                "No reference taken: expected the sensor in the views, got a recording; go back to the sensor first"
+            ]
+            assert not loop._reference_wanted.is_set() and loop.snapshot(0).phase is SensorPhase.READING
+            client.use("Back to the sensor")
+            wait_until(lambda: shows("live", "Freeze"))
+            before = loop.sensor.current_depth_reader
+            client.give_command("Take reference")
+            wait_until(lambda: loop.sensor.current_depth_reader is not before)
+            assert len(client.notices) == 1
+
+
+def test_a_page_exports_into_the_formats_that_its_program_hands_in(recorded: tuple[Path, Bench]) -> None:
+    pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
+    pytest.importorskip("pyarrow", reason="the extra 'datasets' is not installed")
+    path, bench = recorded
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+        controller = PageController([DisplayedSensor(loop)], path.parent, save_limits=SaveLimits(per_minute=100))
+        exporters = {**installed_exporters(), "Stamps": Exporter(write_stamps, "stamps", "a list", ".txt")}
+        panel = partial(
+            RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, opens=path, exporters=exporters)
+        )
+        block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
+        page = SensorPage(server, controller, block, "small", [panel])
+        with page_client(page, server.get_port()) as client:
+            wait_until(lambda: controller.refresh(page) and client.viewer.moment is not None)
+            for number, (name, exporter) in enumerate(exporters.items(), start=1):
+                assert client.control(name).visible
+                client.use(name)
+                wait_until(lambda number=number: len(client.notices) == number)
+                (written,) = path.parent.glob(f"{path.stem}_{exporter.word}_*{exporter.ending}")
+                assert client.notices[-1] == f"Exported: {written.name}"
+                if written.is_file():  # the browser may be on another computer
+                    assert client.downloaded(written.name) == written.read_bytes()
+    assert set(exporters) == {"LeRobot data set", "Rerun (RRD)", "Stamps"}
+    assert written.read_text().split() == [str(kept.stamp_ns) for kept in bench.kept]
+    (data_set,) = path.parent.glob("*_lerobot_*")
+    assert json.loads((data_set / "meta" / "info.json").read_text())["total_frames"] == len(bench.kept)
+
+
+def write_stamps(recordings: Sequence[Recording], out: Path, on_image: Callable[[], None]) -> None:
+    """Write the stamps of the images."""
+    for _ in recordings[0].frames():
+        on_image()
+    out.write_text("\n".join(str(stamp) for stamp in recordings[0].stamps_ns(Topic.IMAGES)))
+
+
+def record_with_a_label(journey: Journey, camera: SkinCamera) -> Path:
+    """Record a press of 1 mm, then one of half a mm with a label; return the recording."""
+    camera.level = 75
+    journey.until_shown("live, ", "1.00 mm")
+    journey.tab.get_by_role("tab", name="Record").click()
+    journey.press("Record")
+    journey.until_shown("Stop recording", "0 images dropped")
+    journey.field("label").fill("shallow")
+    journey.tab.keyboard.press("Tab")
+    journey.press("Begin label")
+    camera.level = 88
+    journey.until_shown("End label 'shallow'", "0.48 mm")
+    journey.press("End label 'shallow'")
+    journey.until_shown("1 labels")
+    journey.press("Stop recording")
+    journey.until_shown("Recorded", "recorded recording_")
+    return journey.until_found("recording_*.mcap")
+
+
+def scrub(journey: Journey, stamps_s: np.ndarray) -> None:
+    """Go to both ends with the slider, then image by image with keys: all that is shown belongs together."""
+    tab, slider = journey.tab, journey.tab.get_by_role("slider").first
+    slider.focus()
+    tab.keyboard.press("End")
+    journey.until_shown("0.48 mm", "0.96")
+    tab.keyboard.press("Home")
+    journey.until_shown("recorded, 0.00 of ", "1.00 mm", "out of range", "2.00")
+    tab.evaluate("document.activeElement.blur()")
+    for key, number in (("l", 1), ("l", 2), ("l", 3), ("j", 2)):
+        tab.keyboard.press(key)
+        journey.until_shown(f"recorded, {stamps_s[number]:.2f} of {stamps_s[-1]:.2f} s")
+
+
+def save_the_moment(journey: Journey) -> Path:
+    """Save the moment that is shown with all its numbers, and as a web page, which is returned."""
+    journey.press("Save this reading")
+    saved = json.loads(journey.until_found("reading_*_moment.json").read_text())
+    assert saved["warnings"] == ["out of range"] and saved["wrenches"][0]["name"] == "estimated"
+    assert saved["wrenches"][0]["force_n"][2] == pytest.approx(-2.0, abs=0.02)
+    assert saved["wrenches"][0]["std"] == pytest.approx([0.1] * 6)
+    journey.press("This moment as a web page")
+    journey.until_shown("moment_")
+    return journey.until_found("moment_*.html")
+
+
+def export_everything(journey: Journey, images: int) -> None:
+    """Export tables of the whole recording, and surfaces and a video of the label."""
+    journey.press("Images and tables")
+    tables = journey.until_exported("recording_*_export_*")
+    assert (tables / "spans.csv").is_file() and len(list((tables / "images").iterdir())) == images
+    journey.choose(journey.field("label", 1), "shallow")
+    journey.press("Surfaces (PLY)")
+    assert 0 < len(list(journey.until_exported("recording_*_surfaces_*").iterdir())) < images
+    journey.press("Video (MP4)")
+    journey.until_exported("recording_*.mp4")
