@@ -114,33 +114,20 @@ class Record:
         from tqdm import tqdm
 
         from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM
-        from ninedtact.recording.recorder import record, record_several
+        from ninedtact.recording.recorder import record_several
 
         with stop_on_signal(self.seconds) as until, _progress_bar(self.seconds, quiet=self.json) as show:
-            options: dict[str, Any] = {
-                "heights": self.heights,
-                "settings": json.dumps(asdict(self), default=str),
-                "images": self.images,
-                "height_step_mm": HEIGHT_STEP_16_BIT_MM if self.height_bits == 16 else 0.0,
-                "should_stop": lambda: until.now,
-                "notify": lambda sentence: tqdm.write(f"ninedtact: {sentence}", sys.stderr),  # on a line of its own
-            }
-            if "" not in parts:
-                return record_several(
-                    parts, self.out, on_progress=lambda writers: show(until.elapsed_s, writers), **options
-                )
-            part = parts[""]
-            writer = record(
-                part.source,
+            return record_several(
+                parts,
                 self.out,
-                part.sensor,
-                part.force_torque,
-                estimator=part.estimator,
-                camera_delay_ms=part.camera_delay_ms,
-                on_progress=lambda writer: show(until.elapsed_s, [writer]),
-                **options,
+                heights=self.heights,
+                settings=json.dumps(asdict(self), default=str),
+                images=self.images,
+                height_step_mm=HEIGHT_STEP_16_BIT_MM if self.height_bits == 16 else 0.0,
+                should_stop=lambda: until.now,
+                notify=lambda sentence: tqdm.write(f"ninedtact: {sentence}", sys.stderr),  # on a line of its own
+                on_progress=lambda writers: show(until.elapsed_s, writers),
             )
-            return {"": writer}, {}
 
     def _print_result(self, writers: "dict[str, RecordingWriter]", errors: "dict[str, NinedtactError]") -> None:
         """Print how many messages were written, how many images were dropped or have which warning, and which sensors were lost."""

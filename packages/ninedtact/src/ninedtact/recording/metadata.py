@@ -4,14 +4,15 @@ Stamps in the package and the log times of the messages are those of the monoton
 other programs expect. The difference of the two clocks is stored once per recording.
 """
 
-import re
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
-from math import isfinite
 from secrets import token_hex
-from typing import Any, Literal, get_args
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
 
 from ninedtact._version import __version__
 from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
@@ -27,10 +28,6 @@ ImageStorage = Literal["zstd", "png"]
 """How images are stored, both without loss: raw in chunks that zstd compresses, or each as a PNG."""
 HEIGHT_STEP_16_BIT_MM = 0.001
 """Quantisation step of heights of 16 bits: a twentieth of the noise of one pixel; they reach ±32 mm."""
-
-
-_NUMBERS = ("mm_per_px", "height_step_mm", "camera_delay_ms")
-"""Fields that are floating point numbers."""
 
 
 def wall_minus_monotonic_ns() -> int:
@@ -61,14 +58,14 @@ class RecordingMetadata:
     """Where the measured wrenches came from, in words."""
     settings: str = "{}"
     """The resolved settings of the command, JSON."""
-    mm_per_px: float = 0.0
+    mm_per_px: Annotated[float, Meta(ge=0, le=1e3)] = 0.0
     """Scale of the height maps, where there are any."""
     images: ImageStorage = "zstd"
-    height_step_mm: float = 0.0
+    height_step_mm: Annotated[float, Meta(ge=0, le=1e3)] = 0.0
     """Quantisation step of heights that are stored as integers of 16 bits; 0 for 32-bit floating point."""
-    camera_delay_ms: float = 0.0
+    camera_delay_ms: Annotated[float, Meta(ge=-1e6, le=1e6)] = 0.0
     """Delay of the camera that was subtracted from the arrival times of its images; their stamps are times of exposure then."""
-    name: str = ""
+    name: Annotated[str, Meta(pattern=r"^\w*$")] = ""
     """Name of the sensor among several of one recording, such as left; empty in a recording of one sensor."""
     software: str = __version__
     """Version of the package that made the recording."""
@@ -107,22 +104,16 @@ def parse_recording_metadata(metadata: Mapping[str, str], name: str) -> Recordin
         raise RecordingUnreadable(
             f"expected the description of {name} as it was written, got other values than its checksum; restore it from a copy"
         )
+    stated = {"name": "", **metadata}
+    missing = [entry.name for entry in fields(RecordingMetadata) if entry.name not in stated]
     try:
-        stated = {"name": "", **metadata}
-        values: dict[str, Any] = {entry.name: stated[entry.name] for entry in fields(RecordingMetadata)}
-        values |= {name: _finite_float(values[name]) for name in _NUMBERS}
-        values["wall_minus_monotonic_ns"] = int(values["wall_minus_monotonic_ns"])
-        if values["images"] not in get_args(ImageStorage):
-            raise ValueError(f"images stored as {values['images']!r}")
-        if values["height_step_mm"] < 0:
-            raise ValueError(f"heights in steps of {values['height_step_mm']:g} mm")
-        if re.fullmatch(r"\w*", values["name"]) is None:
-            raise ValueError(f"a sensor of the name {values['name']!r}")
-    except (KeyError, ValueError) as error:
+        if missing:
+            raise ValueError(f"no {', no '.join(missing)}")
+        return msgspec.convert(stated, RecordingMetadata, strict=False)
+    except ValueError as error:
         raise RecordingUnreadable(
             f"expected {name} to state what was recorded, got {error}; record it again"
         ) from error
-    return RecordingMetadata(**values)
 
 
 def require_recordable_metadata(metadata: RecordingMetadata) -> None:
@@ -133,11 +124,3 @@ def require_recordable_metadata(metadata: RecordingMetadata) -> None:
         raise RecordingRefused(
             f"expected options with which a recording can be read, got {unreadable.__cause__}; correct them"
         ) from unreadable
-
-
-def _finite_float(text: str) -> float:
-    """Return the number; raises `ValueError`, also for one that is not finite."""
-    number = float(text)
-    if not isfinite(number):
-        raise ValueError(f"the number {text}")
-    return number

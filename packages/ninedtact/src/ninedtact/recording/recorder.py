@@ -70,17 +70,19 @@ def record(
     ...     recording.metadata.sensor
     'my_sensor'
     """
-    stored = RecordingMetadata(
-        sensor.id, settings=settings, images=images, height_step_mm=height_step_mm if heights else 0.0
-    )
-    part = SensorToRecord(source, sensor, force_torque, estimator, camera_delay_ms)
-    recorder = _new_recorder("", part, out, stored, heights, notify)
     end_at = float("inf") if seconds is None else monotonic() + seconds
-    with notify_partial_recording(Path(out), notify):
-        with recorder.writer as writer:
-            recorder.run(lambda: should_stop() or monotonic() >= end_at, lambda: on_progress(writer))
-        recorder.require_reference()
-    return writer
+    writers, _ = record_several(
+        {"": SensorToRecord(source, sensor, force_torque, estimator, camera_delay_ms)},
+        out,
+        heights,
+        settings,
+        images,
+        height_step_mm,
+        should_stop=lambda: should_stop() or monotonic() >= end_at,
+        notify=notify,
+        on_progress=lambda writers: on_progress(*writers),
+    )
+    return writers[""]
 
 
 @dataclass(frozen=True)
@@ -108,17 +110,17 @@ def record_several(
     """Record several sensors, by their names, into one new MCAP file, until all sources have ended or `should_stop` is true.
 
     All sources are opened, or none. A sensor that fails later is reported through `notify` and marked in the file, and the others
-    go on; where the file itself can no longer be written (a full disk), all of them end, and what was written before is kept.
-    Returns the closed writers, and the errors of those that failed. Raises what `record` raises where nothing is recorded.
+    go on; where the file itself can no longer be written (a full disk), all of them end, and what was written before is kept. The
+    only sensor of a file may have an empty name; what it raises is raised. Returns the closed writers, and the errors of those that
+    failed. Raises what `record` raises where nothing is recorded.
     """
     first = RecordingMetadata("", settings=settings, images=images, height_step_mm=height_step_mm if heights else 0.0)
     recorders: dict[str, Recorder] = {}
     for name, part in sensors.items():
         beside = next((one.writer for one in recorders.values()), None)
         said = partial(_notify_of, name, notify)
-        recorders[name] = _new_recorder(name, part, out, replace(first, name=name), heights, said, beside)
+        recorders[name] = _new_recorder(part, out, replace(first, name=name), heights, said, beside)
     writers, errors = {name: recorder.writer for name, recorder in recorders.items()}, dict[str, NinedtactError]()
-
     ending = Event()
 
     def write(name: str, streams: "_Streams") -> None:
@@ -127,6 +129,8 @@ def record_several(
             recorder.write(streams, lambda: ending.is_set() or should_stop())
             recorder.require_reference()
         except NinedtactError as error:
+            if not name:
+                raise
             errors[name] = error
             recorder.notify(str(error) if isinstance(error, RecordingStopped) else f"{error}; the others go on")
             with suppress(NinedtactError):
@@ -149,12 +153,11 @@ def record_several(
 
 
 def _notify_of(name: str, notify: Callable[[str], None], sentence: str) -> None:
-    """Report a sentence about one of several sensors."""
-    notify(f"{name}: {sentence}")
+    """Report a sentence about a sensor, with its name among several."""
+    notify(f"{name}: {sentence}" if name else sentence)
 
 
 def _new_recorder(
-    name: str,
     part: SensorToRecord,
     out: Path | str,
     stored: RecordingMetadata,
@@ -176,7 +179,7 @@ def _new_recorder(
         mm_per_px=sensor.shape.rectify.mm_per_px if estimates else 0.0,
         camera_delay_ms=part.camera_delay_ms,
     )
-    attachments = sensor_folder_attachments(sensor.path, name)
+    attachments = sensor_folder_attachments(sensor.path, metadata.name)
     writer = RecordingWriter(out, metadata, topics, attachments, notify, beside)
     camera = DelayCorrectedSource(part.source, part.camera_delay_ms) if part.camera_delay_ms else part.source
     return Recorder(writer, camera, force_torque, estimates, notify)
@@ -291,10 +294,10 @@ class Recorder:
     notify: Callable[[str], None] = lambda sentence: None
     """Receives a sentence each time that a device has delivered nothing for a while."""
 
-    def run(self, should_stop: Callable[[], bool], on_progress: Callable[[], None] = lambda: None) -> None:
+    def run(self, should_stop: Callable[[], bool]) -> None:
         """Open the devices and `write`."""
         with self.opened() as streams:
-            self.write(streams, should_stop, on_progress)
+            self.write(streams, should_stop)
 
     @contextmanager
     def opened(self) -> Iterator["_Streams"]:
@@ -307,9 +310,7 @@ class Recorder:
             frames = BackgroundReader[Frame](self.camera, _BUFFERED_IMAGES, on_stall=self.notify)
             yield _Streams(opened.enter_context(frames), samples)
 
-    def write(
-        self, streams: "_Streams", should_stop: Callable[[], bool], on_progress: Callable[[], None] = lambda: None
-    ) -> None:
+    def write(self, streams: "_Streams", should_stop: Callable[[], bool]) -> None:
         """Record until `should_stop` is true or the source ends, all that was read until then.
 
         Raises what a live source raises, and `SourceIncomplete` for a damaged file, whose last images are then counted as dropped.
@@ -317,7 +318,6 @@ class Recorder:
         try:
             while not should_stop():
                 self._write_arrivals(*streams)
-                on_progress()
             for _ in range(streams.images.waiting):  # what was read before the end, while writing was slow
                 self._write_arrivals(*streams)
         except SourceEnded:

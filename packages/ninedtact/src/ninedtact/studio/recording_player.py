@@ -32,6 +32,7 @@ from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
     Topic,
     decode_height_map,
+    decode_wrench_estimate,
 )
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape
 from ninedtact.shape.coloured_height_map import ColourScale
@@ -72,6 +73,8 @@ class RecordedReadings:
             self.recording.close()
             raise RecordingUnreadable(f"expected images in {path}, got none; take another recording")
         self.stamps_ns: Int64[Array, " n"] = np.asarray(self._images["stamp_ns"])
+        self._at = {topic: self._by_stamp(topic) for topic in (Topic.HEIGHTS, Topic.ESTIMATED, Topic.COVARIANCE)}
+        self._warned = self._by_stamp(Topic.WARNINGS)
         self._references = RecordedReferences(self.recording, shape)
         self._first_reader: DepthReader | None = None
 
@@ -87,14 +90,14 @@ class RecordedReadings:
         """Return a reading; raises `RecordingUnreadable`, `WrongImageSize`, `ReferenceUnusable`."""
         frame = self.recording.frame(self._images[number])
         reading = read_frame(frame, self._shape, self._depth_reader_at(frame.stamp_ns))
-        stored = self.recording.message_of_image(Topic.HEIGHTS, frame)
+        stored = self._at[Topic.HEIGHTS].get(frame.stamp_ns)
         if stored is not None:
-            z_mm = decode_height_map(stored.data, self.recording.metadata.height_step_mm)
+            z_mm = decode_height_map(self.recording.message(stored).data, self.recording.metadata.height_step_mm)
             self._require_size(z_mm.shape)
             computed = reading.height
             reading = replace(reading, height=replace(computed, z_mm=np.where(np.isnan(z_mm), computed.z_mm, z_mm)))
-        estimated = self.recording.message_of_image(Topic.ESTIMATED, frame)
-        return reading if estimated is None else reading.with_force(self.recording.estimate(estimated))
+        estimate = self._estimate_at(frame.stamp_ns)
+        return reading if estimate is None else reading.with_force(estimate)
 
     def readings(self, first: int = 0, last: int | None = None) -> Iterator[Reading]:
         """Yield the readings from one number up to and including another."""
@@ -109,11 +112,11 @@ class RecordedReadings:
             stamp_ns = int(position["stamp_ns"])
             if stamp_ns - kept < NS_PER_S / MOST_HZ - ROUNDING_NS:
                 continue
-            kept, message = stamp_ns, self.recording.message(position)
-            if topic is Topic.ESTIMATED:
-                found.append((stamp_ns, WrenchWithUncertainty.of_estimate(self.recording.estimate(message))))
-            else:
+            kept, estimate = stamp_ns, self._estimate_at(stamp_ns) if topic is Topic.ESTIMATED else None
+            if estimate is None:
                 found.append((stamp_ns, WrenchWithUncertainty(self.recording.wrench(position), _UNKNOWN_STD)))
+            else:
+                found.append((stamp_ns, WrenchWithUncertainty.of_estimate(estimate)))
         return found
 
     def close(self) -> None:
@@ -125,6 +128,18 @@ class RecordedReadings:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
+
+    def _by_stamp(self, topic: Topic) -> dict[int, np.void]:
+        return {int(position["stamp_ns"]): position for position in self.recording.positions(topic)}
+
+    def _estimate_at(self, stamp_ns: int) -> WrenchEstimate | None:
+        """Return the recorded estimate of one image with its errors and warnings; None where there is none."""
+        at = self._at[Topic.ESTIMATED].get(stamp_ns)
+        if at is None:
+            return None
+        positions = self._at[Topic.COVARIANCE].get(stamp_ns), self._warned.get(stamp_ns)
+        errors, warned = (None if one is None else self.recording.message(one).data for one in positions)
+        return decode_wrench_estimate(self.recording.wrench(at), errors, warned)
 
     def _depth_reader_at(self, stamp_ns: int) -> DepthReader:
         """Return the depth reader for the reference image that held at a stamp, or that of the first ten images."""
