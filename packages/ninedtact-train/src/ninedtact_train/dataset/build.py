@@ -198,7 +198,7 @@ class _PartReader:
 
 def _source_paths(source: Source) -> tuple[Path, ...]:
     """Return the paths that must exist to read a source."""
-    stated = (source.conventions.reference, source.conventions.sensor_folder)
+    stated = (source.conventions.reference, source.conventions.sensor)
     return (source.path, *(path for path in stated if path is not None))
 
 
