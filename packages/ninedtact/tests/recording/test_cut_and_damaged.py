@@ -169,7 +169,7 @@ def test_a_recording_that_is_being_written_is_read_and_is_not_said_to_be_cut(
         said = capsys.readouterr().err
         assert "of a recording that is still being written; use what was read" in said and "cut short" not in said
         make_old(path)
-        with pytest.raises(RecordingRefused, match="which is still being written.*; wait, and label it then"):
+        with pytest.raises(RecordingRefused, match=r"which is still being written.*; wait, and label it then"):
             edit_labelled_spans(path, lambda _: [PUSH])
         cut.write_bytes(path.read_bytes())  # a copy, which nobody writes
     assert read_beginning(path) == (6, 40)
@@ -200,7 +200,7 @@ def disk_of(size: int) -> Iterator[None]:
 
 def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path) -> None:
     path = tmp_path / "full.mcap"
-    with disk_of(30_000), pytest.raises(RecordingStopped, match=r"expected .* got: .*; free the disk"):
+    with disk_of(30_000), pytest.raises(RecordingStopped, match=r"expected .* got .*; free the disk"):
         write_episode(path)
     assert path.stat().st_size <= 30_000
     images, samples = read_beginning(path)

@@ -364,7 +364,7 @@ def test_heights_and_estimates_are_written_beside_every_image(sensor: Path, tmp_
         Recorder(episode, camera, estimates=EstimateRecorder(shape, Guessing())).run(lambda: False)
     with Recording(tmp_path / "meant.mcap") as read:
         heights, estimates = dict(read.heights()), list(read.wrenches(Topic.ESTIMATED))
-        covariances, warnings = list(read.covariances()), list(read.warnings())
+        covariances, warnings = [one.covariance for one in read.estimates()], list(read.warnings())
         stamps_ns = read.stamps_ns(Topic.IMAGES)
         assert len(heights) == len(estimates) == len(covariances) == len(stamps_ns) >= 15
         assert np.array_equal(covariances[0], np.diag([4.0, 1, 1, 1, 1, 1]))

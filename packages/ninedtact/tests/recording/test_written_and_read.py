@@ -64,8 +64,8 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
         assert index == 5 and np.isnan(z_mm[0, 0])
         # Metres on disk: the round trip is exact to the last bit of a 32-bit number.
         np.testing.assert_allclose(z_mm.ravel()[1:], pressed.ravel()[1:], rtol=2e-7)
-        (covariance,) = read.covariances()
-        assert np.array_equal(covariance, np.diag(np.arange(6.0) ** 2))
+        (estimate,) = read.estimates()
+        assert np.array_equal(estimate.covariance, np.diag(np.arange(6.0) ** 2))
         assert list(read.warnings()) == [(5, [EstimateWarning.PART_UNSEEN.value])]
         (untouched,) = read.frames(Topic.REFERENCE)
         assert untouched.index == 2 and np.array_equal(untouched.image, noise(3))
@@ -150,9 +150,9 @@ def test_other_programs_read_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
-        ({"images": "jpg"}, "images stored as 'jpg'"),
-        ({"height_step_mm": -1.0}, "steps of -1 mm"),
-        ({"name": "a/b"}, "a/b"),
+        ({"images": "jpg"}, r"'jpg' - at `\$\.images`"),
+        ({"height_step_mm": -1.0}, r">= 0\.0 - at `\$\.height_step_mm`"),
+        ({"name": "a/b"}, r"at `\$\.name`"),
     ],
 )
 def test_what_could_not_be_read_again_is_not_recorded(tmp_path: Path, changed: dict[str, Any], told: str) -> None:

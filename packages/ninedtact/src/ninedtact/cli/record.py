@@ -91,13 +91,17 @@ class Record:
         require_duration(self.seconds)
         if self.height_bits == 16 and not self.heights:
             raise RecordingRefused(
-                "expected --height-bits with --heights, got it alone; give --heights as well, or leave it out"
+                expected="--height-bits with --heights",
+                got="it alone",
+                remedy="give --heights as well, or leave it out",
             )
         named = parse_named_sources(self.source, self.sensor)
         if "" in named:
             require_matching_force_source(named[""][0], self.force_torque, is_twin_address)
         elif self.force_torque is not None:
-            raise RecordingRefused("expected one --source with --force-torque, got several; record them one by one")
+            raise RecordingRefused(
+                expected="one --source with --force-torque", got="several", remedy="record them one by one"
+            )
         with ExitStack() as opened:
             parts = {}
             for name, (address, sensor) in named.items():
@@ -196,9 +200,9 @@ def _twin_sources(
 def require_new_recording_path(out: Path, option: str = "--out") -> None:
     """Raise `RecordingRefused` for a name without .mcap, which other programs would not know, and for one that exists."""
     if out.suffix.lower() != RECORDING_SUFFIX:
-        raise RecordingRefused(f"expected {option} to end in {RECORDING_SUFFIX}, got {out}; add it")
+        raise RecordingRefused(expected=f"{option} to end in {RECORDING_SUFFIX}", got=str(out), remedy="add it")
     if out.exists():
-        raise RecordingRefused(f"expected {option} to be a new file, got {out}; choose another name")
+        raise RecordingRefused(expected=f"{option} to be a new file", got=str(out), remedy="choose another name")
 
 
 @contextmanager

@@ -185,9 +185,10 @@ class Export:
     def _require_one_recording_unless_episodes(self) -> None:
         """Raise `InputError` unless the format holds as many recordings as are given."""
         if not self.recordings:
-            raise InputError("expected a recording, got none; name it after the options")
+            raise InputError(expected="a recording", got="none", remedy="name it after the options")
         if len(self.recordings) > 1 and self.to != "lerobot":
             raise InputError(
-                f"expected one recording, or several with --to lerobot, got {len(self.recordings)} with --to {self.to}; export "
-                "each into a folder or file of its own"
+                expected="one recording, or several with --to lerobot",
+                got=f"{len(self.recordings)} with --to {self.to}",
+                remedy="export each into a folder or file of its own",
             )

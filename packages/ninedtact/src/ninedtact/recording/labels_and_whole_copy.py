@@ -67,13 +67,14 @@ def edit_labelled_spans(
 
 
 def _require_ended(recording: Recording) -> None:
-    """Raise `RecordingRefused` for a file that may still be being written, which another computer may do, whose lock is not seen."""
+    """Raise `RecordingRefused` for a file that may still be being written; the lock of another computer is not seen here."""
     if recording.is_finished:
         return
     if is_being_written(recording.path) or seconds_since_change(recording.path) < WRITTEN_WITHIN_S:
         raise RecordingRefused(
-            f"expected a recording that has ended, got {recording.path}, which is still being written, or was until "
-            f"{WRITTEN_WITHIN_S:g} s ago; wait, and label it then"
+            expected="a recording that has ended",
+            got=f"{recording.path}, which is still being written, or was until {WRITTEN_WITHIN_S:g} s ago",
+            remedy="wait, and label it then",
         )
 
 

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
@@ -25,6 +26,7 @@ from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 from numpy import ndarray as Array
 
+from ninedtact.capture.frame_source import CameraNotFound
 from ninedtact.recording.errors import RecordingUnreadable
 
 WRITTEN_WITHIN_S = 5.0
@@ -41,11 +43,11 @@ class McapFile:
     """An MCAP file, open for reading until it is closed. One thread at a time."""
 
     def __init__(self, path: Path) -> None:
-        """Open the file and find its records; raises `OSError`, and `RecordingUnreadable` for a damaged file or one of another kind.
+        """Open the file and find its records; raises `CameraNotFound` where there is no file, and `RecordingUnreadable`.
 
         The damaged chunks at the end of a file without an end, as a power cut leaves them, are left out.
         """
-        self.path, self._file = path, path.open("rb")
+        self.path, self._file = path, _open_file(path)
         self.end = len(MCAP0_MAGIC)
         """End of the last whole record before the summary."""
         self.summary: Summary | None = None
@@ -67,7 +69,7 @@ class McapFile:
         except (McapError, ValueError, IndexError, MemoryError, struct.error) as error:
             self.close()
             raise RecordingUnreadable(
-                f"expected a recording in {path}, got a damaged file ({error}); restore it from a copy"
+                expected=f"a recording in {path}", got=f"a damaged file ({error})", remedy="restore it from a copy"
             ) from error
         except BaseException:
             self.close()
@@ -116,7 +118,7 @@ class McapFile:
         start = self._file.read(len(MCAP0_MAGIC))
         if start != MCAP0_MAGIC:
             what = "something else" if start else "an empty file"
-            raise RecordingUnreadable(f"expected a recording (.mcap) in {self.path}, got {what}; check the path")
+            raise RecordingUnreadable(expected=f"a recording (.mcap) in {self.path}", got=what, remedy="check the path")
         self._file.seek(-len(MCAP0_MAGIC), 2)
         return self._file.tell() > 0 and self._file.read() == MCAP0_MAGIC
 
@@ -150,7 +152,7 @@ class McapFile:
             raise self._damage_error(self._chunks[number][0]) from trouble
 
     def _drop_damaged_end(self) -> None:
-        """Leave out the damaged chunks at the end; the messages of the last whole one are counted, as their index may be missing."""
+        """Leave out the damaged chunks at the end; the messages of the last whole one are counted, whose index may be missing."""
         while self._chunks:
             last = len(self._chunks) - 1
             self._positions = defaultdict(
@@ -192,8 +194,25 @@ class McapFile:
 
     def _damage_error(self, at: int) -> RecordingUnreadable:
         return RecordingUnreadable(
-            f"expected {self.path} as it was recorded, got damaged data at byte {at}; restore the file from a copy"
+            expected=f"{self.path} as it was recorded",
+            got=f"damaged data at byte {at}",
+            remedy="restore the file from a copy",
         )
+
+
+def _open_file(path: Path) -> BinaryIO:
+    if not path.exists():
+        raise CameraNotFound(expected=f"a recording at {path}", got="no such file", remedy="check the path")
+    if not path.is_file():
+        kind = "a folder" if path.is_dir() else "a pipe or device"
+        remedy = "give a file, because it is read more than once"
+        raise CameraNotFound(expected=f"a recording at {path}", got=kind, remedy=remedy)
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise RecordingUnreadable(
+            expected=f"to read {path}", got=str(error.strerror), remedy="check its permissions"
+        ) from error
 
 
 def _messages_by_channel(records: list[McapRecord]) -> dict[int, list[Message]]:
@@ -215,7 +234,7 @@ def lock_while_writing(descriptor: int) -> None:
 def is_being_written(path: Path) -> bool:
     """Return whether a program of this computer still writes a file without an end.
 
-    The lock of its writer ends with the program, whatever ends it. Where files cannot be locked, a file that has just changed counts.
+    The lock of its writer ends with the program, whatever ends it. Where files cannot be locked, one that has just changed counts.
     """
     try:
         import fcntl

@@ -5,13 +5,15 @@ other programs expect. The difference of the two clocks is stored once per recor
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
+from pathlib import Path
 from secrets import token_hex
 from typing import Annotated, Literal
 
 import msgspec
+from mcap.records import Metadata
 from msgspec import Meta
 
 from ninedtact._version import __version__
@@ -93,16 +95,22 @@ def parse_recording_metadata(metadata: Mapping[str, str], name: str) -> Recordin
     try:
         version = int(metadata["format"])
     except (KeyError, ValueError) as error:
-        raise RecordingUnreadable(f"expected {name} to state its format, got {error}; record it again") from error
+        raise RecordingUnreadable(
+            expected=f"{name} to state its format", got=str(error), remedy="record it again"
+        ) from error
     if version != RECORDING_FORMAT:
         remedy = "update ninedtact" if version > RECORDING_FORMAT else "record it again"
         age = "a newer" if version > RECORDING_FORMAT else "an older"
         raise RecordingUnreadable(
-            f"expected {name} in format {RECORDING_FORMAT}, got format {version} from {age} ninedtact; {remedy}"
+            expected=f"{name} in format {RECORDING_FORMAT}",
+            got=f"format {version} from {age} ninedtact",
+            remedy=remedy,
         )
     if metadata.get(CHECKSUM_KEY) not in (None, mapping_checksum(metadata)):
         raise RecordingUnreadable(
-            f"expected the description of {name} as it was written, got other values than its checksum; restore it from a copy"
+            expected=f"the description of {name} as it was written",
+            got="other values than its checksum",
+            remedy="restore it from a copy",
         )
     stated = {"name": "", **metadata}
     missing = [entry.name for entry in fields(RecordingMetadata) if entry.name not in stated]
@@ -112,8 +120,37 @@ def parse_recording_metadata(metadata: Mapping[str, str], name: str) -> Recordin
         return msgspec.convert(stated, RecordingMetadata, strict=False)
     except ValueError as error:
         raise RecordingUnreadable(
-            f"expected {name} to state what was recorded, got {error}; record it again"
+            expected=f"{name} to state what was recorded", got=str(error), remedy="record it again"
         ) from error
+
+
+def parse_sensor_metadata(records: Sequence[Metadata], path: Path) -> tuple[RecordingMetadata, ...]:
+    """Return the metadata of every sensor from the metadata records of a file; raises `RecordingUnreadable`."""
+    found = tuple(parse_recording_metadata(one.metadata, str(path)) for one in records if one.name == METADATA_RECORD)
+    if not found:
+        raise RecordingUnreadable(
+            expected=f"a recording of ninedtact in {path}",
+            got="an MCAP file of another program, or one that was cut short before it began",
+            remedy="record with 'ninedtact record'",
+        )
+    if len({one.name for one in found}) < len(found):
+        raise RecordingUnreadable(
+            expected=f"a name of its own for each sensor in {path}",
+            got="two sensors of the same name",
+            remedy="restore it from a copy",
+        )
+    return found
+
+
+def choose_sensor_metadata(found: tuple[RecordingMetadata, ...], name: str, path: Path) -> RecordingMetadata:
+    """Return the metadata of the sensor that is named, or of the only one; raises `RecordingUnreadable`."""
+    chosen = [one for one in found if one.name == name or (not name and len(found) == 1)]
+    if not chosen:
+        names = ", ".join(one.name for one in found if one.name)
+        has = f"one of the sensors {names} of {path}" if names else f"no name of a sensor with {path}, which holds one"
+        remedy = f"name it as {path}#{found[0].name}" if names else "drop it"
+        raise RecordingUnreadable(expected=has, got=repr(name) if name else "none", remedy=remedy)
+    return chosen[0]
 
 
 def require_recordable_metadata(metadata: RecordingMetadata) -> None:
@@ -122,5 +159,5 @@ def require_recordable_metadata(metadata: RecordingMetadata) -> None:
         parse_recording_metadata(metadata.to_mcap_metadata(), "the recording")
     except RecordingUnreadable as unreadable:
         raise RecordingRefused(
-            f"expected options with which a recording can be read, got {unreadable.__cause__}; correct them"
+            expected="options with which a recording can be read", got=str(unreadable.__cause__), remedy="correct them"
         ) from unreadable

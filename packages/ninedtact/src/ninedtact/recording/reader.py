@@ -13,16 +13,20 @@ from tempfile import TemporaryDirectory
 from types import TracebackType
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64
+from jaxtyping import Float32, Int64
 from mcap.records import Attachment, Message
 from numpy import ndarray as Array
 
-from ninedtact.capture.frame_source import CameraNotFound, SourceIncomplete
+from ninedtact.capture.frame_source import SourceIncomplete
 from ninedtact.quantities import Frame, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefused
 from ninedtact.recording.mcap_file import McapFile, is_being_written
-from ninedtact.recording.metadata import METADATA_RECORD, REPAIR_RECORD, RecordingMetadata, parse_recording_metadata
+from ninedtact.recording.metadata import (
+    REPAIR_RECORD,
+    choose_sensor_metadata,
+    parse_sensor_metadata,
+)
 from ninedtact.recording.summary import PERIODIC_TOPICS, RecordingSummary, TopicSummary, summarise_topic
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
@@ -30,7 +34,6 @@ from ninedtact.recording.topics_and_messages import (
     RecordingEvent,
     RecordingEventKind,
     Topic,
-    decode_covariance,
     decode_estimate_warnings,
     decode_event,
     decode_height_map,
@@ -69,10 +72,10 @@ class Recording:
         path: of a recording of several sensors, with the name of one of them: `grasp.mcap#left`.
         """
         self.path, name = _split_address(str(path))
-        self.file = _open_file(self.path)
+        self.file = McapFile(self.path)
         try:
-            self.all_metadata = _parse_metadata(self.file)
-            self.metadata = _choose_metadata(self.all_metadata, name, self.path)
+            self.all_metadata = parse_sensor_metadata(self.file.metadata, self.path)
+            self.metadata = choose_sensor_metadata(self.all_metadata, name, self.path)
         except BaseException:
             self.close()
             raise
@@ -124,9 +127,6 @@ class Recording:
         if not stamps_ns:
             return 0, 0
         return int(min(map(np.min, stamps_ns))), int(max(map(np.max, stamps_ns)))
-
-    def _path(self, topic: Topic) -> str:
-        return topic.path(self.metadata.topic_name, self.metadata.images)
 
     def positions(self, topic: Topic) -> Array:
         """Return `MESSAGE_POSITION` of the messages of a topic, in the order of writing."""
@@ -193,10 +193,6 @@ class Recording:
         """Yield all measured wrenches, or the estimated ones with `Topic.ESTIMATED`."""
         return map(self.wrench, self.positions(topic))
 
-    def covariances(self) -> Iterator[Float64[Array, "6 6"]]:
-        """Yield the covariance of every estimated wrench, in the order of `Wrench.six`, N and N·m."""
-        return (decode_covariance(message.data) for message in self.messages(Topic.COVARIANCE))
-
     def warnings(self) -> Iterator[tuple[int, list[str]]]:
         """Yield the image index and the warnings of every image whose heights or estimate have any."""
         return ((message.sequence, decode_estimate_warnings(message.data)) for message in self.messages(Topic.WARNINGS))
@@ -247,7 +243,9 @@ class Recording:
             return sorted(spans, key=lambda span: (span.begin_ns, span.end_ns))
         except (ValueError, TypeError) as error:
             raise RecordingUnreadable(
-                f"expected the labelled spans of {self.path} as they were written, got: {error}; restore the file from a copy"
+                expected=f"the labelled spans of {self.path} as they were written",
+                got=str(error),
+                remedy="restore the file from a copy",
             ) from error
 
     def attachments(self) -> Iterator[Attachment]:
@@ -259,7 +257,9 @@ class Recording:
         files = self.sensor_files()
         if not files:
             raise RecordingUnreadable(
-                f"expected {self.path} to carry its sensor's folder, got a recording without; name one with --sensor"
+                expected=f"{self.path} to carry its sensor's folder",
+                got="a recording without",
+                remedy="name one with --sensor",
             )
         for name, content in files.items():
             path = into / name
@@ -373,8 +373,12 @@ class RecordedReferences:
         frames = list(islice(self.recording.frames(), REFERENCE_FRAMES))
         if len(frames) < REFERENCE_FRAMES:
             raise ReferenceMomentRefused(
-                f"expected reference images in {self.recording.path}, or at least {REFERENCE_FRAMES} images of which the first are "
-                f"taken as such, got {len(frames)} images alone; record longer"
+                expected=(
+                    f"reference images in {self.recording.path}, or at least {REFERENCE_FRAMES} images of which the "
+                    "first are taken as such"
+                ),
+                got=f"{len(frames)} images alone",
+                remedy="record longer",
             )
         return self._shape.depth_reader(*frames, find_faults=self._find_faults)
 
@@ -396,8 +400,9 @@ class RecordedReferences:
         grey = decode_reference_grey(message.data)
         if grey.shape != wanted:
             raise RecordingUnreadable(
-                f"expected a reference image of {wanted[1]} x {wanted[0]} pixels in {self.recording.path}, as the sensor has, got "
-                f"{grey.shape[1]} x {grey.shape[0]}; name the recorded sensor, or none"
+                expected=f"a reference image of {wanted[1]} x {wanted[0]} pixels in {self.recording.path}, as the sensor has",
+                got=f"{grey.shape[1]} x {grey.shape[0]}",
+                remedy="name the recorded sensor, or none",
             )
         reference = Rectified(grey, self._shape.rectify.mm_per_px, message.log_time)
         return self._shape.reader_against(reference, self._rectified_faults)
@@ -423,8 +428,8 @@ def recorded_sensor_addresses(path: Path | str) -> list[str]:
     plain, name = _split_address(str(path))
     if name:
         return [str(path)]
-    with closing(_open_file(plain)) as file:
-        names = [metadata.name for metadata in _parse_metadata(file)]
+    with closing(McapFile(plain)) as file:
+        names = [metadata.name for metadata in parse_sensor_metadata(file.metadata, plain)]
     return [f"{plain}#{name}" if name else str(plain) for name in names]
 
 
@@ -432,17 +437,6 @@ def _split_address(text: str) -> tuple[Path, str]:
     """Return the path of a recording and the name of one of its sensors, which is empty where none is named."""
     match = None if Path(text).exists() else re.fullmatch(r"(.*)#(\w+)", text, re.DOTALL)
     return (Path(text), "") if match is None else (Path(match[1]), match[2])
-
-
-def _choose_metadata(found: tuple[RecordingMetadata, ...], name: str, path: Path) -> RecordingMetadata:
-    """Return the metadata of the sensor that is named, or of the only one; raises `RecordingUnreadable`."""
-    chosen = [one for one in found if one.name == name or (not name and len(found) == 1)]
-    if not chosen:
-        names = ", ".join(one.name for one in found if one.name)
-        has = f"one of the sensors {names} of {path}" if names else f"no name of a sensor with {path}, which holds one"
-        remedy = f"name it as {path}#{found[0].name}" if names else "drop it"
-        raise RecordingUnreadable(f"expected {has}, got {f'{name!r}' if name else 'none'}; {remedy}")
-    return chosen[0]
 
 
 def read_folder_files(folder: Path) -> dict[str, bytes]:
@@ -455,34 +449,3 @@ def extract_sensor_folder(recording: Path | str, into: Path) -> Path:
     """Write the sensor folder that a recording carries; raises `RecordingUnreadable` where it carries none."""
     with Recording(recording) as opened:
         return opened.save_sensor_folder(into)
-
-
-def _open_file(path: Path) -> McapFile:
-    """Open the file; raises `CameraNotFound` where there is none, and `RecordingUnreadable`."""
-    if not path.exists():
-        raise CameraNotFound(f"expected a recording at {path}, got no such file; check the path")
-    if not path.is_file():
-        kind = "a folder" if path.is_dir() else "a pipe or device"
-        raise CameraNotFound(
-            f"expected a recording at {path}, got {kind}; give a file, because it is read more than once"
-        )
-    try:
-        return McapFile(path)
-    except OSError as error:
-        raise RecordingUnreadable(f"expected to read {path}, got: {error.strerror}; check its permissions") from error
-
-
-def _parse_metadata(file: McapFile) -> tuple[RecordingMetadata, ...]:
-    """Return the metadata of every sensor in a file; raises `RecordingUnreadable`."""
-    records = [one.metadata for one in file.metadata if one.name == METADATA_RECORD]
-    found = tuple(parse_recording_metadata(one, str(file.path)) for one in records)
-    if not found:
-        raise RecordingUnreadable(
-            f"expected a recording of ninedtact in {file.path}, got an MCAP file of another program, or one that was cut short "
-            "before it began; record with 'ninedtact record'"
-        )
-    if len({one.name for one in found}) < len(found):
-        raise RecordingUnreadable(
-            f"expected a name of its own for each sensor in {file.path}, got two sensors of the same name; restore it from a copy"
-        )
-    return found

@@ -55,7 +55,7 @@ class _RecordedTopic(Openable):
                 recording.close()
                 topic = self.topic.path(recording.metadata.topic_name)
                 raise RecordingUnreadable(
-                    f"expected messages on {topic} in {self.path}, got none; take another recording"
+                    expected=f"messages on {topic} in {self.path}", got="none", remedy="take another recording"
                 )
             self._recording = recording
 
@@ -74,7 +74,7 @@ class _RecordedTopic(Openable):
             if self._next == len(self._positions):
                 self._require_end(self._recording)
                 raise SourceEnded(
-                    f"expected more {self.topic}, got the end of {self.name} after {self._next}; stop here"
+                    expected=f"more {self.topic}", got=f"the end of {self.name} after {self._next}", remedy="stop here"
                 )
             self._next += 1
             return decode(self._recording, self._positions[self._next - 1])
@@ -200,8 +200,9 @@ def _first_image_at(recording: Recording, positions: Array, at_s: float) -> int:
     if last < 0 or not at_s >= 0 or first > last:
         room = f"between 0 and {seconds[last]:.2f} s" if last >= 0 else f"in a recording of {REFERENCE_FRAMES} images"
         raise ReferenceMomentRefused(
-            f"expected a moment {room} for a reference of {REFERENCE_FRAMES} images, got {at_s:g} s of {recording.path}, which "
-            f"has {len(seconds)} images; name a moment within the recording"
+            expected=f"a moment {room} for a reference of {REFERENCE_FRAMES} images",
+            got=f"{at_s:g} s of {recording.path}, which has {len(seconds)} images",
+            remedy="name a moment within the recording",
         )
     return first
 
@@ -222,6 +223,7 @@ def _require_no_contact(
             return mean
         fault = f"something touches the gel: {contact}"
     raise ReferenceMomentRefused(
-        f"expected the {len(frames)} images of {where} to show the skin without contact, got a fault; {fault}; name a "
-        "moment at which nothing touches"
+        expected=f"the {len(frames)} images of {where} to show the skin without contact",
+        got=f"a fault; {fault}",
+        remedy="name a moment at which nothing touches",
     )

@@ -245,8 +245,9 @@ class EstimateRecorder:
         """Raise `ReferenceMomentRefused` where the frames were too few for reference images, so that nothing was written."""
         if self._depth_reader is None:
             raise ReferenceMomentRefused(
-                f"expected at least {REFERENCE_FRAMES} images for the reference of heights and forces, got {len(self._first)}, "
-                "so that neither was computed; record longer"
+                expected=f"at least {REFERENCE_FRAMES} images for the reference of heights and forces",
+                got=f"{len(self._first)}, so that neither was computed",
+                remedy="record longer",
             )
 
     def write(self, frame: Frame, writer: RecordingWriter) -> None:

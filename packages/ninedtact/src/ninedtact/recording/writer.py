@@ -302,8 +302,9 @@ class _SharedFile:
         with self._lock:
             if not self.is_between_records:
                 raise RecordingStopped(
-                    f"expected to continue writing {self.records.path}, got an earlier write that failed; free the disk, and "
-                    "record on under another name"
+                    expected=f"to continue writing {self.records.path}",
+                    got="an earlier write that failed",
+                    remedy="free the disk, and record on under another name",
                 )
             self.is_between_records = False
             yield self.mcap
@@ -322,10 +323,12 @@ class _RecordFile:
         try:
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         except FileExistsError as error:
-            raise RecordingRefused(f"expected a new file to record to, got {path}; choose another name") from error
+            raise RecordingRefused(
+                expected="a new file to record to", got=str(path), remedy="choose another name"
+            ) from error
         except OSError as error:
             raise RecordingRefused(
-                f"expected to create {path}, got: {error.strerror}; correct the path and its permissions"
+                expected=f"to create {path}", got=str(error.strerror), remedy="correct the path and its permissions"
             ) from error
         lock_while_writing(self._file)
 
@@ -340,8 +343,9 @@ class _RecordFile:
             os.lseek(self._file, self._end, os.SEEK_SET)
             if isinstance(error, OSError):
                 raise RecordingStopped(
-                    f"expected to continue writing {self.path}, got: {error.strerror}; free the disk, and record "
-                    "on under another name"
+                    expected=f"to continue writing {self.path}",
+                    got=str(error.strerror),
+                    remedy="free the disk, and record on under another name",
                 ) from error
             raise
         self._end += len(records)
