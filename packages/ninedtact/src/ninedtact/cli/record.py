@@ -174,7 +174,7 @@ class Record:
     def _sources(self, folder: "SensorFolder", address: str, name: str) -> "tuple[FrameSource, WrenchSource | None]":
         """Return camera and force/torque sensor, not yet opened."""
         if is_twin_address(address):
-            return _twin_sources(folder, self.force_torque is not None, name)
+            return twin_sources(folder, self.force_torque is not None, name)
         camera = source_in_real_time(address, camera_settings(self.automatic))
         if self.force_torque is None:
             return camera, None
@@ -184,7 +184,7 @@ class Record:
         return camera, untared_wrench_source_for(self.force_torque, mount, print_notice)
 
 
-def _twin_sources(
+def twin_sources(
     folder: "SensorFolder", force_torque: bool, name: str = ""
 ) -> "tuple[FrameSource, WrenchSource | None]":
     """Return camera and force/torque sensor of the twin of a sensor, pressed by several objects in turn.

@@ -35,7 +35,7 @@ class Arrival(Generic[Item]):
 
 
 class BackgroundReader(Generic[Item]):
-    """Reads a source continuously in a thread while it is open (`with`); items that were not taken in time are lost and counted."""
+    """Reads a source continuously in a thread while it is open (`with`); items that were not taken in time are lost."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class BackgroundReader(Generic[Item]):
 
         on_stall: called by `take` with a sentence, once each time that nothing has arrived for `STALL_S`.
         """
-        self.source, self.lost = source, 0
+        self.source = source
         self._on_stall, self._stall_at = on_stall, float("inf")
         self._capacity, self._delivered_errors = capacity, delivered_errors
         self._items: deque[Arrival[Item]] = deque()
@@ -109,5 +109,3 @@ class BackgroundReader(Generic[Item]):
             if len(self._items) < self._capacity:
                 self._items.append(Arrival(item, monotonic_ns()))
                 self._changed.notify_all()
-            else:
-                self.lost += 1
