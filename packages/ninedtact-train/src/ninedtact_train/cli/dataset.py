@@ -10,11 +10,11 @@ import tyro
 from ninedtact.cli.result_and_interrupt import print_notices, print_result
 from ninedtact.cli.shared_options import ClusterOption, JsonOption, WorkersOption
 from ninedtact.errors import DatasetError
+from ninedtact_train.dataset.build import BuildResult, BuildSettings, build_dataset
 from ninedtact_train.dataset.checks import PairCheckSettings
 from ninedtact_train.dataset.sources.source import SourceConventions
 
 if TYPE_CHECKING:
-    from ninedtact_train.dataset.build import BuildResult
     from ninedtact_train.dataset.statistics_and_card import DatasetStatistics
 
 _MOST_NAMES = 8
@@ -38,31 +38,25 @@ class BuildDatasetCommand:
     """PATH or NAME=PATH: recordings (.mcap), the original project's Dataset folder, force episodes (.npz), a data set."""
     out: Path
     """Folder for the data set: new, empty, or begun with the same arguments."""
-    drop: bool = False
-    """Leave out the pairs that have faults."""
     strict: bool = False
     """Exit with 1 if any fault is found."""
-    licence: str | None = None
-    """Licence of the data, as Hugging Face names it: mit, cc-by-4.0."""
     workers: WorkersOption = 2
     cluster: ClusterOption = None
     conventions: Annotated[SourceConventions, tyro.conf.arg(name="")] = SourceConventions()
-    limits: PairCheckSettings = PairCheckSettings()
+    settings: Annotated[BuildSettings, tyro.conf.arg(name="")] = BuildSettings()
     json: JsonOption = False
 
     def run(self) -> int:
         """Build it and print what is in it; raises `DatasetStopped`, and `FaultsFound` with `--strict`."""
         from ninedtact.parallel_jobs import connect_workers
-        from ninedtact_train.dataset.build import BuildSettings, build_dataset
         from ninedtact_train.dataset.fault_report import PairFault, require_no_faults
         from ninedtact_train.dataset.folder import REPORT_FILE
         from ninedtact_train.dataset.sources.find_sources import find_sources
 
         try:
             sources = find_sources(self.sources, self.conventions)
-            settings = BuildSettings(self.limits, self.drop, self.licence)
             with connect_workers(self.workers, self.cluster) as workers:
-                built = build_dataset(self.out, sources, settings, workers, progress=not self.json)
+                built = build_dataset(self.out, sources, self.settings, workers, progress=not self.json)
         except KeyboardInterrupt:
             raise DatasetStopped(self.out) from None
         print_result(self.json, _build_to_json_dict(built), _format_build(built))
