@@ -14,7 +14,7 @@ from threading import Lock
 from typing import BinaryIO
 
 from mcap.data_stream import RecordBuilder
-from mcap.records import Attachment, AttachmentIndex, Channel, DataEnd, Footer, Message, Schema
+from mcap.records import Attachment, AttachmentIndex, Channel, DataEnd, Footer, McapRecord, Message, Schema
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
@@ -141,9 +141,10 @@ def _write_ending(file: BinaryIO, summary: Summary) -> None:
     builder = RecordBuilder()
     DataEnd(0).write(builder)
     start = file.tell() + builder.count
-    records = [*summary.schemas.values(), *summary.channels.values(), summary.statistics]
-    records += [*summary.chunk_indexes, *summary.attachment_indexes, *summary.metadata_indexes]
     file.write(builder.end())
+    records: list[McapRecord] = [*summary.schemas.values(), *summary.channels.values()]
+    records += [summary.statistics] if summary.statistics is not None else []
+    records += [*summary.chunk_indexes, *summary.attachment_indexes, *summary.metadata_indexes]
     for record in records:
         record.write(builder)
     Footer(start, 0, 0).write(builder)

@@ -182,7 +182,9 @@ class Recording:
             references = RecordedReferences(self, sensor.shape, find_faults)
             first = references.depth_reader_of_first_images() if references.topic is None else None
             for frame in self.frames():
-                yield read_frame(frame, sensor.shape, references.depth_reader_at(frame.stamp_ns) or first)
+                depth_reader = first or references.depth_reader_at(frame.stamp_ns)
+                assert depth_reader is not None
+                yield read_frame(frame, sensor.shape, depth_reader)
 
     def wrench(self, position: np.void) -> Wrench:
         """Return one wrench about the skin centre."""
