@@ -20,7 +20,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from ninedtact._version import __version__
 from ninedtact.atomic_write import open_atomic_file
-from ninedtact.recording.errors import RecordingRefused
+from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
 from ninedtact.recording.mcap_file import WRITTEN_WITHIN_S, McapFile, is_being_written, seconds_since_change
 from ninedtact.recording.metadata import REPAIR_RECORD
 from ninedtact.recording.reader import SPANS_ATTACHMENT, Recording, recorded_sensor_addresses
@@ -110,7 +110,10 @@ def _attach(path: Path, attachment: Attachment) -> None:
     """Attach a list of labels to a finished recording, in place of an earlier one at the end of its data."""
     with Recording(recorded_sensor_addresses(path)[0]) as recording:
         summary, end = recording.file.summary, recording.file.end
-    assert summary is not None and summary.statistics is not None
+    if summary is None or summary.statistics is None:
+        raise RecordingUnreadable(
+            expected=f"a summary at the end of {path}", got="none", remedy="write a whole copy of it, and label that"
+        )
     last = summary.attachment_indexes[-1] if summary.attachment_indexes else None
     if last is not None and last.name == attachment.name and last.offset + last.length == end:
         end = last.offset

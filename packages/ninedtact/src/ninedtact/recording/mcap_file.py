@@ -179,7 +179,7 @@ class McapFile:
         stated = None if self.summary is None else self.summary.statistics
         messages = {channel: sum(map(len, parts)) for channel, parts in self._positions.items()}
         counts = len(self._chunks), len(self._attachments), len(self.metadata), messages
-        if stated is None or counts != (
+        if stated is not None and counts != (
             stated.chunk_count,
             stated.attachment_count,
             stated.metadata_count,
