@@ -162,14 +162,6 @@ def test_warnings_of_heights_are_recorded_exported_and_said(
     assert list(rows.values()) == [""] * 11 + ["image dark"] * 2
 
 
-def test_the_delay_of_the_camera_is_taken_off_every_stamp(sensor: Path, tmp_path: Path) -> None:
-    path, folder = tmp_path / "press.mcap", load_sensor(sensor)
-    record(Camera(0.2), path, folder, camera_delay_ms=12.5)
-    with Recording(path) as recording:
-        assert recording.metadata.camera_delay_ms == 12.5
-        assert recording.stamps_ns(Topic.IMAGES)[0] == BEGAN_NS - 12_500_000
-
-
 def test_several_sensors_are_recorded_into_one_file_on_one_clock(
     sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -413,11 +405,12 @@ def test_record_prints_what_a_person_must_know_of_every_estimate(
 def test_what_came_before_a_loss_is_kept(sensor: Path, tmp_path: Path) -> None:
     path, said = tmp_path / "lost.mcap", list[str]()
     with pytest.raises(CameraLost):
-        record(LostCamera(10.0), path, load_sensor(sensor), notify=said.append)
+        record(LostCamera(10.0), path, load_sensor(sensor), camera_delay_ms=12.5, notify=said.append)
     assert not [thread for thread in threading.enumerate() if "listen" in thread.name]
     assert said == [f"{path} keeps the messages before the failure: 12 of /twin/image_raw, 1 of /twin/events"]
     with Recording(path) as read:
         assert read.is_finished and len(list(read.frames())) == 12 and len(read.events()) == 1
+        assert read.metadata.camera_delay_ms == 12.5 and read.began_ns == BEGAN_NS - 12_500_000
 
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
