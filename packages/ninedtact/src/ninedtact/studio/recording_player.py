@@ -35,7 +35,7 @@ from ninedtact.live.wrench_history import (
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingUnreadable
-from ninedtact.recording.mcap_repair import edit_labelled_spans
+from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedReferences
 from ninedtact.recording.summary import median_rate_hz
@@ -43,7 +43,6 @@ from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
     Topic,
     decode_height_map,
-    decode_wrench_estimate,
 )
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape
 from ninedtact.shape.coloured_height_map import ColourScale
@@ -59,10 +58,6 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 _UNKNOWN_STD = np.full(6, np.nan)
 
 
-_StampAndRepetition = tuple[int, int]
-"""A stamp in ns, and the number of earlier messages of the same topic with this stamp."""
-
-
 class RecordedReadings:
     """Reads the readings of a recording by their number: computed again from the images, with the heights and estimates that are
     stored. One thread at a time; close it."""
@@ -76,8 +71,6 @@ class RecordedReadings:
             self.recording.close()
             raise RecordingUnreadable(expected=f"images in {path}", got="none", remedy="take another recording")
         self.stamps_ns: Int64[Array, " n"] = np.asarray(self._images["stamp_ns"])
-        topics = (Topic.HEIGHTS, Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS)
-        self._at = {topic: _by_stamp_and_repetition(self.recording.positions(topic)) for topic in topics}
         self._references = RecordedReferences(self.recording, shape)
         self._first_reader: DepthReader | None = None
 
@@ -93,15 +86,14 @@ class RecordedReadings:
         """Return a reading; raises `RecordingUnreadable`, `WrongImageSize`, `ReferenceUnusable`."""
         frame = self.recording.frame(self._images[number])
         reading = read_frame(frame, self._shape, self._depth_reader_at(frame.stamp_ns))
-        key = frame.stamp_ns, number - int(np.searchsorted(self.stamps_ns, frame.stamp_ns))
-        stored = self._at[Topic.HEIGHTS].get(key)
+        stored = self.recording.message_of_image(Topic.HEIGHTS, frame)
         if stored is not None:
-            z_mm = decode_height_map(self.recording.message(stored).data, self.recording.metadata.height_step_mm)
+            z_mm = decode_height_map(stored.data, self.recording.metadata.height_step_mm)
             self._require_size(z_mm.shape)
             computed = reading.height
             reading = replace(reading, height=replace(computed, z_mm=np.where(np.isnan(z_mm), computed.z_mm, z_mm)))
-        estimate = self._estimate_at(key)
-        return reading if estimate is None else reading.with_force(estimate)
+        estimated = self.recording.message_of_image(Topic.ESTIMATED, frame)
+        return reading if estimated is None else reading.with_force(self.recording.estimate(estimated))
 
     def readings(self, first: int = 0, last: int | None = None) -> Iterator[Reading]:
         """Yield the readings from one number up to and including another."""
@@ -116,11 +108,12 @@ class RecordedReadings:
             stamp_ns = int(position["stamp_ns"])
             if stamp_ns - kept < NS_PER_S / MOST_HZ - ROUNDING_NS:
                 continue
-            kept, estimate = stamp_ns, self._estimate_at((stamp_ns, 0)) if topic is Topic.ESTIMATED else None
-            if estimate is None:
-                found.append((stamp_ns, WrenchWithUncertainty(self.recording.wrench(position), _UNKNOWN_STD)))
-            else:
+            kept = stamp_ns
+            if topic is Topic.ESTIMATED:
+                estimate = self.recording.estimate(self.recording.message(position))
                 found.append((stamp_ns, WrenchWithUncertainty.of_estimate(estimate)))
+            else:
+                found.append((stamp_ns, WrenchWithUncertainty(self.recording.wrench(position), _UNKNOWN_STD)))
         return found
 
     def close(self) -> None:
@@ -132,15 +125,6 @@ class RecordedReadings:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
-
-    def _estimate_at(self, key: _StampAndRepetition) -> WrenchEstimate | None:
-        """Return the recorded estimate of one image with its errors and warnings; None where there is none."""
-        at = self._at[Topic.ESTIMATED].get(key)
-        if at is None:
-            return None
-        positions = self._at[Topic.COVARIANCE].get(key), self._at[Topic.WARNINGS].get(key)
-        errors, warned = (None if one is None else self.recording.message(one).data for one in positions)
-        return decode_wrench_estimate(self.recording.wrench(at), errors, warned)
 
     def _depth_reader_at(self, stamp_ns: int) -> DepthReader:
         """Return the depth reader for the reference image that held at a stamp, or that of the first ten images."""
@@ -159,17 +143,6 @@ class RecordedReadings:
                 got=f"{size[1]} x {size[0]}",
                 remedy="name the recorded sensor with --sensor, or leave it out",
             )
-
-
-def _by_stamp_and_repetition(positions: Array) -> dict[_StampAndRepetition, np.void]:
-    """Return the messages of a topic by their stamps; of several with one stamp, in the order of the file."""
-    found: dict[_StampAndRepetition, np.void] = {}
-    counts = Counter[int]()
-    for position in positions:
-        stamp_ns = int(position["stamp_ns"])
-        found[stamp_ns, counts[stamp_ns]] = position
-        counts[stamp_ns] += 1
-    return found
 
 
 def empty_wrench_histories(path: Path, shape: CalibratedShape) -> list[WrenchHistory]:
