@@ -356,24 +356,23 @@ def test_buttons_of_two_viewers_do_what_they_say(recorded: tuple[Path, Bench]) -
         page, controller = recordings_page(server, loop, bench, path.parent)
         with page_client(server) as client, page_client(server) as other:
 
-            def press_both(label: str) -> None:
+            def press_both(label: str, is_done: Callable[[RecorderState], bool]) -> None:
                 def has(one: PageClient) -> bool:
                     return any(getattr(each, "label", "") == label for each in one.controls.values())
 
                 wait_until(lambda: controller.refresh(page) and has(client) and has(other))
                 for one in (client, other):
                     one.use(label)
-                time.sleep(0.3)  # what the controls do, they do in other threads
+                wait_until(lambda: is_done(bench.recorder.state()))
+                time.sleep(0.3)  # for the second press, which is handled in another thread and changes nothing
+                assert is_done(bench.recorder.state())
 
-            press_both("Record")
-            assert bench.recorder.state().is_running
+            press_both("Record", lambda state: state.is_running)
             for one in (client, other):
                 one.use("label", "twice")
-            press_both("Begin label")
-            press_both("End label 'twice'")
-            assert bench.recorder.state().label is None
-            press_both("Stop recording")
-            wait_until(lambda: not bench.recorder.state().is_running)
+            press_both("Begin label", lambda state: state.label == "twice")
+            press_both("End label 'twice'", lambda state: state.label is None)
+            press_both("Stop recording", lambda state: not state.is_running)
             assert len(list(path.parent.glob("*.mcap"))) == 2
             wait_until(lambda: bool(client.notices + other.notices))
             assert set(client.notices + other.notices) == {f"Recorded: {max(path.parent.glob('*.mcap')).name}"}
