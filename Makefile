@@ -76,7 +76,7 @@ lock: .venv/bin/uv
 licences: .venv/ready
 	.venv/bin/python scripts/list_licences.py
 
-# Work on local clusters of Dask and Ray, which are started and ended here. Types are checked by `make test`.
+# Work on a local Dask cluster, which is started and ended here. Types are checked by `make test`.
 test-cluster: .venv/ready-cluster
 	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster tests/test_clusters.py
 

@@ -26,7 +26,7 @@ from ninedtact.dataset.folder import DatasetFolderTaken, DatasetUnfinished
 from ninedtact.dataset.parquet_files import DatasetDamaged
 from ninedtact.dataset.sources.source import SourceUnknown
 from ninedtact.dataset.statistics_and_card import UnknownLicence
-from ninedtact.parallel_jobs import WorkersImpossible
+from ninedtact.errors import InputError
 from ninedtact.simulation.rectified_renderer import rectified_mm_per_px
 from ninedtact.workflows.dataset_calibrations import load_simulated_sensors
 
@@ -236,7 +236,7 @@ def test_several_workers_make_the_same(tmp_path: Path) -> None:
     one = built_from(tmp_path / "one", tmp_path / "in")
     build_dataset(tmp_path / "two", sources_at(tmp_path / "in"), workers=2)
     assert contents(one.folder) == contents(tmp_path / "two")
-    with pytest.raises(WorkersImpossible, match="1 worker"):
+    with pytest.raises(InputError, match="1 worker"):
         build_dataset(tmp_path / "none", sources_at(tmp_path / "in"), workers=0)
 
 

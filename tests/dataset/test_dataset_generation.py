@@ -35,9 +35,8 @@ from ninedtact.dataset.statistics_and_card import (
     move_to_force_sensor,
     wrench_percentiles,
 )
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError, NinedtactError
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.parallel_jobs import WorkersImpossible
 from ninedtact.simulation.batched.session_requests import run_session_on_cpu
 from ninedtact.simulation.objects.catalogue import UnknownObject
 from ninedtact.simulation.sensor_population import NonidealMechanicsShares, sample_sensor, sampled_sensor_from_json
@@ -286,7 +285,7 @@ def test_shares_objects_and_workers_are_checked_before_work_begins(tmp_path: Pat
         PairKindShares(0.8, 0.3)
     with pytest.raises(UnknownObject, match="expected"):
         generate_dataset(tmp_path / "a", replace(SMALL, object_names=("unicorn_01",)))
-    with pytest.raises(WorkersImpossible, match="worker"):
+    with pytest.raises(InputError, match="worker"):
         generate_dataset(tmp_path / "b", SMALL, workers=0)
     assert not list(tmp_path.iterdir())
 

@@ -18,7 +18,7 @@ EXTRAS = {
     "force": (("onnxruntime",), "force by a network: --force corrected or a model (.onnx)"),
     "recording": (("rosbags", "mcap"), "recordings: record, collect, info, export"),
     "force-torque": (("bota_driver", "pynetft", "serial"), "force/torque sensors: Bota, ATI and OnRobot, serial"),
-    "datasets": (("joblib", "pyarrow"), "data sets: simulate dataset, dataset, evaluate --data; export --to lerobot"),
+    "datasets": (("loky", "pyarrow"), "data sets: simulate dataset, dataset, evaluate --data"),
     "ros2": (("cyclonedds", "rosbags", "mcap"), "ROS 2 topics without ROS: ninedtact ros2"),
     "stream": (("websockets",), "readings for programs in any language: ninedtact serve"),
     "foxglove": (("foxglove", "websockets", "rosbags"), "a sensor in Foxglove: ninedtact foxglove"),
@@ -31,7 +31,7 @@ EXTRAS = {
     "objects": (("trimesh", "thingi10k"), "mesh files as objects of the twin"),
     "hardware": (("build123d", "ezdxf", "shapely"), "parts, moulds, drawings and the circuit board: hardware"),
     "raspberry-pi": (("picamera2",), "a camera on a Raspberry Pi's ribbon cable"),
-    "cluster": (("dask", "distributed", "joblib", "ray"), "work on clusters of Dask and Ray: --cluster"),
+    "cluster": (("dask", "distributed"), "work on Dask clusters: --cluster"),
 }
 """The modules of each extra, and what it brings."""
 

@@ -32,8 +32,9 @@ from ninedtact.dataset.generation.settings import GenerationImpossible, Generati
 from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
 from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.dataset.statistics_and_card import DatasetStatistics, compute_dataset_statistics, format_generation_card
+from ninedtact.errors import InputError
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.parallel_jobs import Cluster, Workers, WorkersImpossible, require_workers, run_writing_jobs
+from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
 from ninedtact.quantities import NO_OBJECT
 from ninedtact.simulation.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
 from ninedtact.simulation.batched.session_requests import (
@@ -249,7 +250,7 @@ def generate_dataset(
         sessions_per_batch: number of sessions that a GPU advances together.
         notify: is called with a sentence when the memory of a GPU is too small for a batch.
 
-    Raises `GenerationImpossible`, `WorkersImpossible`, `UnknownObject`, `DatasetFolderTaken`, `FileNotWritten`, `DeviceMissing`.
+    Raises `GenerationImpossible`, `InputError`, `UnknownObject`, `DatasetFolderTaken`, `FileNotWritten`, `DeviceMissing`.
     """
     require_workers(workers)
     if sessions_per_batch < 1:
@@ -269,11 +270,11 @@ def generate_dataset(
 
 
 def _select_device(name: str, workers: Workers) -> Device:
-    """Return the device of this name, the processor for `auto` on a cluster; raises `WorkersImpossible`, `DeviceMissing`."""
+    """Return the device of this name, the processor for `auto` on a cluster; raises `InputError`, `DeviceMissing`."""
     if not isinstance(workers, Cluster):
         return choose_compute_device(name)
     if name not in ("auto", "cpu"):
-        raise WorkersImpossible(
+        raise InputError(
             f"expected --device cpu together with --cluster, got {name}; a GPU is used by one process, so drop one of the two"
         )
     return choose_compute_device("cpu")
