@@ -226,7 +226,19 @@ def test_a_job_that_kills_every_worker_is_one_sentence(cluster: LocalCluster) ->
 
 def test_two_processes_train_one_model(alone: Path, tmp_path: Path) -> None:
     shutil.copytree(alone, tmp_path / "pairs")
-    options = "--channels deformation --size 32 24 --epochs 2 --batch 16 --held-out object".split()
+    options = [
+        "--channels",
+        "deformation",
+        "--size",
+        "32",
+        "24",
+        "--epochs",
+        "2",
+        "--batch",
+        "16",
+        "--held-out",
+        "object",
+    ]
     machine = ["--accelerator", "cpu", "--devices", "2", "--strategy", "ddp", "--json"]
     folders = ["--data", str(tmp_path / "pairs"), "--out", str(tmp_path / "out")]
     command = [sys.executable, "-m", "ninedtact", "train", *folders, *options, *machine]

@@ -17,7 +17,20 @@ from ninedtact.cli import main
 from ninedtact.errors import DeviceError, InputError, NinedtactError
 from ninedtact.parallel_jobs import Cluster, require_workers, run_jobs, run_writing_jobs
 
-GENERATE = "simulate dataset --workers 2 --size 64 48 --pairs 4000 --device cpu --json".split()
+GENERATE = [
+    "simulate",
+    "dataset",
+    "--workers",
+    "2",
+    "--size",
+    "64",
+    "48",
+    "--pairs",
+    "4000",
+    "--device",
+    "cpu",
+    "--json",
+]
 
 
 def child_processes(parent: int) -> set[int]:

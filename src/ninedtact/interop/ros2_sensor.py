@@ -32,6 +32,7 @@ from ninedtact.interop.ros2_topics_and_messages import (
     decode_ros2_command,
     encode_ros2_status,
 )
+from ninedtact.interop.sensor_sharing import watch_sensor
 from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingStopped
@@ -40,9 +41,8 @@ from ninedtact.recording.recorder import new_reading_writer, notify_partial_reco
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.studio.sensor_poller import SensorPoller, SensorSnapshot
 
-_COMMAND_WAIT_S = 0.05
 _STATUS_S = 1.0
 _REFERENCE_S = 1.0
 """Shortest time between two reference images, which may follow slow changes of light and gel."""
@@ -196,28 +196,23 @@ class SensorOnRos2:
         transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
         transforms.write(self.messages.encode_static_transforms(wall_time_ns(monotonic_ns())))
         commands = self.participant.reader(self.messages.path(COMMAND), STRING_TYPE, QosProfile.RELIABLE)
-        last, status_at, watch = None, 0.0, SensorOutageNotifier(self.notify)
+        status_at = 0.0
         try:
-            with self._measuring(), SensorPoller(self.sensor, self._recorder.add) as poller:
-                while not should_stop():
-                    poller.wait_for_change(_COMMAND_WAIT_S)
-                    now = poller.snapshot(monotonic_ns())
+            with self._measuring():
+                for moment in watch_sensor(self.sensor, should_stop, self.notify, self._recorder.add):
+                    now = moment.snapshot
                     if self._trouble is not None:
                         raise self._trouble
-                    if now.phase is SensorPhase.FAILED and now.trouble is not None:
-                        raise now.trouble
-                    if now.reading is not None and now.reading is not last:
-                        self.publish(last := now.reading)
+                    if moment.new_reading is not None:
+                        self.publish(moment.new_reading)
                     for command in commands.take():
-                        self._write_status(now, **self._obey(command, poller))
+                        self._write_status(now, **self._obey(command, moment.poller))
                     has_recording_failed = self._recorder.end_if_failed()
                     if has_recording_failed:
                         self.notify(self._recorder.trouble)
-                    if has_recording_failed or watch.has_changed(now) or monotonic() - status_at > _STATUS_S:
+                    if has_recording_failed or moment.has_changed or monotonic() - status_at > _STATUS_S:
                         status_at = monotonic()
                         self._write_status(now, read_hz=round(now.read_hz, 1))
-                    if now.phase is SensorPhase.ENDED:
-                        break
         finally:
             self._recorder.stop()
 
