@@ -91,7 +91,7 @@ def is_open(port: int) -> bool:
 
 def is_worker(process: int) -> bool:
     """Whether a child of a nanny runs jobs; the other is a tracker of resources."""
-    return b"spawn_main" in Path(f"/proc/{process}/cmdline").read_bytes()
+    return b"resource_tracker" not in Path(f"/proc/{process}/cmdline").read_bytes()
 
 
 def children(parent: int) -> list[int]:
@@ -258,7 +258,10 @@ def test_sessions_in_threads_of_one_worker_give_the_same_bytes(alone: Path, tmp_
 def test_a_worker_of_another_version_is_refused(tmp_path: Path) -> None:
     package = tmp_path / "other" / "ninedtact"
     package.mkdir(parents=True)
-    (package / "__init__.py").write_text('__version__ = "0.0.9"')
+    (package / "__init__.py").touch()
+    metadata = package.parent / "ninedtact-0.0.9.dist-info" / "METADATA"
+    metadata.parent.mkdir()
+    metadata.write_text("Metadata-Version: 2.1\nName: ninedtact\nVersion: 0.0.9\n")
     with (
         dask_cluster(tmp_path, env={"PYTHONPATH": str(package.parent)}) as outdated,
         pytest.raises(DeviceError, match=rf"expected ninedtact {__version__} on .*got 0\.0\.9 on"),

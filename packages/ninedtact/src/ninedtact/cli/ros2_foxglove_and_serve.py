@@ -249,11 +249,8 @@ class Foxglove:
                 write_file_atomically(self.layout, json.dumps(foxglove_layout(ros_name(folder.id)), indent=2).encode())
             print(f"{live.sensor.source.name}: {server.address}; Ctrl-C ends", flush=True)
             for moment in watch_sensor(live.sensor, lambda: until.now, print_notice):
-                if moment.new_reading is not None:
-                    server.publish(moment.new_reading)
-                    served += 1
-                if moment.has_changed:
-                    server.publish_status(moment.snapshot)
+                server.publish(moment)
+                served += moment.new_reading is not None
         print(f"stopped after {served} readings")
         return 0
 

@@ -7,15 +7,13 @@ Topics, each after the sensor's name; stamps are the wall time of the image's ar
     log                warnings and status where they change
 
 The server of foxglove-sdk answers every website that is open in a browser on this computer. It listens where none finds it, and a
-relay before it passes on what the guard of the live page accepts (`studio.socket_guard`).
+front before it passes on what the guard of the live page accepts (`studio.socket_guard`).
 """
 
 import asyncio
 import json
 import secrets
 from collections.abc import Callable
-from contextlib import suppress
-from threading import Thread
 from time import monotonic_ns
 from types import TracebackType
 from typing import Any
@@ -25,8 +23,9 @@ import numpy as np
 from foxglove import messages as fox
 from jaxtyping import Float64
 from numpy import ndarray as Array
-from websockets.datastructures import Headers
-from websockets.http11 import Request
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.asyncio.server import ServerConnection
+from websockets.typing import Subprotocol
 
 from ninedtact.interop.ros2_topics_and_messages import (
     CAMERA_INFO,
@@ -37,21 +36,21 @@ from ninedtact.interop.ros2_topics_and_messages import (
     TF_TYPE,
     SensorMessages,
 )
-from ninedtact.interop.sensor_sharing import port_errors
+from ninedtact.interop.sensor_sharing import SensorMoment, ServerThread, port_errors
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.recording.topics_and_messages import Topic, message_definition
-from ninedtact.studio.sensor_poller import SensorSnapshot
-from ninedtact.studio.socket_guard import SocketGuard, one_line_logger
+from ninedtact.studio.sensor_poller import SensorPhase
+from ninedtact.studio.socket_guard import SocketGuard
 
+SUBPROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
+"""Names of the protocol: that of today's Foxglove, and that of programs made before, such as Lichtblick."""
 FOXGLOVE_ORIGIN = "https://app.foxglove.dev"
 """The website of Foxglove, which may connect."""
 WRENCH, CONTACT, LOG = "wrench", "contact", "log"
 _ROS_TOPICS = (CAMERA_INFO, COMPRESSED, Topic.HEIGHTS.value, POINTS)
 _WAITING_MESSAGES = 20
 """Messages that wait for one client at most, those of two readings: what is shown is new."""
-_HEAD_BYTES, _HEAD_S, _PART_BYTES = 8192, 10.0, 1 << 16
-"""Size of a client's HTTP request, the time in which it must arrive, and how much is passed on at once."""
 
 
 class FoxgloveServer:
@@ -88,29 +87,63 @@ class FoxgloveServer:
         return self.guard.page_address(self.port).replace("http://", "ws://", 1)
 
     def __enter__(self) -> "FoxgloveServer":
-        hidden = "127." + ".".join(str(1 + secrets.randbelow(254)) for _ in range(3))  # which no website can guess
+        self._host = "127." + ".".join(str(1 + secrets.randbelow(254)) for _ in range(3))  # which no website can guess
         self._server = foxglove.start_server(
             name=f"ninedtact {self._messages.name}",
-            host=hidden,
+            host=self._host,
             port=0,
             context=self._context,
             server_listener=_NewSubscriptions(self._repeat_log),
             message_backlog_size=_WAITING_MESSAGES,
         )
-        self._relay = _GuardedRelay(self.guard, (hidden, self._server.port))
+        self._thread = ServerThread("foxglove front")
         try:
-            self.port = self._relay.open(self.port)
+            self._thread.start(self._listen())
         except BaseException:
             self._server.stop()
             raise
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._relay.close()
+        self._thread.close()
         self._server.stop()
 
-    def publish(self, reading: Reading) -> None:
-        """Send a reading on all topics to which a client subscribes; a client that is too slow misses messages."""
+    async def _listen(self) -> None:
+        options: dict[str, Any] = {"subprotocols": SUBPROTOCOLS, "compression": None}  # which takes longer than sending
+        with port_errors(self.guard.host, self.port, "--port"):
+            guarded = self.guard.serve(
+                self._connect,
+                self.guard.host,
+                self.port,
+                is_expected=lambda message: isinstance(message, str),
+                **options,
+            )
+            front = await self._thread.servers.enter_async_context(guarded)
+        self.port = next(iter(front.sockets)).getsockname()[1]
+
+    async def _connect(self, client: ServerConnection) -> None:
+        """Pass the messages of a client on to the server, and those of the server to the client, until one of them ends."""
+        address, options = (
+            f"ws://{self._host}:{self._server.port}",
+            {"compression": None, "max_size": None, "max_queue": 1},
+        )
+        async with connect(address, subprotocols=SUBPROTOCOLS[:1], proxy=None, ping_interval=None, **options) as server:
+            both = [asyncio.create_task(_pass_on(client, server)), asyncio.create_task(_pass_on(server, client))]
+            await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+            for one in both:
+                one.cancel()
+            await asyncio.gather(*both, return_exceptions=True)
+
+    def publish(self, moment: SensorMoment) -> None:
+        """Send the new reading of a sensor, and log why there is none; a client that is too slow misses messages."""
+        now = moment.snapshot
+        if moment.has_changed and (now.phase is not SensorPhase.READING or now.trouble is not None):
+            self._log_change(now.trouble_sentence, now.phase.value, wall_time_ns(monotonic_ns()))
+        if moment.new_reading is not None:
+            self.publish_reading(moment.new_reading)
+
+    def publish_reading(self, reading: Reading) -> None:
+        """Send a reading on all topics to which a client subscribes."""
         wall_ns = wall_time_ns(reading.stamp_ns)
         wanted = {topic for topic, channel in self._channels.items() if channel.has_sinks()}
         for topic, message in self._messages.encode(reading, wall_ns, wanted).items():
@@ -122,10 +155,6 @@ class FoxgloveServer:
                 stamp = dict(zip(("sec", "nsec"), divmod(wall_ns, 1_000_000_000), strict=True))
                 self._channels[topic].log({"timestamp": stamp, **fields}, log_time=wall_ns)
         self._log_change("; ".join(reading.warnings), "no warnings", wall_ns)
-
-    def publish_status(self, status: SensorSnapshot) -> None:
-        """Log what the sensor does, and why there are no readings."""
-        self._log_change(status.trouble_sentence, status.phase.value, wall_time_ns(monotonic_ns()))
 
     def _log_change(self, warning: str, otherwise: str, wall_ns: int) -> None:
         """Log a warning, or for information what holds where there is none, unless it was logged last."""
@@ -153,85 +182,10 @@ class _NewSubscriptions(foxglove.websocket.ServerListener):
         self._on_topic(channel.topic)
 
 
-class _GuardedRelay:
-    """Passes the connections that a guard accepts on to a server that checks nobody, in a thread of its own."""
-
-    def __init__(self, guard: SocketGuard, server: tuple[str, int]) -> None:
-        self._guard, self._server = guard, server
-        self._clients = 0
-        self._logger = one_line_logger()
-        self._loop = asyncio.new_event_loop()
-        self._thread = Thread(target=self._loop.run_forever, name="foxglove relay", daemon=True)
-
-    def open(self, port: int) -> int:
-        """Listen and return the port; raises `DeviceError`."""
-        self._thread.start()
-        try:
-            with port_errors(self._guard.host, port, "--port"):
-                listening = asyncio.start_server(self._relay, self._guard.host, port, limit=_HEAD_BYTES)
-                opened = asyncio.run_coroutine_threadsafe(listening, self._loop).result()
-        except BaseException:
-            self.close()
-            raise
-        return int(opened.sockets[0].getsockname()[1])
-
-    def close(self) -> None:
-        """End all connections."""
-
-        async def end_all() -> None:
-            others = asyncio.all_tasks() - {asyncio.current_task()}
-            for task in others:
-                task.cancel()
-            await asyncio.gather(*others, return_exceptions=True)
-
-        asyncio.run_coroutine_threadsafe(end_all(), self._loop).result()
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
-        self._loop.close()
-
-    async def _relay(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Check the request of a connection; refuse it, or pass on what both sides send until one of them leaves."""
-        opened, self._clients = [writer], self._clients + 1
-        try:
-            async with asyncio.timeout(_HEAD_S):
-                head = await reader.readuntil(b"\r\n\r\n")
-            refusal = self._guard.find_refusal(_parse_request(head), *writer.get_extra_info("sockname")[:2])
-            if refusal is None and self._clients > self._guard.limits.clients:
-                refusal = 503, f"expected at most {self._guard.limits.clients} clients, got one more; close others"
-            if refusal is not None:
-                status, sentence = refusal
-                self._logger.warning("refused a client: %s", sentence)
-                writer.write(f"HTTP/1.1 {status} Refused\r\nConnection: close\r\n\r\n{sentence}\n".encode())
-                await writer.drain()
-                return
-            answers, requests = await asyncio.open_connection(*self._server)
-            opened.append(requests)
-            requests.write(head)
-            both = {asyncio.ensure_future(_copy(*ends)) for ends in ((reader, requests), (answers, writer))}
-            await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
-            for one in both:
-                one.cancel()
-        except (OSError, TimeoutError, ValueError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
-            pass  # no request, or a client that has left
-        finally:
-            self._clients -= 1
-            for one in opened:
-                one.close()
-
-
-async def _copy(source: asyncio.StreamReader, target: asyncio.StreamWriter) -> None:
-    """Pass on what arrives until there is no more; no faster than it is taken."""
-    with suppress(OSError):
-        while part := await source.read(_PART_BYTES):
-            target.write(part)
-            await target.drain()
-
-
-def _parse_request(head: bytes) -> Request:
-    """Return path and headers of a request; raises `ValueError`."""
-    first, *lines = head.decode("latin-1").rstrip("\r\n").split("\r\n")
-    _, path, _ = first.split(" ")
-    return Request(path, Headers([(name, value.strip()) for name, _, value in (line.partition(":") for line in lines)]))
+async def _pass_on(source: ServerConnection | ClientConnection, target: ServerConnection | ClientConnection) -> None:
+    """Send what arrives from one side to the other, no faster than it is taken."""
+    async for message in source:
+        await target.send(message)
 
 
 def encode_wrench_with_errors(reading: Reading) -> dict[str, Any] | None:

@@ -13,11 +13,10 @@ import hmac
 import itertools
 import json
 from collections import deque
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
-from threading import Thread
 from time import monotonic_ns
 from types import TracebackType
 from typing import Any, Literal, cast, get_args
@@ -30,7 +29,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from ninedtact.interop.sensor_sharing import port_errors, watch_sensor
+from ninedtact.interop.sensor_sharing import ServerThread, port_errors, watch_sensor
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
@@ -225,9 +224,7 @@ class ReadingServer:
         self._clients: list[_TcpClient] = []
         self._status: _SharedMessage | None = None
         """The status while the sensor does not simply read."""
-        self._servers = AsyncExitStack()
-        self._loop = asyncio.new_event_loop()
-        self._thread = Thread(target=self._loop.run_forever, name="serve readings", daemon=True)
+        self._thread = ServerThread("serve readings")
 
     @property
     def websocket_address(self) -> str:
@@ -246,7 +243,7 @@ class ReadingServer:
 
     def publish(self, message: Reading | SensorSnapshot) -> None:
         """Hand a reading or a changed status to all clients; returns at once."""
-        self._loop.call_soon_threadsafe(self._distribute, message)
+        self._thread.loop.call_soon_threadsafe(self._distribute, message)
 
     def serve(self, sensor: Sensor, should_stop: Callable[[], bool], notify: Callable[[str], None]) -> int:
         """Publish every reading of a sensor, and its status where that changes; return the number of readings.
@@ -265,26 +262,14 @@ class ReadingServer:
         return next(served)
 
     def __enter__(self) -> "ReadingServer":
-        self._thread.start()
-        try:
-            self._call(self._listen())
-        except BaseException:
-            self.__exit__(None, None, None)
-            raise
+        self._thread.start(self._listen())
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._call(self._servers.aclose())
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
-        self._loop.close()
-
-    def _call(self, work: Coroutine[Any, Any, None]) -> None:
-        """Run a coroutine in the server thread and wait for it."""
-        asyncio.run_coroutine_threadsafe(work, self._loop).result()
+        self._thread.close()
 
     async def _listen(self) -> None:
-        host, servers = self.guard.host, self._servers
+        host, servers = self.guard.host, self._thread.servers
         with port_errors(host, self.port, "--port"):
             guarded = self.guard.serve(
                 self._feed_websocket, host, self.port, is_expected=lambda _: False, process_request=_answer_request

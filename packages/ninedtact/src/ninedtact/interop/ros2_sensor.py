@@ -185,17 +185,17 @@ class SensorOnRos2:
     def __post_init__(self) -> None:
         meaning = "" if self.measured is None else self.measured_meaning or self.measured.name
         self._recorder = ReadingRecorder(self.messages, self.sensor.source.name, meaning, self.out)
-
-    def run(self, should_stop: Callable[[], bool]) -> None:
-        """Publish until `should_stop` is true or the source ends; raises what the sensor raises."""
         make = self.participant.writer
         self._writers = {
             topic: make(self.messages.path(topic), LIVE_TOPICS[topic][0], profile)
             for topic, profile in self.profiles.items()
         }
-        transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
-        transforms.write(self.messages.encode_static_transforms(wall_time_ns(monotonic_ns())))
-        commands = self.participant.reader(self.messages.path(COMMAND), STRING_TYPE, QosProfile.RELIABLE)
+        self._transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
+        self._commands = self.participant.reader(self.messages.path(COMMAND), STRING_TYPE, QosProfile.RELIABLE)
+
+    def run(self, should_stop: Callable[[], bool]) -> None:
+        """Publish until `should_stop` is true or the source ends; raises what the sensor raises."""
+        self._transforms.write(self.messages.encode_static_transforms(wall_time_ns(monotonic_ns())))
         status_at = 0.0
         try:
             with self._measuring():
@@ -205,7 +205,7 @@ class SensorOnRos2:
                         raise self._trouble
                     if moment.new_reading is not None:
                         self.publish(moment.new_reading)
-                    for command in commands.take():
+                    for command in self._commands.take():
                         self._write_status(now, **self._obey(command, moment.poller))
                     has_recording_failed = self._recorder.end_if_failed()
                     if has_recording_failed:

@@ -1,10 +1,12 @@
-"""What `ros2`, `foxglove` and `serve` share: the sensor thread that they watch, and the error of a port that is taken."""
+"""What `ros2`, `foxglove` and `serve` share: the sensor thread that they watch, and a thread in which servers run."""
 
+import asyncio
 import errno
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import AsyncExitStack, contextmanager
+from threading import Thread
 from time import monotonic_ns
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ninedtact.errors import DeviceError
 from ninedtact.reading import Reading
@@ -47,6 +49,35 @@ def watch_sensor(
             last = now.reading
             if now.phase is SensorPhase.ENDED:
                 return
+
+
+class ServerThread:
+    """A thread with an event loop in which servers run until it is closed."""
+
+    def __init__(self, name: str) -> None:
+        self.servers = AsyncExitStack()
+        """What is closed when the thread ends."""
+        self.loop = asyncio.new_event_loop()
+        self._thread = Thread(target=self.loop.run_forever, name=name, daemon=True)
+
+    def start(self, listen: Coroutine[Any, Any, None]) -> None:
+        """Run a coroutine that opens ports, or end everything again and raise what it raises."""
+        self._thread.start()
+        try:
+            self._call(listen)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the servers and end the thread."""
+        self._call(self.servers.aclose())
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self._thread.join()
+        self.loop.close()
+
+    def _call(self, work: Coroutine[Any, Any, None]) -> None:
+        asyncio.run_coroutine_threadsafe(work, self.loop).result()
 
 
 @contextmanager
