@@ -153,6 +153,10 @@ def test_a_command_that_cannot_be_decoded_is_refused(message: bytes) -> None:
         (["--points-every", "0"], "expected --points-every of 1 or more, got 0"),
         (["--domain", "233"], "expected a DDS domain from 0 to 232, got 233"),
         (["--interface", "nosuch0"], "expected --interface to name one of"),
+        (
+            ["--source", "left=0", "--name", "hand"],
+            "expected --name with a --source that has no name, got left; drop --name",
+        ),
     ],
 )
 def test_what_ros2_cannot_do_is_refused_in_one_sentence(
