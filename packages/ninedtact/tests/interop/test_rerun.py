@@ -19,6 +19,7 @@ from small_sensor import SkinCamera, sensor_folder, skin, wait_until
 from ninedtact._version import find_entry_point, installation_command
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
+from ninedtact.errors import DeviceError
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
@@ -30,7 +31,7 @@ pytestmark = pytest.mark.interop
 rr = pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
 from rerun.chunk import RrdReader  # noqa: E402
 
-from ninedtact.interop.rerun import COMPONENTS, RerunUnreachable, RerunViewer, export_rerun  # noqa: E402
+from ninedtact.interop.rerun import COMPONENTS, RerunViewer, export_rerun  # noqa: E402
 
 PRESSED, IMAGES, UNKNOWN = 60, 14, 11
 STD = np.arange(1.0, 7.0)
@@ -154,7 +155,7 @@ def test_the_rerun_program_gets_readings_and_a_missing_one_is_refused(
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     monkeypatch.setattr("ninedtact.interop.rerun._VIEWER_ADDRESS", ("127.0.0.1", port))
-    with pytest.raises(RerunUnreachable, match=f"expected the Rerun viewer on port {port}.* --bind 127"):
+    with pytest.raises(DeviceError, match=f"expected the Rerun viewer on port {port}.* --bind 127"):
         RerunViewer("small").__enter__()
     folder, images, out = sensor_folder(tmp_path / "small"), tmp_path / "images", tmp_path / "live.rrd"
     images.mkdir()

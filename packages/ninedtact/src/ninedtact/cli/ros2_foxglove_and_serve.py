@@ -130,7 +130,7 @@ class Ros2:
         named = parse_named_sources(self.source, self.sensor)
         if "" not in named and self.name is not None:
             raise InvalidLiveOption(
-                "expected --name with one --source, got several, which name themselves; drop --name"
+                f"expected --name with a --source that has no name, got {', '.join(named)}; drop --name"
             )
         if len(named) > 1 and self.force_torque is not None:
             raise RecordingRefused("expected one --source with --force-torque, got several; start one command for each")

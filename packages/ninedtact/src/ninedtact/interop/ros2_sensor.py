@@ -18,8 +18,8 @@ from typing import Any
 
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
-from ninedtact.errors import NinedtactError
-from ninedtact.interop.dds import DdsParticipant, InvalidRos2Option
+from ninedtact.errors import InputError, NinedtactError
+from ninedtact.interop.dds import DdsParticipant
 from ninedtact.interop.ros2_topics_and_messages import (
     COMMAND,
     LIVE_TOPICS,
@@ -118,14 +118,12 @@ class ReadingRecorder:
             running.add(item)
 
     def start(self, name: str = "") -> str:
-        """Begin a recording and say so in a sentence; raises `InvalidRos2Option` and what creating the file raises."""
+        """Begin a recording and say so in a sentence; raises `InputError` and what creating the file raises."""
         if self.writer is not None:
-            raise InvalidRos2Option(f"expected no recording in progress, got {self.writer.path}; stop it first")
+            raise InputError(f"expected no recording in progress, got {self.writer.path}; stop it first")
         name = name or f"{self.messages.name}_{wall_time_ns(monotonic_ns())}"
         if Path(name).name != name or name.startswith(".") or not name.isprintable():
-            raise InvalidRos2Option(
-                f"expected the printable name of a recording without a folder, got {name!r}; leave it out"
-            )
+            raise InputError(f"expected the printable name of a recording without a folder, got {name!r}; leave it out")
         self.out.mkdir(parents=True, exist_ok=True)
         path = self.out / f"{name.removesuffix('.mcap')}.mcap"
         metadata = RecordingMetadata("", "ros2", self.source, self.force_torque)
@@ -283,7 +281,7 @@ class SensorOnRos2:
             return self._recorder.start(argument)
         if word == "stop_recording":
             return self._recorder.stop() or "nothing was being recorded"
-        raise InvalidRos2Option(
+        raise InputError(
             f"expected take_reference, start_recording [NAME] or stop_recording, got {word!r}; send one of them"
         )
 
