@@ -123,11 +123,9 @@ class FoxgloveServer:
 
     async def _connect(self, client: ServerConnection) -> None:
         """Pass the messages of a client on to the server, and those of the server to the client, until one of them ends."""
-        address, options = (
-            f"ws://{self._host}:{self._server.port}",
-            {"compression": None, "max_size": None, "max_queue": 1},
-        )
-        async with connect(address, subprotocols=SUBPROTOCOLS[:1], proxy=None, ping_interval=None, **options) as server:
+        address = f"ws://{self._host}:{self._server.port}"
+        options: dict[str, Any] = {"compression": None, "max_size": None, "max_queue": 1, "ping_interval": None}
+        async with connect(address, subprotocols=SUBPROTOCOLS[:1], proxy=None, **options) as server:
             both = [asyncio.create_task(_pass_on(client, server)), asyncio.create_task(_pass_on(server, client))]
             await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
             for one in both:
@@ -171,7 +169,7 @@ class FoxgloveServer:
             self._channels[LOG].log(self._log, log_time=wall_time_ns(monotonic_ns()))
 
 
-class _NewSubscriptions(foxglove.websocket.ServerListener):
+class _NewSubscriptions(foxglove.websocket.ServerListener):  # type: ignore[misc]
     """Reports the topics to which clients subscribe; called in a thread of the server."""
 
     def __init__(self, on_topic: Callable[[str], None]) -> None:
