@@ -29,7 +29,7 @@ def export_lerobot(
 ) -> dict[str, int]:
     """Write recordings as the episodes of one data set into a new or empty folder; return its episodes, frames and features.
 
-    task: what is done in them, in words. Wrenches are interpolated linearly at the times of the images. Raises `ExportTargetTaken`,
+    task: what is done in them, in words. Wrenches are interpolated linearly at the times of the images. Raises `OutputError`,
     `InputError` for recordings that cannot be episodes of one data set, and `RecordingUnreadable` for a damaged recording; the
     folder is then as it was before.
     """

@@ -44,7 +44,6 @@ from ninedtact.design import SensorDesign
 from ninedtact.errors import MissingLibraryError
 from ninedtact.force.estimator_loading import PHYSICS
 from ninedtact.open_sensor import is_twin_address, require_matching_force_source
-from ninedtact.recording.errors import RecordingRefused
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -133,7 +132,9 @@ class Ros2:
                 f"expected --name with a --source that has no name, got {', '.join(named)}; drop --name"
             )
         if len(named) > 1 and self.force_torque is not None:
-            raise RecordingRefused("expected one --source with --force-torque, got several; start one command for each")
+            raise InvalidLiveOption(
+                "expected one --source with --force-torque, got several; start one command for each"
+            )
         for address, _ in named.values():
             require_matching_force_source(address, self.force_torque, is_twin_address)
         with ExitStack() as opened:
