@@ -12,7 +12,6 @@ front before it passes on what the guard of the live page accepts (`live.socket_
 
 import asyncio
 import json
-import secrets
 from collections.abc import Callable
 from time import monotonic_ns
 from types import TracebackType
@@ -38,7 +37,7 @@ from ninedtact.interop.ros2_topics_and_messages import (
 )
 from ninedtact.interop.sensor_sharing import SensorMoment, ServerThread, port_errors
 from ninedtact.live.sensor_poller import SensorPhase
-from ninedtact.live.socket_guard import SocketGuard
+from ninedtact.live.socket_guard import SocketGuard, hidden_loopback_address
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.recording.topics_and_messages import Topic, message_definition
@@ -87,7 +86,7 @@ class FoxgloveServer:
         return self.guard.page_address(self.port).replace("http://", "ws://", 1)
 
     def __enter__(self) -> "FoxgloveServer":
-        self._host = "127." + ".".join(str(1 + secrets.randbelow(254)) for _ in range(3))  # which no website can guess
+        self._host = hidden_loopback_address()
         self._server = foxglove.start_server(
             name=f"ninedtact {self._messages.name}",
             host=self._host,

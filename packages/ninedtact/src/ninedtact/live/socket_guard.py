@@ -23,7 +23,7 @@ from http import HTTPStatus
 from inspect import isawaitable
 from ipaddress import ip_address
 from pathlib import Path
-from secrets import token_urlsafe
+from secrets import randbelow, token_urlsafe
 from traceback import extract_tb
 from typing import Any
 from urllib.parse import urlsplit
@@ -273,6 +273,19 @@ class _MemoryRelease:
         gc.collect()
         with suppress(OSError, AttributeError, TypeError):  # only the GNU C library has it
             ctypes.CDLL(None).malloc_trim(0)
+
+
+def hidden_loopback_address() -> str:
+    """Return a random one of the 16 million loopback addresses, which no website can guess; 127.0.0.1 where it is the only one.
+
+    A server that has no guard of its own listens there, behind a guarded one.
+    """
+    address = f"127.{randbelow(254) + 1}.{randbelow(254) + 1}.{randbelow(254) + 1}"
+    try:
+        socket.create_server((address, 0)).close()
+    except OSError:
+        return "127.0.0.1"
+    return address
 
 
 def _is_loopback(host: str) -> bool:

@@ -10,7 +10,6 @@ user of this computer out, who can list its open ports; docs/live_page.md says w
 import asyncio
 import errno
 import json
-import socket
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -19,7 +18,7 @@ from dataclasses import dataclass
 from functools import partial
 from html import escape
 from http.client import HTTPConnection
-from secrets import randbelow, token_urlsafe
+from secrets import token_urlsafe
 from typing import Any
 
 import rich
@@ -32,7 +31,13 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from ninedtact.errors import DeviceError
-from ninedtact.live.socket_guard import GuardedConnection, SocketGuard, format_peer, one_line_logger
+from ninedtact.live.socket_guard import (
+    GuardedConnection,
+    SocketGuard,
+    format_peer,
+    hidden_loopback_address,
+    one_line_logger,
+)
 from ninedtact.studio.page_messages import CameraMessage, UploadTest, decode_page_message
 
 DEFAULT_PORT, PORTS_TRIED = 8080, 20
@@ -61,7 +66,7 @@ class PageServer:
         """Start viser; browsers reach it after `listen`."""
         rich.get_console().quiet = True  # viser prints a banner with the address that nobody is told
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)  # a viewer has just left
-        self._guard, self._address = guard, _hidden_loopback_address()
+        self._guard, self._address = guard, hidden_loopback_address()
         self.viser, self.port = viser.ViserServer(host=self._address, port=0, label="9DTact", verbose=False), 0
         self._front: Server | None = None
         self._passages: dict[int, _Passage] = {}
@@ -199,16 +204,6 @@ async def _close(front: Server) -> None:
 def _select_viser_protocol(connection: ServerConnection, offered: "list[Subprotocol]") -> Subprotocol | None:
     """Return the version that a page states, which is refused later, so that the page can say why."""
     return next((each for each in offered if each.startswith("viser-v")), None)
-
-
-def _hidden_loopback_address() -> str:
-    """Return a random one of the 16 million loopback addresses, which no website can guess; 127.0.0.1 where it is the only one."""
-    address = f"127.{randbelow(254) + 1}.{randbelow(254) + 1}.{randbelow(254) + 1}"
-    try:
-        socket.create_server((address, 0)).close()
-    except OSError:
-        return "127.0.0.1"
-    return address
 
 
 def _log_failed_task(logger: Any, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
