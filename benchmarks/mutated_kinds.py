@@ -47,7 +47,8 @@ from ninedtact.force.onnx_model import (
     SHIPPED_MODEL,
     stamp_checksum,
 )
-from ninedtact.hardware.design import default_hardware_design, hardware_design_to_toml
+from ninedtact.hardware.design import default_hardware_design
+from ninedtact.hardware.design_file import hardware_design_to_toml
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import sensor_folder_attachments
@@ -194,7 +195,7 @@ def _designs(sensor: Path, folder: Path, count: dict[str, int], seed: int) -> li
 
     def check(out: Path) -> int:
         from ninedtact.hardware.buildability import find_broken_rules
-        from ninedtact.hardware.design import read_hardware_design
+        from ninedtact.hardware.design_file import read_hardware_design
 
         found = read_hardware_design(hardware, "default")
         broken = [each.message for each in find_broken_rules(found)]

@@ -22,7 +22,7 @@ NOT_CODE = (
     "ninedtact/force/evaluation/evaluation.html.jinja",
     "ninedtact/hardware/bill_of_materials.html.jinja",
     "ninedtact/hardware/fabrication.md.jinja",
-    "ninedtact/hardware/led_board/led_board.kicad_pcb.jinja",
+    "ninedtact/hardware/led_board_project/led_board.kicad_pcb",
     "ninedtact/studio/exported_moment.html.jinja",
     "ninedtact/studio/page_cards.html.jinja",
 )

@@ -47,7 +47,6 @@ HEAVY = {
         "hardware.export",
     },
     "ezdxf": {"hardware.export"},
-    "shapely": {"hardware.led_board"},
     "cyclonedds": {"interop"},
     "foxglove": {"interop"},
     "rerun": {"interop"},

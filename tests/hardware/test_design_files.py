@@ -8,6 +8,10 @@ from typing import Annotated, get_origin
 
 import numpy as np
 import pytest
+from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
+from ninedtact.hardware.led_board.board_parameters import LedBoardDesign, led_board_for_design
+from ninedtact.hardware.led_board.complete_layout import lay_out_board
+from ninedtact.hardware.led_board.fabrication_files import format_fabrication_notes
 
 from ninedtact.cli import main
 from ninedtact.cli.calibrate import CalibrateCommand
@@ -29,14 +33,9 @@ from ninedtact.hardware.design import (
     DesignVariant,
     default_hardware_design,
     hardware_design_of_variant,
-    hardware_design_to_toml,
     original_hardware_design,
-    read_hardware_design,
 )
-from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
-from ninedtact.hardware.led_board.board_parameters import LedBoardDesign, led_board_for_design
-from ninedtact.hardware.led_board.complete_layout import lay_out_board
-from ninedtact.hardware.led_board.fabrication_files import format_fabrication_notes
+from ninedtact.hardware.design_file import hardware_design_to_toml, read_hardware_design
 from ninedtact.hardware.part_dimensions import FastenerDimensions, LedBoardDimensions
 from ninedtact.simulation.calibration_images import SimulatedCalibrationImages, simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel

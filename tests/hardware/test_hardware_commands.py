@@ -14,12 +14,8 @@ from ninedtact.cli import main
 from ninedtact.cli.hardware import ExploreDesignsCommand, format_bill_of_materials
 from ninedtact.design import CameraGeometry, DesignImpossible, Gel, SensorDesign, shore_a_to_shear_modulus_mpa
 from ninedtact.hardware.buildable_design import BuildableDesign
-from ninedtact.hardware.design import (
-    DesignVariant,
-    default_hardware_design,
-    hardware_design_of_variant,
-    read_hardware_design,
-)
+from ninedtact.hardware.design import DesignVariant, default_hardware_design, hardware_design_of_variant
+from ninedtact.hardware.design_file import read_hardware_design
 from ninedtact.hardware.design_sweep import DesignSweep, change_design, explore_designs
 from ninedtact.hardware.fabrication_guide import format_fabrication_guide, write_fabrication_guide
 from ninedtact.hardware.materials import TRANSLUCENT_SILICONE, translucent_silicone_of_modulus

@@ -9,9 +9,10 @@ import pytest
 from clearance_agreement import require_agreement
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
+from ninedtact.hardware.led_board.design_rule_check import find_violations
 
 from ninedtact.design import CameraGeometry, DesignImpossible, Gel, PinBoard, SensingArea, SensorDesign
-from ninedtact.hardware.assembly_dimensions import distance_to_edge_mm
 from ninedtact.hardware.buildability import (
     DESIGN_RULES,
     DesignNotBuildable,
@@ -21,17 +22,15 @@ from ninedtact.hardware.buildability import (
 from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.clearances import list_clearances
 from ninedtact.hardware.design import (
-    PART_TABLES,
     HardwareDesign,
     default_hardware_design,
-    lens_view_radius_mm,
+    distance_to_edge_mm,
     original_hardware_design,
-    required_camera_distance_mm,
 )
+from ninedtact.hardware.design_file import PART_TABLES
 from ninedtact.hardware.design_sweep import change_design
 from ninedtact.hardware.drawings.part_geometry import find_round_features
-from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
-from ninedtact.hardware.led_board.design_rule_check import find_violations
+from ninedtact.hardware.lens_view import lens_view_radius_mm, required_camera_distance_mm
 from ninedtact.hardware.part_dimensions import (
     BaseDimensions,
     CalibrationBoardDimensions,

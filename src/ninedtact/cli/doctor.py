@@ -29,7 +29,7 @@ EXTRAS = {
         "training force models: train",
     ),
     "objects": (("trimesh", "thingi10k"), "mesh files as objects of the twin"),
-    "hardware": (("build123d", "ezdxf", "shapely"), "parts, moulds, drawings and the circuit board: hardware"),
+    "hardware": (("build123d", "ezdxf"), "parts, moulds, drawings and the circuit board: hardware"),
     "raspberry-pi": (("picamera2",), "a camera on a Raspberry Pi's ribbon cable"),
     "cluster": (("dask", "distributed", "joblib", "ray"), "work on clusters of Dask and Ray: --cluster"),
 }

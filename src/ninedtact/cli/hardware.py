@@ -23,10 +23,6 @@ if TYPE_CHECKING:
     from ninedtact.hardware.design_sweep import DesignSweep, ExploredDesign
 
 
-class Build123dMissing(MissingLibraryError):
-    """build123d is not installed."""
-
-
 @dataclass(frozen=True)
 class DesignOptions:
     """The design that a hardware command works on."""
@@ -38,12 +34,12 @@ class DesignOptions:
 
     def read_hardware(self) -> "HardwareDesign":
         """Return the hardware design; raises `DesignFileUnreadable`, `DesignImpossible`."""
-        from ninedtact.hardware.design import read_hardware_design
+        from ninedtact.hardware.design_file import read_hardware_design
 
         return read_hardware_design(self.design, self.variant)
 
     def build_sensor(self) -> "BuildableDesign":
-        """Return the design with its solids; raises `DesignNotBuildable`, `LedBoardImpossible`, `Build123dMissing`."""
+        """Return the design with its solids; raises `DesignNotBuildable`, `MissingLibraryError`."""
         design = self.read_hardware()
         _require_build123d()
         from ninedtact.hardware.buildable_design import BuildableDesign
@@ -52,9 +48,9 @@ class DesignOptions:
 
 
 def _require_build123d() -> None:
-    """Refuse where build123d is missing; raises `Build123dMissing`."""
+    """Refuse where build123d is missing; raises `MissingLibraryError`."""
     if find_spec("build123d") is None:
-        raise Build123dMissing(
+        raise MissingLibraryError(
             f"expected build123d, which models the parts, got none; run {installation_command('hardware')}"
         )
 
@@ -101,7 +97,7 @@ class CheckHardwareCommand:
     """Check whether a design can be built: rules, interference and clearances. Prints its specification beside the
     paper's Table I.
 
-    Exits with 1 if a rule is broken, also one of the LED board, or if two parts overlap.
+    Exits with 1 if a rule is broken, if two parts overlap, or if the LED board has to be redrawn.
     """
 
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
@@ -110,25 +106,22 @@ class CheckHardwareCommand:
     def run(self) -> int:
         """Check the rules; build and measure a design that keeps them."""
         from ninedtact.hardware.buildability import BrokenRule, find_broken_rules
-        from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
 
         # Read once: a pipe has nothing to give a second time.
         design = self.design_options.read_hardware()
         if broken := find_broken_rules(design):
             return self._refuse(broken)
         _require_build123d()
+        from ninedtact.design import DesignImpossible
         from ninedtact.hardware.buildable_design import BuildableDesign
-        from ninedtact.hardware.parts.part_catalogue import PartNotModelled
 
         try:
             sensor = BuildableDesign(design)
             table = {"broken": [], **sensor.to_json_dict()}
-        except LedBoardImpossible as refused:
-            return self._refuse([BrokenRule("led_board", str(refused))])
-        except PartNotModelled as refused:
+        except DesignImpossible as refused:
             return self._refuse([BrokenRule("part_not_modelled", str(refused))])
         print_result(self.json, table, sensor.check_report_lines())
-        return 1 if table["interferences"] or table["led_board_faults"] else 0
+        return 1 if table["interferences"] or table["led_board_differences"] else 0
 
     def _refuse(self, broken: "list[BrokenRule]") -> int:
         """Print the broken rules and return the exit code."""
@@ -140,10 +133,6 @@ def _format_broken_rules(broken: "list[BrokenRule]") -> Iterator[str]:
     """Yield the broken rules as lines of text."""
     yield f"{'1 rule' if len(broken) == 1 else f'{len(broken)} rules'} broken; nothing was built:"
     yield from (f"  {each.rule}: {each.message}" for each in broken)
-
-
-class InvalidSensingArea(InputError):
-    """A sensing area that is not WIDTHxHEIGHT in mm."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +182,7 @@ class ExploreDesignsCommand:
 
     @property
     def design_sweep(self) -> "DesignSweep":
-        """The sweep over the given values, or the usual one; raises `InvalidSensingArea`."""
+        """The sweep over the given values, or the usual one; raises `InputError`."""
         from ninedtact.hardware.design_sweep import USUAL_SWEEP, DesignSweep
 
         given = DesignSweep(self.gel_mm, self.shore_a, tuple(map(_parse_area, self.area_mm)), self.lens_deg)
@@ -207,7 +196,7 @@ class ExploreDesignsCommand:
     def _write_files(self, found: "list[ExploredDesign]") -> list[str]:
         """Write table, plot and design files if a folder was given."""
         from ninedtact.atomic_write import write_file_atomically
-        from ninedtact.hardware.design import hardware_design_to_toml
+        from ninedtact.hardware.design_file import hardware_design_to_toml
         from ninedtact.hardware.design_sweep import design_comparison_to_csv, plot_design_comparison
 
         if self.out is None:
@@ -224,11 +213,11 @@ class ExploreDesignsCommand:
 
 
 def _parse_area(text: str) -> tuple[float, float]:
-    """Return width and height in mm of a text such as `24x18`; raises `InvalidSensingArea`."""
+    """Return width and height in mm of a text such as `24x18`; raises `InputError`."""
     try:
         width, height = map(float, text.lower().split("x"))
     except ValueError:
-        raise InvalidSensingArea(f"expected an area such as 24x18, got {text!r}; write width x height in mm") from None
+        raise InputError(f"expected an area such as 24x18, got {text!r}; write width x height in mm") from None
     return width, height
 
 
@@ -258,8 +247,10 @@ class ExportHardwareCommand:
 
 def format_fabrication_warnings(manifest: dict[str, Any]) -> Iterator[str]:
     """Yield why parts of this folder should not be made as they are; nothing for a sound design."""
-    if faults := manifest["led_board_faults"]:
-        yield f"  DO NOT ORDER led_board/: it breaks {len(faults)} rules, the first {faults[0]}; its notes name them"
+    from ninedtact.hardware.led_board import describe_redrawing
+
+    if differences := manifest["led_board_differences"]:
+        yield f"  NO LED BOARD TO ORDER: {describe_redrawing(differences)}"
     for pair in manifest["interferences"]:
         what = f"{pair['first']} and {pair['second']} overlap by {pair['overlap_mm3']:.2f} mm³"
         yield f"  DO NOT MAKE these parts as they are: {what}"

@@ -8,14 +8,10 @@ from itertools import combinations, product
 from math import atan2, dist, hypot, radians, sqrt, tan
 
 from ninedtact.design import DesignImpossible, PinBoard
-from ninedtact.hardware.assembly_dimensions import XY, distance_to_edge_mm
 from ninedtact.hardware.clearances import list_clearances
-from ninedtact.hardware.design import (
-    HardwareDesign,
-    lens_view_radius_mm,
-    required_camera_distance_mm,
-    sensing_corner_distance_mm,
-)
+from ninedtact.hardware.design import XY, HardwareDesign, distance_to_edge_mm
+from ninedtact.hardware.led_board import LED_LIMIT_MA, compute_operating_point
+from ninedtact.hardware.lens_view import lens_view_radius_mm, required_camera_distance_mm, sensing_corner_distance_mm
 
 
 @dataclass(frozen=True)
@@ -287,6 +283,16 @@ def _check_clamp_holes(design: HardwareDesign) -> Iterator[BrokenRule]:
         )
 
 
+def _check_led_current(design: HardwareDesign) -> Iterator[BrokenRule]:
+    """Check that the resistor lets no more current through the LEDs than they bear."""
+    led_ma = compute_operating_point(design.board.resistor_ohm).led_ma
+    if led_ma > LED_LIMIT_MA + 1e-9:
+        yield BrokenRule(
+            "leds_too_bright",
+            f"expected at most {LED_LIMIT_MA:g} mA in each LED, got {led_ma:.1f} mA; raise board.resistor_ohm",
+        )
+
+
 MAX_CAMERA_DISTANCE_MM = 200.0
 MIN_PIN_GAP_MM = 0.6
 """Least distance between pins, so that their imprints stay apart."""
@@ -383,6 +389,7 @@ DESIGN_RULES: tuple[DesignRule, ...] = (
     _check_calibration_board_fit,
     _check_clamp_positions,
     _check_clamp_holes,
+    _check_led_current,
 )
 
 

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 from ninedtact.design import SensingArea, SensorDesign, shore_a_to_shear_modulus_mpa
 from ninedtact.errors import InputError, NinedtactError
 from ninedtact.hardware.buildability import count_pins_within
-from ninedtact.hardware.design import HardwareDesign, required_camera_distance_mm
+from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.lens_view import required_camera_distance_mm
 from ninedtact.hardware.performance_prediction import (
     CalibrationValidationErrors,
     PerformancePrediction,
@@ -34,10 +35,6 @@ SPARE_MM = 0.1
 """Camera distance added to what the lens needs to see the corner."""
 
 
-class SweepTooLarge(InputError):
-    """Raised for a sweep over more than `MAX_DESIGNS` designs."""
-
-
 @dataclass(frozen=True)
 class DesignSweep:
     """The values of each choice; an empty tuple keeps the value of the base design."""
@@ -52,10 +49,10 @@ class DesignSweep:
     """Angles that the lens sees in air."""
 
     def designs(self, basis: HardwareDesign) -> "Iterator[ExploredDesign]":
-        """Yield every combination as a design that has yet to be explored; raises `SweepTooLarge`, `DesignImpossible`."""
+        """Yield every combination as a design that has yet to be explored; raises `InputError`, `DesignImpossible`."""
         many = prod(max(len(values), 1) for values in vars(self).values())
         if many > MAX_DESIGNS:
-            raise SweepTooLarge(f"expected at most {MAX_DESIGNS} designs, got {many}; give fewer values")
+            raise InputError(f"expected at most {MAX_DESIGNS} designs, got {many}; give fewer values")
         gels, shores, lenses = self.gel_mm or (None,), self.shore_a or (None,), self.lens_deg or (None,)
         for gel, shore, area, lens in product(gels, shores, self.area_mm or (None,), lenses):
             yield ExploredDesign(change_design(basis, gel, shore, area, lens), shore)

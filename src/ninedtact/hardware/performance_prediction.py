@@ -14,7 +14,8 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.design import SensorDesign
 from ninedtact.force.traction.estimator import build_traction_force
 from ninedtact.hardware.buildable_design import BuildableDesign
-from ninedtact.hardware.design import HardwareDesign, lens_view_radius_mm
+from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.lens_view import lens_view_radius_mm
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Ball
@@ -65,7 +66,7 @@ class PerformancePrediction:
 
 
 def predict_performance(design: HardwareDesign) -> PerformancePrediction:
-    """Build the parts of a design and press its twin; raises `DesignNotBuildable`, `LedBoardImpossible`."""
+    """Build the parts of a design and press its twin; raises `DesignNotBuildable`."""
     sensor, twin = BuildableDesign(design), twin_from_design(design.sensor)
     deepest = MAX_INDENTATION_FRACTION * design.sensor.gel.thickness_mm
     at_load = ScriptedPress(load_n=LOAD_N).simulate(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)

@@ -7,9 +7,6 @@ from zipfile import ZipFile
 
 import pytest
 from gerbonara import LayerStack
-from read_back import edge_of, hits_of, shape_of, slots_of
-from shapely import LineString, Point, union_all
-
 from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, LedBoardImpossible
 from ninedtact.hardware.led_board.board_parameters import LedBoardDesign
 from ninedtact.hardware.led_board.complete_layout import (
@@ -24,6 +21,8 @@ from ninedtact.hardware.led_board.components import BoardSide
 from ninedtact.hardware.led_board.design_rule_check import list_copper_pieces
 from ninedtact.hardware.led_board.fabrication_files import build_board_files, write_checked_board_files
 from ninedtact.hardware.led_board.silkscreen import place_designators
+from read_back import edge_of, hits_of, shape_of, slots_of
+from shapely import LineString, Point, union_all
 
 PUBLISHED_AREA_MM2 = 551.23
 """Of the outline, lens hole not taken out."""

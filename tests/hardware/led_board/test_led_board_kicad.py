@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from read_back import shape_of
-from shapely import affinity
-
 from ninedtact.hardware.led_board.board_parameters import LedBoardDesign
 from ninedtact.hardware.led_board.complete_layout import BoardLayout, lay_out_board
 from ninedtact.hardware.led_board.kicad import SHEET_CENTRE_MM, format_kicad_board
+from read_back import shape_of
+from shapely import affinity
 
 SYSTEM_PYTHON = "/usr/bin/python3"
 SCRIPT = Path(__file__).with_name("kicad_report.py")

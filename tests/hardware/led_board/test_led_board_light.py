@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from ninedtact.design import DesignImpossible
-from ninedtact.hardware.design import read_hardware_design
 from ninedtact.hardware.led_board.board_outline_and_holes import LedBoardImpossible
 from ninedtact.hardware.led_board.board_parameters import compute_operating_point, led_board_for_design
 from ninedtact.hardware.led_board.complete_layout import lay_out_board
 from ninedtact.hardware.led_board.fabrication_files import format_fabrication_notes
+
+from ninedtact.design import DesignImpossible
+from ninedtact.hardware.design_file import read_hardware_design
 
 
 @pytest.mark.parametrize(("ohm", "total_ma", "led_ma", "watt"), [(20_000, 90, 11.25, 0.18), (3_750, 480, 60, 0.96)])

@@ -1,7 +1,6 @@
 """The netlist is the published one, and the improved one differs by what was improved."""
 
 import pytest
-
 from ninedtact.hardware.led_board.board_parameters import LedBoardDesign
 from ninedtact.hardware.led_board.complete_layout import BoardLayout
 from ninedtact.hardware.led_board.components import build_netlist

@@ -5,9 +5,6 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapely import LineString
-
-from ninedtact.design import DesignImpossible
 from ninedtact.hardware.led_board.board_outline_and_holes import BoardOutline, LedBoardImpossible
 from ninedtact.hardware.led_board.board_parameters import (
     BoardDesignRules,
@@ -23,6 +20,9 @@ from ninedtact.hardware.led_board.design_rule_check import (
     require_no_violations,
 )
 from ninedtact.hardware.led_board.routing import Routes, Track
+from shapely import LineString
+
+from ninedtact.design import DesignImpossible
 
 
 def rules_broken(layout: BoardLayout) -> set[str]:

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from build123d import Axis
 
-from ninedtact.hardware.assembly_dimensions import XY
 from ninedtact.hardware.clearances import fits_of_part
-from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.design import XY, HardwareDesign
 from ninedtact.hardware.drawings.part_geometry import (
     CornerRadius,
     Polyline,

@@ -10,7 +10,7 @@ from build123d import Axis, Edge, Face, GeomType, Keep, Part, Plane, Wire, secti
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.hardware.assembly_dimensions import XY
+from ninedtact.hardware.design import XY
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,10 @@ from ninedtact.errors import OutputError
 from ninedtact.hardware.bill_of_materials import bill_to_csv, bill_to_html
 from ninedtact.hardware.buildable_design import BuildableDesign
 from ninedtact.hardware.clearances import fits_of_part
-from ninedtact.hardware.design import hardware_design_to_toml
+from ninedtact.hardware.design_file import hardware_design_to_toml
 from ninedtact.hardware.drawings.drawing_sheet import TOLERANCES, DrawingSheet, build_drawing_notes
 from ninedtact.hardware.export.part_files import assembly_to_step, part_to_dxf, part_to_step, part_to_stl
-from ninedtact.hardware.led_board.fabrication_files import write_board_files
+from ninedtact.hardware.led_board import read_board_files
 from ninedtact.hardware.materials import MATERIAL_OF_PART
 from ninedtact.hardware.part_and_assembly_images import (
     BgrImage,
@@ -35,6 +35,7 @@ from ninedtact.hardware.part_and_assembly_images import (
     render_sensor,
 )
 from ninedtact.hardware.parts.part_catalogue import METHODS_WITH_FILES, BuiltPart
+from ninedtact.hardware.parts.solids import build_bare_board
 
 STOCK_THICKNESSES_MM = 2.0, 3.0, 4.0, 5.0, 6.0
 """Thicknesses of acrylic sheet that most shops stock, by assumption: no shop was contacted."""
@@ -98,17 +99,13 @@ def _part_count(sensor: BuildableDesign, part: BuiltPart) -> int:
 MANIFEST = "manifest.json"
 
 
-class ExportFolderRefused(OutputError):
-    """Raised where the folder that the export would replace holds something else."""
-
-
 def require_replaceable_parts_folder(out: Path) -> None:
-    """Refuse a folder unless it is missing, empty, or an earlier export and nothing else; raises `ExportFolderRefused`, and
-    `FileNotWritten` for the working directory and the folders above it."""
+    """Refuse a folder unless it is missing, empty, or an earlier export and nothing else; raises `OutputError`, also for the working
+    directory and the folders above it."""
     refuse_working_directory(out)
     ours = _list_exported_files(out / MANIFEST)
     if strange := list_foreign_files(out, ours.__contains__):
-        raise ExportFolderRefused(
+        raise OutputError(
             f"expected --out to be new, empty or written by this command, got {out} with other content ({strange[0]}); move that "
             "away, or choose another name"
         )
@@ -129,7 +126,7 @@ def write_design_folder(
 ) -> dict[str, Any]:
     """Write the folder, whole or not at all, and return its manifest.
 
-    report_progress: called with the path of every file before it is written. Raises `ExportFolderRefused`, and
+    report_progress: called with the path of every file before it is written. Raises `OutputError`, and
     `FileNotWritten` from the disk.
     """
     require_replaceable_parts_folder(out)
@@ -138,18 +135,19 @@ def write_design_folder(
             report_progress(path)
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             write_file_atomically(folder / path, content)
-        report_progress("led_board")
-        write_board_files(sensor.led_board_layout, folder / "led_board")
         manifest = _build_manifest(sensor, folder)
         write_file_atomically(folder / MANIFEST, json.dumps(manifest, indent=1, ensure_ascii=False).encode())
     return manifest
 
 
 def _folder_files(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
-    """Yield path and content of every file but the circuit board's and the manifest."""
+    """Yield path and content of every file but the manifest."""
     for part in sensor.parts.values():
         yield from _part_files(sensor, part)
     yield from format_shop_notes(sensor)
+    yield from ((f"led_board/{name}", content) for name, content in read_board_files(sensor.design))
+    if sensor.led_board_differences:
+        yield "led_board/led_board_outline.dxf", part_to_dxf(build_bare_board(sensor.design))
     yield from _assembly_files(sensor)
     yield "bom.csv", bill_to_csv(sensor.bill)
     yield "bom.html", bill_to_html(sensor.design, sensor.bill, drawn=sensor.parts)
@@ -192,7 +190,7 @@ def _build_manifest(sensor: BuildableDesign, folder: Path) -> dict[str, Any]:
     }
     names = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
     table = sensor.to_json_dict()
-    kept = "variant", "specification", "lens_reach_mm", "interferences", "led_board_faults"
+    kept = "variant", "specification", "lens_reach_mm", "interferences", "led_board_differences"
     checks = {name: table[name] for name in kept}
     return {"lengths": "mm", **checks, "parts": parts, "files": [*names, MANIFEST]}
 

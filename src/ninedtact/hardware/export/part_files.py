@@ -15,8 +15,8 @@ from build123d import Axis, Compound, Edge, GeomType, Part, Solid, Vector, Wire,
 from jaxtyping import Float, Shaped
 from numpy import ndarray as Array
 
-from ninedtact.errors import InputError
-from ninedtact.hardware.assembly_dimensions import XY
+from ninedtact.design import DesignImpossible
+from ninedtact.hardware.design import XY
 from ninedtact.hardware.sensor_assembly import AssemblyBody
 
 STL_HEADER_BYTES = 84
@@ -115,10 +115,6 @@ def part_to_stl(solid: Part) -> bytes:
     return _solid_to_stl(solid, PRINT_DEVIATION_MM, PRINT_ANGLE_RAD)
 
 
-class OutlineNotCuttable(InputError):
-    """Raised for a part that cannot be cut from a sheet."""
-
-
 MILLIMETRES = 4
 """Value of $INSUNITS for millimetres."""
 OUTSIDE_LAYER, INSIDE_LAYER = "outside", "inside"
@@ -130,9 +126,9 @@ SAME_POINT_MM = 1e-4
 def part_to_dxf(part: Part) -> bytes:
     """Return a flat part as DXF R2010: the outer outline, then every hole.
 
-    The kerf is not compensated, because it depends on the laser of the shop. Raises `OutlineNotCuttable`.
+    The kerf is not compensated, because it depends on the laser of the shop. Raises `DesignImpossible`.
     """
-    from ezdxf._options import options
+    from ezdxf import options
     from ezdxf.filemanagement import new
 
     # These replace today's date and a new identifier, so that the same design gives the same file.
@@ -165,13 +161,13 @@ def _add_outline(space: Any, wire: Wire, layer: str) -> None:
 
 
 def _polyline_corners(edges: Sequence[Edge]) -> list[tuple[float, float, float]]:
-    """Return x, y and bulge of every corner of a closed outline; raises `OutlineNotCuttable`.
+    """Return x, y and bulge of every corner of a closed outline; raises `DesignImpossible`.
 
     The modelling library may begin anywhere: here the lowest corner is first, and its lower neighbour is next.
     """
     for edge, following in pairwise([*edges, edges[0]]):
         if (edge @ 1 - following @ 0).length > SAME_POINT_MM:
-            raise OutlineNotCuttable(f"expected an outline that continues at {edge @ 1}, got a gap; report this part")
+            raise DesignImpossible(f"expected an outline that continues at {edge @ 1}, got a gap; report this part")
     corners, bulges = [edge @ 0 for edge in edges], [_bulge_of_edge(edge) for edge in edges]
     first = min(range(len(corners)), key=lambda number: _round_point(corners[number]))
     corners, bulges = corners[first:] + corners[:first], bulges[first:] + bulges[:first]
@@ -181,7 +177,7 @@ def _polyline_corners(edges: Sequence[Edge]) -> list[tuple[float, float, float]]
 
 
 def _bulge_of_edge(edge: Edge) -> float:
-    """Return the tangent of a quarter of an arc, positive for left turns; 0 for a line; raises `OutlineNotCuttable` for others."""
+    """Return the tangent of a quarter of an arc, positive for left turns; 0 for a line; raises `DesignImpossible` for others."""
     from ezdxf.math import bulge_3_points
 
     if edge.geom_type == GeomType.LINE:
@@ -189,7 +185,7 @@ def _bulge_of_edge(edge: Edge) -> float:
     if edge.geom_type == GeomType.CIRCLE:
         start, end, middle = ((place.X, place.Y) for place in (edge @ 0, edge @ 1, edge @ 0.5))
         return bulge_3_points(start, end, middle)
-    raise OutlineNotCuttable(f"expected lines and arcs to cut along, got {edge.geom_type}; cut this part another way")
+    raise DesignImpossible(f"expected lines and arcs to cut along, got {edge.geom_type}; cut this part another way")
 
 
 def _round_point(place: Vector) -> XY:

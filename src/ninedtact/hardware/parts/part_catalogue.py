@@ -76,24 +76,20 @@ class BuiltPart:
         return float(self.solid.volume)
 
 
-class PartNotModelled(DesignImpossible):
-    """Raised for a part that the modelling library cannot build, mostly for a fillet that does not fit its edges."""
-
-
 def build_parts(design: HardwareDesign) -> dict[str, BuiltPart]:
-    """Build all parts of a design and return them by name. The design must keep all rules: see `buildability`.
+    """Build all parts of a design that keeps all rules and return them by name.
 
-    Raises `PartNotModelled`.
+    Raises `DesignImpossible` for a part that the modelling library cannot build, mostly for a fillet that does not fit its edges.
     """
     return {made.name: BuiltPart(made.name, made.method, _build_part(made, design)) for made in PART_CATALOGUE}
 
 
 def _build_part(made: _CatalogueEntry, design: HardwareDesign) -> Part:
-    """Build one part; raises `PartNotModelled`."""
+    """Build one part; raises `DesignImpossible`."""
     try:
         return made.build(design)
     except (ValueError, RuntimeError) as trouble:
-        raise PartNotModelled(
+        raise DesignImpossible(
             f"expected dimensions from which the {made.name} can be modelled, got: {trouble}; change its fillets, its chamfers or "
             "the widths beside them"
         ) from trouble

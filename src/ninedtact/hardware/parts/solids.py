@@ -29,8 +29,7 @@ from build123d import (
     fillet,
 )
 
-from ninedtact.hardware.assembly_dimensions import XY
-from ninedtact.hardware.design import HardwareDesign
+from ninedtact.hardware.design import XY, HardwareDesign
 from ninedtact.hardware.part_dimensions import M2_DIAMETER_MM
 
 ZRange = tuple[float, float]
@@ -337,15 +336,21 @@ def _flat_cable(design: HardwareDesign) -> Part:
     return _extrude_along_x([*below, *above], wide / 2)
 
 
-def build_led_board(design: HardwareDesign) -> Part:
-    """Build the LED board as a body: the bare board with its holes, LEDs above, receptacle and driver below."""
+def build_bare_board(design: HardwareDesign) -> Part:
+    """Build the LED board without its components: outline, corner notches and holes."""
     plan, board, levels = design.horizontal_dimensions, design.board, design.heights
     heights = levels.board_bottom, levels.board_top
     beyond = levels.board_bottom - _CUT_MARGIN_MM, levels.board_top + _CUT_MARGIN_MM
     made = _make_plate(plan.led_board, heights)
     made -= _make_cylinders_at(2 * board.notch_mm, beyond, plan.shell_screws)
     made -= _make_cylinders_at(board.locating_mm, beyond, plan.posts)
-    made -= _make_cylinder(board.lens_hole_mm, beyond)
+    return made - _make_cylinder(board.lens_hole_mm, beyond)
+
+
+def build_led_board(design: HardwareDesign) -> Part:
+    """Build the LED board as a body: the bare board, LEDs above, receptacle and driver below."""
+    plan, board, levels = design.horizontal_dimensions, design.board, design.heights
+    made = build_bare_board(design)
     made += [_box_on(board.led_mm, place, levels.board_top) for place in plan.leds]
     made += _usb_receptacle(design)
     tall = board.driver_mm[2]
