@@ -14,7 +14,6 @@ from ninedtact_hardware.lens_view import lens_view_radius_mm, sensing_corner_dis
 from ninedtact_hardware.parts.part_catalogue import BuiltPart, build_parts
 from ninedtact_hardware.published_specifications import (
     OTHER_PUBLISHED_SENSORS,
-    PUBLICATION_DISCREPANCIES,
     PUBLISHED_9DTACT,
     SensorSpecification,
     format_sensor_comparison,
@@ -86,7 +85,6 @@ class BuildableDesign:
             "led_board_differences": self.led_board_differences,
             "clearances": [{**asdict(clearance), "is_tight": clearance.is_tight} for clearance in self.clearances],
             "masses_g": {body.name: body.mass_g for body in self.bodies},
-            "publication_discrepancies": [asdict(each) for each in PUBLICATION_DISCREPANCIES],
         }
 
     def check_report_lines(self) -> Iterator[str]:
@@ -103,9 +101,6 @@ class BuildableDesign:
         yield "comparison with Table I of the paper (mass of this design by assumed densities, its cost by estimated prices):"
         rows = (self.specification, PUBLISHED_9DTACT, *OTHER_PUBLISHED_SENSORS)
         yield from ("  " + line for line in format_sensor_comparison(rows))
-        yield "where the paper and its files disagree (here: the published size):"
-        for each in PUBLICATION_DISCREPANCIES:
-            yield f"  {each.feature}: paper {each.paper or 'states nothing'}; files {each.files}; here {each.here}"
 
 
 def _format_interferences(sensor: BuildableDesign) -> Iterator[str]:

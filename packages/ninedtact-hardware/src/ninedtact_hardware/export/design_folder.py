@@ -23,7 +23,6 @@ from ninedtact_hardware.bill_of_materials import bill_to_csv, bill_to_html
 from ninedtact_hardware.buildable_design import BuildableDesign
 from ninedtact_hardware.clearances import fits_of_part
 from ninedtact_hardware.design_file import hardware_design_to_toml
-from ninedtact_hardware.drawings.drawing_sheet import TOLERANCES, DrawingSheet, build_drawing_notes
 from ninedtact_hardware.export.part_files import assembly_to_step, part_to_dxf, part_to_step, part_to_stl
 from ninedtact_hardware.led_board import read_board_files
 from ninedtact_hardware.materials import MATERIAL_OF_PART
@@ -34,6 +33,7 @@ from ninedtact_hardware.part_and_assembly_images import (
     render_section,
     render_sensor,
 )
+from ninedtact_hardware.part_drawing import TOLERANCES, draw_part_as_svg_and_pdf
 from ninedtact_hardware.parts.part_catalogue import METHODS_WITH_FILES, BuiltPart
 from ninedtact_hardware.parts.solids import build_bare_board
 
@@ -166,8 +166,8 @@ def _part_files(sensor: BuildableDesign, part: BuiltPart) -> Iterator[tuple[str,
         yield f"cut/{part.name}_{_sheet_thickness_mm(part):.2f}mm.dxf", part_to_dxf(part.solid)
     yield f"images/{part.name}.png", _encode_png(render_part(part))
     if part.method in METHODS_WITH_FILES:
-        sheet = DrawingSheet(part, build_drawing_notes(sensor.design, part))
-        yield from ((f"drawings/{part.name}.{ending}", content) for ending, content in sheet.to_svg_and_pdf())
+        drawings = draw_part_as_svg_and_pdf(sensor.design, part)
+        yield from ((f"drawings/{part.name}.{ending}", content) for ending, content in drawings)
 
 
 def _assembly_files(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:

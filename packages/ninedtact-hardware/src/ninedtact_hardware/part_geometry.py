@@ -1,12 +1,11 @@
-"""Geometry of a part for drawings: projected and cut views as polylines, round features, corner radii and positions of
-faces. Lengths in mm."""
+"""Geometry of a part for its drawing: projected and cut views as polylines, round features, and positions of faces. Lengths in mm."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from build123d import Axis, Edge, Face, GeomType, Keep, Part, Plane, Wire, section, split
+from build123d import Axis, Edge, GeomType, Keep, Part, Plane, Wire, section, split
 from jaxtyping import Float
 from numpy import ndarray as Array
 
@@ -15,10 +14,11 @@ from ninedtact_hardware.design import XY
 
 @dataclass(frozen=True)
 class RoundFeatures:
-    """Holes or pins of one diameter."""
+    """Holes or pins along z of one radius, or vertical corners of one radius, with their positions."""
 
-    diameter_mm: float
+    radius_mm: float
     positions: tuple[XY, ...]
+    is_corner: bool
 
     @property
     def grid(self) -> tuple[int, int, float] | None:
@@ -28,56 +28,36 @@ class RoundFeatures:
             return None
         return len(xs), len(ys), round((xs[-1] - xs[0]) / (len(xs) - 1), 3)
 
+    @property
+    def label(self) -> str:
+        """Number and diameter of holes, the pitch of a grid; the radius of corners."""
+        if self.is_corner:
+            return f"R{self.radius_mm:.2f}"
+        pitch = f", pitch {self.grid[2]:.2f}" if self.grid else ""
+        return f"{len(self.positions)} x ⌀{2 * self.radius_mm:.2f}{pitch}"
 
-def find_round_features(part: Part) -> Iterator[RoundFeatures]:
-    """Yield the full cylinders along z by diameter, largest first, each axis once."""
+
+def find_round_features(part: Part, corners: bool = False) -> list[RoundFeatures]:
+    """Return the cylinders along z that go all the way around, or else the rounded vertical corners, the largest first."""
     found: dict[float, set[XY]] = {}
-    for _, axis, radius in _cylinders_along_z(part, full=True):
-        place = round(float(axis.position.X), 3) + 0.0, round(float(axis.position.Y), 3) + 0.0
-        found.setdefault(round(2 * radius, 3), set()).add(place)
-    for diameter in sorted(found, reverse=True):
-        yield RoundFeatures(diameter, tuple(sorted(found[diameter])))
-
-
-@dataclass(frozen=True)
-class CornerRadius:
-    """Vertical corners of one radius, and the point on one of them that lies farthest to +x and +y."""
-
-    radius_mm: float
-    place: XY
-
-
-def find_corner_radii(part: Part) -> Iterator[CornerRadius]:
-    """Yield the radii of vertical corners that are parts of cylinders, largest first."""
-    found: dict[float, set[XY]] = {}
-    for face, _, radius in _cylinders_along_z(part, full=False):
-        middle = face.position_at(0.5, 0.5)
-        found.setdefault(round(radius, 3), set()).add((round(float(middle.X), 3), round(float(middle.Y), 3)))
-    for radius in sorted(found, reverse=True):
-        yield CornerRadius(radius, max(found[radius], key=lambda place: (round(sum(place), 2), place)))
-
-
-def _cylinders_along_z(part: Part, full: bool) -> Iterator[tuple[Face, Axis, float]]:
-    """Yield face, axis and radius of the cylinders along z that go all the way around, or else of those that do not."""
     for face in part.faces().filter_by(GeomType.CYLINDER):
         axis, radius = face.axis_of_rotation, face.radius
         if axis is None or radius is None or abs(abs(axis.direction.Z) - 1) >= 1e-6:
             continue
-        if any(edge.is_closed for edge in face.edges()) == full:
-            yield face, axis, float(radius)
+        if any(edge.is_closed for edge in face.edges()) != corners:
+            place = face.position_at(0.5, 0.5) if corners else axis.position
+            rounded = round(float(place.X), 3) + 0.0, round(float(place.Y), 3) + 0.0
+            found.setdefault(round(float(radius), 4), set()).add(rounded)
+    return [RoundFeatures(radius, tuple(sorted(found[radius])), corners) for radius in sorted(found, reverse=True)]
 
 
 def find_face_positions(part: Part, axis: Axis) -> list[float]:
-    """Return the positions of the flat faces across an axis, ascending."""
+    """Return the positions of the flat faces across an axis and, along z, of the tops of round tips, ascending."""
     flat = part.faces().filter_by(GeomType.PLANE).filter_by(axis)
-    along = axis.direction
-    return sorted({round(float(face.center().dot(along)), 2) + 0.0 for face in flat})
-
-
-def find_feature_heights(part: Part) -> list[float]:
-    """Return the heights of the flat faces across z and of the tops of round tips, ascending."""
-    tips = {round(float(face.bounding_box().max.Z), 2) for face in part.faces().filter_by(GeomType.SPHERE)}
-    return sorted({*find_face_positions(part, Axis.Z), *tips})
+    found = {round(float(face.center().dot(axis.direction)), 2) + 0.0 for face in flat}
+    if axis == Axis.Z:
+        found |= {round(float(face.bounding_box().max.Z), 2) for face in part.faces().filter_by(GeomType.SPHERE)}
+    return sorted(found)
 
 
 Polyline = Float[Array, "_ 2"]
@@ -99,7 +79,7 @@ class ProjectedView:
     """One view of a part as polylines in mm."""
 
     visible: tuple[Polyline, ...]
-    hidden: tuple[Polyline, ...]
+    hidden: tuple[Polyline, ...] = ()
     cut: tuple[tuple[Polyline, ...], ...] = ()
     """Faces in the cutting plane, each as its outline and its holes."""
 
@@ -113,14 +93,8 @@ class ProjectedView:
 
 def project_view(part: Part, side: str) -> ProjectedView:
     """Project a part as seen from the top, the front or the right, hidden edges apart."""
-    eye, up = VIEW_DIRECTIONS[side]
-    visible, hidden = part.project_to_viewport(eye, up, (0.0, 0.0, 0.0))
+    visible, hidden = part.project_to_viewport(*VIEW_DIRECTIONS[side], (0.0, 0.0, 0.0))
     return ProjectedView(_edges_to_polylines(visible), _edges_to_polylines(hidden))
-
-
-def _edges_to_polylines(edges: Iterable[Edge]) -> tuple[Polyline, ...]:
-    """Return projected edges as sorted polylines: the modelling library lists them in another order in every process."""
-    return tuple(sorted(map(_edge_to_polyline, edges), key=lambda points: points.tolist()))
 
 
 def project_section(part: Part) -> ProjectedView:
@@ -129,19 +103,18 @@ def project_section(part: Part) -> ProjectedView:
     # Their order differs between processes.
     faces = sorted(section(part, section_by=Plane.YZ).faces(), key=lambda face: (face.center().Y, face.center().Z))
     bare = tuple(tuple(_wire_to_polyline(wire) for wire in (face.outer_wire(), *face.inner_wires())) for face in faces)
-    return ProjectedView(project_view(Part() + behind, "right").visible, (), bare)
+    return ProjectedView(project_view(Part() + behind, "right").visible, cut=bare)
 
 
 def _wire_to_polyline(wire: Wire) -> Polyline:
     """Return a closed run of edges in the plane x = 0 as points (y, z)."""
-    return np.array([(y, z) for edge in wire.order_edges() for _, y, z in _sample_edge(edge)])
+    return np.array([place[1:] for edge in wire.order_edges() for place in _sample_edge(edge)])
 
 
-def _edge_to_polyline(edge: Edge) -> Polyline:
-    """Return a projected edge as points from its lower end: the modelling library may draw it from either."""
-    points = np.array([(x, y) for x, y, _ in _sample_edge(edge)]).round(DECIMALS) + 0.0
-    places = points.tolist()
-    return points if places <= places[::-1] else points[::-1]
+def _edges_to_polylines(edges: Iterable[Edge]) -> tuple[Polyline, ...]:
+    """Return projected edges as polylines in one order and direction: the modelling library's differ between processes."""
+    lines = [(np.array([place[:2] for place in _sample_edge(edge)]).round(DECIMALS) + 0.0).tolist() for edge in edges]
+    return tuple(np.array(points) for points in sorted(min(points, points[::-1]) for points in lines))
 
 
 def _sample_edge(edge: Edge) -> Iterator[tuple[float, float, float]]:
@@ -149,7 +122,7 @@ def _sample_edge(edge: Edge) -> Iterator[tuple[float, float, float]]:
     many = 2 if edge.geom_type == GeomType.LINE else min(max(round(POINTS_PER_MM * edge.length), FEWEST), MOST)
     # The curve is evaluated directly, because `edge @ part` measures the edge's length anew for every point.
     curve = edge.geom_adaptor()
-    start, end = curve.FirstParameter(), curve.LastParameter()
-    for parameter in np.linspace(*((start, end) if edge.is_forward else (end, start)), many):
+    ends = curve.FirstParameter(), curve.LastParameter()
+    for parameter in np.linspace(*(ends if edge.is_forward else ends[::-1]), many):
         place = curve.Value(float(parameter))
         yield place.X(), place.Y(), place.Z()
