@@ -6,12 +6,13 @@ base's outer bottom face, z is the optical axis, and cable and USB leave at -y.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import product
 from math import hypot, sqrt
 from typing import Literal
 
-from ninedtact.design import SensorDesign
+from ninedtact.design import DesignImpossible, SensorDesign
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact_hardware.part_dimensions import (
     ORIGINAL_BASE,
     ORIGINAL_BOARD,
@@ -51,6 +52,18 @@ class HardwareDesign:
     pin_frame: CalibrationBoardDimensions = CalibrationBoardDimensions()
     fasteners: FastenerDimensions = FastenerDimensions()
 
+    def __post_init__(self) -> None:
+        """Raise `DesignImpossible` for a dimension out of its bounds."""
+        for table in PART_TABLES:
+            require_within_bounds(getattr(self, table), table, DesignImpossible)
+        tops = [self.camera.tall_mm, *(top for _, top in self.camera.lens_mm)]
+        if tops != sorted(tops):
+            raise DesignImpossible(
+                expected="the tops of camera body, collar, barrel, neck and head one above the other",
+                got=f"{tops} mm",
+                remedy="correct the design",
+            )
+
     @property
     def horizontal_dimensions(self) -> "HorizontalDimensions":
         """Widths and positions in x and y."""
@@ -60,6 +73,10 @@ class HardwareDesign:
     def heights(self) -> "StackHeights":
         """Heights of the faces above the base's outer face, z."""
         return StackHeights(self)
+
+
+PART_TABLES = tuple(field.name for field in fields(HardwareDesign) if field.name not in ("sensor", "variant"))
+"""Names of the parts, which are those of their tables in a design file."""
 
 
 def default_hardware_design(sensor: SensorDesign = SensorDesign()) -> HardwareDesign:

@@ -1,6 +1,6 @@
 """Reading and writing of design files with the dimensions of the parts, which the tables `[hardware.shell]` and so on change."""
 
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -15,9 +15,8 @@ from ninedtact.design import (
     read_design_tables,
     sensor_design_from_tables,
 )
-from ninedtact_hardware.design import DesignVariant, HardwareDesign, hardware_design_of_variant
+from ninedtact_hardware.design import PART_TABLES, DesignVariant, HardwareDesign, hardware_design_of_variant
 
-PART_TABLES = tuple(field.name for field in fields(HardwareDesign) if field.name not in ("sensor", "variant"))
 VARIANT_KEY = "variant"
 
 

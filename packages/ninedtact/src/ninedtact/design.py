@@ -35,34 +35,6 @@ def require_positive(name: str, value: float) -> None:
 
 
 @dataclass(frozen=True)
-class Bounds:
-    """The least and greatest value of a dimension: what moulds, silicones, lenses, printers and a computer's memory can do.
-
-    They stand beside the type of a field, `Annotated[float, Bounds(0.3, 15.0)]`; each of several numbers keeps them. Every part of
-    a `SensorDesign` keeps its own. Gels that belong to no sensor, as those of closed forms, are free; a camera very far away is one
-    whose lines of sight are parallel.
-    """
-
-    least: float
-    most: float
-
-
-def require_within_bounds(table: str, part: object) -> None:
-    """Refuse a part of which a dimension is out of its bounds; raises `DesignImpossible`.
-
-    table: name of the part in the design file, for the message.
-    """
-    hints = get_type_hints(type(part), include_extras=True)
-    for name, value in vars(part).items():
-        for bounds in getattr(hints[name], "__metadata__", ()):
-            for number in value if isinstance(value, tuple) else (value,):
-                if not bounds.least <= number <= bounds.most:
-                    raise DesignImpossible(
-                        f"expected {table}.{name} from {bounds.least:g} to {bounds.most:g}, got {number:g}; correct the design"
-                    )
-
-
-@dataclass(frozen=True)
 class Gel:
     """The translucent layer that is pressed, bonded to a stiffer transparent one."""
 

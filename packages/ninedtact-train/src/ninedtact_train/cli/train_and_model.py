@@ -167,7 +167,7 @@ def _require_training_packages() -> None:
     if missing:
         raise TrainingPackagesMissing(
             f"expected the packages {', '.join(_REQUIRED_PACKAGES)}, got none of {', '.join(missing)}; run "
-            f"{installation_command('train,datasets')}"
+            f"{installation_command('train')}"
         )
 
 
