@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from ninedtact_hardware.drawings.part_geometry import find_round_features
 from ninedtact_hardware.led_board.board_outline_and_holes import LedBoardImpossible
 from ninedtact_hardware.led_board.design_rule_check import find_violations
 
@@ -29,7 +30,6 @@ from ninedtact_hardware.design import (
 )
 from ninedtact_hardware.design_file import PART_TABLES
 from ninedtact_hardware.design_sweep import change_design
-from ninedtact_hardware.drawings.part_geometry import find_round_features
 from ninedtact_hardware.lens_view import lens_view_radius_mm, required_camera_distance_mm
 from ninedtact_hardware.part_dimensions import (
     BaseDimensions,

@@ -147,11 +147,6 @@ class Clearance:
         """Whether the clearance is less than required."""
         return self.clearance_mm < self.required_mm - ROUNDING_MM
 
-    @property
-    def is_impossible(self) -> bool:
-        """Whether no sensor can be built with this clearance."""
-        return self.impossible_below_mm is not None and self.clearance_mm < self.impossible_below_mm - ROUNDING_MM
-
 
 def list_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """Yield all clearances of a design; those of diameters are per side."""

@@ -69,14 +69,14 @@ def _drawn_features(design: HardwareDesign) -> Iterator[_DrawnFeature]:
 
 
 def _format_lengths(lengths_mm: tuple[float, ...]) -> str:
-    """Return lengths as text, as in 28.00 x 21.00."""
-    return " x ".join(f"{length_mm:.2f}" for length_mm in lengths_mm)
+    """Return lengths as text, as in 28.00 / 21.00."""
+    return " / ".join(f"{length_mm:.2f}" for length_mm in lengths_mm)
 
 
 def describe_redrawing(differences: list[str]) -> str:
     """Return in one sentence what to redraw for a design that the stored board does not fit."""
     return (
-        f"expected a design that the stored LED board fits, got one with {'; '.join(differences)}; redraw led_board.kicad_pcb in "
+        f"expected a design that the stored LED board fits, got one with {', '.join(differences)}; redraw led_board.kicad_pcb in "
         "KiCad, with led_board_outline.dxf as its edge"
     )
 

@@ -169,7 +169,9 @@ def _choose_scale(size_mm: tuple[float, float, float]) -> float:
 
 def _draw_notes(axes: "Axes", notes: dict[str, list[str]]) -> None:
     """Write the notes in one column, the headings bold."""
-    rows = [row for heading, lines in notes.items() for row in ((heading, 8.0, "bold"), *((x, 6.6, None) for x in lines))]
+    rows = [
+        row for heading, lines in notes.items() for row in ((heading, 8.0, "bold"), *((x, 6.6, None) for x in lines))
+    ]
     apart = min(NOTES_ROW_MM, (NOTES_TOP_MM - NOTES_BOTTOM_MM) / len(rows))
     for number, (text, size, weight) in enumerate(rows):
         axes.text(NOTES_X_MM, NOTES_TOP_MM - number * apart, text, fontsize=size, color=INK, weight=weight)
@@ -249,7 +251,9 @@ class _ViewOnPaper:
         """Draw one leader per diameter and radius, in the order of their positions so that they do not cross."""
         _, _, right, top = self.box
         style = {"arrowstyle": "-|>", "color": NOTE, "linewidth": 0.5, "shrinkB": 0}
-        callouts = [(max(each.positions, key=lambda place: (round(sum(place), 2), place)), each.label) for each in found]
+        callouts = [
+            (max(each.positions, key=lambda place: (round(sum(place), 2), place)), each.label) for each in found
+        ]
         for number, (place, text) in enumerate(sorted(callouts, key=lambda each: (-each[0][1], -each[0][0]))):
             label = right + 16, top - 3 - 6 * number
             self.axes.annotate(text, self.paper(*place), label, fontsize=7, color=NOTE, arrowprops=style, va="center")
