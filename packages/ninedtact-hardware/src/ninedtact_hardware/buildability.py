@@ -156,8 +156,8 @@ class _BossPattern:
 
 
 def _boss_rules(design: HardwareDesign) -> Iterator[DesignRule]:
-    """Yield the distances of bosses and posts from one another, from the shell's wall, and from what lies in the middle: the camera's
-    pocket, the receptacle and, for the posts, the driver."""
+    """Yield the distances of bosses and posts from one another, from the shell's wall, and from what lies in the middle:
+    the camera's pocket, the receptacle and, for the posts, the driver."""
     plan, base, shell, board = design.horizontal_dimensions, design.base, design.shell, design.board
     inserts = _BossPattern("the insert bosses", (*plan.mount_inserts,), base.boss_mm / 2, "base.mount_inset_mm")
     posts = _BossPattern("the locating posts", (*plan.posts,), base.post_mm / 2, "board.locating_inset_mm")
@@ -178,8 +178,8 @@ def _boss_rules(design: HardwareDesign) -> Iterator[DesignRule]:
 
 
 def _slot_and_ring_rules(design: HardwareDesign) -> Iterator[DesignRule]:
-    """Yield that the receptacle fits the slot, that the slot does not cut the shell's floor, and that the isolation ring's cone opens
-    from its bore to its land within its height."""
+    """Yield that the receptacle fits the slot, that the slot does not cut the shell's floor, and that the isolation ring's cone
+    opens from its bore to its land within its height."""
     shell, levels, ring = design.shell, design.heights, design.ring
     yield DesignRule("usb_slot", "shell.slot_wide_mm", shell.slot_wide_mm, design.board.usb_mm[0], remedy="widen it")
     lowest, highest = levels.board_bottom - levels.plate_top, shell.led_cavity_mm - SLOT_BELOW_FLOOR_MM
@@ -226,8 +226,8 @@ def _fastener_rules(design: HardwareDesign) -> Iterator[DesignRule]:
 
 
 def _mould_rules(design: HardwareDesign) -> Iterator[DesignRule]:
-    """Yield that the first mould, which is as thick as the gel, can be clamped, and that the M3 screws and their nuts are clear of the
-    shell, within the plates and apart."""
+    """Yield that the first mould, which is as thick as the gel, can be clamped, and that the M3 screws and their nuts are clear of
+    the shell, within the plates and apart."""
     plan, moulds = design.horizontal_dimensions, design.moulds
     thin, subject = "mould_too_thin_for_the_screws", "gel.thickness_mm, which is that of the first mould,"
     yield DesignRule(thin, subject, design.sensor.gel.thickness_mm, MIN_MOULD_MM, remedy="make the gel thicker")
@@ -261,8 +261,8 @@ def count_pins_within(board: PinBoard, side_mm: float) -> int:
 
 
 def _calibration_board_rules(design: HardwareDesign) -> Iterator[DesignRule]:
-    """Yield that all pins press within the sensing area, so that their imprints are seen whole and apart, that they are tall enough,
-    and that the tray slides over the shell's corners."""
+    """Yield that all pins press within the sensing area, so that their imprints are seen whole and apart, that they are tall
+    enough, and that the tray slides over the shell's corners."""
     board, area, frame = design.sensor.pin_board, design.sensor.sensing_area, design.pin_frame
     for axis, count, side in (("cols", board.cols, area.width_mm), ("rows", board.rows, area.height_mm)):
         most = count_pins_within(board, side)

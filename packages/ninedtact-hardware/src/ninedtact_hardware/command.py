@@ -6,21 +6,23 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from ninedtact._version import installation_command
 from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.cli.shared_options import ClusterOption, JsonOption, WorkersOption
-from ninedtact.errors import InputError, MissingLibraryError
+from ninedtact.errors import MissingLibraryError
+from ninedtact_hardware.design import DesignVariant
+from ninedtact_hardware.design_sweep import USUAL_SWEEP, DesignSweep
 
 if TYPE_CHECKING:
     from ninedtact_hardware.bill_of_materials import BillItem
     from ninedtact_hardware.buildability import BrokenRule
     from ninedtact_hardware.buildable_design import BuildableDesign
     from ninedtact_hardware.design import HardwareDesign
-    from ninedtact_hardware.design_sweep import DesignSweep, ExploredDesign
+    from ninedtact_hardware.design_comparison import ExploredDesign
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class DesignOptions:
 
     design: Path | None = None
     """Design file (TOML) with what differs from the published sensor. Tables such as [hardware.shell] change its parts."""
-    variant: Literal["default", "original"] = "default"
+    variant: DesignVariant = "default"
     """default: with the improvements that docs/hardware.md lists. original: with the original's dimensions."""
 
     def read_hardware(self) -> "HardwareDesign":
@@ -144,14 +146,7 @@ class ExploreDesignsCommand:
     needs. Nothing here is measured: docs/hardware.md states what each prediction rests on.
     """
 
-    gel_mm: tuple[float, ...] = ()
-    """Thicknesses of the translucent gel."""
-    shore_a: tuple[float, ...] = ()
-    """Hardnesses of the translucent gel, Shore A."""
-    area_mm: tuple[str, ...] = ()
-    """Sensing areas, width x height, such as 24x18 30x22."""
-    lens_deg: tuple[float, ...] = ()
-    """Angles that the lens sees in air."""
+    sweep: Annotated[DesignSweep, tyro.conf.arg(name="")] = DesignSweep()
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
     calibrated: bool = False
     """Calibrate each twin by its board and ball, and report the errors of depth and of load for a press of another
@@ -169,35 +164,24 @@ class ExploreDesignsCommand:
         from tqdm import tqdm
 
         from ninedtact.parallel_jobs import connect_workers
-        from ninedtact_hardware.design_sweep import explore_designs, format_design_comparison
+        from ninedtact_hardware.design_comparison import explore_designs, format_design_comparison
 
         basis = self.design_options.read_hardware()
-        candidates = [*self.design_sweep.designs(basis)]
-        self._create_folder()
+        sweep = USUAL_SWEEP if self.sweep == DesignSweep() else self.sweep
+        candidates = [*sweep.designs(basis)]
+        if self.out is not None:
+            self.out.mkdir(parents=True, exist_ok=True)
         with connect_workers(self.workers, self.cluster) as workers:
             explored = explore_designs(candidates, self.calibrated, workers)
             found = list(tqdm(explored, total=len(candidates), unit="design", disable=None, leave=False))
         table: dict[str, Any] = {"designs": [each.to_json_dict() for each in found], "files": self._write_files(found)}
         return print_result(self.json, table, format_design_comparison(found))
 
-    @property
-    def design_sweep(self) -> "DesignSweep":
-        """The sweep over the given values, or the usual one; raises `InputError`."""
-        from ninedtact_hardware.design_sweep import USUAL_SWEEP, DesignSweep
-
-        given = DesignSweep(self.gel_mm, self.shore_a, tuple(map(_parse_area, self.area_mm)), self.lens_deg)
-        return USUAL_SWEEP if given == DesignSweep() else given
-
-    def _create_folder(self) -> None:
-        """Create the output folder before work begins; raises `OSError`."""
-        if self.out is not None:
-            self.out.mkdir(parents=True, exist_ok=True)
-
     def _write_files(self, found: "list[ExploredDesign]") -> list[str]:
         """Write table, plot and design files if a folder was given."""
         from ninedtact.atomic_write import write_file_atomically
+        from ninedtact_hardware.design_comparison import design_comparison_to_csv, plot_design_comparison
         from ninedtact_hardware.design_file import hardware_design_to_toml
-        from ninedtact_hardware.design_sweep import design_comparison_to_csv, plot_design_comparison
 
         if self.out is None:
             return []
@@ -210,15 +194,6 @@ class ExploreDesignsCommand:
             if stale.name not in contents and stale.stem.removeprefix("design_").isdecimal():
                 stale.unlink()
         return [str(self.out / name) for name in contents]
-
-
-def _parse_area(text: str) -> tuple[float, float]:
-    """Return width and height in mm of a text such as `24x18`; raises `InputError`."""
-    try:
-        width, height = map(float, text.lower().split("x"))
-    except ValueError:
-        raise InputError(f"expected an area such as 24x18, got {text!r}; write width x height in mm") from None
-    return width, height
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,5 @@
-"""A dimensioned drawing of one part on an A3 sheet in third-angle projection, as SVG and PDF. One unit of the axes is one mm of paper.
+"""A dimensioned drawing of one part on an A3 sheet in third-angle projection, as SVG and PDF. One unit of the axes is one mm of
+paper.
 
 The sheet shows the top view, the front view below it, the right view beside the front view, and the section A–A above the right
 view. A column of notes lists material, tolerance, fits, holes, and dimensions by their names in the design file.

@@ -1,4 +1,4 @@
-"""Geometry of a part for its drawing: projected and cut views as polylines, round features, and positions of faces. Lengths in mm."""
+"""Geometry of a part for its drawing: projected and cut views as polylines, round features, positions of faces. Lengths in mm."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

@@ -100,8 +100,8 @@ MANIFEST = "manifest.json"
 
 
 def require_replaceable_parts_folder(out: Path) -> None:
-    """Refuse a folder unless it is missing, empty, or an earlier export and nothing else; raises `OutputError`, also for the working
-    directory and the folders above it."""
+    """Refuse a folder unless it is missing, empty, or an earlier export and nothing else; raises `OutputError`, also for the
+    working directory and the folders above it."""
     refuse_working_directory(out)
     ours = _list_exported_files(out / MANIFEST)
     if strange := list_foreign_files(out, ours.__contains__):

@@ -1,10 +1,12 @@
-"""Fabrication files read by another program's reader, gerbonara, as shapes."""
+"""The stored files of the LED board read by gerbonara: layers as shapes, holes, and the pads of the KiCad project."""
 
+from dataclasses import dataclass
 from math import atan2, cos, dist, hypot, pi, sin
 from pathlib import Path
 from typing import Any
 
 from gerbonara import ExcellonFile, GerberFile
+from gerbonara.cad.kicad.pcb import Board
 from gerbonara.graphic_primitives import Circle, Line, Rectangle
 from gerbonara.utils import MM
 from shapely import LineString, Point, Polygon, affinity, box, make_valid
@@ -74,7 +76,32 @@ def hits_of(file: Path) -> list[tuple[float, float, float]]:
     return sorted((round(hit.x, 4), round(hit.y, 4), hit.aperture.diameter) for hit in ExcellonFile.open(file).drills())
 
 
-def slots_of(file: Path) -> list[tuple[float, float, float, float, float]]:
-    """Ends and width of the slots."""
-    found = ExcellonFile.open(file).slots()
-    return sorted((line.x1, line.y1, line.x2, line.y2, line.aperture.diameter) for line in found)
+def slots_of(file: Path) -> list[BaseGeometry]:
+    """The slots as shapes."""
+    slots = ExcellonFile.open(file).slots()
+    return [LineString([(s.x1, s.y1), (s.x2, s.y2)]).buffer(s.aperture.diameter / 2) for s in slots]
+
+
+@dataclass(frozen=True)
+class Pad:
+    """A pad of a component, as the KiCad project has it."""
+
+    at_mm: Place
+    net: str | None
+    sides: str
+    """F, B or FB."""
+
+
+SHEET_CENTRE_MM = 148.5, 105.0
+
+
+def pads_of(board: Board) -> dict[str, Pad]:
+    """Pads by their pin, such as U1.3."""
+    found = {}
+    for part in board.footprints:
+        for pad in part.pads:
+            if pad.number:
+                x, y = part.at.x + pad.at.x - SHEET_CENTRE_MM[0], SHEET_CENTRE_MM[1] - part.at.y - pad.at.y
+                sides = "FB" if "*.Cu" in pad.layers else pad.layers[0][0]
+                found[f"{part.texts[0].text}.{pad.number}"] = Pad((x, y), pad.net.name if pad.net else None, sides)
+    return found
