@@ -162,7 +162,7 @@ def test_a_fault_of_the_original_is_mended(pin: str, other: str) -> None:
 def test_other_faults_of_the_original_are_mended() -> None:
     """Thickness 1.6; one via for the current of all LEDs; tracks of 0.254."""
     assert BOARD.general.thickness == 0.8
-    (led_line,) = (net.index for net in BOARD.nets if net.name == "LED+")
+    (led_line,) = (number for number, name in BOARD.nets.items() if name == "LED+")
     assert sum(via.net == led_line for via in BOARD.vias) == 2
     assert {track.width for track in BOARD.track_segments} == {0.25, 0.34, 0.6, 0.8}
 

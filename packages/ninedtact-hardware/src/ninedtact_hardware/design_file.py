@@ -56,11 +56,9 @@ def _replace_dimensions(design: HardwareDesign, tables: Any, path: Path | str) -
         raise DesignFileUnreadable(
             f"expected [hardware] tables {', '.join(PART_TABLES)}, got {unknown[0]!r} in {path}; correct or remove it"
         )
-    new = {}
-    for name, table in tables.items():
-        part = getattr(design, name)
-        new[name] = convert_tables_to_design({**asdict(part), **table}, type(part), path)
-    return replace(design, **new)
+    merged = {name: {**asdict(getattr(design, name)), **table} for name, table in tables.items()}
+    found = convert_tables_to_design(merged, HardwareDesign, path)
+    return replace(design, **{name: getattr(found, name) for name in tables})
 
 
 def hardware_design_to_toml(design: HardwareDesign) -> str:
