@@ -237,10 +237,7 @@ def _format_export_report(out: Path, manifest: dict[str, Any], seconds: float) -
     for folder, use in (
         ("printed", "STL and STEP for the print shop"),
         ("cut", "DXF for the laser cutter, mm, 1:1; README.txt states the thickness of each sheet"),
-        (
-            "led_board",
-            "Gerbers, drill, placement for the board house; the notes state its thickness (0.80 mm as published)",
-        ),
+        ("led_board", "files for the board house; the notes state its thickness, or what to redraw before"),
         ("drawings", "dimensions, SVG and PDF"),
     ):
         yield f"  {folder + '/':12}{use}"

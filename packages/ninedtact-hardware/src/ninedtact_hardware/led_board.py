@@ -89,8 +89,6 @@ LED_COUNT = 8
 SUPPLY_V = 5.0
 LED_V = 3.0
 """Forward voltage by the LED's type name. It rises with the current, which makes the driver's loss less than stated."""
-USB_DEFAULT_MA = 100.0
-"""Current that a USB 2 device may draw before it has requested more, which this one never does."""
 LED_LIMIT_MA = 60.0
 """Current limit of a usual 2835 LED of 0.2 W; the data sheet of this one was not read. All eight together stay below the 500 mA of
 a USB 2 port."""
@@ -108,12 +106,6 @@ class LedOperatingPoint:
     the current grows, so bright settings turn out a little darker than stated; how much was not measured."""
     driver_w: float
     """Heat in U1, which reduces the current on its own above 135 °C."""
-
-    @property
-    def needs_asking(self) -> bool:
-        """Whether the current is above 100 mA, which a USB 2 host may refuse without a request; chargers and hubs in practice do
-        not."""
-        return self.total_ma > USB_DEFAULT_MA
 
 
 def compute_operating_point(resistor_ohm: float) -> LedOperatingPoint:
