@@ -59,7 +59,7 @@ HEAVY = {
     "viser": {"ninedtact.studio"},
     "websockets": {"ninedtact.studio", "ninedtact.interop"},
     "build123d": {"ninedtact_hardware"},
-    "ezdxf": {"ninedtact_hardware.export"},
+    "ezdxf": {"ninedtact_hardware.part_files"},
     "cyclonedds": {"ninedtact.interop"},
     "foxglove": {"ninedtact.interop"},
     "rerun": {"ninedtact.interop"},

@@ -10,7 +10,7 @@ from ninedtact_hardware.buildable_design import BuildableDesign
 from ninedtact_hardware.design import default_hardware_design
 from ninedtact_hardware.part_drawing import INK, draw_part, draw_part_as_svg_and_pdf, list_drawing_notes
 from ninedtact_hardware.part_geometry import Polyline, project_section
-from ninedtact_hardware.parts.solids import build_first_mould, build_second_mould
+from ninedtact_hardware.part_solids import build_first_mould, build_second_mould
 
 BARE_MM2 = {
     "acrylic_window": 14.0 * 2.0,

@@ -23,11 +23,11 @@ from ninedtact.errors import OutputError
 from ninedtact_hardware.buildable_design import BuildableDesign
 from ninedtact_hardware.command import format_fabrication_warnings
 from ninedtact_hardware.design import default_hardware_design
-from ninedtact_hardware.export.design_folder import require_replaceable_parts_folder
-from ninedtact_hardware.export.part_files import STL_HEADER_BYTES, STL_RECORD, part_to_dxf, part_to_stl
+from ninedtact_hardware.design_folder import require_replaceable_parts_folder
 from ninedtact_hardware.part_and_assembly_images import shell_enlargement_factor
-from ninedtact_hardware.parts.part_catalogue import PART_CATALOGUE
-from ninedtact_hardware.parts.solids import build_sensor_shell
+from ninedtact_hardware.part_catalogue import PART_CATALOGUE
+from ninedtact_hardware.part_files import STL_HEADER_BYTES, STL_RECORD, part_to_dxf, part_to_stl
+from ninedtact_hardware.part_solids import build_sensor_shell
 from ninedtact_hardware.sensor_assembly import AssemblyBody
 
 NET_AREA_MM2 = {"base_board": 2802.15, "first_mould": 2153.12, "second_mould": 2069.28, "acrylic_window": 196.0}
@@ -126,10 +126,10 @@ def test_stl_is_watertight_and_as_large_as_the_solid(default: BuildableDesign, n
 WRITTEN = """
 from hashlib import sha256
 from ninedtact_hardware.design import default_hardware_design
-from ninedtact_hardware.export.part_files import part_to_dxf, part_to_step
+from ninedtact_hardware.part_files import part_to_dxf, part_to_step
 from ninedtact_hardware.part_drawing import draw_part_as_svg_and_pdf
-from ninedtact_hardware.parts.part_catalogue import BuiltPart
-from ninedtact_hardware.parts.solids import build_first_mould
+from ninedtact_hardware.part_catalogue import BuiltPart
+from ninedtact_hardware.part_solids import build_first_mould
 
 design = default_hardware_design()
 part = BuiltPart("first_mould", "cut", build_first_mould(design))

@@ -40,7 +40,7 @@ from ninedtact_hardware.part_dimensions import (
     WindowDimensions,
 )
 from ninedtact_hardware.part_geometry import find_round_features
-from ninedtact_hardware.parts.solids import build_sensor_base
+from ninedtact_hardware.part_solids import build_sensor_base
 
 
 def sensor(width: float = 24, height: float = 18, gel: float = 2.5, cols: int = 9, rows: int = 7) -> SensorDesign:

@@ -11,7 +11,7 @@ from ninedtact_hardware.clearances import Clearance, list_clearances
 from ninedtact_hardware.design import HardwareDesign
 from ninedtact_hardware.led_board import describe_redrawing, list_board_differences
 from ninedtact_hardware.lens_view import lens_view_radius_mm, sensing_corner_distance_mm
-from ninedtact_hardware.parts.part_catalogue import BuiltPart, build_parts
+from ninedtact_hardware.part_catalogue import BuiltPart, build_parts
 from ninedtact_hardware.published_specifications import (
     OTHER_PUBLISHED_SENSORS,
     PUBLISHED_9DTACT,

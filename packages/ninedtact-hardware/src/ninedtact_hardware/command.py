@@ -210,7 +210,7 @@ class ExportHardwareCommand:
         _require_build123d()
         from tqdm import tqdm
 
-        from ninedtact_hardware.export.design_folder import require_replaceable_parts_folder, write_design_folder
+        from ninedtact_hardware.design_folder import require_replaceable_parts_folder, write_design_folder
 
         require_replaceable_parts_folder(self.out)
         sensor = self.design_options.build_sensor()

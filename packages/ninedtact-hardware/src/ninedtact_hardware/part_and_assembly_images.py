@@ -14,9 +14,9 @@ from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.simulation.objects.mesh_raster import lower_to_triangles, split_triangles_into_batches
-from ninedtact_hardware.export.part_files import Triangles, triangulate_solid
 from ninedtact_hardware.materials import Colour
-from ninedtact_hardware.parts.part_catalogue import BuiltPart
+from ninedtact_hardware.part_catalogue import BuiltPart
+from ninedtact_hardware.part_files import Triangles, triangulate_solid
 from ninedtact_hardware.sensor_assembly import AssemblyBody
 
 SUPERSAMPLING = 2

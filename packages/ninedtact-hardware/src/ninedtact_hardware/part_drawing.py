@@ -19,6 +19,7 @@ from build123d import Axis
 from ninedtact_hardware.clearances import fits_of_part
 from ninedtact_hardware.design import XY, HardwareDesign
 from ninedtact_hardware.materials import MATERIAL_OF_PART
+from ninedtact_hardware.part_catalogue import BuiltPart
 from ninedtact_hardware.part_geometry import (
     ProjectedView,
     RoundFeatures,
@@ -27,7 +28,6 @@ from ninedtact_hardware.part_geometry import (
     project_section,
     project_view,
 )
-from ninedtact_hardware.parts.part_catalogue import BuiltPart
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

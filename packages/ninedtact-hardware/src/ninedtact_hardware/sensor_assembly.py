@@ -9,8 +9,8 @@ from build123d import BoundBox, Part
 
 from ninedtact_hardware.design import HardwareDesign
 from ninedtact_hardware.materials import MATERIAL_OF_PART, Material
-from ninedtact_hardware.parts.part_catalogue import BuiltPart
-from ninedtact_hardware.parts.solids import build_heat_set_insert, build_screw
+from ninedtact_hardware.part_catalogue import BuiltPart
+from ninedtact_hardware.part_solids import build_heat_set_insert, build_screw
 
 ASSEMBLY_PARTS = (
     "sensor_base",

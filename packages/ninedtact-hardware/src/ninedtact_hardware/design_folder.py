@@ -23,7 +23,6 @@ from ninedtact_hardware.bill_of_materials import bill_to_csv, bill_to_html
 from ninedtact_hardware.buildable_design import BuildableDesign
 from ninedtact_hardware.clearances import fits_of_part
 from ninedtact_hardware.design_file import hardware_design_to_toml
-from ninedtact_hardware.export.part_files import assembly_to_step, part_to_dxf, part_to_step, part_to_stl
 from ninedtact_hardware.led_board import read_board_files
 from ninedtact_hardware.materials import MATERIAL_OF_PART
 from ninedtact_hardware.part_and_assembly_images import (
@@ -33,9 +32,10 @@ from ninedtact_hardware.part_and_assembly_images import (
     render_section,
     render_sensor,
 )
+from ninedtact_hardware.part_catalogue import METHODS_WITH_FILES, BuiltPart
 from ninedtact_hardware.part_drawing import TOLERANCES, draw_part_as_svg_and_pdf
-from ninedtact_hardware.parts.part_catalogue import METHODS_WITH_FILES, BuiltPart
-from ninedtact_hardware.parts.solids import build_bare_board
+from ninedtact_hardware.part_files import assembly_to_step, part_to_dxf, part_to_step, part_to_stl
+from ninedtact_hardware.part_solids import build_bare_board
 
 STOCK_THICKNESSES_MM = 2.0, 3.0, 4.0, 5.0, 6.0
 """Thicknesses of acrylic sheet that most shops stock, by assumption: no shop was contacted."""

@@ -9,7 +9,7 @@ from build123d import Part
 
 from ninedtact.design import DesignImpossible
 from ninedtact_hardware.design import HardwareDesign
-from ninedtact_hardware.parts.solids import (
+from ninedtact_hardware.part_solids import (
     build_acrylic_window,
     build_base_board,
     build_black_gel,
