@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from build123d import Axis, Compound, Edge, GeomType, Part, Solid, Vector, Wire, export_step
-from jaxtyping import Float, Shaped
+from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.design import DesignImpossible
@@ -30,15 +30,9 @@ CORNER_DECIMALS = 5
 def _solid_to_stl(solid: Part, flat_mm: float, turn_rad: float) -> bytes:
     """Return a watertight binary STL in which every edge is shared by exactly two triangles.
 
-    flat_mm, turn_rad: greatest distance of a triangle from a curved face, and greatest angle between neighbouring
-    triangles.
+    flat_mm, turn_rad: greatest distance of a triangle from a curved face, and greatest angle between neighbouring triangles. The
+    modelling library's own `export_stl` is not used because it takes flat_mm for a share of each edge's length.
     """
-    return _merge_coincident_corners(_mesh_as_stl(solid, flat_mm, turn_rad))
-
-
-def _mesh_as_stl(solid: Part, flat_mm: float, turn_rad: float) -> bytes:
-    """Return the mesh as the modelling library writes it. Its own `export_stl` is not used because it takes flat_mm for
-    a share of each edge's length."""
     from OCP.BRepMesh import BRepMesh_IncrementalMesh  # type: ignore[import-untyped]
     from OCP.StlAPI import StlAPI_Writer  # type: ignore[import-untyped]
 
@@ -48,22 +42,13 @@ def _mesh_as_stl(solid: Part, flat_mm: float, turn_rad: float) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "part.stl"
         writer.Write(solid.wrapped, str(path))
-        return path.read_bytes()
-
-
-def _merge_coincident_corners(file: bytes) -> bytes:
-    """Return the file with coincident corners made equal and without the triangles that this leaves no area."""
+        file = path.read_bytes()
     triangles = np.frombuffer(file, STL_RECORD, offset=STL_HEADER_BYTES).copy()
-    triangles["corners"] = triangles["corners"].astype(float).round(CORNER_DECIMALS) + 0.0
-    kept = triangles[~_is_degenerate(triangles["corners"])]
+    triangles["corners"] = corners = triangles["corners"].astype(float).round(CORNER_DECIMALS) + 0.0
+    # Coincident corners are equal now, which leaves some triangles no area.
+    degenerate = (corners == np.roll(corners, 1, axis=1)).all(axis=2).any(axis=1)
+    kept = triangles[~degenerate]
     return file[: STL_HEADER_BYTES - 4] + np.array(len(kept), "<u4").tobytes() + kept.tobytes()
-
-
-def _is_degenerate(corners: Shaped[Array, "triangles 3 3"]) -> Shaped[Array, " triangles"]:
-    """Return which triangles have two equal corners."""
-    return np.any(
-        [(corners[:, one] == corners[:, other]).all(axis=1) for one, other in ((0, 1), (1, 2), (2, 0))], axis=0
-    )
 
 
 Triangles = Float[Array, "_ 3 3"]
