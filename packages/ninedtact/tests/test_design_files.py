@@ -1,8 +1,6 @@
 import json
-import os
 import re
 from pathlib import Path
-from threading import Thread
 from typing import Annotated, get_origin
 
 import numpy as np
@@ -26,12 +24,6 @@ from ninedtact.design import (
 from ninedtact.simulation.calibration_images import SimulatedCalibrationImages, simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.twin import brightness_model_for_design, default_twin, twin_from_design
-from ninedtact_hardware.buildability import find_broken_rules
-from ninedtact_hardware.design import (
-    default_hardware_design,
-    original_hardware_design,
-)
-from ninedtact_hardware.design_file import hardware_design_to_toml, read_hardware_design
 
 OURS = SensorDesign(gel=Gel(2.0), sensing_area=SensingArea(20, 15))
 
@@ -52,15 +44,6 @@ def test_a_design_comes_back_as_it_was_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "hardware", [default_hardware_design(OURS), original_hardware_design()], ids=["default", "original"]
-)
-def test_hardware_comes_back_too(tmp_path: Path, hardware: object) -> None:
-    path = written(tmp_path, hardware_design_to_toml(hardware))
-    assert read_hardware_design(path, hardware.variant) == hardware
-    assert read_design_file(path) == hardware.sensor
-
-
-@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("gel = ", "TOML"),
@@ -76,30 +59,12 @@ def test_a_file_that_is_no_design_is_refused(tmp_path: Path, text: str, words: s
         read_design_file(written(tmp_path, text))
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("[hardware.lid]\nwall_mm = 2", "'lid'"),
-        ("[hardware.shell]\nwal_mm = 2", "'wal_mm'"),
-        ("[hardware]\nshell = 3", "tables"),
-        ('[hardware.shell]\nwall_mm = "thick"', "wall_mm"),
-    ],
-)
-def test_hardware_that_no_sensor_has_is_refused(tmp_path: Path, text: str, words: str) -> None:
-    with pytest.raises(DesignFileUnreadable, match=words):
-        read_hardware_design(written(tmp_path, text), "default")
-
-
 def positive_dimensions() -> list[str]:
     """Such as `gel.thickness_mm`."""
     parts = vars(SensorDesign()).items()
     hints = {f"{table}.{name}": hint for table, part in parts for name, hint in part.__annotations__.items()}
     bounds = {name: hint.__metadata__[0] for name, hint in hints.items() if get_origin(hint) is Annotated}
     return [name for name, bounds in bounds.items() if bounds.ge is not None and bounds.ge > 0]
-
-
-def test_fourteen_dimensions_are_positive() -> None:
-    assert len(positive_dimensions()) == 14
 
 
 @pytest.mark.parametrize("name", positive_dimensions())
@@ -115,13 +80,6 @@ def test_dimensions_beyond_what_can_be_made_are_refused_by_name(tmp_path: Path, 
 def test_impossible_dimensions_are_refused_as_anywhere_else(tmp_path: Path) -> None:
     with pytest.raises(DesignFileUnreadable, match=r"gel\.thickness_mm"):
         read_design_file(written(tmp_path, "[gel]\nthickness_mm = -1"))
-    with pytest.raises(DesignFileUnreadable, match=r"shell\.led_cavity_mm"):
-        read_hardware_design(written(tmp_path, "[hardware.shell]\nled_cavity_mm = 1.0"), "default")
-
-
-def test_a_missing_file_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["hardware", "check", "--design", "nowhere.toml"]) == 1
-    assert capsys.readouterr().err.startswith("ninedtact: expected a design in TOML, got nowhere.toml")
 
 
 def test_hardness() -> None:
@@ -170,13 +128,6 @@ def test_a_press_of_a_designed_sensor(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "--sensor or --design" in capsys.readouterr().err
 
 
-def test_the_example_of_the_docs_can_be_built(tmp_path: Path) -> None:
-    page = (Path(__file__).parents[3] / "docs" / "hardware.md").read_text(encoding="utf-8")
-    design = read_hardware_design(written(tmp_path, page.split("```toml\n")[1].split("```")[0]), "default")
-    assert (design.shell.wall_mm, design.sensor.gel.thickness_mm) == (2.4, 2.0)
-    assert find_broken_rules(design) == []
-
-
 def test_calibrate_and_demo_take_a_design(tmp_path: Path) -> None:
     path = written(tmp_path, design_to_toml(OURS) + "\n[hardware.shell]\nwall_mm = 2.4\n")
     assert CalibrateCommand(out=tmp_path, design_file=path).resolved_design == OURS
@@ -184,14 +135,3 @@ def test_calibrate_and_demo_take_a_design(tmp_path: Path) -> None:
     with pytest.raises(DesignGivenTwice):
         _ = CalibrateCommand(out=tmp_path, design_file=path, design=SensorDesign(gel=Gel(3.0))).resolved_design
     assert Demo(design_file=path).twin.thickness_mm == OURS.gel.thickness_mm
-
-
-def test_a_design_may_come_through_a_pipe(tmp_path: Path) -> None:
-    """It is read once: a pipe has nothing to give a second time."""
-    pipe = tmp_path / "design.toml"
-    os.mkfifo(pipe)
-    writer = Thread(target=pipe.write_text, args=("[gel]\nthickness_mm = 2.0\n[hardware.shell]\nwall_mm = 2.4\n",))
-    writer.start()
-    found = read_hardware_design(pipe, "default")
-    writer.join()
-    assert (found.sensor.gel.thickness_mm, found.shell.wall_mm) == (2.0, 2.4)
