@@ -7,7 +7,6 @@ import os
 import re
 import subprocess
 import sys
-import time
 from hashlib import sha256
 from pathlib import Path
 
@@ -248,15 +247,3 @@ def test_a_link_of_ones_own_is_left_alone(tmp_path: Path) -> None:
 def test_an_older_export_may_be_replaced_and_leaves_nothing_behind(folder: Path) -> None:
     require_replaceable_parts_folder(folder)
     assert not list(folder.parent.glob(".*partial"))
-
-
-def test_an_export_that_is_terminated_leaves_nothing(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "ninedtact", "hardware", "export", "--out", str(tmp_path / "parts")]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
-        began = time.monotonic()
-        while not list(tmp_path.glob(".*partial/printed")) and time.monotonic() - began < 60:
-            time.sleep(0.05)
-        running.terminate()
-        assert running.stderr is not None and "nothing was written half" in running.stderr.read()
-    assert running.returncode == 1
-    assert not list(tmp_path.iterdir())

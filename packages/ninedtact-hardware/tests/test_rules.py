@@ -309,10 +309,10 @@ def ends_of_ranges() -> list[tuple[str, str, object]]:
     return found
 
 
-@settings(max_examples=3, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=2, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.sampled_from(ends_of_ranges()))
 def test_a_dimension_at_the_end_of_its_range_is_built_or_refused(end: tuple[str, str, object]) -> None:
-    """Three of some two hundred in each run."""
+    """Two of some two hundred in each run."""
     part, field, value = end
     design = default_hardware_design()
     try:
@@ -326,7 +326,7 @@ def test_a_dimension_at_the_end_of_its_range_is_built_or_refused(end: tuple[str,
 
 @pytest.mark.parametrize(
     ("width", "height", "gel", "cols", "rows"),
-    [(10, 10, 1.5, 5, 5), (37.3, 12.1, 3.3, 9, 5), (60, 45, 5, 15, 11)],
+    [(10, 10, 1.5, 5, 5), (60, 45, 5, 15, 11)],
 )
 def test_any_size_is_a_valid_assembly(width: float, height: float, gel: float, cols: int, rows: int) -> None:
     pitch = min(2.5, (width - 1.2) / (cols - 1), (height - 1.2) / (rows - 1))

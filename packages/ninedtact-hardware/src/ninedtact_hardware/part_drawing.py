@@ -243,7 +243,7 @@ class _ViewOnPaper:
         left, bottom, right, top = self.box
         self._draw_arrow((left, top + 8), (right, top + 8), "<->", NOTE)
         self._draw_arrow((right + 8, bottom), (right + 8, top), "<->", NOTE)
-        style = {"fontsize": 7, "color": NOTE}
+        style: dict[str, Any] = {"fontsize": 7, "color": NOTE}
         self.axes.text((left + right) / 2, top + 9.2, f"{high_x - low_x:.2f}", ha="center", va="bottom", **style)
         middle = (bottom + top) / 2
         self.axes.text(right + 6.8, middle, f"{high_y - low_y:.2f}", ha="right", va="center", rotation=90, **style)

@@ -113,7 +113,7 @@ def part_to_dxf(part: Part) -> bytes:
 
     The kerf is not compensated, because it depends on the laser of the shop. Raises `DesignImpossible`.
     """
-    from ezdxf import options
+    from ezdxf import options  # type: ignore[attr-defined]  # public by its documentation
     from ezdxf.filemanagement import new
 
     # These replace today's date and a new identifier, so that the same design gives the same file.
