@@ -22,7 +22,7 @@ from ninedtact.cli import main as run_ninedtact
 from ninedtact.shape.coloured_height_map import colourise_heights, fit_colour_scale
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact_hardware.buildable_design import BuildableDesign
-from ninedtact_hardware.design import read_hardware_design
+from ninedtact_hardware.design_file import read_hardware_design
 from ninedtact_hardware.part_and_assembly_images import render_exploded_view
 
 IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"

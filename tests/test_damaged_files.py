@@ -55,7 +55,8 @@ from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.deblurring import Deblurring
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact_hardware.design import default_hardware_design, hardware_design_to_toml
+from ninedtact_hardware.design import default_hardware_design
+from ninedtact_hardware.design_file import hardware_design_to_toml
 from ninedtact_train.dataset import load_dataset
 from ninedtact_train.evaluation.predictions import WrenchPredictions, write_predictions
 
