@@ -12,7 +12,7 @@ import ninedtact
 PACKAGE = Path(ninedtact.__file__).parent
 
 LAYERS = [
-    {"_version", "errors", "atomic_write", "checked_reading"},
+    {"_version", "errors", "atomic_write", "checked_reading", "field_bounds"},
     {"parallel_jobs"},
     {"quantities", "design"},
     {"mechanics", "capture", "shape"},

@@ -10,8 +10,9 @@ from typing import Annotated
 
 from msgspec import Meta, Struct, field
 
-from ninedtact.design import Gel, SensorDesign, require_within_bounds
+from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import InputError
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact.shape.deblurring import Deblurring
 from ninedtact.shape.depth import DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
 from ninedtact.shape.lens import LensModel, LensModelCorrection, Points, RadialBasisProjection
@@ -262,7 +263,7 @@ class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=T
     board_press: BoardPressFitTable | None = None
 
     def __post_init__(self) -> None:
-        require_within_bounds("gel", self.gel)
+        require_within_bounds(self.gel, "gel")
 
 
 _SENSOR_ID = re.compile(r"(?!\.{1,2}\Z)[^\x00-\x1f\x7f/\\]{1,100}")
