@@ -69,7 +69,7 @@ class Train:
     By default the calibrations that the recordings of a data set carried are used, and simulated sensors are calibrated from their
     own simulated images."""
     network: str | None = None
-    """moments, densenet121, 161, 169 or 201, resnet18 or 50, vit."""
+    """moments, densenet121 or densenet169."""
     channels: Literal["heights", "heights_and_gel", "heights_and_sensor", "physics", "deformation", "mixed"] | None = (
         None
     )

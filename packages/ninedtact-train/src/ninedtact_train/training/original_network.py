@@ -25,7 +25,7 @@ from ninedtact.force.network_input import InputChannels, NetworkInputBuilder, fu
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
 from ninedtact.reading import Reading
 from ninedtact_train.evaluation.evaluation import PUBLISHED_SCORES_AT_SKIN
-from ninedtact_train.training.networks import DenseNet, build_densenet
+from ninedtact_train.training.networks import DenseNet
 
 NETWORK = "densenet169"
 WRENCH_MIN, WRENCH_MAX = np.array([-3, -3, -12, -0.2, -0.2, -0.05]), np.array([3, 3, 0, 0.2, 0.2, 0.05])
@@ -75,7 +75,7 @@ def read_original_network(path: Path | str, contact_test: ContactTest = detect_c
 
     Raises `OriginalWeightsUnusable`.
     """
-    network = build_densenet(NETWORK, InputChannels.MIXED.number, 6)
+    network = DenseNet(NETWORK, InputChannels.MIXED.number, 6)
     state = read_pt_weights(Path(path))
     require_weight_names(state, network.state_dict(), path)
     try:

@@ -37,7 +37,7 @@ class ReconstructCommand:
     formats: tuple[_HeightFormat, ...] = ("npy", "png", "ply", "stl")
     """npy: heights in mm; png: 16 bits, 1 level = 1 µm; ply: points with normals and triangles; stl, obj: triangles."""
     drawings: bool = True
-    """Also draw a colour image and a shaded 3D image."""
+    """Also draw a colour image and a shaded one."""
     json: bool = False
     """Print the figures of every image as one JSON object."""
 
