@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
+from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.interop.dds import DdsParticipant
 from ninedtact.interop.ros2_topics_and_messages import LIVE_TOPICS, POINTS, QosProfile, SensorMessages
 from ninedtact.quantities import Frame, HeightMap, Rectified, Wrench, WrenchEstimate

@@ -1,7 +1,8 @@
 from ._version import __version__
-from .calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
+from .calibration.procedure import CalibrationImages, calibrate
 from .calibration.save import save_sensor
 from .calibration.sensor_folder import SensorFolder, load_sensor
+from .calibration.settings import CalibrationSettings
 from .capture.frame_pacing import LatestFrameSource
 from .capture.frame_source import FIXED_EXPOSURE, CameraSettings, FrameSource, SourceEnded
 from .capture.strict_image_reading import read_image

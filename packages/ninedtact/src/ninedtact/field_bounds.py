@@ -37,7 +37,7 @@ def require_within_bounds(part: Any, table: str = "", refusal: type[NinedtactErr
     for name, kind in _bounded_fields(type(part)):
         for expected, got in _violations(getattr(part, name), kind):
             place = f"{table}.{name}" if table else name
-            raise refusal(f"expected {place} {expected}, got {got}; correct it")
+            raise refusal(expected=f"{place} {expected}", got=got, remedy="correct it")
 
 
 @cache

@@ -20,10 +20,10 @@ from ninedtact.calibration.guidance import guided_capture_steps
 from ninedtact.calibration.procedure import (
     Calibration,
     CalibrationImages,
-    CalibrationSettings,
     calibrate,
 )
 from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.cli.calibration_result import format_calibration
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.quantities import Frame

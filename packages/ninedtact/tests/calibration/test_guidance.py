@@ -26,7 +26,7 @@ from ninedtact.calibration.guidance import (
     search_board_pins,
 )
 from ninedtact.calibration.press_brightness import BgrImage
-from ninedtact.calibration.procedure import CalibrationSettings
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.shape.lens import LensModel
 from ninedtact.shape.rectification import rectification_of_projection

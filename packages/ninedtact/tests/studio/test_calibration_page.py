@@ -22,8 +22,8 @@ from small_sensor import sensor_folder, wait_until
 from viser import ViserServer
 
 from ninedtact.calibration.guidance import search_board_pins
-from ninedtact.calibration.procedure import CalibrationSettings
 from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.cli.calibrate import CalibrateCommand, InvalidCalibrateOption
 from ninedtact.cli.calibration_page import CalibrationPageOptions, serve_calibrated_sensor
 from ninedtact.design import SensorDesign

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
-from typing import Literal, get_args
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -19,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball, fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import BallFit, find_ball_press, simulate_height_noise_mm
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
-from ninedtact.calibration.board.board_fit import BoardFit, LensKind, build_rectification, fit_board
+from ninedtact.calibration.board.board_fit import BoardFit, build_rectification, fit_board
 from ninedtact.calibration.board.lens_fit import rms_vector_length
 from ninedtact.calibration.certificate.checks import press_through_gel_warnings, unusual_fit_warnings
 from ninedtact.calibration.drift.diagnosis_and_reference_check import different_skin_warnings
@@ -46,6 +45,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     make_pin_map_table,
     require_sensor_id,
 )
+from ninedtact.calibration.settings import CalibrationSettings, LensKind
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit, fit_board_press_and_lens, refine_board_lens
@@ -54,7 +54,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.quantities import Frame
 from ninedtact.shape.depth import DepthMethod, Smoothing
-from ninedtact.shape.rectification import CameraRotation, Rectification
+from ninedtact.shape.rectification import Rectification
 from ninedtact.simulation.fitted_parameters import deviation_from_population
 
 _MAX_ALTERNATIONS = 2
@@ -85,35 +85,6 @@ class CalibrationImages:
 
 class CalibrationImagesMissing(InputError):
     """Too few images: those of the board are needed, or an imported rectification and those of the ball."""
-
-
-class CalibrationSettingUnknown(InputError):
-    """A choice of a calibration is none of those that exist."""
-
-
-@dataclass(frozen=True)
-class CalibrationSettings:
-    """Choices of a calibration: lens, camera rotation, depth method and smoothing; the defaults suit every sensor seen so far.
-
-    Raises `CalibrationSettingUnknown` for a choice that does not exist.
-    """
-
-    lens: LensKind = "model"
-    """`paper` reproduces the paper's map (central anchors, equidistant grid, cubic radial basis)."""
-    camera_rotation_deg: CameraRotation | Literal["auto"] = "auto"
-    """Angle from the image's columns to the sensor's x axis, clockwise on the screen."""
-    method: DepthMethod = "physics"
-    """`physics` fits contact mechanics and light; `ratio` pairs the ball's cap with the brightness factor, `table` with grey
-    differences (the paper's)."""
-    smoothing: Smoothing = Smoothing()
-
-    def __post_init__(self) -> None:
-        rotations = (*get_args(CameraRotation), "auto")
-        choices = {"lens": get_args(LensKind), "camera_rotation_deg": rotations, "method": get_args(DepthMethod)}
-        for name, allowed in choices.items():
-            if (value := getattr(self, name)) not in allowed:
-                expected = ", ".join(map(repr, allowed))
-                raise CalibrationSettingUnknown(f"expected {name} to be one of {expected}, got {value!r}; correct it")
 
 
 @dataclass(frozen=True)

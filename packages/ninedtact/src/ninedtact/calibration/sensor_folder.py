@@ -12,7 +12,6 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-import msgspec
 import numpy as np
 
 from ninedtact.calibration.sensor_toml_schema import (
@@ -32,7 +31,7 @@ from ninedtact.checked_reading import (
     read_regular_file,
     read_text_file,
 )
-from ninedtact.design import Gel, SensorDesign
+from ninedtact.design import Gel
 from ninedtact.errors import CalibrationError, FileFormatError, NinedtactError
 from ninedtact.quantities import EstimateWarning, Frame, HeightSource
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -235,8 +234,7 @@ class SensorFolder:
 def load_sensor(folder: Path | str) -> SensorFolder:
     """Read and check a sensor folder; return it as a `SensorFolder`.
 
-    Raises `SensorFolderDamaged`. For a folder of an older format the message holds the command that calibrates the sensor again
-    from its own stored images.
+    Raises `SensorFolderDamaged`, also for a folder of another format.
 
     >>> folder = ninedtact.load_sensor("my_sensor")
     """
@@ -268,44 +266,14 @@ def _parse_record(folder: Path, text: str) -> tuple[SensorTomlRecord, Any, str]:
 
 
 def _require_current_format(folder: Path, tables: dict[str, Any]) -> None:
-    """Refuse a file of another format, newer or older; raises `SensorFolderDamaged`."""
+    """Refuse a file of another format; raises `SensorFolderDamaged`."""
     version = tables.get("format")
-    if not isinstance(version, int) or version == SENSOR_FORMAT:
-        return
-    if version > SENSOR_FORMAT:
+    if isinstance(version, int) and version != SENSOR_FORMAT:
         raise SensorFolderDamaged(
-            f"expected {folder / SENSOR_FILE} in format {SENSOR_FORMAT}, got format {version} from a newer ninedtact; update "
-            "ninedtact"
+            expected=f"{folder / SENSOR_FILE} in format {SENSOR_FORMAT}",
+            got=f"format {version} of another version of ninedtact",
+            remedy="calibrate the sensor again with 'ninedtact calibrate --images' from its own images, or install that version",
         )
-    raise SensorFolderDamaged(
-        f"expected {folder / SENSOR_FILE} in format {SENSOR_FORMAT}, got format {version} from an older ninedtact; run: "
-        f"{_recalibration_command(folder, tables)}"
-    )
-
-
-def _recalibration_command(folder: Path, tables: dict[str, Any]) -> str:
-    """Return the command that calibrates an older sensor again from its own stored files."""
-    out = quote(f"{folder}_recalibrated")
-    stored = sorted(folder.glob("*/ball_reference.png"))
-    if not stored:
-        return f"ninedtact import-calibration {quote(str(folder / 'upstream'))} --out {out}"
-    words = ["ninedtact calibrate", "--images", quote(str(stored[0].parent)), "--out", out]
-    if isinstance(tables.get("id"), str):
-        words += ["--id", quote(tables["id"])]
-    if tables.get("design") != msgspec.json.decode(msgspec.json.encode(SensorDesign())):
-        words += ["--design", quote(str(folder / SENSOR_FILE))]
-    return " ".join([*words, *_recalibration_options(tables)])
-
-
-def _recalibration_options(tables: dict[str, Any]) -> list[str]:
-    """Return the options by which an older sensor was calibrated, where they are not the defaults."""
-    grid, lens, depth = (
-        found if isinstance(found := tables.get(name), dict) else {} for name in ("grid", "lens", "depth")
-    )
-    rotation = grid.get("camera_rotation_deg", grid.get("mounting_deg"))
-    words = ["--camera-rotation-deg", str(rotation)] if rotation in (90, 180, 270) else []
-    words += ["--lens", "paper"] if lens.get("kind") == "paper" else []
-    return words + (["--method", depth["method"]] if depth.get("method") in ("ratio", "table") else [])
 
 
 def build_projection(lens: LensModelTable | PinMapTable, raw_shape: tuple[int, int]) -> Projection:

@@ -20,9 +20,7 @@ from ninedtact.shape.rectification import CameraRotation
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
 SENSOR_FORMAT = 4
-"""Format number, raised with every change that makes older files unreadable. `sensor_folder` refuses such a file with the
-command that calibrates the sensor again from its images.
-"""
+"""Format number, raised with every change that makes older files unreadable."""
 NOT_CALIBRATED = ("format", "id", "created", "software")
 """Keys at the top of the file that the checksum leaves out: they may change without a change of any calibrated number."""
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from msgspec import structs
 
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.cli.calibration_page import (
     CalibrationPageOptions,
     CalibrationPageServer,
@@ -33,7 +34,6 @@ from ninedtact.cli.result_and_interrupt import (
 )
 from ninedtact.cli.shared_options import (
     AutomaticOption,
-    CalibrationOptions,
     DesignFileOption,
     DesignGivenTwice,
     JsonOption,
@@ -47,7 +47,7 @@ from ninedtact.open_sensor import is_twin_address, source_for
 if TYPE_CHECKING:
     from ninedtact.calibration.guidance import CaptureStep
     from ninedtact.calibration.press_brightness import BgrImage
-    from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings
+    from ninedtact.calibration.procedure import Calibration, CalibrationImages
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
 
@@ -100,7 +100,7 @@ class CalibrateCommand:
     """Radius of the ball. Without it, the design's radius is used (4 mm for the published sensor)."""
     id: str | None = None
     """Name of the sensor. Without it, the folder's name is used."""
-    options: Annotated[CalibrationOptions, tyro.conf.arg(name="")] = CalibrationOptions()
+    settings: Annotated[CalibrationSettings, tyro.conf.arg(name="")] = CalibrationSettings()
     on_page: Annotated[CalibrationPageOptions, tyro.conf.arg(name="")] = CalibrationPageOptions()
     design_file: DesignFileOption = None
     """Design file of the sensor (TOML). Its dimensions can also be given one by one, see below."""
@@ -151,7 +151,7 @@ class CalibrateCommand:
             raise InvalidCalibrateOption(
                 "expected --page alone or with --source, since it takes the images itself, got images or --from-import; drop --page"
             )
-        design, settings, name = self.resolved_design, self.options.settings(), self.sensor_id
+        design, settings, name = self.resolved_design, self.settings, self.sensor_id
         page = CalibrationPageServer(self.out, name, design, settings, self.on_page, self.source, self.automatic)
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
             return page.serve()
@@ -164,7 +164,7 @@ class CalibrateCommand:
             return self._add_ball(self._lens_folder(scratch), images.ball_pair, on_step)
         if images.ball_pair is None:
             _require_no_depth_lost(self.out)
-        return calibrate(images, self.resolved_design, self.options.settings(), self.sensor_id, on_step)
+        return calibrate(images, self.resolved_design, self.settings, self.sensor_id, on_step)
 
     def _add_ball(
         self, folder: "SensorFolder", ball: "tuple[BgrImage, BgrImage]", on_step: Callable[[str], None]
@@ -178,10 +178,10 @@ class CalibrateCommand:
                 f"expected the design that {folder.path} was made with, got another one; leave out --design, or give the images of "
                 "the board as well"
             )
-        _require_kept_lens(self.options, folder)
+        _require_kept_lens(self.settings, folder)
         is_ball_given = self.ball_radius_mm is not None or given.ball != standard.ball
         design = replace(kept, ball=given.ball if is_ball_given else kept.ball)
-        made = repeat_calibration(folder, self.options.method, ball, design, on_step)
+        made = repeat_calibration(folder, self.settings.method, ball, design, on_step)
         return replace(made, record=structs.replace(made.record, id=self.id or folder.id))
 
     def _lens_folder(self, scratch: Path) -> "SensorFolder":
@@ -224,7 +224,7 @@ class CalibrateCommand:
             return _capture_guided_images(
                 self.source,
                 self.resolved_design,
-                self.options.settings(),
+                self.settings,
                 self.automatic,
                 {} if taken is None else taken,
             )
@@ -284,13 +284,13 @@ def _require_no_depth_lost(out: Path) -> None:
         )
 
 
-def _require_kept_lens(options: CalibrationOptions, folder: "SensorFolder") -> None:
+def _require_kept_lens(settings: CalibrationSettings, folder: "SensorFolder") -> None:
     """Raise `InvalidCalibrateOption` for another lens or camera rotation than those of a sensor that keeps its lens."""
     from ninedtact.calibration.sensor_toml_schema import PinMapTable
 
-    asked, kept = options.settings().camera_rotation_deg, folder.record.grid.camera_rotation_deg
+    asked, kept = settings.camera_rotation_deg, folder.record.grid.camera_rotation_deg
     refused = [] if asked in ("auto", kept) else [f"--camera-rotation-deg {asked}"]
-    if options.lens == "paper" and not isinstance(folder.record.lens, PinMapTable):
+    if settings.lens == "paper" and not isinstance(folder.record.lens, PinMapTable):
         refused.append("--lens paper")
     if refused:
         raise InvalidCalibrateOption(
@@ -300,7 +300,7 @@ def _require_kept_lens(options: CalibrationOptions, folder: "SensorFolder") -> N
 
 
 def _capture_guided_images(
-    source: str, design: SensorDesign, settings: "CalibrationSettings", automatic: bool, taken: "dict[str, BgrImage]"
+    source: str, design: SensorDesign, settings: CalibrationSettings, automatic: bool, taken: "dict[str, BgrImage]"
 ) -> "CalibrationImages":
     """Take the four images with a camera into `taken`; raises what the camera raises, and `CalibrationRecordingTooShort` for a
     recording."""
