@@ -23,7 +23,7 @@ from mutated_data_and_objects import cache_files, foreign_data_files, generated_
 from mutated_files import FileKind, command, quietly, refusing
 from real_images import sensor_folders
 
-from ninedtact import default_twin, load_estimator, load_sensor, read_image
+from ninedtact import default_twin, load_sensor, read_image
 from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
 from ninedtact.calibration.original_9dtact.import_export import export_original_calibration
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
@@ -140,7 +140,7 @@ def _sensor_files(sensor: Path, folder: Path, count: dict[str, int], seed: int) 
     commands = _measure(sensor, sensor / "images/ball_reference.png", sensor / "images/ball.png")
     record, scale = sensor / "sensor.toml", folder / "weighed" / "force.toml"
     shutil.copytree(sensor, scale.parent)
-    physics = load_estimator("physics", load_sensor(sensor))
+    physics = load_sensor(sensor).estimator("physics")
     write_force_scale(scale.parent, physics, ForceScale(1.08, -0.05, 2.1, 0.04, 5))
     weighed = _measure(scale.parent, sensor / "images/ball_reference.png", sensor / "images/ball.png")[1:]
     return [

@@ -27,7 +27,6 @@ from ninedtact import CalibrationImages, SensorFolder, calibrate, read_image
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
-from ninedtact.force.estimator_loading import load_estimator
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
@@ -95,7 +94,7 @@ def press_through_page(folder: SensorFolder, moves: int) -> tuple[list[float], f
     """The ms of each move, the updates per second, and the ms of each stage of the last reading."""
     sources = demo_sources(build_twin_from_folder(folder))
     sensor, pollers = twin_sensor_and_true_wrench(folder.shape, sources)
-    sensor.estimator = estimator = load_estimator("physics", folder)
+    sensor.estimator = estimator = folder.estimator("physics")
     estimates = WrenchHistory("estimated", "by physics", estimator.notices, states_errors=True)
     control, stop = TwinPressController(sources.simulation), threading.Event()
     context = multiprocessing.get_context("spawn")

@@ -23,7 +23,7 @@ from memory import CameraInMemory, require_linux, resident_now_mb
 from mutated_kinds import calibration_images
 from page_clients import crowd
 
-from ninedtact import Frame, Sensor, SensorFolder, calibrate, load_estimator
+from ninedtact import Frame, Sensor, SensorFolder, calibrate
 from ninedtact.__main__ import limit_memory_arenas
 from ninedtact.calibration.save import save_sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
@@ -91,7 +91,7 @@ def soak(minutes: float = 30.0, images: int = 1000, recorded: int = 100, json: b
 def watch_page(sensor: SensorFolder, camera: FastCamera, folder: Path, images: int) -> None:
     """Read as fast as possible while three browsers watch."""
     references = ReferenceImages(following=FollowingSettings())
-    read = Sensor(LatestFrameSource(camera), sensor.shape, references, load_estimator("physics", sensor))
+    read = Sensor(LatestFrameSource(camera), sensor.shape, references, sensor.estimator("physics"))
     estimates = WrenchHistory("estimated", "force by physics", states_errors=True)
 
     def keep(reading) -> None:  # type: ignore[no-untyped-def]
@@ -120,7 +120,7 @@ def make_recording(sensor: SensorFolder, camera: FastCamera, path: Path, images:
 
     source = Few()
     record(
-        source, path, sensor, heights=True, estimator=load_estimator("physics", sensor),
+        source, path, sensor, heights=True, estimator=sensor.estimator("physics"),
         should_stop=lambda: source.next_index >= images,
     )  # fmt: skip
     with Recording(path) as recording:

@@ -10,7 +10,6 @@ from .capture.wrench_source import WrenchSource
 from .design import SensorDesign
 from .errors import NinedtactError
 from .force.estimator_interface import ForceEstimator
-from .force.estimator_loading import load_estimator
 from .mechanics.pose import Pose
 from .open_sensor import open, source_for  # noqa: A004
 from .quantities import (
@@ -84,7 +83,6 @@ __all__ = [
     "draw_height_map_figure",
     "export_shape",
     "indenter_from_name",
-    "load_estimator",
     "load_sensor",
     "open",
     "orthorectify",

@@ -114,7 +114,7 @@ def test_two_threads_that_share_a_network_do_not_share_references() -> None:
 def test_a_model_with_sensor_features_refuses_to_run_without_them() -> None:
     card = a_card(settings=NetworkInputSettings(InputChannels.HEIGHTS_AND_SENSOR, rows=6, cols=8, mm_per_px=3.0))
     model = parse_force_model(linear_model(card).SerializeToString(), "linear.onnx")
-    with pytest.raises(ModelNeedsSensorFeatures, match=r"expected the features of the sensor .* load_estimator"):
+    with pytest.raises(ModelNeedsSensorFeatures, match=r"expected the features of the sensor .*\.estimator\("):
         NetworkForce(model, Gel())
     assert NetworkForce(model, Gel(), features=TYPICAL_FEATURES).estimate(reading(0.5)).touching
 

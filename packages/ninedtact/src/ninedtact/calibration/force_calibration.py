@@ -10,7 +10,7 @@ from ninedtact.capture.image_and_video_files import ImageFileList
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.force.estimator_loading import CORRECTED, NONE, PHYSICS, load_unscaled_estimator
+from ninedtact.force.estimator_loading import CORRECTED, NONE, PHYSICS
 from ninedtact.force.known_load_scale import (
     ForceScaleFit,
     ForceScaleImpossible,
@@ -71,7 +71,7 @@ class UnscaledForceReader:
             raise NoForceToCalibrate(
                 f"expected an estimator to calibrate, got --force {NONE}; name {CORRECTED}, {PHYSICS} or a force model"
             )
-        self.estimator: ForceEstimator = load_unscaled_estimator(force, folder)
+        self.estimator: ForceEstimator = folder.estimator(force, with_force_scale=False)
         self._shape, self._check = folder.shape, load_reference_image_checker(folder)
         self._depth_reader: DepthReader | None = None
 

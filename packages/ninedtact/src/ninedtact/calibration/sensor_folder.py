@@ -200,16 +200,33 @@ class SensorFolder:
 
         return build_twin_from_folder(self)
 
-    def estimator(self, spec: str = "physics") -> "ForceEstimator":
-        """Load a force estimator for this sensor: `physics`, `corrected`, `none`, or the path of a force model (.onnx).
+    def estimator(self, spec: str = "physics", with_force_scale: bool = True) -> "ForceEstimator":
+        """Build a force estimator for this sensor, with the force scale of its folder.
 
-        Raises what `force.estimator_loading.load_estimator` raises.
+        Where the folder has none, the spread of the gel's modulus is part of the stated errors.
+
+        spec: `physics`, `corrected` (physics, corrected by the shipped model), `none`, or the path of a force model (.onnx) or of
+        the original project's weights (.pt). with_force_scale: without, forces are those before the calibration with known loads.
+        Raises `EstimatorUnknown`, `ForceModelUnusable`, `OriginalWeightsUnusable`, `ForceScaleFileDamaged`, and
+        `TractionImpossible` for a sensor that was imported or calibrated without scattering of light.
 
         >>> estimator = ninedtact.load_sensor("my_sensor").estimator("physics")
+        >>> estimator.name
+        'force by physics'
         """
-        from ninedtact.force.estimator_loading import load_estimator
+        from ninedtact.force.estimator_loading import CORRECTED, NONE, PHYSICS, build_estimator
+        from ninedtact.force.known_load_scale import apply_sensor_force_scale
 
-        return load_estimator(spec, self)
+        if spec in (PHYSICS, CORRECTED) and self.shape.deblurring is None:
+            from ninedtact.force.traction.observation import TractionImpossible
+
+            raise TractionImpossible(
+                expected=f"{self.path} to be calibrated for force by physics",
+                got="a calibration that does not know how the gel scatters light (imported, or of another method than 'physics')",
+                remedy=f"run: {self.completion_command}",
+            )
+        estimator = build_estimator(spec, self.shape, self.gel)
+        return apply_sensor_force_scale(estimator, self.path) if with_force_scale and spec != NONE else estimator
 
     def _verify_file(self, file: str, digest: str) -> Path:
         """Return the path of a file of the folder after its content has been checked against the stored hash."""

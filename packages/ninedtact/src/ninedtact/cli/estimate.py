@@ -74,9 +74,7 @@ class Estimate:
         self._require_torque_point()
         require_place_for_file(self.out)
         with given_or_recorded_sensor(self.sensor, self.source[0] if self.source else "") as folder:
-            from ninedtact.force.estimator_loading import load_estimator
-
-            estimator = load_estimator(self.force, folder)
+            estimator = folder.estimator(self.force)
             found: list[dict[str, Any]] = []
             damage: FileFormatError | CameraError | ImageImplausible | None = None
             try:

@@ -1,13 +1,13 @@
-"""Loading of the force estimator that `--force` names: physics, physics with a network that corrects it, a force model, or none.
+"""Building of the force estimator that `--force` names: physics, physics with a network that corrects it, a force model, or none.
 
-A name or a path and a calibrated sensor folder go in; a `ForceEstimator` with the folder's force scale comes out. The libraries
-that an estimator needs are imported when it is built.
+A name or a path, a calibration and a gel go in; a `ForceEstimator` comes out. `SensorFolder.estimator` adds the force scale of a
+sensor. The libraries that an estimator needs are imported when it is built.
 """
 
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 from ninedtact.errors import ForceEstimationError, InputError, MissingLibraryError
 
@@ -28,62 +28,13 @@ class EstimatorUnknown(InputError):
     """A text names no estimator."""
 
 
-@runtime_checkable
-class CalibratedSensorFolder(Protocol):
-    """The part of a sensor folder (`ninedtact.calibration.sensor_folder.SensorFolder`) that an estimator needs."""
-
-    @property
-    def path(self) -> Path:
-        """Path of the sensor folder."""
-
-    @property
-    def shape(self) -> "CalibratedShape":
-        """The calibration of image and height."""
-
-    @property
-    def gel(self) -> "Gel":
-        """The calibrated gel, or the designed one where it was not calibrated."""
-
-    @property
-    def completion_command(self) -> str:
-        """The command that adds the fit of gel and light where it is missing."""
-
-
-def load_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator":
-    """Return the estimator of a calibrated sensor with the force scale of its folder.
-
-    Where the folder has none, the spread of the gel's modulus is part of the stated errors.
+def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
+    """Return the estimator for this calibration and this gel, without the force scale of a sensor folder.
 
     spec: `physics`, `corrected` (physics, corrected by the shipped model), `none`, or the path of a force model (.onnx) or of the
     original project's weights (.pt). Raises `EstimatorUnknown`, `ForceModelUnusable`, `OriginalWeightsUnusable`, and
-    `TractionImpossible` for a sensor that was imported or calibrated without scattering of light.
-
-    >>> estimator = ninedtact.load_estimator("physics", ninedtact.load_sensor("my_sensor"))
-    >>> estimator.name
-    'force by physics'
+    `TractionImpossible` for a calibration that does not know how the gel scatters light.
     """
-    from ninedtact.force.known_load_scale import apply_sensor_force_scale
-
-    estimator = load_unscaled_estimator(spec, folder)
-    if spec == NONE:
-        return estimator
-    return apply_sensor_force_scale(estimator, folder.path)
-
-
-def load_unscaled_estimator(spec: str, folder: CalibratedSensorFolder) -> "ForceEstimator":
-    """Return the estimator of a calibrated sensor without its force scale; raises as `load_estimator`."""
-    if spec in (PHYSICS, CORRECTED) and folder.shape.deblurring is None:
-        from ninedtact.force.traction.observation import TractionImpossible
-
-        raise TractionImpossible(
-            f"expected {folder.path} to be calibrated for force by physics, got a calibration that does not know how the gel "
-            f"scatters light (imported, or of another method than 'physics'); run: {folder.completion_command}"
-        )
-    return build_estimator(spec, folder.shape, folder.gel)
-
-
-def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
-    """Return the estimator for this calibration and this gel, without a force scale; raises as `load_estimator`."""
     if spec == NONE:
         from ninedtact.force.estimator_interface import NoForceEstimator
 

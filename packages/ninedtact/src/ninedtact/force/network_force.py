@@ -35,7 +35,7 @@ class ModelNeedsSensorFeatures(ForceEstimationError):
 
 @dataclass
 class NetworkForce(ForceEstimator):
-    """A force model on a sensor with this gel. `estimator_loading.load_estimator` builds it from a sensor folder.
+    """A force model on a sensor with this gel. `SensorFolder.estimator` builds it.
 
     Raises `ModelNeedsSensorFeatures` where the model needs features of the sensor and none are given.
     """
@@ -52,7 +52,7 @@ class NetworkForce(ForceEstimator):
         if self.features is None and self.model.card.input.channels.needs_sensor_features:
             raise ModelNeedsSensorFeatures(
                 f"expected the features of the sensor for the force model {self.name!r}, which was trained with them, got none; "
-                "use load_estimator(MODEL, load_sensor(FOLDER)), or give features=sensor_features_of(shape, gel)"
+                "use load_sensor(FOLDER).estimator(MODEL), or give features=sensor_features_of(shape, gel)"
             )
         self.input = NetworkInputBuilder(self.model.card.input, self.features or SensorFeatures(self.gel.thickness_mm))
         self._no_contact_std: Float64[Array, 6] | None = None

@@ -191,7 +191,7 @@ class NetworkInputBuilder:
         if self.settings.channels.of_physics:
             raise NetworkInputImpossible(
                 "expected the tractions that physics found for a network that corrects them, got a reading alone; load the model "
-                "with load_estimator"
+                "with load_sensor(FOLDER).estimator(MODEL)"
             )
         if self.settings.channels.of_heights:
             return self.of_height(reading.height)
