@@ -26,7 +26,6 @@ from ninedtact.shape.depth import BrightnessSignal, DepthCurve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.axes._secondary_axes import SecondaryAxis
 
 
 CIRCLE = "#ffb000"
@@ -88,8 +87,7 @@ def plot_depth_curve(calibration: Calibration) -> bytes:
         **shades,
     )
     _plot_curve_with_band(axes, curve)
-    top = _add_other_signal_axis(axes, curve.signal, mean_reference_grey)
-    top.tick_params(colors=PALE_INK, labelsize=8, width=0.6, length=3)
+    _add_other_signal_axis(axes, curve.signal, mean_reference_grey)
     axes.set(xlim=(0, 1.06 * curve.darkening[-1]), ylim=(0, 1.06 * curve.max_indentation_mm))
     axes.legend(loc="lower right", fontsize=8, frameon=False, labelcolor=INK)
     return figure_to_png(figure)
@@ -116,13 +114,13 @@ def _plot_curve_with_band(axes: "Axes", curve: DepthCurve) -> None:
     )
 
 
-def _add_other_signal_axis(axes: "Axes", signal: BrightnessSignal, mean_grey: float) -> "SecondaryAxis":
+def _add_other_signal_axis(axes: "Axes", signal: BrightnessSignal, mean_grey: float) -> None:
     """Add an axis at the top for the other method's signal, where the reference image has the disc's mean brightness."""
     other: BrightnessSignal = "ratio" if signal == "difference" else "difference"
     factor = mean_grey if signal == "ratio" else 1 / mean_grey
     top = axes.secondary_xaxis("top", functions=(lambda at: np.multiply(at, factor), lambda at: np.divide(at, factor)))
     top.set_xlabel(f"{DARKENING[other]} where I₀ = {mean_grey:.0f}", color=PALE_INK, fontsize=8)
-    return top
+    top.tick_params(colors=PALE_INK, labelsize=8, width=0.6, length=3)
 
 
 def plot_ball_residual(calibration: Calibration) -> bytes:
