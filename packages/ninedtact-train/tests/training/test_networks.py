@@ -3,13 +3,13 @@
 import pytest
 import torch
 
+from ninedtact.errors import InputError
 from ninedtact.force.network_input import InputChannels, NetworkInputSettings
 from ninedtact_train.training.networks import (
     NETWORK_NAMES,
     CellWrenchSum,
     LabelScale,
     MomentsNetwork,
-    NetworkUnknown,
     WrenchNetwork,
     build_network,
 )
@@ -67,9 +67,9 @@ def test_labels_turn_numbers_into_newtons() -> None:
 
 
 def test_what_no_network_takes_is_refused() -> None:
-    with pytest.raises(NetworkUnknown, match="one of moments"):
+    with pytest.raises(InputError, match="one of moments"):
         build_network("alexnet", NetworkInputSettings(), 6, UNIT)
-    with pytest.raises(NetworkUnknown, match="multiples of 4"):
+    with pytest.raises(InputError, match="multiples of 4"):
         build_network("moments", NetworkInputSettings(rows=61), 6, UNIT)
-    with pytest.raises(NetworkUnknown, match="32 x 32"):
+    with pytest.raises(InputError, match="32 x 32"):
         build_network("densenet121", NetworkInputSettings(rows=20), 6, UNIT)

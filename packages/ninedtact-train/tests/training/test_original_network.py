@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from ninedtact.errors import FileFormatError
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact_train.training.networks import DenseNet
@@ -14,7 +15,6 @@ from ninedtact_train.training.original_network import (
     WRENCH_MAX,
     WRENCH_MIN,
     OriginalNetworkForce,
-    OriginalWeightsUnusable,
     read_original_network,
 )
 
@@ -110,7 +110,7 @@ def test_what_are_not_these_weights_is_refused(weights: Path, tmp_path: Path) ->
 
 
 def told(path: Path) -> str:
-    with pytest.raises(OriginalWeightsUnusable) as refusal:
+    with pytest.raises(FileFormatError) as refusal:
         read_original_network(path)
     sentence = str(refusal.value)
     assert sentence.startswith("expected") and str(path) in sentence and "\n" not in sentence

@@ -24,8 +24,9 @@ from ninedtact.calibration.original_9dtact.import_export import import_original_
 from ninedtact.calibration.press_brightness import BgrImage, ImageUnusable
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
 from ninedtact.capture.strict_image_reading import ImageSizeWrong, read_image
-from ninedtact.cli.check import CheckCommand, NoImageToCheck
+from ninedtact.cli.check import CheckCommand
 from ninedtact.design import RectifiedImageSize
+from ninedtact.errors import InputError
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.rectification import rectification_of_projection
 
@@ -256,7 +257,7 @@ def test_an_image_of_a_press_is_not_said_to_be_a_good_reference(
 
 
 def test_a_command_without_images_says_so(sensor: SensorFolder) -> None:
-    with pytest.raises(NoImageToCheck, match="at least one reference image"):
+    with pytest.raises(InputError, match="at least one reference image"):
         CheckCommand(sensor.path, ()).run()
 
 

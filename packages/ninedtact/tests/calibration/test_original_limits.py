@@ -16,7 +16,6 @@ from ninedtact.calibration.original_9dtact.folder_format import (
     write_original_calibration,
 )
 from ninedtact.calibration.original_9dtact.import_export import (
-    OriginalExportImpossible,
     _calibrated_area_mm,
     _curve_from_depth_list,
     _extend_source_px,
@@ -26,6 +25,7 @@ from ninedtact.calibration.original_9dtact.import_export import (
 from ninedtact.calibration.sensor_folder import build_projection
 from ninedtact.calibration.sensor_toml_schema import LensModelTable
 from ninedtact.design import RectifiedImageSize, SensorDesign
+from ninedtact.errors import OutputError
 from ninedtact.shape.lens import LensModel
 from ninedtact.shape.rectification import OUT_OF_VIEW_PX, Rectification, rectification_of_projection
 
@@ -224,5 +224,5 @@ def test_a_grid_fits_into_maps_of_the_size_of_the_image(rows: int, cols: int, fi
     if fits:
         _require_grid_fits(rectify)
     else:
-        with pytest.raises(OriginalExportImpossible, match=f"at least {cols} x {rows} pixels.* got 80 x 60"):
+        with pytest.raises(OutputError, match=f"at least {cols} x {rows} pixels.* got 80 x 60"):
             _require_grid_fits(rectify)

@@ -107,7 +107,7 @@ class Train:
             require_sensor_calibrations(self.data, self.sensors, ", or train on images: --channels deformation")
 
     def settings(self) -> "TrainingSettings":
-        """Return the preset with these options; raises `TrainingImpossible`, `NetworkUnknown`."""
+        """Return the preset with these options; raises `TrainingImpossible`, `InputError`."""
         from ninedtact.force.network_input import InputChannels, resize_input_settings
         from ninedtact_train.training.settings import TRAINING_PRESETS
         from ninedtact_train.workflows.dataset_training import match_input_width_to_dataset

@@ -173,12 +173,8 @@ SMALLEST_PX = 32
 """Smallest side of an image for DenseNet, which halves it five times."""
 
 
-class NetworkUnknown(InputError):
-    """No network has this name, or the network cannot take images of this size."""
-
-
 def build_network(name: str, settings: NetworkInputSettings, outputs: int, unit: tuple[float, ...]) -> nn.Module:
-    """Return a network with random weights from (n, channels, rows, cols) to (n, outputs); raises `NetworkUnknown`.
+    """Return a network with random weights from (n, channels, rows, cols) to (n, outputs); raises `InputError`.
 
     outputs: 6, or 12 with the logarithms of scales. unit: the unit of each of the six numbers, N and N·m.
     """
@@ -189,15 +185,15 @@ def build_network(name: str, settings: NetworkInputSettings, outputs: int, unit:
 
 
 def require_network_input_size(name: str, settings: NetworkInputSettings) -> None:
-    """Raise `NetworkUnknown` for an unknown name, or an image size that the network cannot take."""
+    """Raise `InputError` for an unknown name, or an image size that the network cannot take."""
     if name not in NETWORK_NAMES:
-        raise NetworkUnknown(f"expected one of {', '.join(NETWORK_NAMES)}, got {name!r}; name one of them")
+        raise InputError(f"expected one of {', '.join(NETWORK_NAMES)}, got {name!r}; name one of them")
     rows, cols = settings.rows, settings.cols
     if name == "moments" and (rows % 4 or cols % 4):
-        raise NetworkUnknown(f"expected sides that are multiples of 4 for moments, got {cols} x {rows}; take 80 x 60")
+        raise InputError(f"expected sides that are multiples of 4 for moments, got {cols} x {rows}; take 80 x 60")
     smallest = 4 if name == "moments" else SMALLEST_PX
     if min(rows, cols) < smallest:
-        raise NetworkUnknown(
+        raise InputError(
             f"expected at least {smallest} x {smallest} pixels for {name}, got {cols} x {rows}; take larger images"
         )
 

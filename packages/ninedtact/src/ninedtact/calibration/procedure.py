@@ -83,10 +83,6 @@ class CalibrationImages:
         return None if self.ball_reference is None or self.ball is None else (self.ball_reference, self.ball)
 
 
-class CalibrationImagesMissing(InputError):
-    """Too few images: those of the board are needed, or an imported rectification and those of the ball."""
-
-
 @dataclass(frozen=True)
 class CalibrationFits:
     """The fits of board and ball, and the rectification through which the ball was fitted."""
@@ -142,7 +138,7 @@ def calibrate(
     imported: SensorFolder | None = None,
 ) -> Calibration:
     """Calibrate a sensor; raises `BoardNotFound`, `BallPressUnusable`, `ImageUnusable`, whose messages say what to do, and
-    `CalibrationImagesMissing`, `SensorIdImpossible`.
+    `InputError`.
 
     on_step: called with what is fitted next, in words. imported: a sensor whose rectification is used in place of a board's. Linear
     algebra runs on one thread meanwhile: its matrices are small, so that several threads would mostly wait for each other, at three
@@ -171,7 +167,7 @@ def _fit_presses(
         board = fit_board(*images.board_pair, design.pin_board, settings.camera_rotation_deg)
         rectify = build_rectification(board, design, settings.lens)
     else:
-        raise CalibrationImagesMissing(
+        raise InputError(
             "expected images of the board, or an imported rectification and images of the ball, got neither; give the images of one"
         )
     if images.ball_pair is None:

@@ -207,7 +207,7 @@ class SensorFolder:
 
         spec: `physics`, `corrected` (physics, corrected by the shipped model), `none`, or the path of a force model (.onnx) or of
         the original project's weights (.pt). with_force_scale: without, forces are those before the calibration with known loads.
-        Raises `EstimatorUnknown`, `ForceModelUnusable`, `OriginalWeightsUnusable`, `ForceScaleFileDamaged`, and
+        Raises `InputError`, `ForceModelUnusable`, `FileFormatError`, and
         `TractionImpossible` for a sensor that was imported or calibrated without scattering of light.
 
         >>> estimator = ninedtact.load_sensor("my_sensor").estimator("physics")

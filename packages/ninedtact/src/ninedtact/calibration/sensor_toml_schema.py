@@ -268,14 +268,10 @@ _SENSOR_ID = re.compile(r"(?!\.{1,2}\Z)[^\x00-\x1f\x7f/\\]{1,100}")
 """Names are shown on pages, stand in tables and may become names of folders."""
 
 
-class SensorIdImpossible(InputError):
-    """The name of a sensor is empty, too long, or holds what no name of a folder can."""
-
-
 def require_sensor_id(sensor_id: str) -> None:
-    """Raise `SensorIdImpossible` for text that is no name of a sensor."""
+    """Raise `InputError` for text that is no name of a sensor."""
     if not _SENSOR_ID.fullmatch(sensor_id):
-        raise SensorIdImpossible(
+        raise InputError(
             "expected a name of a sensor of 1 to 100 characters without slashes and control characters, got "
             f"{sensor_id[:120]!r}; choose another"
         )

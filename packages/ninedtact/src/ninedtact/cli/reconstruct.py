@@ -20,10 +20,6 @@ if TYPE_CHECKING:
 _HeightFormat = Literal["npy", "png", "ply", "stl", "obj"]
 
 
-class NoImageToReconstruct(InputError):
-    """No image was named."""
-
-
 @dataclass(frozen=True)
 class ReconstructCommand:
     """Reconstruct the shape of what touches the gel, from images."""
@@ -50,9 +46,7 @@ class ReconstructCommand:
         from ninedtact.shape.image_plausibility import ImageImplausible, require_plausible_image
 
         if not self.images:
-            raise NoImageToReconstruct(
-                "expected at least one image of the pressed skin, got none; name it after the options"
-            )
+            raise InputError("expected at least one image of the pressed skin, got none; name it after the options")
         folder = load_sensor_with_notices(self.sensor)
         shape = folder.shape
         depth = shape.depth_reader(*load_reference_image_checker(folder).read_images(self.reference))

@@ -164,10 +164,6 @@ def camera_settings(automatic: bool) -> "CameraSettings":
     return DEFAULT_CAMERA if automatic else FIXED_EXPOSURE
 
 
-class DesignGivenTwice(InputError):
-    """A design in a file and another one beside it."""
-
-
 def read_design_or_default(path: Path | None) -> SensorDesign:
     """The design in the file, or that of the published sensor; raises what `read_design_file` raises."""
     if path is None:
@@ -178,8 +174,6 @@ def read_design_or_default(path: Path | None) -> SensorDesign:
 
 
 def refuse_design_beside_sensor(sensor: Path | None, design: Path | None) -> None:
-    """Refuse a calibrated sensor, whose folder has its design, beside a design file; raises `DesignGivenTwice`."""
+    """Refuse a calibrated sensor, whose folder has its design, beside a design file; raises `InputError`."""
     if sensor is not None and design is not None:
-        raise DesignGivenTwice(
-            f"expected --sensor or --design, got both ({sensor} has its own design); drop one of them"
-        )
+        raise InputError(f"expected --sensor or --design, got both ({sensor} has its own design); drop one of them")

@@ -20,19 +20,11 @@ CORRECTED, PHYSICS, NONE = "corrected", "physics", "none"
 _MODEL_SUFFIX, _WEIGHTS_SUFFIX = ".onnx", ".pt"
 
 
-class ContactDetectionMissing(ForceEstimationError):
-    """Contact detection cannot be switched off, because the estimator has no separate contact detection."""
-
-
-class EstimatorUnknown(InputError):
-    """A text names no estimator."""
-
-
 def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
     """Return the estimator for this calibration and this gel, without the force scale of a sensor folder.
 
     spec: `physics`, `corrected` (physics, corrected by the shipped model), `none`, or the path of a force model (.onnx) or of the
-    original project's weights (.pt). Raises `EstimatorUnknown`, `ForceModelUnusable`, `OriginalWeightsUnusable`, and
+    original project's weights (.pt). Raises `InputError`, `ForceModelUnusable`, `FileFormatError`, and
     `TractionImpossible` for a calibration that does not know how the gel scatters light.
     """
     if spec == NONE:
@@ -52,11 +44,11 @@ def model_file_of_spec(spec: str) -> Path | None:
 
 
 def without_contact_detection(estimator: "ForceEstimator") -> "ForceEstimator":
-    """Return a network's estimator that also estimates where no contact is detected; raises `ContactDetectionMissing`."""
+    """Return a network's estimator that also estimates where no contact is detected; raises `ForceEstimationError`."""
     from ninedtact.force.network_force import NetworkForce
 
     if not isinstance(estimator, NetworkForce):
-        raise ContactDetectionMissing(
+        raise ForceEstimationError(
             f"expected a force model to run without contact detection, got {estimator.name!r}; drop "
             "--without-contact-detection, or give --force MODEL.onnx"
         )
@@ -71,7 +63,7 @@ def _shipped_model() -> Path:
 
 
 def _build_network_estimator(path: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
-    """Return the estimator of a force model or of the original project's weights; raises `EstimatorUnknown`."""
+    """Return the estimator of a force model or of the original project's weights; raises `InputError`."""
     if path.suffix.lower() == _MODEL_SUFFIX:
         return _build_model_estimator(path, shape, gel)
     if path.suffix.lower() == _WEIGHTS_SUFFIX:
@@ -87,7 +79,7 @@ def _build_network_estimator(path: Path, shape: "CalibratedShape", gel: "Gel") -
             )
         reader: Callable[[Path], ForceEstimator] = readers[0].load()
         return reader(path)
-    raise EstimatorUnknown(
+    raise InputError(
         f"expected --force {CORRECTED}, {PHYSICS}, {NONE}, a force model (*{_MODEL_SUFFIX}) or the original project's weights "
         f"(*{_WEIGHTS_SUFFIX}), got '{path}'; name one of these"
     )

@@ -25,18 +25,14 @@ _ROW_WEIGHTS = np.array([[1], [2], [1]], np.float32)
 _NEIGHBOURHOOD = np.ones((3, 3), np.uint8)
 
 
-class SpacingUnusable(InputError):
-    """The number of rows and columns from one point of a surface to the next is not above zero, or too large for a mesh."""
-
-
 def point_cloud(height: HeightMap, every: int = 1) -> PointCloud:
     """Return all points in view, row by row, in the sensor frame (mm), with outward unit normals.
 
     `every` = 3 keeps each third row and column, for display; the normals are still those of the full grid.
-    Raises `SpacingUnusable` where it is below 1.
+    Raises `InputError` where it is below 1.
     """
     if every < 1:
-        raise SpacingUnusable(f"expected every={every} to be at least 1, which keeps all rows and columns; correct it")
+        raise InputError(f"expected every={every} to be at least 1, which keeps all rows and columns; correct it")
     u, v = _plane_coordinates_mm(height.z_mm.shape, height.mm_per_px, every)
     slope_x, slope_y = (_thin(slope, every) for slope in surface_slope(height))
     scale = sightline_scale(height, every)
@@ -49,16 +45,16 @@ def point_cloud(height: HeightMap, every: int = 1) -> PointCloud:
 
 def surface_mesh(height: HeightMap, every: int = 1) -> Mesh:
     """Return the open surface: two triangles per square of pixels wholly in view; vertex k is point k of `point_cloud(height,
-    every)`. Raises `SpacingUnusable`, also where fewer than two rows or columns are kept."""
+    every)`. Raises `InputError`, also where fewer than two rows or columns are kept."""
     require_mesh_spacing(height, every)
     return Mesh(point_cloud(height, every).points_mm.copy(), triangulate_view(height.in_view[::every, ::every]))
 
 
 def require_mesh_spacing(height: HeightMap, every: int) -> None:
-    """Raise `SpacingUnusable` where a mesh of every so many rows and columns would have no triangle."""
+    """Raise `InputError` where a mesh of every so many rows and columns would have no triangle."""
     rows, cols = height.z_mm.shape
     if every >= min(rows, cols):
-        raise SpacingUnusable(
+        raise InputError(
             f"expected every={every} to keep at least two of {rows} rows and {cols} columns for a mesh; give at most "
             f"{min(rows, cols) - 1}"
         )
