@@ -270,18 +270,6 @@ def test_a_grid_with_an_even_or_odd_side_is_shown_from_its_first_pixel_on(rows: 
     np.testing.assert_array_equal(shown, np.rint(sensor.rectification.source_px))
 
 
-def test_only_pixels_of_the_image_are_exported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    sensor = load_sensor(lens_sensor(tmp_path / "ours"))
-    source_px = np.full((480, 640, 2), 7.0)
-    places = [(-0.6, 9), (-0.4, 9), (639.4, 9), (639.6, 9), (9, -0.6), (9, -0.4), (9, 479.4), (9, 479.6), (640, 480)]
-    source_px[3, :9] = places
-    monkeypatch.setattr(import_export, "_extend_source_px", lambda *_: source_px)
-    rows, cols, _ = import_export._build_index_maps(sensor)
-    shown = [(0, 0), (0, 9), (639, 9), (0, 0), (0, 0), (9, 0), (9, 479), (0, 0), (0, 0)]
-    assert list(zip(cols[3, :9].tolist(), rows[3, :9].tolist(), strict=True)) == shown
-    assert cols.dtype == rows.dtype == np.int32 and (cols[4:] == 7).all() and (rows[4:] == 7).all()
-
-
 @pytest.mark.parametrize(("steepest", "last"), [(0.303, 49), (1.58, 254), (1.6, 255), (2.4, 255)])
 def test_a_list_ends_with_the_curve_or_at_the_last_grey_level(steepest: float, last: int, tmp_path: Path) -> None:
     """Only what the camera sees has a part in the brightness, of the bright border of this image hardly anything."""

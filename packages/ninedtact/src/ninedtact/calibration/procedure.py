@@ -334,12 +334,13 @@ def repeat_calibration(
     ball: tuple[BgrImage, BgrImage] | None = None,
     design: SensorDesign | None = None,
     on_step: Callable[[str], None] = lambda step: None,
+    smoothing: Smoothing | None = None,
 ) -> Calibration:
     """Calibrate from the stored images, with the stored lens and mounting, or through the imported rectification.
 
-    ball: new images of the skin before the ball and under it, in place of stored ones. design: in place of the stored one. Raises
-    `SensorFolderDamaged` where images are missing, `DepthNotCalibrated` where none of a ball are stored or given, and what
-    `calibrate` raises.
+    ball: new images of the skin before the ball and under it, in place of stored ones. design, smoothing: in place of the stored
+    ones. Raises `SensorFolderDamaged` where images are missing, `DepthNotCalibrated` where none of a ball are stored or given, and
+    what `calibrate` raises.
     """
     names = ("ball_reference", "ball") if folder.is_imported else ("board_reference", "board", "ball_reference", "ball")
     new = {} if ball is None else {"ball_reference": ball[0], "ball": ball[1]}
@@ -348,7 +349,7 @@ def repeat_calibration(
     )
     record = folder.record
     lens: LensKind = "paper" if isinstance(record.lens, PinMapTable) else "model"
-    smoothing = Smoothing() if record.depth is None else record.depth.smoothing
+    smoothing = smoothing or (Smoothing() if record.depth is None else record.depth.smoothing)
     settings = CalibrationSettings(lens, record.grid.camera_rotation_deg, method, smoothing)
     imported = folder if folder.is_imported else None
     return calibrate(images, design or record.design, settings, record.id, on_step, imported)

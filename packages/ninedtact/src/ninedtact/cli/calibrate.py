@@ -168,7 +168,8 @@ class CalibrateCommand:
         _require_kept_lens(self.settings, folder)
         is_ball_given = self.ball_radius_mm is not None or given.ball != standard.ball
         design = replace(kept, ball=given.ball if is_ball_given else kept.ball)
-        made = repeat_calibration(folder, self.settings.method, ball, design, on_step)
+        smoothing = None if self.settings.smoothing == CalibrationSettings().smoothing else self.settings.smoothing
+        made = repeat_calibration(folder, self.settings.method, ball, design, on_step, smoothing)
         return replace(made, record=structs.replace(made.record, id=self.id or folder.id))
 
     def _lens_folder(self, scratch: Path) -> "SensorFolder":

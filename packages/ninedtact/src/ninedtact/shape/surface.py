@@ -60,18 +60,6 @@ def require_mesh_spacing(height: HeightMap, every: int) -> None:
         )
 
 
-def solid_mesh(height: HeightMap, base_mm: float = 2.0, every: int = 1) -> Mesh:
-    """Return the surface with walls and a flat base `base_mm` below its deepest point: a closed block for 3D printing."""
-    surface = surface_mesh(height, every)
-    base = surface.vertices_mm.copy()
-    base[:, 2] = surface.vertices_mm[:, 2].min(initial=0) - base_mm
-    below = np.int32(len(base))
-    start, end = _boundary_edges(surface.faces).T
-    walls = [np.stack([end, start, start + below], 1), np.stack([end, start + below, end + below], 1)]
-    faces = np.concatenate([surface.faces, surface.faces[:, ::-1] + below, *walls])
-    return Mesh(np.concatenate([surface.vertices_mm, base]), faces)
-
-
 def triangulate_view(in_view: Bool[Array, "rows cols"]) -> Int32[Array, "m 3"]:
     """Return triangles between the pixels in view, which are numbered row by row; counter-clockwise with x right and y up."""
     number = np.cumsum(in_view, dtype=np.int32).reshape(in_view.shape) - np.int32(1)
@@ -142,13 +130,6 @@ def _triples_in_view(grid: Float32[Array, "rows cols 3"], height: HeightMap, eve
     # numpy selects items of 12 bytes twenty times faster than rows of three floats.
     items = triples.view("V12")[:, 0][height.in_view[::every, ::every].ravel()]
     return np.asarray(items.view(np.float32).reshape(-1, 3))
-
-
-def _boundary_edges(faces: Int32[Array, "m 3"]) -> Int32[Array, "k 2"]:
-    """Return the edges that have a triangle on their left side only."""
-    edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    there, back = (edges @ weights for weights in np.array([[1 << 32, 1], [1, 1 << 32]]))
-    return edges[~np.isin(there, back)]
 
 
 @lru_cache(maxsize=8)
