@@ -35,7 +35,21 @@ def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEs
         from ninedtact.force.traction.estimator import build_traction_force
 
         return build_traction_force(shape, gel)
-    return _build_network_estimator(_shipped_model() if spec == CORRECTED else Path(spec).expanduser(), shape, gel)
+    if spec == CORRECTED:
+        from ninedtact.force.onnx_model import SHIPPED_MODEL
+
+        return _build_network_estimator(SHIPPED_MODEL, shape, gel)
+    path = Path(spec).expanduser()
+    if path.suffix.lower() == _MODEL_SUFFIX:
+        return _build_network_estimator(path, shape, gel)
+    if path.suffix.lower() == _WEIGHTS_SUFFIX:
+        return _read_original_weights(path)
+    raise InputError(
+        expected=f"--force {CORRECTED}, {PHYSICS}, {NONE}, a force model (*{_MODEL_SUFFIX}) or the original project's weights "
+        f"(*{_WEIGHTS_SUFFIX})",
+        got=f"'{path}'",
+        remedy="name one of these",
+    )
 
 
 def model_file_of_spec(spec: str) -> Path | None:
@@ -55,37 +69,7 @@ def without_contact_detection(estimator: "ForceEstimator") -> "ForceEstimator":
     return replace(estimator, contact_test=lambda _: True)
 
 
-def _shipped_model() -> Path:
-    """Return the path of the model that the package ships."""
-    from ninedtact.force.onnx_model import SHIPPED_MODEL
-
-    return SHIPPED_MODEL
-
-
 def _build_network_estimator(path: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
-    """Return the estimator of a force model or of the original project's weights; raises `InputError`."""
-    if path.suffix.lower() == _MODEL_SUFFIX:
-        return _build_model_estimator(path, shape, gel)
-    if path.suffix.lower() == _WEIGHTS_SUFFIX:
-        from importlib.metadata import entry_points
-
-        from ninedtact._version import installation_command
-
-        readers = tuple(entry_points(group="ninedtact.force_models", name=_WEIGHTS_SUFFIX))
-        if not readers:
-            raise MissingLibraryError(
-                "expected ninedtact-train, which reads the original project's weights, got none; run "
-                f"{installation_command('train')}"
-            )
-        reader: Callable[[Path], ForceEstimator] = readers[0].load()
-        return reader(path)
-    raise InputError(
-        f"expected --force {CORRECTED}, {PHYSICS}, {NONE}, a force model (*{_MODEL_SUFFIX}) or the original project's weights "
-        f"(*{_WEIGHTS_SUFFIX}), got '{path}'; name one of these"
-    )
-
-
-def _build_model_estimator(path: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
     """Return the estimator of a force model: one that corrects physics, or one that estimates the wrench alone."""
     from ninedtact.force.network_input import sensor_features_of
     from ninedtact.force.onnx_model import read_force_model
@@ -99,3 +83,20 @@ def _build_model_estimator(path: Path, shape: "CalibratedShape", gel: "Gel") -> 
     from ninedtact.force.network_force import NetworkForce
 
     return NetworkForce(model, gel, features=features)
+
+
+def _read_original_weights(path: Path) -> "ForceEstimator":
+    """Return the estimator of the original project's weights; raises `MissingLibraryError` without ninedtact-train."""
+    from importlib.metadata import entry_points
+
+    from ninedtact._version import installation_command
+
+    readers = tuple(entry_points(group="ninedtact.force_models", name=_WEIGHTS_SUFFIX))
+    if not readers:
+        raise MissingLibraryError(
+            expected="ninedtact-train, which reads the original project's weights",
+            got="none",
+            remedy=f"run {installation_command('train')}",
+        )
+    reader: Callable[[Path], ForceEstimator] = readers[0].load()
+    return reader(path)

@@ -25,6 +25,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import PUBLISHED_MM_PER_PX, Gel, RectifiedImageSize, SensingArea
 from ninedtact.errors import ForceEstimationError
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact.force.brightness_channels import (
     ChannelLayout,
     DeformationBuilder,
@@ -138,11 +139,7 @@ class NetworkInputSettings:
     mm_per_px: Annotated[float, Meta(ge=0.001, le=20)] = 0.3
 
     def __post_init__(self) -> None:
-        if min(self.rows, self.cols) < 1 or not self.mm_per_px > 0:
-            raise ForceEstimationError(
-                f"expected an input of at least one pixel that covers some skin, got {self.cols} x {self.rows} pixels of "
-                f"{self.mm_per_px} mm; correct them"
-            )
+        require_within_bounds(self, "input", ForceEstimationError)
 
     @property
     def grid(self) -> SkinGrid:

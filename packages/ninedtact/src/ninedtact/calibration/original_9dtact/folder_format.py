@@ -99,7 +99,9 @@ def _first_line(trouble: Exception) -> str:
 
 def _make_damaged_file_error(path: Path, expected: str, got: str) -> OriginalFolderDamaged:
     """Return the error for one damaged file."""
-    return OriginalFolderDamaged(f"expected {expected} in {path}, got {got}; copy the file again or calibrate again")
+    return OriginalFolderDamaged(
+        expected=f"{expected} in {path}", got=got, remedy="copy the file again or calibrate again"
+    )
 
 
 ROW_INDEX = "camera_calibration/row_index.npy"
