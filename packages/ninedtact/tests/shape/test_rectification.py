@@ -68,6 +68,7 @@ def test_another_size_is_refused() -> None:
 OTHER_IMAGES = """
 import numpy as np
 from ninedtact.quantities import Frame
+from ninedtact.errors import FileFormatError
 from ninedtact.shape.rectification import Rectification
 rectify = Rectification(np.zeros((4, 4, 2), np.float32), 0.1, (6, 8), (-1.0, 1.0, -1.0, 1.0))
 rectify(Frame(np.zeros((6, 8, 3), np.uint8)))
