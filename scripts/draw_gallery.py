@@ -19,8 +19,7 @@ import numpy as np
 import ninedtact
 from ninedtact import CalibrationImages, Frame, HeightMap, ScriptedPress, SensorFolder, Twin
 from ninedtact.cli import main as run_ninedtact
-from ninedtact.shape.coloured_height_map import fit_colour_scale
-from ninedtact.shape.relief_image import shade_heights
+from ninedtact.shape.coloured_height_map import fit_colour_scale, shade_heights
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact_hardware.buildable_design import BuildableDesign
 from ninedtact_hardware.design import read_hardware_design

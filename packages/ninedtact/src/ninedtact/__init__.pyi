@@ -30,11 +30,10 @@ from .recording.reader import Recording
 from .recording.recorder import record
 from .reference_images import ReferenceImages
 from .sensor import Sensor
-from .shape.coloured_height_map import draw_height_map_figure
+from .shape.coloured_height_map import draw_height_map_figure, render_relief
 from .shape.export import export_shape, read_height_png
 from .shape.measures import summarise_shape
 from .shape.orthorectification import orthorectify
-from .shape.relief_image import render_relief
 from .shape.surface import point_cloud, surface_mesh
 from .simulation.objects.catalogue import indenter_from_name
 from .simulation.press_sequence import ObjectTrajectory, PressSequence

@@ -10,12 +10,16 @@ from skins import ball_print, plane, skin, with_hole
 
 from ninedtact.quantities import HeightSource
 from ninedtact.shape.coloured_height_map import (
+    AMBIENT,
+    TOWARDS_LIGHT,
     ColourScale,
     colourise_heights,
     draw_height_map_figure,
+    facing_light,
+    render_relief,
     round_up_to_1_2_5,
+    shade_heights,
 )
-from ninedtact.shape.relief_image import AMBIENT, TOWARDS_LIGHT, facing_light, render_relief, shade_heights
 
 
 def extrapolated_bottom(height):
@@ -61,7 +65,7 @@ def test_round_numbers(at_least, expected):
 
 
 def test_importing_the_images_does_not_import_matplotlib():
-    check = "import sys, ninedtact.shape.coloured_height_map, ninedtact.shape.relief_image; sys.exit('matplotlib' in sys.modules)"
+    check = "import sys, ninedtact.shape.coloured_height_map; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
 
 

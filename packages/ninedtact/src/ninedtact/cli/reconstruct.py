@@ -87,9 +87,8 @@ class ReconstructCommand:
     def _write_files(self, name: str, height: "HeightMap") -> Iterator[tuple[str, Path]]:
         """Write the files of one height map; kind and path of each."""
         from ninedtact.atomic_write import write_file_atomically
-        from ninedtact.shape.coloured_height_map import draw_height_map_figure
+        from ninedtact.shape.coloured_height_map import draw_height_map_figure, render_relief
         from ninedtact.shape.export import export_shape
-        from ninedtact.shape.relief_image import render_relief
 
         with _folder_for_files(self.out):
             for ending in self.formats:
