@@ -87,16 +87,14 @@ def _build_network_estimator(path: Path, shape: "CalibratedShape", gel: "Gel") -
 
 def _read_original_weights(path: Path) -> "ForceEstimator":
     """Return the estimator of the original project's weights; raises `MissingLibraryError` without ninedtact-train."""
-    from importlib.metadata import entry_points
+    from ninedtact._version import find_entry_point, installation_command
 
-    from ninedtact._version import installation_command
-
-    readers = tuple(entry_points(group="ninedtact.force_models", name=_WEIGHTS_SUFFIX))
-    if not readers:
+    found = find_entry_point("force_models", _WEIGHTS_SUFFIX)
+    if found is None:
         raise MissingLibraryError(
             expected="ninedtact-train, which reads the original project's weights",
             got="none",
             remedy=f"run {installation_command('train')}",
         )
-    reader: Callable[[Path], ForceEstimator] = readers[0].load()
+    reader: Callable[[Path], ForceEstimator] = found.load()
     return reader(path)
