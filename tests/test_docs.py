@@ -13,7 +13,7 @@ import pytest
 
 import ninedtact
 from ninedtact.calibration.guidance import guided_capture_steps
-from ninedtact.calibration.procedure import CalibrationSettings
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.cli import parse_arguments
 from ninedtact.design import SensorDesign
 

@@ -29,15 +29,15 @@ _COMPARISONS = (("ge", "of at least", ge), ("gt", "above", gt), ("le", "of at mo
 """The attributes of `Meta`, the words for them, and what a value within the bound fulfils."""
 
 
-def require_within_bounds(part: Any, table: str = "", refusal: type[NinedtactError] = InputError) -> None:
+def require_within_bounds(part: object, table: str = "", refusal: type[NinedtactError] = InputError) -> None:
     """Raise `refusal` for the first field of a dataclass whose value is outside of the bounds or choices declared beside it.
 
     table: name of the part in a file or of its settings, for the message.
     """
-    for name, kind in _bounded_fields(type(part)):
+    for name, kind in _bounded_fields(type(part)):  # type: ignore[arg-type]  # classes are hashable
         for expected, got in _violations(getattr(part, name), kind):
             place = f"{table}.{name}" if table else name
-            raise refusal(f"expected {place} {expected}, got {got}; correct it")
+            raise refusal(expected=f"{place} {expected}", got=got, remedy="correct it")
 
 
 @cache
