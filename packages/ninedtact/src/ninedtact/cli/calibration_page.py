@@ -18,8 +18,8 @@ from ninedtact.force.estimator_loading import NONE, PHYSICS
 from ninedtact.open_sensor import SIMULATED, assemble_live_sensor, is_twin_address, source_in_real_time
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.procedure import CalibrationSettings
     from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.calibration.settings import CalibrationSettings
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.design import SensorDesign
     from ninedtact.live.socket_guard import SocketGuard

@@ -31,14 +31,6 @@ Point = tuple[float, float, float]
 COLUMNS = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm", "eFx", "eFy", "eFz", "eTx", "eTy", "eTz")
 
 
-class InvalidEstimateSource(InputError):
-    """What was named cannot be estimated: nothing, several things that are not images, or images without a reference image."""
-
-
-class InvalidTorquePoint(InputError):
-    """The point that torques are to be about is no point near the sensor."""
-
-
 _MAX_ARM_MM = 1e6
 """Largest coordinate of the point that torques are about."""
 
@@ -74,9 +66,7 @@ class Estimate:
         self._require_torque_point()
         require_place_for_file(self.out)
         with given_or_recorded_sensor(self.sensor, self.source[0] if self.source else "") as folder:
-            from ninedtact.force.estimator_loading import load_estimator
-
-            estimator = load_estimator(self.force, folder)
+            estimator = folder.estimator(self.force)
             found: list[dict[str, Any]] = []
             damage: FileFormatError | CameraError | ImageImplausible | None = None
             try:
@@ -100,9 +90,9 @@ class Estimate:
         return 0 if damage is None else 1
 
     def _require_torque_point(self) -> None:
-        """Raise `InvalidTorquePoint` for a point with a coordinate that is no number, or beyond all arms."""
+        """Raise `InputError` for a point with a coordinate that is no number, or beyond all arms."""
         if not all(abs(coordinate) <= _MAX_ARM_MM for coordinate in self.about_mm):
-            raise InvalidTorquePoint(
+            raise InputError(
                 f"expected --about-mm X Y Z of at most {_MAX_ARM_MM:g} mm each, got {self.about_mm}; 0 0 0 is the skin's centre"
             )
 
@@ -136,21 +126,21 @@ class Estimate:
         return all(_is_image(text) or Path(text).expanduser().is_dir() for text in self.source)
 
     def frames(self, folder: "SensorFolder") -> "FrameSource":
-        """Return the named images as a source; raises `InvalidEstimateSource`."""
+        """Return the named images as a source; raises `InputError`."""
         from ninedtact.open_sensor import newest_frame_source_for
 
         if not self.source:
-            raise InvalidEstimateSource("expected images of the pressed gel, got none; name them after the options")
+            raise InputError("expected images of the pressed gel, got none; name them after the options")
         if all(_is_image(text) for text in self.source):
             if not self.reference:
-                raise InvalidEstimateSource(
+                raise InputError(
                     "expected --reference with single images, got none; name a reference image (no contact)"
                 )
             from ninedtact.capture.image_and_video_files import ImageFileList
 
             return ImageFileList([Path(text).expanduser() for text in self.source])
         if len(self.source) > 1:
-            raise InvalidEstimateSource(
+            raise InputError(
                 f"expected images, or one video, folder or recording, got {len(self.source)} names that are not all "
                 "images; run the command once for each"
             )

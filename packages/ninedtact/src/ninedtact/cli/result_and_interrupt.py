@@ -99,11 +99,11 @@ def given_or_recorded_sensor(sensor: Path | None, source: str) -> "Iterator[Sens
 
 def load_estimator_with_notices(force: str, folder: "SensorFolder") -> "ForceEstimator | None":
     """Return the estimator that --force names and print what is to be known about it; None for --force none."""
-    from ninedtact.force.estimator_loading import NONE, load_estimator
+    from ninedtact.force.estimator_loading import NONE
 
     if force == NONE:
         return None
-    estimator = load_estimator(force, folder)
+    estimator = folder.estimator(force)
     print_notices(estimator.notices)
     return estimator
 
