@@ -354,7 +354,7 @@ def test_buttons_of_two_viewers_do_what_they_say(recorded: tuple[Path, Bench]) -
     path, bench = recorded
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera()), bench.recorder.keep) as loop:
         page, controller = recordings_page(server, loop, bench, path.parent)
-        with page_client(server) as client, page_client(server) as other:
+        with page_viewer(page, server) as (client, _), page_viewer(page, server) as (other, _):
 
             def press_both(label: str, is_done: Callable[[RecorderState], bool]) -> None:
                 def has(one: PageClient) -> bool:
