@@ -1,7 +1,6 @@
 """What is particular to one device: units, rates, drop counts, flags, stamps."""
 
 import contextlib
-import os
 import sys
 import threading
 import time
@@ -15,7 +14,7 @@ import pynetft
 import pytest
 from test_force_torque_family import Bench
 
-from ninedtact.capture.force_torque.bota import BotaDriver, _captured_errors
+from ninedtact.capture.force_torque.bota import BotaDriver
 from ninedtact.capture.force_torque.driver_source import DeviceClock
 from ninedtact.capture.force_torque.netft import NetFtDriver
 from ninedtact.capture.force_torque.serial_driver import SerialFrameParser, SerialPortDriver
@@ -282,7 +281,7 @@ def test_bota_that_does_not_start_is_released(
     played_bota: Callable[[PlayedBota], BotaDriver], answers: tuple[bool, bool], said: str
 ) -> None:
     library = PlayedBota(1000, [], answers)
-    with pytest.raises(WrenchSensorNotFound, match=f"to start, got: {said}; check the file and the cable"):
+    with pytest.raises(WrenchSensorNotFound, match=f"to start, got: {said}.*; check the file and the cable"):
         played_bota(library).connect()
     assert library.ended == ["shutdown"]
 
@@ -320,12 +319,6 @@ def test_bota_flags_are_heeded(played_bota: Callable[[PlayedBota], BotaDriver]) 
             setattr(library, name, name == flag)
         (sample,) = driver.receive()
         assert type(sample.flaw) is flaw and said in str(sample.flaw)
-
-
-def test_errors_of_the_library_of_bota_are_taken_from_what_others_print(capfd: pytest.CaptureFixture[str]) -> None:
-    with _captured_errors() as errors:
-        os.write(1, b"\x1b[31m[bota_ERROR] no cable\x1b[0m\n[bota_INFO] version 1\n50 % done\n[bota_ERROR] no power\n")
-    assert errors == ["no cable", "no power"] and capfd.readouterr() == ("50 % done\n", "")
 
 
 def test_a_serial_port_of_another_baud_rate_is_lost_after_four_kilobytes(bench: Bench) -> None:

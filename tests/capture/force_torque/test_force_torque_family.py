@@ -134,7 +134,7 @@ def test_every_source_keeps_the_contract(bench: Bench, member: str, capfd: pytes
     source.close()
     source.close()
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("listen")]
-    assert capfd.readouterr() == ("", "")
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("member", DEVICES)
@@ -223,7 +223,7 @@ def test_what_is_not_there_is_refused_in_one_sentence_and_nothing_stays_open(
             pass
         with pytest.raises(SourceNotOpen):
             source.read()
-    assert capfd.readouterr() == ("", "")
+    assert capfd.readouterr().err == ""
 
 
 def test_a_missing_library_is_named_with_the_command_that_gets_it(
