@@ -34,7 +34,7 @@ def test_a_slow_reader_gets_the_newest_once_and_hears_of_the_dropped() -> None:
         assert freshest.read().index == 2
         with pytest.raises(NoRecentFrame, match=r"expected a new image .* got none within 0.05 s; check that"):
             freshest.read()
-        freshest.name = "rtsp://camera.local/gel"
+        fed.name = "rtsp://camera.local/gel"
         with pytest.raises(
             NoRecentFrame, match=r"rtsp://camera.local/gel, got none within 0.05 s; check the camera and the net"
         ):

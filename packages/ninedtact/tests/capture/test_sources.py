@@ -22,6 +22,7 @@ from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSour
 from ninedtact.capture.frame_source import (
     CameraLost,
     CameraNotFound,
+    ExposureWithLimits,
     FrameSource,
     SourceEnded,
     SourceNotOpen,
@@ -147,6 +148,38 @@ def test_every_source_keeps_the_contract(bench: Bench, member: str) -> None:
     source.close()
     source.close()
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("fetch")]
+
+
+class RemarkableCamera(HandFed):
+    """A source each of whose facts differs from what a source has by default."""
+
+    is_live, is_simulated, recorded_hz, recording = False, True, 12.5, "press.mcap#left"
+    reference_frames = (Frame(np.zeros((4, 5, 3), np.uint8)),)
+    exposure = ExposureWithLimits(5.0, 1.0, 50.0)
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        self.exposure = ExposureWithLimits(exposure_ms, 1.0, 50.0)
+
+
+WRAPPERS: dict[str, Callable[[FrameSource], FrameSource]] = {
+    "newest": LatestFrameSource,
+    "paced": LivePlayback,
+    "repeated": RepeatingSource,
+    "reconnecting": reconnecting,
+    "delayed": lambda source: DelayCorrectedSource(source, 20.0),
+}
+
+
+@pytest.mark.parametrize("wrapper", WRAPPERS)
+def test_a_wrapper_has_every_fact_of_its_source(wrapper: str) -> None:
+    source = RemarkableCamera()
+    wrapped = WRAPPERS[wrapper](WRAPPERS[wrapper](source))
+    facts = {name for name, value in vars(FrameSource).items() if not name.startswith("_") and not callable(value)}
+    assert facts > {"recorded_hz", "recording", "exposure"}
+    for fact in ("name", *facts):
+        assert getattr(wrapped, fact) == getattr(source, fact) != getattr(FrameSource, fact, None), fact
+    wrapped.set_exposure(7.0)
+    assert wrapped.exposure is source.exposure and source.exposure.now_ms == 7.0
 
 
 @pytest.mark.parametrize("recording", RECORDED)

@@ -24,13 +24,19 @@ EXTRAS = {
     "foxglove": (("foxglove", "websockets", "rosbags"), "a sensor in Foxglove: ninedtact foxglove"),
     "rerun": (("rerun", "rosbags", "mcap"), "recordings and sensors in Rerun: export --to rerun, live --rerun"),
     "mujoco": (("mujoco",), "touch in MuJoCo scenes: ninedtact.interop.mujoco"),
-    "environments": (("ninedtact_train", "mujoco", "gymnasium"), "Gymnasium environments: ninedtact_train.environments"),
+    "environments": (
+        ("ninedtact_train", "mujoco", "gymnasium"),
+        "Gymnasium environments: ninedtact_train.environments",
+    ),
     "train": (
         ("ninedtact_train", "torch", "lightning", "onnx", "onnxruntime", "onnxscript", "tensorboard"),
         "training force models: train",
     ),
     "objects": (("trimesh", "thingi10k"), "mesh files as objects of the twin"),
-    "hardware": (("ninedtact_hardware", "build123d", "ezdxf", "shapely"), "parts, moulds, drawings and the circuit board: hardware"),
+    "hardware": (
+        ("ninedtact_hardware", "build123d", "ezdxf", "shapely"),
+        "parts, moulds, drawings and the circuit board: hardware",
+    ),
     "raspberry-pi": (("picamera2",), "a camera on a Raspberry Pi's ribbon cable"),
     "cluster": (("dask", "distributed", "joblib", "ray"), "work on clusters of Dask and Ray: --cluster"),
 }

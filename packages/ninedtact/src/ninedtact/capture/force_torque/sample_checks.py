@@ -21,6 +21,7 @@ from ninedtact.capture.wrench_source import (
     WrenchSampleRejected,
     WrenchSaturated,
     WrenchSource,
+    WrenchSourceWrapper,
 )
 from ninedtact.errors import InputError
 from ninedtact.quantities import Wrench
@@ -61,12 +62,12 @@ class SampleCheckSettings:
                 )
 
 
-class CheckedWrenchSource(WrenchSource):
+class CheckedWrenchSource(WrenchSourceWrapper):
     """Wraps a source and raises `WrenchSampleRejected` for its unusable samples."""
 
     def __init__(self, source: WrenchSource, settings: SampleCheckSettings = SampleCheckSettings()) -> None:
-        self.name = source.name
-        self._source, self._settings = source, settings
+        super().__init__(source)
+        self._settings = settings
         self._reset()
 
     def open(self) -> None:
@@ -80,10 +81,6 @@ class CheckedWrenchSource(WrenchSource):
         for detector in self._detectors:
             detector.check(wrench)
         return wrench
-
-    def close(self) -> None:
-        """Close the source that this one wraps."""
-        self._source.close()
 
     def _reset(self) -> None:
         detectors = (_SaturationDetector, _FreezeDetector, _JumpDetector)
@@ -166,13 +163,13 @@ class _JumpDetector:
         )
 
 
-class SkippingWrenchSource(WrenchSource):
+class SkippingWrenchSource(WrenchSourceWrapper):
     """Wraps a source and skips its rejected samples; `on_skip` is called once at the beginning of each run of them."""
 
     def __init__(self, source: WrenchSource, on_skip: Callable[[WrenchSampleRejected], None]) -> None:
-        self.name = source.name
+        super().__init__(source)
         self.skipped = 0
-        self._source, self._on_skip = source, on_skip
+        self._on_skip = on_skip
 
     def open(self) -> None:
         """Open the source; raises what it raises."""
@@ -190,10 +187,6 @@ class SkippingWrenchSource(WrenchSource):
                 if not reported:
                     self._on_skip(reason)
                 reported = True
-
-    def close(self) -> None:
-        """Close the source that this one wraps."""
-        self._source.close()
 
 
 _REMEMBERED_INTERVALS = 64

@@ -23,7 +23,12 @@ from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, Sa
 from ninedtact.capture.force_torque.serial_driver import SerialPortDriver
 from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareSettings
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
-from ninedtact.capture.wrench_source import ForceTorqueAddressUnknown, WrenchSensorLost, WrenchSource
+from ninedtact.capture.wrench_source import (
+    ForceTorqueAddressUnknown,
+    WrenchSensorLost,
+    WrenchSource,
+    WrenchSourceWrapper,
+)
 from ninedtact.design import ForceTorqueMount
 from ninedtact.quantities import Wrench
 
@@ -52,25 +57,13 @@ def force_torque_sensor_for(address: str) -> DriverWrenchSource:
     return DriverWrenchSource(DRIVERS[kind](address))
 
 
-class _FrameConversion(WrenchSource):
+class _FrameConversion(WrenchSourceWrapper):
     """Wraps a source whose samples are converted between the frame of a mounted device and the sensor frame."""
 
     def __init__(self, source: WrenchSource, mount: ForceTorqueMount = ForceTorqueMount()) -> None:
-        self.name = source.name
-        self._source = source
-        self._rotation, self._origin_mm, self._sign = (
-            _mount_rotation(mount),
-            np.array(mount.origin_mm, float),
-            mount.sign,
-        )
-
-    def open(self) -> None:
-        """Open the source; raises what it raises."""
-        self._source.open()
-
-    def close(self) -> None:
-        """Close the source that this one wraps."""
-        self._source.close()
+        super().__init__(source)
+        self._rotation, self._sign = _mount_rotation(mount), mount.sign
+        self._origin_mm = np.array(mount.origin_mm, float)
 
 
 class MountedWrenchSource(_FrameConversion):
