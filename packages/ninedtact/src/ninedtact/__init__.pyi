@@ -11,7 +11,7 @@ from .errors import NinedtactError
 from .force.estimator_interface import ForceEstimator
 from .force.estimator_loading import load_estimator
 from .mechanics.pose import Pose
-from .open_sensor import open, source_for  # noqa: A004
+from .open_sensor import open  # noqa: A004
 from .quantities import (
     Deformation,
     EstimateWarning,
@@ -41,6 +41,7 @@ from .simulation.press_sequence import ObjectTrajectory, PressSequence
 from .simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
 from .simulation.trajectory import ScriptedPress, press_trajectory
 from .simulation.twin import Twin, default_twin
+from .source_addresses import source_for
 
 __all__ = [
     "FIXED_EXPOSURE",

@@ -41,7 +41,7 @@ from ninedtact.cli.record import _twin_sources
 from ninedtact.cli.result_and_interrupt import stop_on_signal
 from ninedtact.cli.ros2_foxglove_and_serve import run_commands_together
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.open_sensor import assemble_live_sensor, load_given_or_recorded_sensor, source_in_real_time
+from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable
@@ -61,6 +61,7 @@ from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 from ninedtact.simulation.twin import default_twin
+from ninedtact.source_addresses import load_given_or_recorded_sensor, source_in_real_time
 from ninedtact_train.cli.collect import CollectTerminalDisplay, collect_progress_line, open_key_reader
 from ninedtact_train.collecting.collected_pairs import read_recorded_pairs
 from ninedtact_train.collecting.collection_sources import (
