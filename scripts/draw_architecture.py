@@ -56,7 +56,10 @@ def _imported_modules(tree: ast.Module) -> Iterator[str]:
 
 def box_positions() -> dict[str, tuple[float, float, float]]:
     """Return left edge, top edge and width of every package's box, the highest layer on top."""
-    layers = [sorted(name for name in layer if name not in HIDDEN and _exists(name)) for layer in reversed(LAYERS["ninedtact"])]
+    layers = [
+        sorted(name for name in layer if name not in HIDDEN and _exists(name))
+        for layer in reversed(LAYERS["ninedtact"])
+    ]
     boxes = {}
     for row, names in enumerate(layer for layer in layers if layer):
         space = WIDTH / len(names)

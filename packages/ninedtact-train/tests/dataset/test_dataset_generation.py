@@ -31,8 +31,14 @@ from ninedtact_train.dataset.generation.generate import (
     generate_dataset,
     make_simulated_sensor,
 )
-from ninedtact_train.dataset.generation.press_trajectory import PressSettings, PressTarget, RandomPress
-from ninedtact_train.dataset.generation.settings import GenerationImpossible, GenerationSettings, PairKindShares
+from ninedtact_train.dataset.generation.press_trajectory import RandomPress
+from ninedtact_train.dataset.generation.settings import (
+    GenerationImpossible,
+    GenerationSettings,
+    PairKindShares,
+    PressSettings,
+    PressTarget,
+)
 from ninedtact_train.dataset.schema import arrow_schema
 from ninedtact_train.dataset.statistics_and_card import (
     REAL_PERCENTILES,
@@ -40,11 +46,8 @@ from ninedtact_train.dataset.statistics_and_card import (
     move_to_force_sensor,
     wrench_percentiles,
 )
-from ninedtact_train.population.sensor_population import (
-    NonidealMechanicsShares,
-    sample_sensor,
-    sampled_sensor_from_json,
-)
+from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
+from ninedtact_train.population.sensor_population import sample_sensor, sampled_sensor_from_json
 
 SMALL = GenerationSettings(
     pairs=24,

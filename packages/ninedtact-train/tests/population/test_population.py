@@ -16,6 +16,7 @@ from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.fitted_parameters import FITTED_PARAMETERS, deviation_from_population
 from ninedtact.simulation.gel_brightness import BrightnessModel, GlarePatch
+from ninedtact_train.population.mechanics_shares import InvalidPopulation, NonidealMechanicsShares
 from ninedtact_train.population.real_sensor_twins import REAL_FITS
 from ninedtact_train.population.rectified_renderer import (
     misaligned_pixel_positions_mm,
@@ -24,8 +25,6 @@ from ninedtact_train.population.rectified_renderer import (
 )
 from ninedtact_train.population.sensor_population import (
     CalibrationMisalignment,
-    InvalidPopulation,
-    NonidealMechanicsShares,
     SampledSensor,
     sample_sensor,
     sample_sensors,

@@ -13,8 +13,8 @@
     └── DatasetError           recordings in progress and data sets: no usable pairs, faults found, work stopped
 
 An error that a program may want to tell apart from the others of its group has a class of its own (`BoardNotFound`, `CameraLost`).
-The sentence of an error is data: what was expected, what was found (`got`), and what to do (`remedy`). The command line prints it as
-one line and ends with exit code 1.
+The sentence of an error is data: what was expected, what was found (`got`), and what to do (`remedy`). The command line prints it
+as one line and ends with exit code 1.
 
 >>> try:
 ...     ninedtact.load_sensor("no_such_folder")

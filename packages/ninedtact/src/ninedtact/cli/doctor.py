@@ -35,7 +35,7 @@ EXTRAS = {
     "objects": (("trimesh", "thingi10k"), "mesh files as objects of the twin"),
     "hardware": (
         ("ninedtact_hardware", "build123d", "ezdxf", "shapely"),
-        "parts, moulds, drawings and the circuit board: hardware",
+        "parts, moulds, drawings, circuit board: hardware",
     ),
     "raspberry-pi": (("picamera2",), "a camera on a Raspberry Pi's ribbon cable"),
     "cluster": (("dask", "distributed", "joblib", "ray"), "work on clusters of Dask and Ray: --cluster"),

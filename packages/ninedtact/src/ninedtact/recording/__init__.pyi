@@ -1,4 +1,3 @@
-from .collected_pairs import RecordedPair, read_recorded_pairs
 from .export import export_recording
 from .mcap_repair import repair_recording
 from .metadata import RecordingMetadata
@@ -11,7 +10,6 @@ from .writer import RecordingWriter
 
 __all__ = [
     "RecordedFrameSource",
-    "RecordedPair",
     "RecordedWrenchSource",
     "Recording",
     "RecordingMetadata",
@@ -20,7 +18,6 @@ __all__ = [
     "SensorToRecord",
     "Topic",
     "export_recording",
-    "read_recorded_pairs",
     "record",
     "record_several",
     "recorded_sensor_addresses",
