@@ -11,12 +11,7 @@ import pytest
 from ninedtact.capture.camera_check import describe_camera_settings
 from ninedtact.capture.camera_delay import (
     CameraDelay,
-    CameraDelayImpossible,
-    CameraDelayOfOtherCamera,
-    CameraDelayUnmeasurable,
-    CameraDelayUnreadable,
     FileLight,
-    LightSwitchFailed,
     SimulatedDelayedCamera,
     SimulatedLight,
     TerminalLight,
@@ -28,6 +23,7 @@ from ninedtact.capture.camera_delay import (
 )
 from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraLost, CameraSettings, FrameSource
 from ninedtact.cli import main
+from ninedtact.errors import CameraError, FileFormatError, InputError
 from ninedtact.quantities import Frame
 
 WRITTEN = CameraDelay(delay_ms=42.0, error_ms=0.5, camera="camera 0", rate_hz=30.0, correlation=0.99)
@@ -65,7 +61,7 @@ def test_delays_are_searched_from_a_tenth_of_a_second_early_to_six_tenths_late()
         if is_found:
             assert estimate_delay(*observed).delay_ms == pytest.approx(1e3 * delay_s, abs=2)
         else:
-            with pytest.raises(CameraDelayUnmeasurable, match=r"by -0\.1 to 0\.6 s with a correlation above 0\.8, got"):
+            with pytest.raises(CameraError, match=r"by -0\.1 to 0\.6 s with a correlation above 0\.8, got"):
                 estimate_delay(*observed)
 
 
@@ -76,10 +72,10 @@ def test_the_light_must_change_the_images_by_two_grey_levels_and_there_must_be_m
     found = estimate_delay(switches_s, stamps_s, 2.001 / contrast * grey)
     first, *_, last = stamps_s[use]
     assert found.rate_hz == pytest.approx((use.sum() - 1) / (last - first), rel=1e-12) and found.camera == ""
-    with pytest.raises(CameraDelayUnmeasurable, match=f"at least 2 grey levels .* got {use.sum()} that change by 2.0;"):
+    with pytest.raises(CameraError, match=f"at least 2 grey levels .* got {use.sum()} that change by 2.0;"):
         estimate_delay(switches_s, stamps_s, 1.999 / contrast * grey)
     begin = int(use.argmax())
-    with pytest.raises(CameraDelayUnmeasurable, match=r"got 50 that change by 0\.0"):
+    with pytest.raises(CameraError, match=r"got 50 that change by 0\.0"):
         estimate_delay(switches_s, stamps_s[begin : begin + 50], grey[begin : begin + 50])
     assert estimate_delay(switches_s, stamps_s[: begin + 51], grey[: begin + 51]).delay_ms == pytest.approx(30, abs=5)
 
@@ -178,9 +174,7 @@ def test_a_light_that_is_slow_to_switch_is_in_the_error(monkeypatch: pytest.Monk
     assert 0.14 <= apart_s.min() < 0.18 and 0.37 < apart_s.max() <= 0.42
     assert elapsed_s == sorted(elapsed_s) and 0 < elapsed_s[0] < 0.1 and 7.5 < elapsed_s[-1] < 8
     assert len(light.switched_ns) % 2 == 1  # off at the end
-    with pytest.raises(
-        CameraDelayUnmeasurable, match=r"expected a measurement of some seconds, got 0\.1 s; measure longer"
-    ):
+    with pytest.raises(CameraError, match=r"expected a measurement of some seconds, got 0\.1 s; measure longer"):
         measure_camera_delay(camera, light, 0.1)
 
 
@@ -193,18 +187,18 @@ def test_a_terminal_is_inverted_and_one_that_is_none_is_refused() -> None:
     os.close(viewer)
     with (
         Path(os.devnull).open("w") as nothing,
-        pytest.raises(LightSwitchFailed, match="expected a terminal as the light, got none"),
+        pytest.raises(InputError, match="expected a terminal as the light, got none"),
     ):
         TerminalLight(nothing).switch(True)
 
 
 def test_images_that_do_not_follow_the_light_give_no_delay() -> None:
     switches_s, stamps_s, grey = blinking(0.03, 0.01, 30)
-    with pytest.raises(CameraDelayUnmeasurable, match=r"change by 0\.0"):
+    with pytest.raises(CameraError, match=r"change by 0\.0"):
         estimate_delay(switches_s, stamps_s, np.full(len(grey), 80.0))
-    with pytest.raises(CameraDelayUnmeasurable, match="follow the light"):
+    with pytest.raises(CameraError, match="follow the light"):
         estimate_delay(switches_s, stamps_s, np.random.default_rng(0).permutation(grey))
-    with pytest.raises(CameraDelayUnmeasurable, match="measure longer"):
+    with pytest.raises(CameraError, match="measure longer"):
         estimate_delay(switches_s[:3], stamps_s[:20], grey[:20])
 
 
@@ -222,12 +216,12 @@ def test_the_delay_is_kept_in_the_sensor_folder(tmp_path: Path) -> None:
     written = path.read_text()
     path.write_text(written.replace(f"delay_ms = {WRITTEN.delay_ms}", f"delay_ms = {WRITTEN.delay_ms + 50}"))
     assert path.read_text() != written
-    with pytest.raises(CameraDelayUnreadable, match="other numbers than its checksum"):
+    with pytest.raises(FileFormatError, match="other numbers than its checksum"):
         read_camera_delay(tmp_path)
     path.write_text("delay_ms = 42.0\nerror_ms = 1.0\n")
     assert read_camera_delay(tmp_path) == CameraDelay(42.0, 1.0)
     path.write_text("delay_ms = nan\nerror_ms = 1.0\n")
-    with pytest.raises(CameraDelayUnreadable, match="delay_ms = nan"):
+    with pytest.raises(FileFormatError, match="delay_ms = nan"):
         read_camera_delay(tmp_path)
 
 
@@ -235,20 +229,20 @@ def test_a_delay_is_given_or_that_which_the_folder_keeps_of_this_camera(tmp_path
     for given in (0, -5000, 5000.0):
         assert resolve_camera_delay_ms(given, tmp_path, "camera 1") == given
     for impossible in (5000.1, -5001, np.nan):
-        with pytest.raises(CameraDelayImpossible, match=f"at most 5000 ms, got {impossible}"):
+        with pytest.raises(InputError, match=f"at most 5000 ms, got {impossible}"):
             resolve_camera_delay_ms(impossible, tmp_path, "camera 1")
-    with pytest.raises(CameraDelayUnreadable):
+    with pytest.raises(FileFormatError):
         resolve_camera_delay_ms("saved", tmp_path, "camera 0")
     write_camera_delay(tmp_path, WRITTEN)
     assert resolve_camera_delay_ms("saved", tmp_path, "camera 0") == 42.0
-    with pytest.raises(CameraDelayOfOtherCamera, match=r"delay of 'camera 1' .* got that of 'camera 0'"):
+    with pytest.raises(InputError, match=r"delay of 'camera 1' .* got that of 'camera 0'"):
         resolve_camera_delay_ms("saved", tmp_path, "camera 1")
     write_camera_delay(tmp_path, CameraDelay(7.0, 1.0))
     assert resolve_camera_delay_ms("saved", tmp_path, "camera 1") == 7.0
 
 
 def test_a_light_that_cannot_be_switched_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(LightSwitchFailed, match="expected to switch the light by writing"):
+    with pytest.raises(InputError, match="expected to switch the light by writing"):
         FileLight(tmp_path / "missing").switch(True)
     (tmp_path / "brightness").write_text("0")
     FileLight(tmp_path / "brightness").switch(True)

@@ -17,9 +17,9 @@ from ninedtact.capture.frame_source import (
     CameraSettings,
     SourceNotOpen,
 )
-from ninedtact.capture.image_and_video_files import ImageFileList
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera, _libcamera_controls
 from ninedtact.capture.shared_video_capture import ThreadSafeVideoCapture
+from ninedtact.capture.strict_image_reading import ImageFileList
 from ninedtact.capture.uvc_camera import UvcCamera
 
 

@@ -12,7 +12,7 @@ from hand_fed import HandFed
 
 from ninedtact.capture.frame_pacing import Arrival, LatestFrameSource, LivePlayback, NoRecentFrame
 from ninedtact.capture.frame_source import CameraLost, SourceEnded, SourceNotOpen
-from ninedtact.capture.image_and_video_files import ImageFolder
+from ninedtact.capture.strict_image_reading import ImageFolder
 from ninedtact.quantities import Frame
 
 LONG_MS = 20_000.0

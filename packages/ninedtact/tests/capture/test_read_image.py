@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from PIL import Image
 
 from ninedtact.capture.strict_image_reading import (
     ImageSizeWrong,
@@ -155,7 +154,7 @@ def test_what_cannot_be_measured_is_refused_with_the_reason(tmp_path: Path, capf
         "cut short": whole[:-1],
         "damaged": whole[:60] + b"?" + whole[61:],
         "an animation": whole[:33] + png_chunk(b"acTL", b"\0\0\0\1" + b"\0" * 4) + rest,
-        "2500000000 pixels": whole[:8] + png_chunk(b"IHDR", huge) + rest,
+        "50000 x 50000 pixels": whole[:8] + png_chunk(b"IHDR", huge) + rest,
     }
     for reason, content in reasons.items():
         path = tmp_path / "image.png"
@@ -203,7 +202,7 @@ def test_an_image_of_a_hundred_million_pixels_is_the_largest(tmp_path: Path) -> 
         )
 
     (tmp_path / "large.png").write_bytes(of_width(10_001))
-    with pytest.raises(ImageUnreadable, match="got 10001 x 10000 pixels"), pytest.warns(Image.DecompressionBombWarning):
+    with pytest.raises(ImageUnreadable, match="got 10001 x 10000 pixels"):
         read_image(tmp_path / "large.png")
     assert read_or_refuse(of_width(1000), tmp_path) is not None
 

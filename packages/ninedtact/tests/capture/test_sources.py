@@ -25,16 +25,17 @@ from ninedtact.capture.frame_source import (
     ExposureWithLimits,
     FrameSource,
     SourceEnded,
+    SourceIncomplete,
     SourceNotOpen,
     SourceUnknown,
 )
-from ninedtact.capture.image_and_video_files import ImageFileList, ImageFolder, VideoDamaged, VideoFile
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.source_from_address import camera_or_file_source
-from ninedtact.capture.strict_image_reading import ImageSizeWrong, ImageUnreadable
+from ninedtact.capture.strict_image_reading import ImageFileList, ImageFolder, ImageSizeWrong, ImageUnreadable
 from ninedtact.capture.uvc_camera import UvcCamera
+from ninedtact.capture.video_file import VideoFile
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording import merge_streams
@@ -426,7 +427,7 @@ def test_a_damaged_video_gives_its_whole_images_and_then_says_how_many_are_missi
     with VideoFile(path) as video:
         frames = []
         with pytest.raises(
-            VideoDamaged, match=r"expected every image of .*: \d+ are whole, \d+ (is|are) missing or damaged; use"
+            SourceIncomplete, match=r"expected every image of .*: \d+ are whole, \d+ (is|are) missing or damaged; use"
         ) as said:
             frames.extend(iter(video.read, None))
         with pytest.raises(SourceEnded, match=f"after {len(frames)}"):
@@ -445,7 +446,7 @@ def test_a_damaged_video_gives_its_whole_images_and_then_says_how_many_are_missi
 def test_images_that_a_decoder_gives_up_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "press.mp4"
     path.write_bytes(zeroed(written_video(path, "mp4v"), 0.5, 200))
-    with VideoFile(path) as video, pytest.raises(VideoDamaged, match="are missing or damaged") as said:
+    with VideoFile(path) as video, pytest.raises(SourceIncomplete, match="are missing or damaged") as said:
         list(video)
     assert said.value.uncounted > 0 and not video.damaged
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ninedtact.capture.image_and_video_files import count_missing_images
+from ninedtact.capture.video_file import count_missing_images
 
 
 def missing(positions_ms: object, rate_hz: float = 25.0, announced: float = 0.0) -> int:

@@ -47,26 +47,6 @@ _LEAST_CONTRAST = 2.0
 """Grey levels between light and dark images."""
 
 
-class CameraDelayUnmeasurable(CameraError):
-    """Raised where a delay cannot be measured, as when the images do not follow the light."""
-
-
-class LightSwitchFailed(InputError):
-    """Raised where the light cannot be switched."""
-
-
-class CameraDelayImpossible(InputError):
-    """Raised for a given delay that no camera has."""
-
-
-class CameraDelayUnreadable(FileFormatError):
-    """Raised where the file that keeps the delay is missing or damaged."""
-
-
-class CameraDelayOfOtherCamera(InputError):
-    """Raised where the delay that a sensor folder keeps is that of another camera."""
-
-
 class CameraDelay(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A measured delay of a camera, as `camera.toml` keeps it."""
 
@@ -87,7 +67,7 @@ class LightSwitch(ABC):
 
     @abstractmethod
     def switch(self, is_on: bool) -> None:
-        """Switch the light on or off; raises `LightSwitchFailed`."""
+        """Switch the light on or off; raises `InputError`."""
 
 
 class TerminalLight(LightSwitch):
@@ -97,9 +77,9 @@ class TerminalLight(LightSwitch):
         self._terminal = terminal
 
     def switch(self, is_on: bool) -> None:
-        """Invert the screen, or show it as usual; raises `LightSwitchFailed` where there is no terminal."""
+        """Invert the screen, or show it as usual; raises `InputError` where there is no terminal."""
         if not self._terminal.isatty():
-            raise LightSwitchFailed(
+            raise InputError(
                 "expected a terminal as the light, got none; run the command in a terminal, or name the file of an LED with --light"
             )
         self._terminal.write("\033[?5h" if is_on else "\033[?5l")
@@ -116,7 +96,7 @@ class FileLight(LightSwitch):
         self._path = path
 
     def switch(self, is_on: bool) -> None:
-        """Write 0, or 1 or the largest brightness; raises `LightSwitchFailed`."""
+        """Write 0, or 1 or the largest brightness; raises `InputError`."""
         largest = self._path.with_name("max_brightness")
         try:
             lit = largest.read_text().strip() if is_on and largest.is_file() else "1"
@@ -126,7 +106,7 @@ class FileLight(LightSwitch):
             finally:
                 os.close(file)
         except OSError as error:
-            raise LightSwitchFailed(
+            raise InputError(
                 f"expected to switch the light by writing to {self._path}, got: {error.strerror}; correct the path and its "
                 "permissions"
             ) from error
@@ -192,10 +172,10 @@ def measure_camera_delay(
 ) -> CameraDelay:
     """Switch the light for some seconds and return the delay of the open camera; the light is off before and afterwards.
 
-    Raises `CameraDelayUnmeasurable`, `LightSwitchFailed`, and what reading the camera raises.
+    Raises `CameraError`, `InputError`, and what reading the camera raises.
     """
     if not camera.is_live:
-        raise CameraDelayUnmeasurable(
+        raise CameraError(
             f"expected a live camera or stream, which can see the light, got {camera.name}, which is recorded; give a live camera"
         )
     rng, switches = np.random.default_rng(seed), []
@@ -211,11 +191,11 @@ def measure_camera_delay(
                 on_progress(elapsed_s)
             sleep(_LONGEST_S)
         finally:
-            with suppress(LightSwitchFailed):
+            with suppress(InputError):
                 light.switch(False)
     stamps_ns, brightness = reader.images()
     if len(switches) < 2:
-        raise CameraDelayUnmeasurable(f"expected a measurement of some seconds, got {seconds:g} s; measure longer")
+        raise CameraError(f"expected a measurement of some seconds, got {seconds:g} s; measure longer")
     before, after = np.array(switches).T
     found = estimate_delay((before + after) / 2e9, stamps_ns / 1e9, brightness)
     switching_ms = float(np.mean(after - before)) / 2e6
@@ -264,13 +244,13 @@ def estimate_delay(
 ) -> CameraDelay:
     """Return the delay by which the brightness of images follows a light that was off before the first of the switches.
 
-    Its error is that of a jackknife over ten parts of the images. Raises `CameraDelayUnmeasurable`.
+    Its error is that of a jackknife over ten parts of the images. Raises `CameraError`.
     """
     use = (stamps_s > switches_s[0]) & (stamps_s < switches_s[-1])
     stamps_s, brightness = stamps_s[use], brightness[use]
     contrast = float(np.subtract(*np.percentile(brightness, (90, 10)))) if len(brightness) > 5 * _BLOCKS else 0.0
     if contrast < _LEAST_CONTRAST:
-        raise CameraDelayUnmeasurable(
+        raise CameraError(
             f"expected images that change by at least {_LEAST_CONTRAST:g} grey levels with the light, got {len(brightness)} that "
             f"change by {contrast:.1f}; bring the camera to the light, darken the room, and measure longer"
         )
@@ -278,7 +258,7 @@ def estimate_delay(
     best = np.unravel_index(np.argmax(correlations), np.shape(correlations))
     coarse_s, correlation = float(_DELAYS_S[best[1]]), float(np.max(correlations))
     if correlation < _LEAST_CORRELATION or best[1] in (0, len(_DELAYS_S) - 1):
-        raise CameraDelayUnmeasurable(
+        raise CameraError(
             f"expected the brightness of the images to follow the light by {_DELAYS_S[0]:g} to {_DELAYS_S[-1]:.1f} s with a "
             f"correlation above {_LEAST_CORRELATION}, got {correlation:.2f} at {coarse_s:.2f} s; switch automatic exposure off and "
             "darken the room"
@@ -319,7 +299,7 @@ def write_camera_delay(sensor: Path, delay: CameraDelay) -> Path:
 def read_camera_delay(sensor: Path) -> CameraDelay:
     """Return the delay that a sensor folder keeps.
 
-    Raises `CameraDelayUnreadable`, also where it keeps none or where the numbers are not those that were written; a file without a
+    Raises `FileFormatError`, also where it keeps none or where the numbers are not those that were written; a file without a
     checksum is one that a person wrote.
     """
     path = sensor / CAMERA_FILE
@@ -329,7 +309,7 @@ def read_camera_delay(sensor: Path) -> CameraDelay:
             raise ValueError("other numbers than its checksum")
         return convert_tables_to_class(values, CameraDelay)
     except (OSError, ValueError, RecursionError) as trouble:
-        raise CameraDelayUnreadable(
+        raise FileFormatError(
             f"expected {path} with the delay of the camera, got: {trouble}; measure it with 'ninedtact camera-delay --sensor "
             f"{sensor}', or give it in ms"
         ) from trouble
@@ -338,17 +318,16 @@ def read_camera_delay(sensor: Path) -> CameraDelay:
 def resolve_camera_delay_ms(given: float | Literal["saved"], sensor: Path, camera: str) -> float:
     """Return a delay as it was given, or the one that the sensor folder keeps of this camera, by the name of its source.
 
-    A kept delay that names no camera is that of any. Raises `CameraDelayImpossible`, `CameraDelayUnreadable` or
-    `CameraDelayOfOtherCamera`.
+    A kept delay that names no camera is that of any. Raises `InputError` or `FileFormatError`.
     """
     if given == SAVED:
         kept = read_camera_delay(sensor)
         if kept.camera not in ("", camera):
-            raise CameraDelayOfOtherCamera(
+            raise InputError(
                 f"expected the delay of '{camera}' in {sensor / CAMERA_FILE}, got that of '{kept.camera}'; measure it with "
                 "'ninedtact camera-delay' and the same --source, or give it in ms"
             )
         return kept.delay_ms
     if not isinstance(given, int | float) or not abs(given) <= 5000:
-        raise CameraDelayImpossible(f"expected a delay of the camera of at most 5000 ms, got {given}; correct it")
+        raise InputError(f"expected a delay of the camera of at most 5000 ms, got {given}; correct it")
     return float(given)

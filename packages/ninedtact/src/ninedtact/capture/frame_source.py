@@ -18,7 +18,7 @@ Inner = TypeVar("Inner", bound="Openable")
 
 
 class SourceUnknown(InputError):
-    """Raised for text that names no camera, stream or file."""
+    """Raised for text that names no camera, stream, file or force/torque sensor."""
 
 
 class CameraNotFound(CameraError):
@@ -35,6 +35,11 @@ class CameraSettingRefused(CameraError):
 
 class SourceEnded(CameraError):
     """Raised where a recording has no further item."""
+
+
+def source_ended(name: str, count: int) -> SourceEnded:
+    """Return the error at the end of a file after some images."""
+    return SourceEnded(f"expected another image, got the end of {name} after {count}; stop here")
 
 
 class SourceIncomplete(FileFormatError):

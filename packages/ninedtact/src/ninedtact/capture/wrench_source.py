@@ -9,12 +9,8 @@ from collections.abc import Iterator
 
 from ninedtact._version import installation_command
 from ninedtact.capture.frame_source import Openable, SourceWrapper
-from ninedtact.errors import DeviceError, InputError, MissingLibraryError
+from ninedtact.errors import DeviceError, MissingLibraryError
 from ninedtact.quantities import Wrench
-
-
-class ForceTorqueAddressUnknown(InputError):
-    """The text names no force/torque sensor."""
 
 
 class WrenchSensorNotFound(DeviceError):

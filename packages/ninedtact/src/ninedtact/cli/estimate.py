@@ -137,7 +137,7 @@ class Estimate:
 
     def _name_of(self, index: int, source: "FrameSource") -> str:
         """Return the file of an image, also of one in a folder, or the number of a frame."""
-        from ninedtact.capture.image_and_video_files import ImageFolder
+        from ninedtact.capture.strict_image_reading import ImageFolder
 
         if _is_image(self.source[0]):
             return self.source[index]
@@ -157,7 +157,7 @@ class Estimate:
                 raise InvalidEstimateSource(
                     "expected --reference with single images, got none; name a reference image (no contact)"
                 )
-            from ninedtact.capture.image_and_video_files import ImageFileList
+            from ninedtact.capture.strict_image_reading import ImageFileList
 
             return ImageFileList([Path(text).expanduser() for text in self.source])
         if len(self.source) > 1:

@@ -40,7 +40,7 @@ class SimulatedCamera(FrameSource):
         self.timer = SampleTimer(self.simulation.clock, self.simulation.hz)
 
     @cached_property
-    def reference_frames(self) -> tuple[Frame, ...]:  # type: ignore[override]
+    def reference_frames(self) -> tuple[Frame, ...]:
         """The reference images (no contact) of the twin."""
         return simulate_reference_frames(self.simulation.twin)
 

@@ -27,10 +27,9 @@ from ninedtact.capture.force_torque.wrench_source_from_address import (
     build_wrench_source,
     force_torque_sensor_for,
 )
-from ninedtact.capture.frame_source import SourceNotOpen
+from ninedtact.capture.frame_source import SourceNotOpen, SourceUnknown
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
 from ninedtact.capture.wrench_source import (
-    ForceTorqueAddressUnknown,
     ForceTorqueLibraryMissing,
     WrenchSensorLost,
     WrenchSensorNotFound,
@@ -254,7 +253,7 @@ def test_text_names_a_sensor() -> None:
         "serial:x@1000000000",
     )
     for text in wrong:
-        with pytest.raises(ForceTorqueAddressUnknown, match=r"expected .* got .*; correct it"):
+        with pytest.raises(SourceUnknown, match=r"expected .* got .*; correct it"):
             force_torque_sensor_for(text)
 
 

@@ -14,7 +14,6 @@ from ninedtact.capture.force_torque.netft import _N_PER_UNIT, _NM_PER_UNIT, ONRO
 from ninedtact.capture.force_torque.sample_checks import (
     CheckedWrenchSource,
     SampleCheckSettings,
-    SampleChecksInvalid,
     SkippingWrenchSource,
 )
 from ninedtact.capture.force_torque.tare import (
@@ -31,9 +30,8 @@ from ninedtact.capture.force_torque.wrench_source_from_address import (
     MountedWrenchSource,
     build_wrench_source,
 )
-from ninedtact.capture.frame_source import SourceEnded
+from ninedtact.capture.frame_source import SourceEnded, SourceUnknown
 from ninedtact.capture.wrench_source import (
-    ForceTorqueAddressUnknown,
     WrenchFaulty,
     WrenchFrozen,
     WrenchJumped,
@@ -42,6 +40,7 @@ from ninedtact.capture.wrench_source import (
     WrenchSource,
 )
 from ninedtact.design import DesignImpossible, ForceTorqueMount
+from ninedtact.errors import InputError
 from ninedtact.quantities import Wrench
 
 ZERO = np.zeros(6)
@@ -98,7 +97,7 @@ def test_a_load_counts_as_saturated_from_98_per_cent_of_the_range(axis: int, sig
 
 @pytest.mark.parametrize("ranges", [{"range_n": (0, 1, 1)}, {"range_nm": (1, -1, 1)}, {"range_n": (1, 1, np.nan)}])
 def test_a_range_that_no_sensor_has_is_refused(ranges: dict[str, tuple[float, float, float]]) -> None:
-    with pytest.raises(SampleChecksInvalid, match="above zero"):
+    with pytest.raises(InputError, match="above zero"):
         SampleCheckSettings(**ranges)
 
 
@@ -325,7 +324,7 @@ def test_five_repeats_are_a_frozen_reading_of_a_slow_device(repeats: int, frozen
 def test_counts_and_units_of_the_network_are_newtons_and_newton_metres() -> None:
     assert _parse_host("netft:robot.local") == ("robot.local", 49152) != _parse_host("netft:robot.local:65535")
     for wrong in ("netft:", "netft:a:0", "netft:a:65536", "netft:a b"):
-        with pytest.raises(ForceTorqueAddressUnknown):
+        with pytest.raises(SourceUnknown):
             _parse_host(wrong)
     pound_n, inch_m = 0.45359237 * 9.80665, 0.0254
     assert [_N_PER_UNIT[unit] for unit in ("N", "kN", "lbf", "klbf", "kgf")] == pytest.approx(

@@ -1,6 +1,5 @@
-"""Source backends for files that any program wrote: a video file, a folder of images, or a list of image files.
-
-Read directly they deliver every image as fast as it is requested; under `LatestFrameSource` they play at `recorded_hz`.
+"""A video file as a source of frames. Read directly it delivers every image as fast as it is requested; under `LatestFrameSource`
+it plays at `recorded_hz`.
 
 OpenCV delivers a damaged video without an error: it leaves out images that cannot be decoded and scales those of another size. So
 the stored images (packets) are read beside the decoded ones: their number and their sizes are compared, and those that have a mark
@@ -8,7 +7,6 @@ of completeness are checked: the end marker of a JPEG image, the checksums of FF
 header show what the file lacks. Damage within an image of another format (MPEG-4, H.264) is not found unless the decoder gives up.
 """
 
-import re
 import time
 import zlib
 from collections.abc import Sequence
@@ -24,23 +22,20 @@ from ninedtact.capture.frame_source import (
     AddressedFrameSource,
     CameraNotFound,
     CameraSettings,
-    FrameSource,
-    SourceEnded,
     SourceIncomplete,
     SourceNotOpen,
+    source_ended,
 )
 from ninedtact.capture.shared_video_capture import silence_video_libraries
 from ninedtact.capture.strict_image_reading import (
+    IMAGE_SUFFIXES,
     ImageSizeWrong,
     ImageUnreadable,
     has_jpeg_end,
     jpeg_size,
-    read_image,
-    require_image_size,
 )
 from ninedtact.quantities import Frame
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 _DEFAULT_VIDEO_HZ = 30.0
 _JPEG = b"\xff\xd8"
 _FFV1 = int.from_bytes(b"ffv1", "little")
@@ -48,10 +43,6 @@ _FFV1 = int.from_bytes(b"ffv1", "little")
 _FFV1_FOOTER = 8
 """Bytes after each slice of an FFV1 image: its size (3), an error status (1) and a checksum (4) (RFC 9043, section 4.9)."""
 _REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
-
-
-class VideoDamaged(SourceIncomplete):
-    """Raised, once, at the end of a video of which images are missing or damaged; every other image was delivered before."""
 
 
 class VideoFile(AddressedFrameSource):
@@ -103,7 +94,7 @@ class VideoFile(AddressedFrameSource):
     def read(self) -> Frame:
         """Return the next undamaged image; raises `SourceEnded` after the last.
 
-        Raises `VideoDamaged` instead, once, where images are missing or damaged, and `ImageSizeWrong` where their size changes.
+        Raises `SourceIncomplete` instead, once, where images are missing or damaged, and `ImageSizeWrong` where their size changes.
         """
         with self._lock:
             if self._images is None:
@@ -122,7 +113,7 @@ class VideoFile(AddressedFrameSource):
                     stamp_ns = self._began_ns + round(1e6 * self._positions_ms[-1])
                     return Frame(np.asarray(image, np.uint8), stamp_ns, self._next_undelivered - 1)
                 self.damaged += 1
-            raise _ended(self.name, len(self._positions_ms) - self.damaged)
+            raise source_ended(self.name, len(self._positions_ms) - self.damaged)
 
     def close(self) -> None:
         """Close the file; opening it again starts from the first image."""
@@ -158,14 +149,14 @@ class VideoFile(AddressedFrameSource):
             )
 
     def _require_all_images(self) -> None:
-        """Raise `VideoDamaged` where images are missing or damaged."""
+        """Raise `SourceIncomplete` where images are missing or damaged."""
         count, undecoded = len(self._positions_ms), 0
         while self._packets.grab():
             undecoded += 1
         missing = max(undecoded, count_missing_images(self._positions_ms, self._rate_hz, self._announced))
         lost = self.damaged + missing
         if lost:
-            raise VideoDamaged(
+            raise SourceIncomplete(
                 f"expected every image of {self.path}, got a file that is cut or damaged: {_count(count - self.damaged)} whole, "
                 f"{_count(lost)} missing or damaged; use what was read, or record it again",
                 uncounted=missing + count - self._next_undelivered,
@@ -206,91 +197,5 @@ def _has_ffv1_checksums(packet: bytes) -> bool:
     return True
 
 
-class ImageFileList(FrameSource):
-    """A frame source of the given image files in this order, all of one size."""
-
-    is_live = False
-
-    def __init__(self, images: Sequence[Path], name: str = "images", recorded_hz: float | None = 10.0) -> None:
-        self.images = tuple(images)
-        self.name = name
-        self.recorded_hz = recorded_hz
-        self._lock = Lock()
-        self._next_index: int | None = None
-        self._size: tuple[int, int] | None = None
-
-    def open(self) -> None:
-        """Start with the first image."""
-        if self._next_index is None:
-            self._next_index, self._size = 0, None
-
-    def read(self) -> Frame:
-        """Return the next image; raises `SourceEnded`, or `ImageUnreadable` or `ImageSizeWrong` for a bad file.
-
-        A bad image is reported once and counts as read, so that the next call continues after it.
-        """
-        with self._lock:
-            if self._next_index is None:
-                raise SourceNotOpen(self.name)
-            index = self._next_index
-            if index == len(self.images):
-                raise _ended(self.name, index)
-            self._next_index += 1
-            path = self.images[index]
-            image = read_image(path)
-            self._size = self._size or image.shape[:2]
-            require_image_size(image, *self._size, str(path))
-            return Frame(image, time.monotonic_ns(), index)
-
-    def close(self) -> None:
-        """Close the list; opening it again starts from the first image."""
-        with self._lock:
-            self._next_index = None
-
-
-class ImageFolder(ImageFileList, AddressedFrameSource):
-    """A frame source of the images of a folder in the order of their names (2 before 10), all of one size."""
-
-    address_help = "a folder of images"
-    is_live = False
-
-    def __init__(self, folder: str | Path, recorded_hz: float = 10.0) -> None:
-        super().__init__((), f"folder {folder}", recorded_hz)
-        self.folder = Path(folder)
-
-    @classmethod
-    def from_address(cls, address: str, settings: CameraSettings) -> "ImageFolder | None":
-        """Return the source of a folder that exists; camera settings do not apply to it."""
-        folder = Path(address).expanduser()
-        return cls(folder) if address and folder.is_dir() else None
-
-    def open(self) -> None:
-        """List the images, anew at every opening; raises `CameraNotFound` where there are none."""
-        if self._next_index is not None:
-            return
-        self.images = tuple(_list_images(self.folder))
-        if not self.images:
-            kinds = ", ".join(IMAGE_SUFFIXES)
-            raise CameraNotFound(f"expected a folder of images ({kinds}), got none in {self.folder}; check the path")
-        super().open()
-
-
-def _list_images(folder: Path) -> list[Path]:
-    """Return the image files of a folder without hidden ones, numbers in their names in counting order."""
-    if not folder.is_dir():
-        return []
-    images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
-    return sorted((path for path in images if not path.name.startswith(".")), key=natural_sort_key)
-
-
-def natural_sort_key(path: Path) -> list[tuple[int, str]]:
-    """Return a sorting key that puts img_2 before img_10."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
-
-
 def _count(images: int) -> str:
     return f"{images} {'is' if images == 1 else 'are'}"
-
-
-def _ended(name: str, count: int) -> SourceEnded:
-    return SourceEnded(f"expected another image, got the end of {name} after {count}; stop here")
