@@ -21,7 +21,7 @@ from ninedtact.capture.camera_delay import (
     resolve_camera_delay_ms,
     write_camera_delay,
 )
-from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraLost, CameraSettings, FrameSource
+from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraLost, CameraSettings
 from ninedtact.cli import main
 from ninedtact.errors import CameraError, FileFormatError, InputError
 from ninedtact.quantities import Frame
@@ -80,102 +80,11 @@ def test_the_light_must_change_the_images_by_two_grey_levels_and_there_must_be_m
     assert estimate_delay(switches_s, stamps_s[: begin + 51], grey[: begin + 51]).delay_ms == pytest.approx(30, abs=5)
 
 
-def test_without_noise_the_error_is_that_of_the_model() -> None:
-    """A fifth of a millisecond; the light is seen through an exposure that the search has."""
-    switches_s = np.cumsum(np.random.default_rng(3).uniform(0.12, 0.4, 40))
-    light = SimulatedLight()
-    light.switched_ns += np.rint(switches_s * 1e9).astype(int).tolist()
-    stamps_s = np.arange(0, switches_s[-1], 1 / 97)
-    seen = [60 + 80 * light.share_on(round((at - 0.044) * 1e9), round((at - 0.034) * 1e9)) for at in stamps_s]
-    found = estimate_delay(switches_s, stamps_s, np.array(seen))
-    assert (found.delay_ms, found.error_ms) == (pytest.approx(39.0, abs=0.06), pytest.approx(0.2, abs=0.01))
-    assert found.correlation > 0.999
-
-
 def test_the_error_grows_with_the_noise_of_the_images() -> None:
     switches_s, stamps_s, grey = blinking(0.042, 0.012, 30, seed=2)
     noise = np.random.default_rng(9).normal(0, 8, len(grey))
     errors_ms = [estimate_delay(switches_s, stamps_s, grey + noise * factor).error_ms for factor in (0, 1, 2)]
     assert errors_ms[0] < 0.7 * errors_ms[1] and errors_ms[1] < 0.7 * errors_ms[2]
-
-
-def test_a_simulated_light_is_on_between_its_switches() -> None:
-    light = SimulatedLight()
-    light.switched_ns += [10, 20, 30]
-    for from_ns, to_ns, share in ((0, 10, 0), (5, 15, 0.5), (12, 18, 1), (20, 30, 0), (25, 45, 0.75), (0, 40, 0.5)):
-        assert light.share_on(from_ns, to_ns) == share
-    for is_on, count in ((True, 4), (False, 5), (False, 5), (True, 6), (True, 6)):  # only a change counts
-        light.switch(is_on)
-        assert len(light.switched_ns) == count
-
-
-def test_a_simulated_camera_stamps_its_images_a_known_time_after_the_middle_of_their_exposure(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    waits_s: list[float] = []
-    monkeypatch.setattr("ninedtact.capture.camera_delay.sleep", waits_s.append)
-    light = SimulatedLight()
-    with SimulatedDelayedCamera(light, delay_ms=15.0, rate_hz=50.0, exposure_ms=8.0) as camera:
-        assert camera.is_live and camera.is_simulated
-        first_ns = camera.read().stamp_ns
-        light.switched_ns += [first_ns + 7_000_000]  # two of eight milliseconds after the second exposure began
-        frames = [camera.read() for _ in range(2)]
-    assert [frame.stamp_ns - first_ns for frame in frames] == [20_000_000, 40_000_000]
-    assert waits_s[0] == 0 <= waits_s[1] <= 0.02 and 0 <= waits_s[2] <= 0.04
-    assert [frame.image.mean() for frame in frames] == pytest.approx([60 + 80 * 2 / 8, 140], abs=0.1)
-    assert [frame.index for frame in frames] == [1, 2] and frames[0].image.shape == (48, 64, 3)
-    assert frames[0].image.std() == pytest.approx(1, abs=0.1)
-
-
-def test_a_light_that_is_slow_to_switch_is_in_the_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It takes 20 ms, and changes in the middle; images come every 20 ms. Nobody waits: the clock is set forward."""
-    now_ns, delay_ns = [10**12], 30_000_000
-
-    def wait_s(seconds: float) -> None:
-        now_ns[0] += round(seconds * 1e9)
-
-    class SlowLight(SimulatedLight):
-        def switch(self, is_on: bool) -> None:
-            wait_s(0.01)
-            super().switch(is_on)
-            wait_s(0.01)
-
-    class Reader:
-        is_reading = True
-
-        def __init__(self, camera: FrameSource) -> None: ...
-
-        def __enter__(self) -> "Reader":
-            self.began_ns = now_ns[0]
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            self.stamps_ns = np.arange(self.began_ns, now_ns[0], 20_000_000)
-
-        def images(self) -> tuple[np.ndarray, np.ndarray]:
-            middles = (self.stamps_ns - delay_ns).tolist()
-            return self.stamps_ns, np.array(
-                [60 + 80 * light.share_on(at - 5_000_000, at + 5_000_000) for at in middles]
-            )
-
-    for name, replacement in (
-        ("monotonic", lambda: now_ns[0] / 1e9),
-        ("monotonic_ns", lambda: now_ns[0]),
-        ("sleep", wait_s),
-        ("_BrightnessReader", Reader),
-    ):
-        monkeypatch.setattr(f"ninedtact.capture.camera_delay.{name}", replacement)
-    light, elapsed_s = SlowLight(), list[float]()
-    camera = SimulatedDelayedCamera(light, name="the camera")
-    found = measure_camera_delay(camera, light, 8.0, on_progress=elapsed_s.append)
-    assert found.delay_ms == pytest.approx(30, abs=2) and found.camera == "the camera"
-    assert found.error_ms == pytest.approx(10, abs=0.3) and found.rate_hz == pytest.approx(50)
-    apart_s = np.diff(light.switched_ns[1 : len(elapsed_s) + 1]) / 1e9
-    assert 0.14 <= apart_s.min() < 0.18 and 0.37 < apart_s.max() <= 0.42
-    assert elapsed_s == sorted(elapsed_s) and 0 < elapsed_s[0] < 0.1 and 7.5 < elapsed_s[-1] < 8
-    assert len(light.switched_ns) % 2 == 1  # off at the end
-    with pytest.raises(CameraError, match=r"expected a measurement of some seconds, got 0\.1 s; measure longer"):
-        measure_camera_delay(camera, light, 0.1)
 
 
 def test_a_terminal_is_inverted_and_one_that_is_none_is_refused() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from bench_camera import BenchCamera, BenchCapture, BenchPi
+from bench_camera import BenchCamera, BenchPi
 from hand_fed import HandFed
 from mjpeg_camera import MjpegCamera
 from small_press_simulation import TWIN, small_press_simulation
@@ -33,7 +33,7 @@ from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.source_from_address import camera_or_file_source
-from ninedtact.capture.strict_image_reading import ImageFileList, ImageFolder, ImageSizeWrong, ImageUnreadable
+from ninedtact.capture.strict_image_reading import ImageFolder, ImageSizeWrong, ImageUnreadable
 from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.capture.video_file import VideoFile
 from ninedtact.capture.wrench_source import WrenchSource
@@ -220,12 +220,6 @@ def test_a_recording_that_is_closed_while_it_ends_is_not_started_again() -> None
     assert recording.opened == 1
 
 
-def test_nothing_is_lost_before_a_source_is_opened(bench: Bench) -> None:
-    assert reconnecting(bench.camera_source()).losses == patient(bench.camera_source()).dropped == 0
-    assert VideoFile("press.mp4").damaged == 0
-    assert ImageFileList([]).recorded_hz == ImageFolder(bench.folder).recorded_hz == 10.0
-
-
 def test_the_delay_of_a_camera_is_subtracted_from_the_stamps_of_its_images() -> None:
     fed = HandFed()
     with DelayCorrectedSource(fed, 42.0) as source:
@@ -257,27 +251,6 @@ def test_what_is_not_there_is_refused_in_one_sentence_and_nothing_stays_open(
     assert capfd.readouterr().err == ""
 
 
-def test_a_stream_is_opened_with_its_password_and_may_be_silent_for_two_seconds(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def open_stream(url: str, library: int, options: list[int]) -> BenchCapture:
-        opened.append((url, library, dict(zip(options[::2], options[1::2], strict=True))))
-        return camera.open_capture(0)
-
-    opened: list[object] = []
-    camera = BenchCamera()
-    monkeypatch.setattr("cv2.VideoCapture", open_stream)
-    with NetworkStream("rtsp://me:secret@camera/live") as source:
-        source.open()
-        assert source.read().index == 0
-    limits_ms = {cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: 5000, cv2.CAP_PROP_READ_TIMEOUT_MSEC: 2000}
-    assert opened == [("rtsp://me:secret@camera/live", cv2.CAP_FFMPEG, limits_ms)] and camera.held == 0
-    camera.plugged_in = False
-    with pytest.raises(CameraNotFound):
-        source.open()
-    assert camera.held == 0
-
-
 def test_a_stream_is_lost_when_it_is_unplugged_and_when_it_falls_silent() -> None:
     with MjpegCamera() as camera, NetworkStream(camera.url, read_timeout_ms=300.0) as source:
         source.read()
@@ -291,14 +264,13 @@ def test_a_stream_is_lost_when_it_is_unplugged_and_when_it_falls_silent() -> Non
             list(source)
 
 
-@pytest.mark.parametrize("command", ["record --out={out}.mcap", "estimate", "live --port=0"])
+@pytest.mark.parametrize("command", ["record --out={out}.mcap", "live --port=0"])
 def test_every_command_says_within_five_seconds_that_a_stream_has_stalled(command: str, tmp_path: Path) -> None:
     """The stream stays open and sends nothing more, after the images of a reference and some more."""
     sensor = twin_folder(tmp_path / "sensor", for_force=True)
     with MjpegCamera(480, 640, period_s=0.02, steady=True) as camera:
         words = command.format(out=tmp_path / "out").split()
-        words += [camera.url, "--force=physics"] if words[0] == "estimate" else [f"--source={camera.url}"]
-        run = [sys.executable, "-m", "ninedtact", *words, f"--sensor={sensor}"]
+        run = [sys.executable, "-m", "ninedtact", *words, f"--source={camera.url}", f"--sensor={sensor}"]
         with subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as running:
             began = time.monotonic()
             while camera.served < 40 and running.poll() is None and time.monotonic() - began < 120:
@@ -322,7 +294,7 @@ def test_an_estimate_of_a_stream_ends_with_its_answer_at_ctrl_c(tmp_path: Path) 
             assert running.stderr is not None
             said = next((line for line in running.stderr if "until Ctrl-C" in line), "")
             served, began = camera.served, time.monotonic()
-            while camera.served < served + 400 and running.poll() is None and time.monotonic() - began < 120:
+            while camera.served < served + 60 and running.poll() is None and time.monotonic() - began < 120:
                 time.sleep(0.02)
             running.terminate()  # as Ctrl-C, which jobs in the background ignore
             answer, _ = running.communicate(timeout=120)

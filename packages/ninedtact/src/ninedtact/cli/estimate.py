@@ -71,7 +71,8 @@ class Estimate:
         from ninedtact.shape.image_plausibility import ImageImplausible
 
         self._require_torque_point()
-        require_place_for_file(self.out)
+        if self.out is not None:
+            require_place_for_file(self.out)
         with given_or_recorded_sensor(self.sensor, self.source[0] if self.source else "") as folder:
             sensor = self.open_on_source(folder)
             found: list[dict[str, Any]] = []

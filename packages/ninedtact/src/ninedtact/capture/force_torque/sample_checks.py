@@ -23,6 +23,7 @@ from ninedtact.quantities import Wrench
 _NS_PER_MS = 1_000_000
 _AXES = ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
 _UNITS = ("N", "N", "N", "N·m", "N·m", "N·m")
+_LEAST_REPEATS = 5
 
 
 @dataclass(frozen=True)
@@ -59,100 +60,72 @@ class CheckedWrenchSource(WrenchSourceWrapper):
 
     def __init__(self, source: WrenchSource, settings: SampleCheckSettings = SampleCheckSettings()) -> None:
         super().__init__(source)
+        unknown = (np.inf, np.inf, np.inf)
         self._settings = settings
-        self._reset()
+        self._limits = settings.saturated_fraction * np.array(
+            [*(settings.range_n or unknown), *(settings.range_nm or unknown)]
+        )
+        self._jump_limits = np.repeat([settings.jump_n, settings.jump_nm], 3)
 
     def open(self) -> None:
         """Open the source; raises what it raises."""
         self._source.open()
-        self._reset()
+        self._repeated: Wrench | None = None
+        """The first of the samples that are all the same as the last."""
+        self._repeats = 0
+        self._accepted: Wrench | None = None
+        self._jumped_at_ns: int | None = None
 
     def read(self) -> Wrench:
         """Return the next sample; raises `WrenchSaturated`, `WrenchFrozen`, `WrenchJumped`, and what the source raises."""
         wrench = self._source.read()
-        for detector in self._detectors:
-            detector.check(wrench)
+        self._require_within_range(wrench)
+        self._require_change(wrench)
+        self._require_no_jump(wrench)
         return wrench
 
-    def _reset(self) -> None:
-        detectors = (_SaturationDetector, _FreezeDetector, _JumpDetector)
-        self._detectors = [detector(self.name, self._settings) for detector in detectors]
-
-
-class _SaturationDetector:
-    """Rejects samples at the end of the range of the device."""
-
-    def __init__(self, name: str, settings: SampleCheckSettings) -> None:
-        self._name, unknown = name, (np.inf, np.inf, np.inf)
-        ends = [*(settings.range_n or unknown), *(settings.range_nm or unknown)]
-        self._limits = settings.saturated_fraction * np.array(ends)
-
-    def check(self, wrench: Wrench) -> None:
+    def _require_within_range(self, wrench: Wrench) -> None:
         """Raise `WrenchSaturated` for a sample near the end of the range."""
         excess = np.abs(wrench.six) / self._limits
         worst = int(excess.argmax())
         if excess[worst] >= 1:
             raise WrenchSaturated(
-                f"expected {_AXES[worst]} of {self._name} within ± {self._limits[worst]:.3g} {_UNITS[worst]}, got "
+                f"expected {_AXES[worst]} of {self.name} within ± {self._limits[worst]:.3g} {_UNITS[worst]}, got "
                 f"{wrench.six[worst]:.3g}; press less"
             )
 
-
-class _FreezeDetector:
-    """Rejects a sample that the device keeps repeating."""
-
-    _LEAST_REPEATS = 5
-
-    def __init__(self, name: str, settings: SampleCheckSettings) -> None:
-        self._name, self._frozen_ms = name, settings.frozen_ms
-        self._first: Wrench | None = None
-        self._repeats = 0
-
-    def check(self, wrench: Wrench) -> None:
+    def _require_change(self, wrench: Wrench) -> None:
         """Raise `WrenchFrozen` for a sample that has repeated for too long."""
-        if self._first is None or not np.array_equal(wrench.six, self._first.six):
-            self._first, self._repeats = wrench, 0
+        if self._repeated is None or not np.array_equal(wrench.six, self._repeated.six):
+            self._repeated, self._repeats = wrench, 0
             return
         self._repeats += 1
-        same_ms = (wrench.stamp_ns - self._first.stamp_ns) / _NS_PER_MS
-        if self._repeats >= self._LEAST_REPEATS and same_ms > self._frozen_ms:
+        same_ms = (wrench.stamp_ns - self._repeated.stamp_ns) / _NS_PER_MS
+        if self._repeats >= _LEAST_REPEATS and same_ms > self._settings.frozen_ms:
             raise WrenchFrozen(
-                f"expected the samples of {self._name} to differ by noise, got the same one for {same_ms:.0f} ms; switch it "
+                f"expected the samples of {self.name} to differ by noise, got the same one for {same_ms:.0f} ms; switch it "
                 "off and on, and tare"
             )
 
-
-class _JumpDetector:
-    """Rejects a jump from the last accepted sample, until the new level has lasted."""
-
-    def __init__(self, name: str, settings: SampleCheckSettings) -> None:
-        self._name, self._settings = name, settings
-        self._last: Wrench | None = None
-        self._jumped_at_ns: int | None = None
-
-    def check(self, wrench: Wrench) -> None:
-        """Raise `WrenchJumped` for a sample that jumped and has not settled."""
-        if self._last is not None and self._is_jump(wrench, self._last):
+    def _require_no_jump(self, wrench: Wrench) -> None:
+        """Raise `WrenchJumped` for a jump from the last accepted sample, until the new level has lasted."""
+        if self._accepted is not None and self._is_jump(wrench, self._accepted):
             self._jumped_at_ns = self._jumped_at_ns or wrench.stamp_ns
             if wrench.stamp_ns - self._jumped_at_ns < self._settings.jump_settles_ms * _NS_PER_MS:
-                raise self._jump_error(wrench, self._last)
-        self._last, self._jumped_at_ns = wrench, None
+                change = wrench.six - self._accepted.six
+                worst = int((np.abs(change) / self._jump_limits).argmax())
+                raise WrenchJumped(
+                    f"expected {_AXES[worst]} of {self.name} to change by at most {self._jump_limits[worst]:.3g} "
+                    f"{_UNITS[worst]} from sample to sample, got {change[worst]:+.3g}; check its cable, and tare again if it "
+                    "stays there"
+                )
+        self._accepted, self._jumped_at_ns = wrench, None
 
     def _is_jump(self, wrench: Wrench, last: Wrench) -> bool:
         apart_ms = (wrench.stamp_ns - last.stamp_ns) / _NS_PER_MS
         if self._jumped_at_ns is None and apart_ms > self._settings.jump_within_ms:
             return False
-        force_n, torque_nm = np.abs(wrench.force_n - last.force_n), np.abs(wrench.torque_nm - last.torque_nm)
-        return bool(force_n.max() > self._settings.jump_n or torque_nm.max() > self._settings.jump_nm)
-
-    def _jump_error(self, wrench: Wrench, last: Wrench) -> WrenchJumped:
-        change = wrench.six - last.six
-        limits = np.repeat([self._settings.jump_n, self._settings.jump_nm], 3)
-        worst = int((np.abs(change) / limits).argmax())
-        return WrenchJumped(
-            f"expected {_AXES[worst]} of {self._name} to change by at most {limits[worst]:.3g} {_UNITS[worst]} from sample to "
-            f"sample, got {change[worst]:+.3g}; check its cable, and tare again if it stays there"
-        )
+        return bool((np.abs(wrench.six - last.six) > self._jump_limits).any())
 
 
 class SkippingWrenchSource(WrenchSourceWrapper):
