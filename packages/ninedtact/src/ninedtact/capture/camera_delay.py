@@ -10,10 +10,11 @@ import os
 import tomllib
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event
 from time import monotonic, monotonic_ns, sleep
 from typing import Annotated, Literal, TextIO
 
@@ -178,12 +179,13 @@ def measure_camera_delay(
         raise CameraError(
             f"expected a live camera or stream, which can see the light, got {camera.name}, which is recorded; give a live camera"
         )
-    rng, switches = np.random.default_rng(seed), []
+    rng, switches, is_over = np.random.default_rng(seed), [], Event()
     began_at, is_on = monotonic(), False
-    with _BrightnessReader(camera) as reader:
+    with ThreadPoolExecutor(1, f"brightness of {camera.name}") as pool:
+        reading = pool.submit(_read_brightness, camera, is_over)
         try:
             light.switch(False)
-            while reader.is_reading and (elapsed_s := monotonic() - began_at) < seconds:
+            while not reading.done() and (elapsed_s := monotonic() - began_at) < seconds:
                 sleep(rng.uniform(_SHORTEST_S, _LONGEST_S))
                 before_ns, is_on = monotonic_ns(), not is_on
                 light.switch(is_on)
@@ -191,9 +193,10 @@ def measure_camera_delay(
                 on_progress(elapsed_s)
             sleep(_LONGEST_S)
         finally:
+            is_over.set()
             with suppress(InputError):
                 light.switch(False)
-    stamps_ns, brightness = reader.images()
+    stamps_ns, brightness = reading.result()
     if len(switches) < 2:
         raise CameraError(f"expected a measurement of some seconds, got {seconds:g} s; measure longer")
     before, after = np.array(switches).T
@@ -202,41 +205,14 @@ def measure_camera_delay(
     return msgspec.structs.replace(found, camera=camera.name, error_ms=float(np.hypot(found.error_ms, switching_ms)))
 
 
-class _BrightnessReader:
-    """Reads a camera in the background and keeps stamp and mean brightness of each image."""
-
-    def __init__(self, camera: FrameSource) -> None:
-        self._camera, self._found, self._stop = camera, list[tuple[int, float]](), Event()
-        self._error: BaseException | None = None
-        self._thread = Thread(target=self._read, name=f"brightness of {camera.name}", daemon=True)
-
-    def _read(self) -> None:
-        try:
-            while not self._stop.is_set():
-                frame = self._camera.read()
-                self._found.append((frame.stamp_ns, float(frame.image.mean())))
-        except BaseException as error:  # handed to the thread that switches
-            self._error = error
-
-    def __enter__(self) -> "_BrightnessReader":
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join()
-
-    @property
-    def is_reading(self) -> bool:
-        """Whether the camera still delivers images."""
-        return self._error is None
-
-    def images(self) -> tuple[Array, Float64[Array, " n"]]:
-        """Return stamps in ns and brightness in grey levels; raises what the camera raised."""
-        if self._error is not None:
-            raise self._error
-        found = np.array(self._found).reshape(-1, 2)
-        return np.array([stamp_ns for stamp_ns, _ in self._found], np.int64), found[:, 1]
+def _read_brightness(camera: FrameSource, is_over: Event) -> tuple[Array, Float64[Array, " n"]]:
+    """Return stamps in ns and mean brightness of all images until the measurement is over; raises what the camera raises."""
+    stamps_ns, brightness = list[int](), list[float]()
+    while not is_over.is_set():
+        frame = camera.read()
+        stamps_ns.append(frame.stamp_ns)
+        brightness.append(float(frame.image.mean()))
+    return np.array(stamps_ns, np.int64), np.array(brightness)
 
 
 def estimate_delay(
