@@ -1,5 +1,5 @@
 from .export import export_recording
-from .mcap_repair import repair_recording
+from .labels_and_whole_copy import write_whole_copy
 from .metadata import RecordingMetadata
 from .reader import Recording, recorded_sensor_addresses
 from .recorded_source import RecordedFrameSource, RecordedWrenchSource
@@ -21,5 +21,5 @@ __all__ = [
     "record",
     "record_several",
     "recorded_sensor_addresses",
-    "repair_recording",
+    "write_whole_copy",
 ]
