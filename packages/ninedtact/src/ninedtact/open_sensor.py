@@ -70,8 +70,8 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
 
     Raises
     ------
-    SensorFolderDamaged, DepthNotCalibrated, SourceUnknown, SensorNotGiven, EstimatorUnknown, ForceModelUnusable,
-    OriginalWeightsUnusable, TractionImpossible, ImageUnreadable, ReferenceUnusable, ReferenceImplausible, ReferenceMomentRefused
+    SensorFolderDamaged, DepthNotCalibrated, SourceUnknown, SensorNotGiven, InputError, ForceModelUnusable,
+    FileFormatError, TractionImpossible, ImageUnreadable, ReferenceUnusable, ReferenceImplausible, ReferenceMomentRefused
         The sensor, the source, the estimator or a reference image is not usable. Opening the returned sensor raises what
         its source raises.
 

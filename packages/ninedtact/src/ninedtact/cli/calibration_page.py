@@ -19,8 +19,8 @@ from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.source_addresses import SIMULATED, is_twin_address, source_in_real_time
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.procedure import CalibrationSettings
     from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.calibration.settings import CalibrationSettings
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.design import SensorDesign
     from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera

@@ -34,7 +34,7 @@ EXTRAS = {
     ),
     "objects": (("trimesh", "thingi10k"), "mesh files as objects of the twin"),
     "hardware": (
-        ("ninedtact_hardware", "build123d", "ezdxf", "shapely"),
+        ("ninedtact_hardware", "build123d", "ezdxf"),
         "parts, moulds, drawings, circuit board: hardware",
     ),
     "raspberry-pi": (("picamera2",), "a camera on a Raspberry Pi's ribbon cable"),

@@ -30,14 +30,6 @@ Point = tuple[float, float, float]
 COLUMNS = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm", "eFx", "eFy", "eFz", "eTx", "eTy", "eTz")
 
 
-class InvalidEstimateSource(InputError):
-    """What was named cannot be estimated: nothing, several things that are not images, or images without a reference image."""
-
-
-class InvalidTorquePoint(InputError):
-    """The point that torques are to be about is no point near the sensor."""
-
-
 _MAX_ARM_MM = 1e6
 """Largest coordinate of the point that torques are about."""
 
@@ -98,14 +90,14 @@ class Estimate:
         return 0 if damage is None else 1
 
     def _require_torque_point(self) -> None:
-        """Raise `InvalidTorquePoint` for a point with a coordinate that is no number, or beyond all arms."""
+        """Raise `InputError` for a point with a coordinate that is no number, or beyond all arms."""
         if not all(abs(coordinate) <= _MAX_ARM_MM for coordinate in self.about_mm):
-            raise InvalidTorquePoint(
+            raise InputError(
                 f"expected --about-mm X Y Z of at most {_MAX_ARM_MM:g} mm each, got {self.about_mm}; 0 0 0 is the skin's centre"
             )
 
     def open_on_source(self, folder: "SensorFolder") -> "Sensor":
-        """Return the sensor on the named images, not yet opened; raises `InvalidEstimateSource`."""
+        """Return the sensor on the named images, not yet opened; raises `InputError`."""
         import ninedtact
 
         return ninedtact.open(
@@ -150,19 +142,19 @@ class Estimate:
         return all(_is_image(text) or Path(text).expanduser().is_dir() for text in self.source)
 
     def named_source(self) -> "str | FrameSource":
-        """Return the named images as a source, or the address of another source; raises `InvalidEstimateSource`."""
+        """Return the named images as a source, or the address of another source; raises `InputError`."""
         if not self.source:
-            raise InvalidEstimateSource("expected images of the pressed gel, got none; name them after the options")
+            raise InputError("expected images of the pressed gel, got none; name them after the options")
         if all(_is_image(text) for text in self.source):
             if not self.reference:
-                raise InvalidEstimateSource(
+                raise InputError(
                     "expected --reference with single images, got none; name a reference image (no contact)"
                 )
             from ninedtact.capture.strict_image_reading import ImageFileList
 
             return ImageFileList([Path(text).expanduser() for text in self.source])
         if len(self.source) > 1:
-            raise InvalidEstimateSource(
+            raise InputError(
                 f"expected images, or one video, folder or recording, got {len(self.source)} names that are not all "
                 "images; run the command once for each"
             )

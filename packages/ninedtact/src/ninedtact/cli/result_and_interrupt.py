@@ -99,9 +99,7 @@ def given_or_recorded_sensor(sensor: Path | None, source: str) -> "Iterator[Sens
 
 def load_estimator_with_notices(force: str, folder: "SensorFolder") -> "ForceEstimator":
     """Return the estimator that --force names and print what is to be known about it."""
-    from ninedtact.force.estimator_loading import load_estimator
-
-    estimator = load_estimator(force, folder)
+    estimator = folder.estimator(force)
     print_notices(estimator.notices)
     return estimator
 
