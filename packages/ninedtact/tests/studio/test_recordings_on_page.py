@@ -31,7 +31,7 @@ import ninedtact
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.errors import InputError, NinedtactError
-from ninedtact.force.estimator_interface import NoForceEstimator
+from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.live.wrench_history import MOST_HZ, WrenchHistory, WrenchWithUncertainty
 from ninedtact.open_sensor import assemble_live_sensor
@@ -77,11 +77,15 @@ def scaled_force(reading: Reading) -> WrenchEstimate:
     return WrenchEstimate(wrench, np.diag(np.full(6, 0.01)), deep_mm > 0, warnings)
 
 
-class ScaledForce(NoForceEstimator):
+class ScaledForce(ForceEstimator):
     """Estimates by `scaled_force`."""
+
+    name = "scaled"
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         return scaled_force(reading)
+
+    def forget(self) -> None: ...
 
 
 class Bench:

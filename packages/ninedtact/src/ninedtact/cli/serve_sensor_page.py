@@ -194,7 +194,7 @@ def twin_sensor_and_true_wrench(
     from ninedtact.sensor import Sensor
     from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
 
-    untouched = shape.depth_reader(*(references or shown.reference_frames))
+    untouched = shape.depth_reader(*(references or shown.camera.reference_frames))
     return Sensor(LatestFrameSource(shown.camera), shape, ReferenceImages(untouched)), [
         WrenchPoller(shown.force_torque, "true", TRUE_WRENCH_MEANING)
     ]
