@@ -53,7 +53,7 @@ def test_cells_are_squares_of_their_pitch(shape: tuple[int, int], thickness_mm: 
     position_mm = np.meshgrid(*(centred_axis_mm(side, mm_per_px) for side in shape[::-1]))
     inner = (slice(2, -2), slice(2, -2))
     for axis_mm, cell_mm in zip(position_mm, cells.coordinates_mm, strict=True):
-        np.testing.assert_allclose(cells.average(axis_mm)[inner], cell_mm[inner], atol=mm_per_px / 20)
+        np.testing.assert_allclose(cells.average(axis_mm)[inner], cell_mm[inner], atol=mm_per_px / 10)
     overhang_mm = np.array(cells.image_shape) * cells.pitch_mm - np.array(shape) * mm_per_px
     assert (overhang_mm > -1e-6).all() and overhang_mm.min() < 1e-6 and overhang_mm.max() < cells.pitch_mm
 

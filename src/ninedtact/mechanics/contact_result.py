@@ -134,6 +134,11 @@ class Contact:
             for pose, four, residual, count in zip(poses, fields, residuals, counts, strict=True)
         ]
 
+    def on_skin(self, skin: Skin) -> "Contact":
+        """Return the contact with its fields in the array library and on the device of this skin."""
+        names = ("pressure_mpa", "shear_mpa", "height_mm", "tangential_mm")
+        return replace(self, skin=skin, **{name: skin.asarray(to_numpy(getattr(self, name))) for name in names})
+
     def select(self, indices: Sequence[int], skin: Skin, friction: float) -> "Contact":
         """Return some contacts of a batch, all on this skin with this friction."""
         xp, where = array_namespace_of(self.height_mm), np.array(indices)
