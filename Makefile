@@ -9,44 +9,51 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 # Tests and benchmarks start commands hundreds of times; these shall load compiled modules, as they do for a user.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo real test test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs docs-images gallery tour dist benchmarks clean
+.PHONY: demo real test test-core test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs docs-images gallery tour dist benchmarks clean
 
 .venv/bin/uv:
 	$(PYTHON) -m venv .venv
 	.venv/bin/python -m pip install -q uv
 
-.venv/ready-demo: pyproject.toml constraints.txt | .venv/bin/uv
-	$(INSTALL) -e '.[studio]'
+PROJECTS := pyproject.toml $(wildcard packages/*/pyproject.toml) constraints.txt
+CORE := packages/ninedtact
+.venv/ready-demo: $(PROJECTS) | .venv/bin/uv
+	$(INSTALL) -e '$(CORE)[studio]'
 	touch $@
 
-.venv/ready: pyproject.toml constraints.txt | .venv/bin/uv
-	$(INSTALL) -e '.[studio,train,hardware,dev]'
+.venv/ready: $(PROJECTS) | .venv/bin/uv
+	$(INSTALL) -e '$(CORE)[studio]' -e 'packages/ninedtact-train[training]' -e packages/ninedtact-hardware --group dev
 	touch $@ .venv/ready-demo
 
 .venv/ready-cluster: .venv/ready
-	$(INSTALL) -e '.[cluster]'
+	$(INSTALL) -e '$(CORE)[cluster]'
 	touch $@
 
 .venv/ready-interop: .venv/ready
-	$(INSTALL) -e '.[mujoco,ros2,stream,foxglove,rerun]'
+	$(INSTALL) -e '$(CORE)[ros2,stream,foxglove,rerun]' -e 'packages/ninedtact-train[environments]'
 	touch $@
 
 .venv/ready-docs: .venv/ready
-	$(INSTALL) -e '.[docs]'
+	$(INSTALL) --group docs
 	touch $@
 
-# The tests of a file run on one worker, so that what they share is made once; tests/conftest.py says which files begin. One of them is
+# The tests of a file run on one worker, so that what they share is made once; conftest.py says which files begin. One of them is
 # tests/test_types.py, which does what `make types` does.
 PYTEST := .venv/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 test: .venv/ready lint
-	$(PYTEST) --ignore tests/mechanics
-	NINEDTACT_CHECK_MECHANICS=1 $(PYTEST) tests/mechanics
+	$(PYTEST) --ignore $(CORE)/tests/mechanics
+	NINEDTACT_CHECK_MECHANICS=1 $(PYTEST) $(CORE)/tests/mechanics
+
+# The first distribution alone.
+test-core: .venv/ready lint
+	$(PYTEST) $(CORE)/tests --ignore $(CORE)/tests/mechanics
+	NINEDTACT_CHECK_MECHANICS=1 $(PYTEST) $(CORE)/tests/mechanics
 
 # What a person does at the command line, with the lowest versions that pyproject.toml declares, and with newer interpreters. Each
 # runs in an environment of its own, without torch.
-JOURNEYS := tests/test_journeys.py tests/test_force_journeys.py tests/cli
+JOURNEYS := $(CORE)/tests/test_journeys.py $(CORE)/tests/test_force_journeys.py $(CORE)/tests/cli
 JOURNEY_INSTALL = VIRTUAL_ENV=$(CURDIR)/.venv-$* .venv/bin/uv pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt \
-	-e '.[studio,force,recording,datasets]' 'pytest>=8' 'hypothesis>=6.100' 'trimesh>=4'
+	-e '$(CORE)[studio,force,recording]' -e packages/ninedtact-train 'pytest>=8' 'hypothesis>=6.100' 'trimesh>=4'
 RUN_JOURNEYS = JAXTYPING_DISABLE=1 .venv-$*/bin/python -m pytest $(JOURNEYS)
 
 test-lowest: test-with-lowest
@@ -67,7 +74,7 @@ test-python-%: .venv/bin/uv
 
 # The versions of all packages for development, which `pip install -r requirements-dev.lock` installs anywhere.
 lock: .venv/bin/uv
-	.venv/bin/uv pip compile -q --upgrade pyproject.toml --python-version 3.11 --extra studio --extra train --extra hardware --extra dev \
+	.venv/bin/uv pip compile -q --upgrade $(wildcard packages/*/pyproject.toml) --group dev --python-version 3.11 --extra studio --extra training \
 	  -c constraints.txt $(if $(LINKS),--find-links $(LINKS)) --no-emit-index-url --no-emit-find-links \
 	  --custom-compile-command "make lock" -o requirements-dev.lock
 	sed -i -E 's/^([a-z0-9._-]+==[^+ ]+)\+[a-z0-9.]+/\1/' requirements-dev.lock  # +cpu names a build that lies on some machines only
@@ -78,21 +85,21 @@ licences: .venv/ready
 
 # Work on local clusters of Dask and Ray, which are started and ended here. Types are checked by `make test`.
 test-cluster: .venv/ready-cluster
-	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster tests/test_clusters.py
+	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster packages/ninedtact-train/tests/test_clusters.py
 
 # Doors to other programs, tried against those programs (MuJoCo, DDS, Foxglove, Rerun, C++, JavaScript; LeRobot in an environment
 # of its own). What needs none of them runs in `make test`.
 test-interop: .venv/ready-interop .venv-lerobot/ready
 	NINEDTACT_LEROBOT_PYTHON=$(CURDIR)/.venv-lerobot/bin/python \
-	  .venv/bin/python -m pytest -m 'interop or not interop' tests/interop
+	  .venv/bin/python -m pytest -m 'interop or not interop' $(CORE)/tests/interop
 	HF_HUB_OFFLINE=1 .venv-lerobot/bin/python -m pytest $(LEROBOT_PLUGIN)/tests
 
 # LeRobot in an environment of its own, because it pins other versions. It allows no torch as new as that of the checks.
 LEROBOT_PLUGIN := plugins/lerobot_camera_ninedtact
-.venv-lerobot/ready: pyproject.toml $(LEROBOT_PLUGIN)/pyproject.toml $(LEROBOT_PLUGIN)/tests/overrides.txt | .venv/bin/uv
+.venv-lerobot/ready: $(PROJECTS) $(LEROBOT_PLUGIN)/pyproject.toml $(LEROBOT_PLUGIN)/tests/overrides.txt | .venv/bin/uv
 	.venv/bin/uv venv -q --clear --python $(PYTHON) .venv-lerobot
 	VIRTUAL_ENV=$(CURDIR)/.venv-lerobot .venv/bin/uv pip install -q $(if $(LINKS),--find-links $(LINKS)) \
-	  --override $(LEROBOT_PLUGIN)/tests/overrides.txt -e . -e $(LEROBOT_PLUGIN) 'pytest>=8'
+	  --override $(LEROBOT_PLUGIN)/tests/overrides.txt -e $(CORE) -e packages/ninedtact-train -e $(LEROBOT_PLUGIN) 'pytest>=8'
 	touch $@
 
 # Commands that are interrupted, killed or out of disk, and hours of use in half an hour: docs/reliability.md holds the tables.
@@ -115,7 +122,7 @@ types: .venv/ready
 
 # Line coverage of the whole test suite, and the page of the ten least covered files.
 coverage: .venv/ready
-	$(PYTEST) --cov=ninedtact --cov-report=json:out/coverage.json
+	$(PYTEST) --cov=ninedtact --cov=ninedtact_train --cov=ninedtact_hardware --cov-report=json:out/coverage.json
 	.venv/bin/python scripts/write_coverage_page.py out/coverage.json
 
 # The documentation site, in out/site, which works without a network. Warnings, broken links and files from elsewhere are errors.
@@ -137,7 +144,7 @@ tour: .venv/ready
 TOOL := .venv/bin/uv tool run -q $(if $(LINKS),--find-links $(LINKS))
 dist: .venv/bin/uv
 	rm -rf dist out/dist_check && mkdir -p out/dist_check
-	.venv/bin/uv build -q $(if $(LINKS),--find-links $(LINKS)) --out-dir dist .
+	for one in packages/*; do .venv/bin/uv build -q $(if $(LINKS),--find-links $(LINKS)) --out-dir dist $$one || exit; done
 	.venv/bin/uv build -q $(if $(LINKS),--find-links $(LINKS)) --out-dir dist plugins/lerobot_camera_ninedtact
 	$(TOOL) twine check --strict dist/*.whl dist/*.tar.gz
 	$(TOOL) check-wheel-contents dist

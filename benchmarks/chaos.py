@@ -39,11 +39,11 @@ from chaos_of_time import (
 )
 
 from ninedtact.calibration.sensor_folder import load_sensor
-from ninedtact.dataset.reader import load_dataset
 from ninedtact.design import SensorDesign
 from ninedtact.recording.reader import Recording
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.twin import twin_from_design
+from ninedtact_train.dataset.reader import load_dataset
 
 NINEDTACT = (sys.executable, "-m", "ninedtact")
 END_S = 20.0

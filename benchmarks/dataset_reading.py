@@ -9,9 +9,9 @@ import numpy as np
 import tyro
 from figures import Figure, answer, at_least
 
-from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
-from ninedtact.dataset.reader import TactileDataset, load_dataset
-from ninedtact.dataset.schema import DatasetRow, ReferenceImage
+from ninedtact_train.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
+from ninedtact_train.dataset.reader import TactileDataset, load_dataset
+from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage
 
 WANTED_PER_S = 2000
 BATCH = 64

@@ -8,8 +8,8 @@ from time import perf_counter, process_time
 import tyro
 from figures import Figure, answer, at_most
 
-from ninedtact.dataset.generation.generate import generate_dataset, generate_file
-from ninedtact.dataset.generation.settings import GenerationSettings
+from ninedtact_train.dataset.generation.generate import generate_dataset, generate_file
+from ninedtact_train.dataset.generation.settings import GenerationSettings
 
 WANTED, ALLOWED_MINUTES = 10_000, 20.0
 

@@ -27,9 +27,9 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.simulation.calibration_images import simulate_calibration_images
-from ninedtact.simulation.real_sensor_twins import twins_of_real_fits
-from ninedtact.simulation.sensor_population import SampledSensor
 from ninedtact.simulation.twin import Twin
+from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
+from ninedtact_train.population.sensor_population import SampledSensor
 
 SENSOR = "L"
 MODULUS_MPA = 0.093

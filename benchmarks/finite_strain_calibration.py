@@ -20,9 +20,9 @@ from ninedtact.design import Gel
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.calibration_images import simulate_calibration_images
-from ninedtact.simulation.real_sensor_twins import twins_of_real_fits
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import Twin
+from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
 
 SENSOR, GEL, BALL_MM = "L", Gel(thickness_mm=1.973), 4.0
 DEPTHS_MM = (0.8, 1.1, 1.4)

@@ -22,16 +22,16 @@ import numpy as np
 import tyro
 from matplotlib.figure import Figure
 
-from ninedtact.dataset.generation.generate import generate_dataset
-from ninedtact.dataset.generation.settings import GenerationSettings
-from ninedtact.force.dataset_split import Kind, SplitKeys, SplitRows, SplitSettings, split_dataset
-from ninedtact.force.evaluation import WrenchPredictions, evaluate_predictions
 from ninedtact.force.network_input import InputChannels, NetworkInputSettings, scale_input_settings_to_width
-from ninedtact.force.training.examples import TrainingExamples
-from ninedtact.force.training.settings import CORRECTOR_TRAINING, DEFAULT_TRAINING, PAPER_TRAINING, ComputeSettings
-from ninedtact.force.training.train import train_network
 from ninedtact.quantities import WRENCH_AXES
-from ninedtact.workflows.dataset_training import read_training_examples
+from ninedtact_train.dataset.generation.generate import generate_dataset
+from ninedtact_train.dataset.generation.settings import GenerationSettings
+from ninedtact_train.dataset.split import Kind, SplitKeys, SplitRows, SplitSettings, split_dataset
+from ninedtact_train.evaluation import WrenchPredictions, evaluate_predictions
+from ninedtact_train.training.examples import TrainingExamples
+from ninedtact_train.training.settings import CORRECTOR_TRAINING, DEFAULT_TRAINING, PAPER_TRAINING, ComputeSettings
+from ninedtact_train.training.train import train_network
+from ninedtact_train.workflows.dataset_training import read_training_examples
 
 SPLITS: tuple[Kind, ...] = ("standard", "object", "sensor")
 HELD_OUT = 0.2

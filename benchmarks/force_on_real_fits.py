@@ -23,11 +23,9 @@ import tyro
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
-from ninedtact.dataset.generation.press_trajectory import PressSettings, RandomPress
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CalibrationError
 from ninedtact.force.estimator_loading import build_estimator
-from ninedtact.force.evaluation import WrenchPredictions, evaluate_predictions
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import Frame
@@ -35,13 +33,15 @@ from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import GlobalDimmingModel
 from ninedtact.shape.image_plausibility import ImageImplausible, require_plausible_image
-from ninedtact.simulation.batched.session_requests import SimulatedSetup, run_session_on_cpu
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generate_object, generated_object_names
-from ninedtact.simulation.real_sensor_twins import twins_of_real_fits
-from ninedtact.simulation.rectified_renderer import rectified_renderer
-from ninedtact.simulation.sensor_population import SampledSensor, sample_transparent_layer
+from ninedtact_train.batched.session_requests import SimulatedSetup, run_session_on_cpu
+from ninedtact_train.dataset.generation.press_trajectory import PressSettings, RandomPress
+from ninedtact_train.evaluation import WrenchPredictions, evaluate_predictions
+from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
+from ninedtact_train.population.rectified_renderer import rectified_renderer
+from ninedtact_train.population.sensor_population import SampledSensor, sample_transparent_layer
 
 Wrong = Literal["nothing", "pitch", "radius", "thinner", "thicker", "compliant_base", "finite_strain"]
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")

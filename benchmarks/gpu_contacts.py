@@ -17,11 +17,8 @@ import tyro
 from figures import Figure, answer, at_least
 from tallied import Tally
 
-from ninedtact.capture.training_pair_rule import SamplingRuleSettings
-from ninedtact.dataset.generation.generate import SimulatedPressSession, make_simulated_sensor
-from ninedtact.dataset.generation.settings import GenerationSettings, PairKindShares
-from ninedtact.simulation.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
-from ninedtact.simulation.batched.session_requests import (
+from ninedtact_train.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
+from ninedtact_train.batched.session_requests import (
     ContactSummary,
     RenderRequest,
     SessionRequest,
@@ -29,6 +26,9 @@ from ninedtact.simulation.batched.session_requests import (
     StepRequest,
     respond_on_cpu,
 )
+from ninedtact_train.collecting.training_pair_rule import SamplingRuleSettings
+from ninedtact_train.dataset.generation.generate import SimulatedPressSession, make_simulated_sensor
+from ninedtact_train.dataset.generation.settings import GenerationSettings, PairKindShares
 
 WANTED_PER_S = 500.0
 """Of drawn contacts, on a GPU."""

@@ -14,11 +14,11 @@ from file_mutations import Mutation, array_mutations, byte_mutations, text_mutat
 from mutated_files import FileKind, command, quietly, refusing
 
 from ninedtact import read_image
-from ninedtact.dataset import load_dataset
-from ninedtact.dataset.folder import REPORT_FILE, SENSORS_FILE, SETTINGS_FILE
-from ninedtact.dataset.image_cache import load_or_decode_images
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact.workflows.dataset_calibrations import load_simulated_sensors
+from ninedtact_train.dataset import load_dataset
+from ninedtact_train.dataset.folder import REPORT_FILE, SENSORS_FILE, SETTINGS_FILE
+from ninedtact_train.dataset.image_cache import load_or_decode_images
+from ninedtact_train.workflows.dataset_calibrations import load_simulated_sensors
 
 _ORIGIN_N, _RANGE_N = np.array([-3, -3, -12, -0.2, -0.2, -0.05]), np.array([6, 6, 12, 0.4, 0.4, 0.1])
 """Lower ends and widths of the ranges by which the original project normalises wrenches."""

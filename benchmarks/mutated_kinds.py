@@ -34,11 +34,7 @@ from ninedtact.capture.camera_delay import (
     resolve_camera_delay_ms,
     write_camera_delay,
 )
-from ninedtact.dataset import load_dataset
-from ninedtact.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
-from ninedtact.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact.design import design_to_toml
-from ninedtact.force.evaluation.predictions import WrenchPredictions, write_predictions
 from ninedtact.force.known_load_scale import ForceScale, write_force_scale
 from ninedtact.force.onnx_model import (
     CHECKSUM_METADATA_KEY,
@@ -47,13 +43,17 @@ from ninedtact.force.onnx_model import (
     SHIPPED_MODEL,
     stamp_checksum,
 )
-from ninedtact.hardware.design import default_hardware_design, hardware_design_to_toml
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.calibration_images import simulate_calibration_images
+from ninedtact_hardware.design import default_hardware_design, hardware_design_to_toml
+from ninedtact_train.dataset import load_dataset
+from ninedtact_train.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
+from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage
+from ninedtact_train.evaluation.predictions import WrenchPredictions, write_predictions
 
 SHARES = {
     "sensor.toml": 0.3,
@@ -193,8 +193,8 @@ def _designs(sensor: Path, folder: Path, count: dict[str, int], seed: int) -> li
         return 0
 
     def check(out: Path) -> int:
-        from ninedtact.hardware.buildability import find_broken_rules
-        from ninedtact.hardware.design import read_hardware_design
+        from ninedtact_hardware.buildability import find_broken_rules
+        from ninedtact_hardware.design import read_hardware_design
 
         found = read_hardware_design(hardware, "default")
         broken = [each.message for each in find_broken_rules(found)]

@@ -29,7 +29,7 @@ from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 
-CLIENTS = Path(__file__).parents[1] / "tests" / "studio" / "reading_clients.py"
+CLIENTS = Path(__file__).parents[1] / "packages/ninedtact/tests/studio" / "reading_clients.py"
 sys.path.append(str(CLIENTS.parent))
 CAMERA_HZ, DISPLAY_HZ = 30.0, 15.0
 

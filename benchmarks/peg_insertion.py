@@ -12,7 +12,7 @@ import numpy as np
 import tyro
 from figures import Figure, answer
 
-import ninedtact.interop.peg_insertion_environment
+import ninedtact_train.environments.peg_insertion_environment
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.simulation.calibration_images import simulate_calibration_images
@@ -57,7 +57,7 @@ def run(name: str, episodes: int, controller: Controller, **options: Any) -> lis
             action = np.clip(controller(observation), -1, 1).astype(np.float32)
             observation, _, terminated, truncated, state = env.step(action)
             ended, count, pin_n = terminated or truncated, count + 1, max(pin_n, state.get("pin_n", 0.0))
-        inserted += state["tip_mm"][2] <= -ninedtact.interop.peg_insertion_environment.DEPTH_MM
+        inserted += state["tip_mm"][2] <= -ninedtact_train.environments.peg_insertion_environment.DEPTH_MM
         steps.append(count)
         most_n.append(pin_n)
     return [

@@ -23,8 +23,8 @@ from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.depth import DepthReader, Smoothing
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, GUIDED_PRESSES, simulate_calibration_images
 from ninedtact.simulation.ground_truth import true_height_map_like
-from ninedtact.simulation.sensor_population import NonidealMechanicsShares, SampledSensor, sample_sensor
 from ninedtact.simulation.trajectory import ScriptedPress
+from ninedtact_train.population.sensor_population import NonidealMechanicsShares, SampledSensor, sample_sensor
 
 READINGS = ("physics", "physics, fast", "ratio", "table")
 OTHER_BALL = Ball(5.0)

@@ -20,9 +20,9 @@ from ninedtact.mechanics.indenter import LyingCylinder
 from ninedtact.quantities import Traction, WrenchEstimate
 from ninedtact.simulation.ground_truth import true_pressure_map_mpa, true_shear_map_mpa
 from ninedtact.simulation.objects.catalogue import generate_object
-from ninedtact.simulation.rectified_renderer import rectified_renderer
-from ninedtact.simulation.sensor_population import sample_sensor
 from ninedtact.simulation.trajectory import ScriptedPress
+from ninedtact_train.population.rectified_renderer import rectified_renderer
+from ninedtact_train.population.sensor_population import sample_sensor
 
 SIZE = (240, 180)
 PRESSES = (

@@ -23,14 +23,14 @@ from ninedtact.quantities import Frame, HeightMap, Rectified
 from ninedtact.reading import Reading
 from ninedtact.simulation.ground_truth import true_height_map
 from ninedtact.simulation.objects.catalogue import generate_object
-from ninedtact.simulation.sensor_population import (
+from ninedtact.simulation.trajectory import ScriptedPress
+from ninedtact.simulation.twin import Twin, default_twin
+from ninedtact_train.population.sensor_population import (
     MechanicsKind,
     correct_for_mechanics_kind,
     gel_on_base_compliance,
     sample_transparent_layer,
 )
-from ninedtact.simulation.trajectory import ScriptedPress
-from ninedtact.simulation.twin import Twin, default_twin
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 SHAPE, PX_MM = (90, 120), 0.2

@@ -18,8 +18,7 @@ import tyro
 from ninedtact import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
-from ninedtact.dataset.generation.generate import generate_dataset
-from ninedtact.dataset.generation.settings import GenerationSettings
+from ninedtact.design import PUBLISHED_MM_PER_PX, rectified_mm_per_px
 from ninedtact.errors import NinedtactError
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force
 from ninedtact.force.traction.traction_from_brightness import SolverSettings
@@ -31,8 +30,10 @@ from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import FINE_SMOOTHING, DepthReader
 from ninedtact.simulation.calibration_images import CalibrationPressSettings, simulate_calibration_images
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names
-from ninedtact.simulation.rectified_renderer import PUBLISHED_MM_PER_PX, rectified_mm_per_px, rectified_renderer
-from ninedtact.simulation.sensor_population import SampledSensor, sampled_sensor_from_json
+from ninedtact_train.dataset.generation.generate import generate_dataset
+from ninedtact_train.dataset.generation.settings import GenerationSettings
+from ninedtact_train.population.rectified_renderer import rectified_renderer
+from ninedtact_train.population.sensor_population import SampledSensor, sampled_sensor_from_json
 
 FAMILIES = {
     "cells",

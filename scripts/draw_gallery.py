@@ -19,11 +19,11 @@ import numpy as np
 import ninedtact
 from ninedtact import CalibrationImages, Frame, HeightMap, ScriptedPress, SensorFolder, Twin
 from ninedtact.cli import main as run_ninedtact
-from ninedtact.hardware.buildable_design import BuildableDesign
-from ninedtact.hardware.design import read_hardware_design
-from ninedtact.hardware.part_and_assembly_images import render_exploded_view
 from ninedtact.shape.coloured_height_map import colourise_heights, fit_colour_scale
 from ninedtact.simulation.calibration_images import simulate_calibration_images
+from ninedtact_hardware.buildable_design import BuildableDesign
+from ninedtact_hardware.design import read_hardware_design
+from ninedtact_hardware.part_and_assembly_images import render_exploded_view
 
 IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
 OBJECTS = (

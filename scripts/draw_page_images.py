@@ -25,7 +25,7 @@ from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
 import ninedtact
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "capture"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "packages/ninedtact/tests/capture"))
 from mjpeg_camera import MjpegCamera
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"

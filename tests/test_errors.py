@@ -8,8 +8,8 @@ import pytest
 
 import ninedtact
 from ninedtact import errors
-from ninedtact.hardware.buildability import BrokenRule, DesignNotBuildable
 from ninedtact.simulation.objects.mesh_objects import MeshMisplaced
+from ninedtact_hardware.buildability import BrokenRule, DesignNotBuildable
 
 PACKAGE = Path(ninedtact.__file__).parent
 GROUPS = {name for name, kind in vars(errors).items() if isinstance(kind, type) and kind is not errors.NinedtactError}

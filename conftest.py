@@ -1,0 +1,136 @@
+"""What all tests share. Shapes and types of annotated functions are checked while the tests run.
+
+The inner loops of the contact solvers take twice as long when they are checked. They are checked in the tests of `mechanics`, which
+run by themselves (`make test`), and unchecked in all others.
+"""
+
+import gc
+import os
+from pathlib import Path
+
+# Two workers with two threads each hinder each other: the tests of calibration take half as long again. Libraries read this when
+# they are first imported.
+for _library in ("OPENBLAS", "OMP"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
+import jaxtyping  # noqa: E402
+
+_PACKAGES = Path(__file__).parent / "packages"
+_UNCHECKED = set() if os.environ.get("NINEDTACT_CHECK_MECHANICS") else {"mechanics"}
+if not os.environ.get("JAXTYPING_DISABLE"):
+    from type_checker import check_calls, check_plain_arrays_faster
+
+    check_plain_arrays_faster()
+    jaxtyping.jaxtyped = check_calls  # type: ignore[assignment]
+    jaxtyping.install_import_hook(
+        sorted(
+            f"{path.parent.name}.{path.stem}"
+            for path in _PACKAGES.glob("*/src/*/*")
+            if path.stem not in _UNCHECKED and not path.stem.startswith("__")
+        ),
+        "type_checker.checked",
+    )
+
+import pytest  # noqa: E402 - the hook comes before anything that may import the package
+from hypothesis import HealthCheck, settings  # noqa: E402
+
+from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, calibrate  # noqa: E402
+from ninedtact.calibration.save import save_sensor  # noqa: E402
+from ninedtact.calibration.sensor_folder import SensorFolder  # noqa: E402
+from ninedtact.capture.shared_video_capture import silence_video_libraries  # noqa: E402
+from ninedtact.capture.strict_image_reading import read_image  # noqa: E402
+from ninedtact.simulation.calibration_images import simulate_calibration_images  # noqa: E402
+from ninedtact.simulation.twin import default_twin  # noqa: E402
+
+_LONGEST_FILES = (
+    "test_types.py",
+    "test_model_journey.py",
+    "test_mutated_files.py",
+    "test_export.py",
+    "test_pressing_by_hand.py",
+    "test_calibration_page.py",
+    "test_recordings_on_page.py",
+    "test_train_command.py",
+    "test_sensor_folder.py",
+    "test_board.py",
+    "test_journeys.py",
+    "test_hardware_commands.py",
+    "test_recording_journeys.py",
+    "test_examples.py",
+    "test_rules.py",
+    "test_led_board_rules.py",
+)
+"""Files that take a minute. They begin first, so that no worker is left with one at the end while the others have none."""
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Begin with the longest files, and run a test in a real browser once more where it fails.
+
+    On a busy computer a browser may take longer than its patience. The summary counts such tests as rerun, so that one that needs
+    it often is seen.
+    """
+    begin_at = {name: number for number, name in enumerate(_LONGEST_FILES)}
+    items.sort(key=lambda item: begin_at.get(item.path.name, len(begin_at)))
+    if config.pluginmanager.hasplugin("rerunfailures"):
+        for item in items:
+            if "browser" in getattr(item, "fixturenames", ()):
+                item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+def pytest_collection_finish() -> None:
+    """Spare what was imported and collected the search for garbage, which passes over all of it again and again."""
+    gc.collect()
+    gc.freeze()
+
+
+# A busy computer may take any time for an example.
+settings.register_profile("any time", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any time")
+
+# FFmpeg asks once, at its first video, how loud it may be: tests that write videos would ask for it before the sources do.
+silence_video_libraries()
+REAL_DATA = "NINEDTACT_REAL_DATA"
+PRESSES = ("board_reference", "board", "ball_reference", "ball")
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """Folder of real images, `sensor_a/board.png` and so on; tests that need it are skipped without it."""
+    default = Path(__file__).parents[1] / "shared" / "real"
+    folder = Path(os.environ.get(REAL_DATA, default))
+    if not (folder / "sensor_a" / "board.png").is_file():
+        pytest.skip(f"expected real images in {folder}, got none; set {REAL_DATA} to the folder that holds sensor_a")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def real_images(real_data: Path) -> dict[str, CalibrationImages]:
+    """The four images of each real sensor, by its letter."""
+    return {
+        letter: CalibrationImages(
+            **{name: read_image(real_data / f"sensor_{letter}" / f"{name}.png") for name in PRESSES}
+        )
+        for letter in "aij"
+    }
+
+
+@pytest.fixture(scope="session")
+def calibrated_a(real_images: dict[str, CalibrationImages]) -> Calibration:
+    """Sensor A calibrated with the defaults."""
+    return calibrate(real_images["a"])
+
+
+@pytest.fixture(scope="session")
+def sensor_a(calibrated_a: Calibration, tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
+    """Sensor A as it was calibrated; a test that changes its folder copies it."""
+    return save_sensor(tmp_path_factory.mktemp("sensor_a") / "sensor", calibrated_a)
+
+
+@pytest.fixture(scope="session")
+def twin_sensor(tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
+    """The default twin, calibrated from its own four images, by the method that is done soonest."""
+    images = CalibrationImages(**vars(simulate_calibration_images(default_twin())))
+    return save_sensor(
+        tmp_path_factory.mktemp("twin") / "sensor",
+        calibrate(images, settings=CalibrationSettings(method="ratio"), sensor_id="twin"),
+    )

@@ -1,0 +1,137 @@
+"""A hardware design with everything derived from it: solids, assembly, clearances, LED board, bill of materials and
+check report."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+from ninedtact_hardware.bill_of_materials import BillItem, build_bill_of_materials, sensor_cost_usd
+from ninedtact_hardware.buildability import require_buildable_design
+from ninedtact_hardware.clearances import Clearance, list_clearances
+from ninedtact_hardware.design import HardwareDesign, lens_view_radius_mm, sensing_corner_distance_mm
+from ninedtact_hardware.led_board.board_parameters import led_board_for_design
+from ninedtact_hardware.led_board.complete_layout import BoardLayout
+from ninedtact_hardware.led_board.design_rule_check import RuleViolation, find_violations, lay_out_checked_board
+from ninedtact_hardware.parts.part_catalogue import BuiltPart, build_parts
+from ninedtact_hardware.published_specifications import (
+    OTHER_PUBLISHED_SENSORS,
+    PUBLICATION_DISCREPANCIES,
+    PUBLISHED_9DTACT,
+    SensorSpecification,
+    format_sensor_comparison,
+    specification_of_design,
+)
+from ninedtact_hardware.sensor_assembly import AssemblyBody, BodyPair, find_nearby_part_pairs, place_assembly_bodies
+
+
+@dataclass(frozen=True)
+class BuildableDesign:
+    """A design that keeps all rules and has a valid LED board. Its solids are built on first access.
+
+    Raises `DesignNotBuildable`, `LedBoardImpossible`.
+    """
+
+    design: HardwareDesign
+
+    def __post_init__(self) -> None:
+        require_buildable_design(self.design)
+        _ = self.led_board_layout
+
+    @cached_property
+    def parts(self) -> dict[str, BuiltPart]:
+        """The built parts by name; raises `PartNotModelled`."""
+        return build_parts(self.design)
+
+    @cached_property
+    def bodies(self) -> list[AssemblyBody]:
+        """The bodies of the assembled sensor."""
+        return place_assembly_bodies(self.design, self.parts)
+
+    @cached_property
+    def adjacent_bodies(self) -> list[BodyPair]:
+        """Pairs of bodies that are near each other."""
+        return [*find_nearby_part_pairs(self.bodies)]
+
+    @property
+    def interferences(self) -> list[BodyPair]:
+        """Pairs of bodies that overlap unintentionally."""
+        return [pair for pair in self.adjacent_bodies if pair.interferes]
+
+    @cached_property
+    def clearances(self) -> list[Clearance]:
+        """Clearances between parts, computed from their dimensions."""
+        return [*list_clearances(self.design)]
+
+    @cached_property
+    def led_board_layout(self) -> BoardLayout:
+        """The laid-out LED board that fits this design."""
+        return lay_out_checked_board(led_board_for_design(self.design))
+
+    @cached_property
+    def led_board_faults(self) -> tuple[RuleViolation, ...]:
+        """The rules that the LED board breaks: none, unless its faults are known."""
+        return find_violations(self.led_board_layout)
+
+    @cached_property
+    def bill(self) -> list[BillItem]:
+        """The bill of materials."""
+        return build_bill_of_materials(self.design, {name: part.volume_mm3 for name, part in self.parts.items()})
+
+    @cached_property
+    def specification(self) -> SensorSpecification:
+        """Size, sensing area, mass and cost, as a row of the paper's table."""
+        return specification_of_design(self.design, (body.mass_g for body in self.bodies), sensor_cost_usd(self.bill))
+
+    def to_json_dict(self) -> dict[str, Any]:
+        """Return the results of all checks as a dictionary that JSON can hold."""
+        return {
+            "variant": self.design.variant,
+            "specification": {**asdict(self.specification), "ratio_mm": self.specification.ratio_mm},
+            "paper": {**asdict(PUBLISHED_9DTACT), "ratio_mm": PUBLISHED_9DTACT.ratio_mm},
+            "others": [{**asdict(other), "ratio_mm": other.ratio_mm} for other in OTHER_PUBLISHED_SENSORS],
+            "lens_reach_mm": lens_view_radius_mm(self.design),
+            "sensing_corner_distance_mm": sensing_corner_distance_mm(self.design),
+            "interferences": [asdict(pair) for pair in self.interferences],
+            "adjacent_bodies": [asdict(pair) for pair in self.adjacent_bodies],
+            "led_board_faults": [*map(str, self.led_board_faults)],
+            "clearances": [{**asdict(clearance), "is_tight": clearance.is_tight} for clearance in self.clearances],
+            "masses_g": {body.name: body.mass_g for body in self.bodies},
+            "publication_discrepancies": [asdict(each) for each in PUBLICATION_DISCREPANCIES],
+        }
+
+    def check_report_lines(self) -> Iterator[str]:
+        """Yield the results of all checks as lines of text."""
+        tight = sum(clearance.is_tight for clearance in self.clearances)
+        kept = f"no rule broken, but {tight} clearances are tight" if tight else "all rules kept"
+        yield f"design {self.design.variant}: {kept}; {len(self.bodies)} bodies"
+        yield from _format_interferences(self)
+        faults = self.led_board_faults
+        yield f"  the LED board breaks {len(faults)} of its own rules{f', the first {faults[0]}' if faults else ''}"
+        yield from _format_clearances(self.clearances)
+        reach, corner = lens_view_radius_mm(self.design), sensing_corner_distance_mm(self.design)
+        yield f"the lens reaches {reach:.2f} mm, the sensing area's corner is at {corner:.2f} mm"
+        yield "comparison with Table I of the paper (mass of this design by assumed densities, its cost by estimated prices):"
+        rows = (self.specification, PUBLISHED_9DTACT, *OTHER_PUBLISHED_SENSORS)
+        yield from ("  " + line for line in format_sensor_comparison(rows))
+        yield "where the paper and its files disagree (here: the published size):"
+        for each in PUBLICATION_DISCREPANCIES:
+            yield f"  {each.feature}: paper {each.paper or 'states nothing'}; files {each.files}; here {each.here}"
+
+
+def _format_interferences(sensor: BuildableDesign) -> Iterator[str]:
+    """Yield a line for each interference, and their number."""
+    for pair in sensor.interferences:
+        yield f"  INTERFERES: {pair.first} and {pair.second} overlap by {pair.overlap_mm3:.3f} mm³"
+    meant = sum(pair.overlap_mm3 > 0 and pair.is_intended for pair in sensor.adjacent_bodies)
+    many = len(sensor.interferences)
+    pairs = "1 pair interferes" if many == 1 else f"{many} pairs interfere"
+    yield f"  {pairs}; {meant} inserts overlap with their bores, as intended: they melt into them"
+
+
+def _format_clearances(clearances: list[Clearance]) -> Iterator[str]:
+    """Yield the table of clearances."""
+    yield "clearances in mm (required):"
+    for clearance in clearances:
+        tight = "   TIGHT" if clearance.is_tight else ""
+        yield f"  {clearance.clearance_mm:7.3f} ({clearance.required_mm:.2f}) {clearance.faces}{tight}"

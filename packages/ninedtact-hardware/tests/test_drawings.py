@@ -1,0 +1,140 @@
+"""What a shop reads off the sheets."""
+
+import numpy as np
+import pytest
+from build123d import Box
+from matplotlib.colors import to_rgb
+from matplotlib.text import Annotation
+
+from ninedtact.design import Gel, SensingArea, SensorDesign
+from ninedtact_hardware import part_and_assembly_images
+from ninedtact_hardware.buildable_design import BuildableDesign
+from ninedtact_hardware.design import default_hardware_design
+from ninedtact_hardware.drawings.drawing_sheet import INK, DrawingSheet, NoteLine, build_drawing_notes
+from ninedtact_hardware.drawings.part_geometry import Polyline, project_section
+from ninedtact_hardware.part_and_assembly_images import colour_bodies, render_solids
+from ninedtact_hardware.parts.part_catalogue import BuiltPart
+from ninedtact_hardware.parts.solids import build_first_mould, build_second_mould
+from ninedtact_hardware.sensor_assembly import AssemblyBody
+
+BARE_MM2 = {
+    "acrylic_window": 14.0 * 2.0,
+    "base_board": 50.0 * 3.0,
+    "first_mould": (50 - 22.5) * 2.5,
+    "second_mould": (50 - 24.1) * 2.8,
+}
+"""Of the plane x = 0 in the original's plates; the base board has no hole there, the moulds their window."""
+
+
+@pytest.mark.parametrize("name", BARE_MM2)
+def test_a_cut_lays_bare_what_the_plane_meets(original: BuildableDesign, name: str) -> None:
+    cut = project_section(original.parts[name].solid).cut
+    assert sum(map(area_mm2, cut)) == pytest.approx(BARE_MM2[name], abs=0.01)
+
+
+@pytest.mark.parametrize(("width", "height", "gel"), [(10.0, 10.0, 1.5), (60.0, 45.0, 5.0)])
+def test_so_it_does_in_every_size(width: float, height: float, gel: float) -> None:
+    design = default_hardware_design(SensorDesign(gel=Gel(gel), sensing_area=SensingArea(width, height)))
+    for build, window, thick_mm in (
+        (build_first_mould, design.horizontal_dimensions.translucent, gel),
+        (build_second_mould, design.horizontal_dimensions.black, gel + 0.3),
+    ):
+        cut = project_section(build(design)).cut
+        assert sum(map(area_mm2, cut)) == pytest.approx(
+            (design.horizontal_dimensions.plate[1] - window[1]) * thick_mm, abs=0.01
+        )
+
+
+def area_mm2(face: tuple[Polyline, ...]) -> float:
+    """The outline less its holes."""
+    outside, *holes = map(enclosed_mm2, face)
+    return outside - sum(holes)
+
+
+def enclosed_mm2(line: Polyline) -> float:
+    """Shoelace."""
+    x, y = line.T
+    return abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
+
+
+def test_cutting_the_shell_shows_its_window_hole_and_its_usb_slot(default: BuildableDesign) -> None:
+    view = project_section(default.parts["sensor_shell"].solid)
+    assert len(view.cut) == 3, "wall at +y with half a floor, floor and wall above the slot, wall below the slot"
+    (low_y, low_z), (high_y, high_z) = view.box
+    assert (high_y - low_y, high_z - low_z) == pytest.approx(default.parts["sensor_shell"].size_mm[1:], abs=1e-6)
+
+
+def test_a_sheet_says_how_exact_a_part_must_be(default: BuildableDesign) -> None:
+    part = default.parts["isolation_ring"]
+    svg = dict(DrawingSheet(part, build_drawing_notes(default.design, part)).to_svg_and_pdf())["svg"].decode()
+    for text in (
+        "A–A",
+        "tolerance ± 0.15",
+        "0.050  isolation ring, window hole of the shell",
+        "ring.bore_mm  10.1",
+        "1 x ⌀10.10",
+    ):
+        assert text in svg
+
+
+def test_the_table_stays_on_the_sheet_however_long_it_is(default: BuildableDesign) -> None:
+    rows = [NoteLine(f"row {number}") for number in range(90)]
+    (axes,) = DrawingSheet(default.parts["acrylic_window"], rows).draw_figure().axes
+    heights = [text.get_position()[1] for text in axes.texts if text.get_text().startswith("row ")]
+    assert len(heights) == 90 and min(heights) >= 15
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        (
+            "calibration_board",
+            ("63 x ⌀1.20, pitch 2.50", "9 columns x 7 rows", "pin_board.pitch_mm  2.5", "z 4.00", "R4.00"),
+        ),
+        (
+            "second_mould",
+            ("R1.80", "R12.00", "gels.black_top_mm  0.3", "gels.black_side_mm  0.8", "gel.thickness_mm  2.5"),
+        ),
+        ("base_board", ("moulds.base_mm  3", "4 x ⌀2.20")),
+    ],
+)
+def test_a_sheet_tells_all_that_shapes_a_part(default: BuildableDesign, name: str, words: tuple[str, ...]) -> None:
+    svg = sheet_svg(default, name)
+    for text in words:
+        assert text in svg
+
+
+def test_a_sheet_tells_nothing_else(default: BuildableDesign) -> None:
+    assert "base_mm" not in sheet_svg(default, "first_mould") and "round, about" not in sheet_svg(
+        default, "acrylic_window"
+    )
+
+
+def sheet_svg(sensor: BuildableDesign, name: str) -> str:
+    part = sensor.parts[name]
+    return dict(DrawingSheet(part, build_drawing_notes(sensor.design, part)).to_svg_and_pdf())["svg"].decode()
+
+
+def test_arrows_of_the_cut_look_towards_the_half_that_is_shown(default: BuildableDesign) -> None:
+    part = default.parts["first_mould"]
+    (axes,) = DrawingSheet(part, build_drawing_notes(default.design, part)).draw_figure().axes
+    looks = [text for text in axes.texts if isinstance(text, Annotation) and text.xy[1] == text.xyann[1]]
+    looks = [each for each in looks if each.arrow_patch.get_edgecolor()[:3] == to_rgb(INK)]
+    assert len(looks) == 2 and all(each.xyann[0] > each.xy[0] for each in looks), "from +x towards -x"
+
+
+def test_a_sheet_is_used_in_every_size() -> None:
+    """The next scale would be too large for the sheet, and is at most a third larger."""
+    for x in range(20, 140, 5):
+        sheet = DrawingSheet(BuiltPart("first_mould", "cut", Box(x, 0.8 * x, 2.5)), [])
+        wide = 1.8 * x * sheet.scale + 68
+        assert 0.55 * 302 < wide < 302
+
+
+def test_an_image_is_the_same_in_any_number_of_bands(default: BuildableDesign, monkeypatch: pytest.MonkeyPatch) -> None:
+    body = colour_bodies([AssemblyBody(name, default.parts[name].solid) for name in ("sensor_base", "camera")])
+    whole = render_solids(body, size_px=(360, 280))
+    for rows in (6, 1000):
+        monkeypatch.setattr(part_and_assembly_images, "BAND_ROWS", rows)
+        assert (render_solids(body, size_px=(360, 280)) == whole).all()
+    assert (whole[:9] == 255).all() and whole.std() > 10

@@ -1,0 +1,272 @@
+"""The folder from which a print shop, a laser cutter and a board house work."""
+
+import csv
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import ezdxf
+import numpy as np
+import pytest
+from build123d import import_step
+from ezdxf.entitydb import EntityDB
+
+from ninedtact.cli import main
+from ninedtact.design import SensingArea, SensorDesign
+from ninedtact_hardware.buildable_design import BuildableDesign
+from ninedtact_hardware.command import format_fabrication_warnings
+from ninedtact_hardware.design import default_hardware_design
+from ninedtact_hardware.export.design_folder import ExportFolderRefused, require_replaceable_parts_folder
+from ninedtact_hardware.export.part_files import STL_HEADER_BYTES, STL_RECORD, part_to_dxf, part_to_step, part_to_stl
+from ninedtact_hardware.part_and_assembly_images import shell_enlargement_factor
+from ninedtact_hardware.parts.part_catalogue import PART_CATALOGUE
+from ninedtact_hardware.parts.solids import build_sensor_shell
+from ninedtact_hardware.sensor_assembly import AssemblyBody
+
+NET_AREA_MM2 = {"base_board": 2802.15, "first_mould": 2153.12, "second_mould": 2069.28, "acrylic_window": 196.0}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As the command writes it."""
+    out = tmp_path_factory.mktemp("hardware") / "parts"
+    began = time.monotonic()
+    assert main(["hardware", "export", "--out", str(out)]) == 0
+    assert time.monotonic() - began < 120, (
+        "a minute alone; the checks of the tests and their neighbours take their share"
+    )
+    return out
+
+
+def test_everything_is_there(folder: Path) -> None:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    found = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    assert sorted(manifest["files"]) == found
+    for name, part in manifest["parts"].items():
+        assert f"{part['method']}/{name}.step" in found and f"images/{name}.png" in found
+        assert (f"printed/{name}.stl" in found) == (part["method"] == "printed")
+        plate = f"cut/{name}_{part['box_mm'][2]:.2f}mm.dxf"
+        assert (plate in found) == (part["method"] == "cut")
+        assert (f"drawings/{name}.pdf" in found) == (part["method"] in ("printed", "cut"))
+    assert {
+        "bom.csv",
+        "cut/README.txt",
+        "printed/README.txt",
+        "bom.html",
+        "check.txt",
+        "design.toml",
+        "assembly/sensor.step",
+    } <= set(found)
+    assert any(name.startswith("led_board/") and name.endswith(".zip") for name in found)
+
+
+def test_step_read_back_equals_the_model(folder: Path, default: BuildableDesign) -> None:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert len(import_step(folder / "assembly" / "sensor.step").solids()) == 21
+    for name, told in manifest["parts"].items():
+        read = import_step(folder / told["method"] / f"{name}.step")
+        size = read.bounding_box().size
+        assert len(read.solids()) == 1
+        assert read.volume == pytest.approx(default.parts[name].volume_mm3, rel=1e-6)
+        assert pytest.approx(default.parts[name].size_mm, abs=1e-4) == (size.X, size.Y, size.Z)
+        assert told["volume_mm3"] == pytest.approx(read.volume, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", NET_AREA_MM2)
+def test_dxf_is_closed_at_scale_and_without_duplicates(original: BuildableDesign, tmp_path: Path, name: str) -> None:
+    path = tmp_path / "part.dxf"
+    path.write_bytes(part_to_dxf(original.parts[name].solid))
+    drawing = ezdxf.readfile(path)
+    assert drawing.units == ezdxf.units.MM and not drawing.audit().errors
+    entities = list(drawing.modelspace())
+    assert {entity.dxftype() for entity in entities} <= {"LWPOLYLINE", "CIRCLE"}
+    assert all(entity.closed for entity in entities if entity.dxftype() == "LWPOLYLINE")
+    keys = [outline_key(entity) for entity in entities]
+    assert len(keys) == len(set(keys))
+    areas = [enclosed_mm2(entity) for entity in entities]
+    assert max(areas) - (sum(areas) - max(areas)) == pytest.approx(NET_AREA_MM2[name], abs=0.01)
+    assert [entity.dxf.layer for entity in entities].count("outside") == 1
+
+
+def test_a_design_that_should_not_be_made_is_not_announced_as_one(
+    original: BuildableDesign, default: BuildableDesign
+) -> None:
+    said = "\n".join(format_fabrication_warnings(original.to_json_dict()))
+    assert "DO NOT ORDER led_board/" in said and "sensor_base and camera" in said
+    assert not [*format_fabrication_warnings(default.to_json_dict())]
+
+
+def test_shops_are_told_what_files_cannot_say(folder: Path) -> None:
+    cut, printed = ((folder / way / "README.txt").read_text() for way in ("cut", "printed"))
+    for told in ("first_mould: 2.50 mm, 1 x, clear acrylic; not on every shelf", "base_board: 3.00 mm, 1 x", "kerf"):
+        assert told in cut
+    for told in ("sensor_shell: white nylon", "5.16 cm³", "0.050  isolation ring, window hole", "± 0.15"):
+        assert told in printed
+
+
+@pytest.mark.parametrize("name", [made.name for made in PART_CATALOGUE if made.method == "printed"])
+@pytest.mark.parametrize("variant", ["default", "original"])
+def test_stl_is_watertight_and_as_large_as_the_solid(variant: str, name: str, request: pytest.FixtureRequest) -> None:
+    part = request.getfixturevalue(variant).parts[name]
+    corners = np.frombuffer(part_to_stl(part.solid), STL_RECORD, offset=STL_HEADER_BYTES)["corners"]
+    _, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    sides = np.concatenate([number.reshape(-1, 3)[:, pair] for pair in ((0, 1), (1, 2), (2, 0))])
+    assert (sides[:, 0] != sides[:, 1]).all(), "no triangle has two equal corners"
+    _, shared = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
+    assert (shared == 2).all() and len(np.unique(sides, axis=0)) == len(sides), "two triangles, once in each direction"
+    first, second, third = corners.astype(float).transpose(1, 0, 2)
+    assert (first * np.cross(second, third)).sum() / 6 == pytest.approx(part.volume_mm3, rel=0.005)
+
+
+WRITTEN = """
+from hashlib import sha256
+from ninedtact_hardware.design import default_hardware_design
+from ninedtact_hardware.drawings.drawing_sheet import DrawingSheet, build_drawing_notes
+from ninedtact_hardware.export.part_files import part_to_dxf
+from ninedtact_hardware.export.part_files import part_to_step
+from ninedtact_hardware.parts.solids import build_first_mould
+from ninedtact_hardware.parts.part_catalogue import BuiltPart
+
+design = default_hardware_design()
+part = BuiltPart("first_mould", "cut", build_first_mould(design))
+drawn = [content for _, content in DrawingSheet(part, build_drawing_notes(design, part)).to_svg_and_pdf()]
+written = part_to_dxf(part.solid), part_to_step(part.name, part.solid), *drawn
+print([sha256(content).hexdigest() for content in written])
+"""
+
+
+def test_another_process_writes_the_same_bytes() -> None:
+    def digests(seed: str) -> str:
+        environment = {**os.environ, "PYTHONHASHSEED": seed}
+        command = [sys.executable, "-c", WRITTEN]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+
+    assert digests("1") == digests("4")
+
+
+def outline_key(entity: ezdxf.entities.DXFGraphic) -> tuple:
+    if entity.dxftype() == "CIRCLE":
+        return tuple(round(value, 3) for value in (*entity.dxf.center, entity.dxf.radius))
+    return tuple(sorted((round(x, 3), round(y, 3)) for x, y in entity.get_points("xy")))
+
+
+def enclosed_mm2(entity: ezdxf.entities.DXFGraphic) -> float:
+    """Shoelace, and the segment of a circle over every bulged side."""
+    if entity.dxftype() == "CIRCLE":
+        return math.pi * entity.dxf.radius**2
+    points = list(entity.get_points("xyb"))
+    area = 0.0
+    for (x, y, bulge), (to_x, to_y, _) in zip(points, [*points[1:], points[0]], strict=True):
+        area += (x * to_y - y * to_x) / 2
+        if bulge:
+            angle = 4 * math.atan(bulge)
+            radius = math.dist((x, y), (to_x, to_y)) / 2 / math.sin(angle / 2)
+            area += radius**2 * (angle - math.sin(angle)) / 2
+    return abs(area)
+
+
+def test_the_same_design_gives_the_same_bytes(default: BuildableDesign, monkeypatch: pytest.MonkeyPatch) -> None:
+    part = default.parts["first_mould"]
+    once, types_in_use = part_to_dxf(part.solid), EntityDB.dxf_types_in_use
+    # A set: its order is another in every process.
+    monkeypatch.setattr(EntityDB, "dxf_types_in_use", lambda self: sorted(types_in_use(self), reverse=True))
+    assert part_to_dxf(part.solid) == once
+    monkeypatch.setattr(EntityDB, "dxf_types_in_use", lambda self: sorted(types_in_use(self)))
+    assert part_to_dxf(part.solid) == once
+    assert part_to_step(part.name, part.solid) == part_to_step(part.name, part.solid)
+
+
+def test_drawings_and_images_open(folder: Path) -> None:
+    for path in (folder / "images").glob("*.png"):
+        image = cv2.imread(str(path))
+        assert image.std() > 10 and (image[0, 0] == 255).all(), path.name
+    for path in (folder / "drawings").glob("*.svg"):
+        assert "mm" in path.read_text() and path.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+    base = (folder / "drawings" / "sensor_base.svg").read_text()
+    for text in ("sensor base", "32.50", "25.50", "4 x ⌀2.82", "base.pocket_wide_mm"):
+        assert text in base
+
+
+def test_larger_sensors_are_pulled_apart_further(default: BuildableDesign) -> None:
+    assert shell_enlargement_factor(default.bodies) == pytest.approx(1.0, abs=1e-6)
+    wide = build_sensor_shell(default_hardware_design(SensorDesign(sensing_area=SensingArea(60.0, 45.0))))
+    assert shell_enlargement_factor([AssemblyBody("sensor_shell", wide)]) > 2
+
+
+def test_the_bill_counts(folder: Path) -> None:
+    rows = list(csv.DictReader((folder / "bom.csv").read_text().splitlines()))
+    counts = {row["name"]: int(row["count"]) for row in rows}
+    assert (counts["insert"], counts["screw"], counts["clamp screw and nut"]) == (8, 4, 8)
+    page = (folder / "bom.html").read_text()
+    assert "M3 x 30" in page and "http" not in page
+    prices = [row["together_usd_estimated"] for row in rows]
+    assert re.findall(r'<td class="number">[\d.]+</td><td class="number">([\d.]+)</td>', page) == prices
+    assert re.findall(r'id="total">([\d.]+)<', page) == [
+        f"{sum(round(100 * float(price)) for price in prices) / 100:.2f}"
+    ]
+
+
+def test_every_image_of_the_bill_is_there(folder: Path) -> None:
+    sources = re.findall(r'<img src="([^"]+)"', (folder / "bom.html").read_text())
+    assert len(sources) == len(PART_CATALOGUE)
+    for source in sources:
+        assert cv2.imread(str(folder / source)) is not None, source
+
+
+@pytest.mark.parametrize(
+    "manifest", [None, '{"name": "another program\'s"}', '{"variant": "default", "files": ["mine.txt.bak"]}', "["]
+)
+def test_a_folder_with_anything_of_ones_own_is_left_alone(
+    manifest: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "letters" / "src").mkdir(parents=True)
+    (tmp_path / "letters" / "src" / "mine.txt").write_text("keep")
+    if manifest is not None:
+        (tmp_path / "letters" / "manifest.json").write_text(manifest)
+    assert main(["hardware", "export", "--out", str(tmp_path / "letters")]) == 1
+    assert "choose another name" in capsys.readouterr().err
+    assert (tmp_path / "letters" / "src" / "mine.txt").read_text() == "keep"
+
+
+def test_the_current_folder_is_refused_before_anything_is_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["hardware", "export", "--design", "missing.toml", "--out", "."]) == 1
+    assert "in which this program runs" in capsys.readouterr().err
+
+
+def test_a_manifest_that_is_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "manifest.json")
+    with pytest.raises(ExportFolderRefused, match="manifest"):
+        require_replaceable_parts_folder(tmp_path)
+
+
+def test_a_link_of_ones_own_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "projects").symlink_to(tmp_path, target_is_directory=True)
+    with pytest.raises(ExportFolderRefused, match="projects"):
+        require_replaceable_parts_folder(tmp_path / "parts")
+
+
+def test_an_older_export_may_be_replaced_and_leaves_nothing_behind(folder: Path) -> None:
+    require_replaceable_parts_folder(folder)
+    assert not list(folder.parent.glob(".*partial"))
+
+
+def test_an_export_that_is_terminated_leaves_nothing(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "ninedtact", "hardware", "export", "--out", str(tmp_path / "parts")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
+        began = time.monotonic()
+        while not list(tmp_path.glob(".*partial/printed")) and time.monotonic() - began < 60:
+            time.sleep(0.05)
+        running.terminate()
+        assert running.stderr is not None and "nothing was written half" in running.stderr.read()
+    assert running.returncode == 1
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,248 @@
+import json
+import os
+import re
+import subprocess
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
+from threading import Thread
+
+import cv2
+import pytest
+
+from ninedtact.cli import main
+from ninedtact.design import CameraGeometry, DesignImpossible, Gel, SensorDesign, shore_a_to_shear_modulus_mpa
+from ninedtact_hardware.buildable_design import BuildableDesign
+from ninedtact_hardware.command import ExploreDesignsCommand, format_bill_of_materials
+from ninedtact_hardware.design import (
+    DesignVariant,
+    default_hardware_design,
+    hardware_design_of_variant,
+    read_hardware_design,
+)
+from ninedtact_hardware.design_sweep import DesignSweep, change_design, explore_designs
+from ninedtact_hardware.fabrication_guide import format_fabrication_guide, write_fabrication_guide
+from ninedtact_hardware.materials import TRANSLUCENT_SILICONE, translucent_silicone_of_modulus
+from ninedtact_hardware.part_dimensions import FastenerDimensions, WindowDimensions
+
+DOCS = Path(__file__).parents[3] / "docs"
+
+
+def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict]:
+    code = main(["hardware", *arguments, "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_check(capsys: pytest.CaptureFixture[str]) -> None:
+    code, found = told(capsys, "check")
+    assert (code, found["broken"], found["interferences"]) == (0, [], [])
+    code, found = told(capsys, "check", "--variant", "original")
+    assert code == 1 and [pair["second"] for pair in found["interferences"]] == ["camera"]
+
+
+def test_check_names_the_broken_rule(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "thin.toml"
+    path.write_text("[hardware.shell]\nwall_mm = 0.5\n")
+    code, found = told(capsys, "check", "--design", str(path))
+    assert code == 1 and found["broken"][0]["rule"] == "wall_too_thin"
+    assert main(["hardware", "export", "--design", str(path), "--out", str(tmp_path / "parts")]) == 1
+    assert "(rule wall_too_thin)" in capsys.readouterr().err and not (tmp_path / "parts").exists()
+
+
+def test_check_names_an_impossible_circuit_board(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "far.toml"
+    path.write_text("[hardware.board]\ndriver_at_mm = [3.49, 8.0]\n")
+    code, found = told(capsys, "check", "--design", str(path))
+    (broken,) = found["broken"]
+    assert code == 1 and broken["rule"] == "led_board" and "circuit board" in broken["message"]
+
+
+@pytest.mark.parametrize(
+    ("text", "rule", "words"),
+    [
+        ("[hardware.board]\nlens_hole_mm = 11.0\n", "led_board", "LED board"),
+        (
+            "[sensing_area]\nwidth_mm = 130\nheight_mm = 90\n[camera]\ndistance_mm = 80\n",
+            "led_board",
+            "outline.width_mm",
+        ),
+        ("[hardware.base]\npin_mm = 0.9\npin_round_mm = 0.5\n", "part_not_modelled", "sensor_base"),
+    ],
+)
+def test_check_lists_what_cannot_be_laid_out_or_modelled(
+    text: str, rule: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a broken rule, also where the dimensions of the LED board are beyond what has pads and tracks."""
+    path = tmp_path / "design.toml"
+    path.write_text(text)
+    code, found = told(capsys, "check", "--design", str(path))
+    (broken,) = found["broken"]
+    assert code == 1 and broken["rule"] == rule and words in broken["message"]
+
+
+def test_check_fails_for_a_circuit_board_that_breaks_rules(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The original's camera fits this pocket; its circuit board stays as faulty as it was published."""
+    path = tmp_path / "original.toml"
+    path.write_text('[hardware]\nvariant = "original"\n[hardware.base]\npocket_back_mm = 7.75\n')
+    code, found = told(capsys, "check", "--design", str(path))
+    assert code == 1 and found["interferences"] == [] and len(found["led_board_faults"]) == 11
+
+
+def test_check_takes_a_design_from_a_pipe(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pipe = tmp_path / "design.toml"
+    os.mkfifo(pipe)
+    writer = Thread(target=pipe.write_text, args=("[gel]\nthickness_mm = 3.0\n",))
+    writer.start()
+    code, found = told(capsys, "check", "--design", str(pipe))
+    writer.join()
+    assert code == 0 and found["specification"]["size_mm"][2] == pytest.approx(25.3)
+    assert {each["faces"]: each["clearance_mm"] for each in found["clearances"]}[
+        "window, gel below the skin"
+    ] == pytest.approx(8.7)
+
+
+def test_bom(default: BuildableDesign, capsys: pytest.CaptureFixture[str]) -> None:
+    code, found = told(capsys, "bom")
+    cents = {
+        kind: sum(round(100 * item["count"] * item["each_usd"]) for item in found["items"] if item["kind"] == kind)
+        for kind in ("sensor", "connection", "tool")
+    }
+    assert code == 0 and round(100 * found["sensor_usd_estimated"]) == cents["sensor"]
+    assert round(100 * found["sensor_in_use_usd_estimated"]) == cents["sensor"] + cents["connection"]
+    assert round(100 * found["total_usd_estimated"]) == sum(cents.values())
+    assert [item["name"] for item in found["items"] if item["kind"] == "connection"] == [
+        "light cable",
+        "camera adapter",
+    ]
+    assert found["items"] == [{**asdict(item), "usd": item.usd} for item in default.bill]
+    assert "the paper says about 15 $" in "\n".join(format_bill_of_materials(default.bill))
+
+
+def test_bill_and_guide_name_what_the_design_asks_for(default: BuildableDesign) -> None:
+    """The published camera, silicone and inserts belong to the published design alone."""
+    usual = {item.name: item.what for item in default.bill}
+    assert usual["camera"].startswith("Frank-S15-V1.0-160") and "(M2-3-5)" in usual["insert"]
+    assert usual["translucent_gel"].startswith("Posilicone DRSGJ02 (Shore A 5), 1 : 1 by weight; mix")
+    sensor = SensorDesign(Gel(shear_modulus_mpa=shore_a_to_shear_modulus_mpa(15)), camera=CameraGeometry(20.0, 120.0))
+    fasteners = FastenerDimensions(insert_mm=(3.3, 4.0))
+    other = BuildableDesign(replace(default_hardware_design(sensor), fasteners=fasteners))
+    what = {item.name: item.what for item in other.bill}
+    assert what["camera"].startswith("camera with a lens of 120°") and "(M2-3-5)" not in what["insert"]
+    assert "of about Shore A 15 " in what["translucent_gel"] and "1 : 1" not in what["translucent_gel"]
+    assert "of about Shore A 15 " in format_fabrication_guide(other)
+    explored = change_design(default_hardware_design(), shore_a=5.0).sensor.gel.shear_modulus_mpa
+    assert translucent_silicone_of_modulus(explored) == TRANSLUCENT_SILICONE
+    assert "less than Shore A 1 " in translucent_silicone_of_modulus(0.003).product
+
+
+def test_explore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "explored"
+    code, found = told(capsys, "explore", "--gel-mm", "1", "1.5", "4", "--shore-a", "5", "--out", str(out))
+    assert code == 0
+    refused, thin, thick = found["designs"]
+    assert "mould_too_thin_for_the_screws" in refused["refusal"]
+    assert thin["signal_per_n"] > thick["signal_per_n"] > 0
+    assert thin["depth_noise_mm"] < thick["depth_noise_mm"]
+    assert thin["depth_range_mm"] < thick["depth_range_mm"] and thin["depth_at_1n_mm"] < thick["depth_at_1n_mm"]
+    assert cv2.imread(str(out / "explore.png")) is not None
+    assert len((out / "explore.csv").read_text().splitlines()) == 4
+
+
+def test_a_comparison_leaves_no_design_of_an_earlier_one(tmp_path: Path) -> None:
+    """Row 1 of the table is `design_01.toml`: a refused design must not have the file of another."""
+    kept = {"design_notes.toml", "design_01.toml.orig", "mine.txt"}
+    for name in (*kept, "design_01.toml", "design_02.toml", "design_101.toml"):
+        (tmp_path / name).write_text("earlier")
+    assert main(["hardware", "explore", "--gel-mm", "1", "--out", str(tmp_path)]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == kept | {"explore.csv", "explore.png"}
+
+
+def test_a_value_that_no_sensor_has_is_refused_before_any_design_is_built() -> None:
+    built: list[object] = []
+    with pytest.raises(DesignImpossible, match=r"gel\.thickness_mm"):
+        built.extend(explore_designs([*DesignSweep(gel_mm=(2.5, 40.0)).designs(default_hardware_design())]))
+    assert not built
+
+
+def test_explore_without_values_compares_the_usual_gels() -> None:
+    """`test_explore` builds designs; here only what would be built."""
+    usual = [*ExploreDesignsCommand().design_sweep.designs(default_hardware_design())]
+    assert {(each.design.sensor.gel.thickness_mm, each.shore_a) for each in usual} == {
+        (gel, shore) for gel in (1.5, 2.5, 4.0) for shore in (5.0, 15.0)
+    }
+    given = [*ExploreDesignsCommand(gel_mm=(2.0,)).design_sweep.designs(default_hardware_design())]
+    assert [(each.design.sensor.gel.thickness_mm, each.shore_a) for each in given] == [(2.0, None)]
+
+
+def test_a_wider_area_takes_a_taller_sensor(capsys: pytest.CaptureFixture[str]) -> None:
+    code, found = told(capsys, "explore", "--area-mm", "24x18", "36x27")
+    narrow, wide = found["designs"]
+    assert code == 0 and wide["size_mm"][2] > narrow["size_mm"][2] and wide["mm_per_px"] > narrow["mm_per_px"]
+    assert wide["view_radius_mm"] > 22.5 and wide["cost_usd"] > narrow["cost_usd"]
+
+
+def test_a_design_proves_itself_before_it_is_printed(tmp_path: Path) -> None:
+    """In a process without type checks, with which a calibration takes a minute."""
+    command = [sys.executable, "-m", "ninedtact", "hardware", "explore", "--calibrated", "--gel-mm", "2", "5"]
+    done = subprocess.run([*command, "--json", "--out", str(tmp_path)], capture_output=True, text=True, check=True)
+    thin, thick = json.loads(done.stdout)["designs"]
+    assert thin["depth_error_mm"] < 0.02 and thin["load_error_fraction"] < 0.1
+    assert "63 pins" in thick["calibration_failure"] and "depth_error_mm" not in thick
+    assert read_hardware_design(tmp_path / "design_01.toml", "default").sensor.gel.thickness_mm == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(["--area-mm", "wide"], "24x18"), (["--shore-a", "120"], "Shore A"), (["--gel-mm", *map(str, range(201))], "200")],
+)
+def test_explore_refuses_in_one_sentence(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["hardware", "explore", *arguments]) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "expected" in said and words in said
+
+
+def test_the_guide_in_the_docs_is_that_of_the_default(default: BuildableDesign) -> None:
+    """`ninedtact hardware guide --out docs` makes it again."""
+    text = format_fabrication_guide(default)
+    assert (DOCS / "fabrication.md").read_text(encoding="utf-8") == text
+    for line in text.splitlines():
+        if line.startswith("!["):
+            assert (DOCS / line.split("(")[1].rstrip(")")).is_file()
+
+
+def test_the_guide_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, found = told(capsys, "guide", "--variant", "original", "--out", str(tmp_path))
+    assert code == 0 and len(found["files"]) == 13
+    page = (tmp_path / "fabrication.md").read_text(encoding="utf-8")
+    assert "original design" in page
+    assert re.findall(r"\(images/(.*?)\)", page) == sorted(path.name for path in (tmp_path / "images").iterdir())
+
+
+def test_an_interrupted_guide_leaves_an_earlier_one_whole(default: BuildableDesign, tmp_path: Path) -> None:
+    """Text and images that belong to two designs would show steps of one sensor with the numbers of another."""
+    images = tmp_path / "images"
+    images.mkdir()
+    drawing = write_fabrication_guide(default, tmp_path)
+    earlier = [next(drawing) for _ in range(2)]
+    for path in earlier:
+        path.write_text("earlier")
+    drawing.close()
+    assert [path.name for path in sorted(tmp_path.rglob("*.*"))] == [path.name for path in earlier]
+    drawing = write_fabrication_guide(default, tmp_path)
+    assert [next(drawing) for _ in range(2)] == earlier
+    drawing.close()
+    assert {path.read_text() for path in earlier} == {"earlier"}
+
+
+@pytest.mark.parametrize("variant", ["default", "original"])
+def test_the_guide_names_the_command_that_writes_its_parts(variant: DesignVariant, tmp_path: Path) -> None:
+    """Read back with the options that the page states, the design is that of the page."""
+    published = hardware_design_of_variant(SensorDesign(), variant)
+    for design in (published, replace(published, window=WindowDimensions(thick_mm=2.5))):
+        page = format_fabrication_guide(BuildableDesign(design))
+        (options,) = re.findall(r"`ninedtact hardware export --out parts(.*?)`", page)
+        stated = tmp_path / "your_design.toml"
+        stated.write_text("[hardware.window]\nthick_mm = 2.5\n")
+        given = dict(re.findall(r" --(\w+) (\S+)", options))
+        path = stated if given.get("design") == stated.name else None
+        assert read_hardware_design(path, given.get("variant", "default")) == design

@@ -1,0 +1,1 @@
+"""The commands of this distribution; `ninedtact` finds them by their entry points."""

@@ -1,0 +1,385 @@
+"""ninedtact collect: training pairs of image and wrench from pressing, dragging and twisting objects by hand. Its terminal reads
+single keys and shows how many pairs of which forces were saved, are missing, or are refused.
+"""
+
+import os
+import select
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from ninedtact.cli.record import require_new_recording_path
+from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
+from ninedtact.cli.shared_options import (
+    AutomaticOption,
+    CameraDelayOption,
+    JsonOption,
+    camera_settings,
+    require_duration,
+)
+from ninedtact.open_sensor import (
+    is_recording_address,
+    is_twin_address,
+    require_matching_force_source,
+    source_in_real_time,
+)
+from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
+
+if TYPE_CHECKING:
+    from numpy import ndarray as Array
+
+    from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
+    from ninedtact_train.collecting.collection_sources import CollectSetup
+    from ninedtact_train.collecting.collector import Collector
+    from ninedtact_train.collecting.pair_selection import CollectSettings, SavedPairCounts
+
+_BAR_SYMBOLS = "·▁▂▃▄▅▆▇█"
+_KEY_HELP = "n next object   u undo last contact   t tare   q end"
+_TERMINAL_PERIOD_S, _LOG_PERIOD_S = 0.2, 5.0
+"""Between two updates of a terminal, and between two lines without one."""
+_MISSING_SHOWN = 4
+_USUAL_COLUMNS = 80
+_READ_BYTES = 64
+
+
+@dataclass(frozen=True)
+class CollectOptions:
+    """Which moments become pairs, delays and limits; the defaults are those of the paper where it has any."""
+
+    tolerance_ms: float = 10.0
+    """Largest distance in time of the force/torque samples before and after an image; the wrench is interpolated."""
+    camera_delay_ms: CameraDelayOption = 0.0
+    no_contact: float = 0.03
+    """Fraction of pairs without contact."""
+    light_touch: float = 0.05
+    """Fraction of pairs whose load is below the start of the sampling rule."""
+    contact_below_n: float = -0.3
+    """F_z below which a contact begins for the sampling rule."""
+    first_below_n: tuple[float, float] = (-3.3, -0.3)
+    """The first pair of a contact is saved below a random F_z between these."""
+    ranges: tuple[float, float, float, float, float, float] = (6.0, 6.0, 12.0, 0.4, 0.4, 0.1)
+    """Width of the range of each axis, N and N·m."""
+    weights: tuple[float, float, float, float, float, float] = (1.0, 1.0, 1.0, 0.0, 0.0, 1.0)
+    """Weight of each axis when two wrenches are compared."""
+    min_difference: float = 0.25
+    """Smallest difference between saved wrenches, as a fraction of the ranges."""
+    range_n: tuple[float, float, float] | None = None
+    """Range of the force/torque sensor along each axis, N; samples near its end are not saved."""
+    range_nm: tuple[float, float, float] | None = None
+    """Range of the force/torque sensor about each axis, N·m."""
+    reference_images: int = 10
+    """Number of reference images (no contact) at every tare."""
+
+    def checks(self) -> "SampleCheckSettings":
+        """Return what the samples of the force/torque sensor are checked by."""
+        from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
+
+        return SampleCheckSettings(self.range_n, self.range_nm)
+
+    def settings(self, sensor: Path = Path(), camera: str = "") -> "CollectSettings":
+        """Return the settings of the collection with the sensor of this folder and the camera of this name.
+
+        Raises `SamplingRuleInvalid`, `CollectSettingsInvalid`, and what `resolve_camera_delay_ms` raises.
+        """
+        from ninedtact.capture.camera_delay import resolve_camera_delay_ms
+        from ninedtact_train.collecting.pair_selection import CollectSettings
+        from ninedtact_train.collecting.training_pair_rule import SamplingRuleSettings
+
+        rule = SamplingRuleSettings(
+            self.contact_below_n, self.first_below_n, self.ranges, self.weights, self.min_difference
+        )
+        return CollectSettings(
+            rule=rule,
+            checks=self.checks(),
+            tolerance_ms=self.tolerance_ms,
+            camera_delay_ms=resolve_camera_delay_ms(self.camera_delay_ms, sensor, camera),
+            no_contact=self.no_contact,
+            light_touch=self.light_touch,
+            reference_images=self.reference_images,
+        )
+
+
+class KeyReader:
+    """Reads standard input without waiting: single keys at a terminal, characters of a pipe without one."""
+
+    def __init__(self, descriptor: int | None) -> None:
+        self._descriptor = descriptor
+
+    def read_keys(self) -> str:
+        """Return what was typed since the last call; empty for nothing, and after the end of the input."""
+        if self._descriptor is None or not select.select([self._descriptor], [], [], 0)[0]:
+            return ""
+        typed = os.read(self._descriptor, _READ_BYTES)
+        if not typed:
+            self._descriptor = None
+        return typed.decode(errors="ignore")
+
+
+@contextmanager
+def open_key_reader() -> Iterator[KeyReader]:
+    """Read keys one by one while the block runs; restore the terminal when it ends."""
+    try:
+        descriptor = sys.stdin.fileno()
+    except (OSError, ValueError, AttributeError):  # no input at all, or one that a test took away
+        yield KeyReader(None)
+        return
+    if not os.isatty(descriptor):
+        yield KeyReader(descriptor)
+        return
+    import termios
+    import tty
+
+    before = termios.tcgetattr(descriptor)
+    tty.setcbreak(descriptor)
+    try:
+        yield KeyReader(descriptor)
+    finally:
+        with suppress(termios.error):
+            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+class CollectTerminalDisplay:
+    """Updates a few lines on standard error at a terminal; prints one line now and then elsewhere."""
+
+    def __init__(self) -> None:
+        self._is_terminal = sys.stderr.isatty()
+        self._height, self._due_at = 0, 0.0
+        self._message = ""
+
+    def show_message(self, text: str) -> None:
+        """Show a message at once, and keep it on the screen."""
+        self._message = text
+        if not self._is_terminal:
+            print(f"ninedtact: {text}", file=sys.stderr, flush=True)
+
+    def show(self, collector: "Collector", at_once: bool = False) -> None:
+        """Show the progress if it is time, or at once."""
+        if monotonic() < self._due_at and not at_once:
+            return
+        self._due_at = monotonic() + (_TERMINAL_PERIOD_S if self._is_terminal else _LOG_PERIOD_S)
+        if not self._is_terminal:
+            print(collect_progress_line(collector), file=sys.stderr, flush=True)
+            return
+        missing = _missing_line(collector.counts)
+        lines = [collect_progress_line(collector), *histogram_lines(collector), missing, self._message, _KEY_HELP]
+        up = f"\x1b[{self._height}A\x1b[J" if self._height else ""
+        print(up + "\n".join(lines), file=sys.stderr, flush=True)
+        columns = _terminal_columns()
+        self._height = sum(max(-(-len(line) // columns), 1) for line in lines)  # a terminal wraps long lines
+
+
+def _terminal_columns() -> int:
+    """Return the width of the terminal that shows standard error."""
+    try:
+        return os.get_terminal_size(sys.stderr.fileno()).columns or _USUAL_COLUMNS
+    except (OSError, ValueError):
+        return _USUAL_COLUMNS
+
+
+def collect_progress_line(collector: "Collector") -> str:
+    """Return the present object, the number of pairs, and what is wrong, as one line."""
+    kinds = collector.counts.kinds
+    numbers = f"{kinds['rule']} by rule, {kinds['light_touch']} light, {kinds['no_contact']} without contact"
+    line = f"{collector.object or '-'}: {len(collector.counts.pairs)} pairs ({numbers})"
+    if collector.tare_in_progress is not None:
+        return f"{line}; taring: {collector.tare_advice}"
+    if collector.fault is not None:
+        return f"{line}; NOT SAVING: {collector.fault_text(collector.fault)}"
+    return f"{line}; refused {collector.rejected.total()}"
+
+
+def histogram_lines(collector: "Collector") -> list[str]:
+    """Return one line for each axis: its range, a bar for each bin, and the present value."""
+    from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES
+
+    low, high = collector.counts.limits * DISPLAY_FACTORS
+    now = collector.newest.wrench.six * DISPLAY_FACTORS if collector.newest is not None else low * 0
+    lines = []
+    for axis in range(6):
+        digits = 2 if axis < 3 else 1
+        limits = [f"{limit[axis]:+6.{digits}f}" for limit in (low, high)]
+        bars = _bars(collector.counts.counts[axis])
+        lines.append(
+            f"  {WRENCH_AXES[axis]} {limits[0]} {bars} {limits[1]} {DISPLAY_UNITS[axis]:4} now {now[axis]:+8.{digits + 1}f}"
+        )
+    return lines
+
+
+def _bars(counts: "Array") -> str:
+    """Return a row of numbers as a row of bars; a dot is zero."""
+    most = max(int(counts.max()), 1)
+    return "".join(_BAR_SYMBOLS[-(-int(count) * (len(_BAR_SYMBOLS) - 1) // most)] for count in counts)
+
+
+def _missing_line(counts: "SavedPairCounts") -> str:
+    """Return the force ranges to collect next."""
+    ranges = counts.missing_ranges()
+    more = f" and {len(ranges) - _MISSING_SHOWN} more" if len(ranges) > _MISSING_SHOWN else ""
+    return f"  missing: {', '.join(ranges[:_MISSING_SHOWN])}{more}" if ranges else "  every range has pairs"
+
+
+@dataclass(frozen=True)
+class Collect:
+    """Collect training pairs: press, drag and twist objects by hand.
+
+    A pair of image and wrench is saved automatically whenever its wrench differs from all that were saved in the same contact.
+    Leave the skin untouched for the first seconds. Keys: n next object, u undo the last contact, t tare, q end.
+    """
+
+    source: str
+    """Camera (0, /dev/video0, usb:1-2, csi:0) or stream; a recording (.mcap); or sim, the twin of the sensor, pressed by a
+    script."""
+    force_torque: str
+    """Force/torque sensor under the tactile one (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT); a recording if the source
+    is one; sim if the source is sim."""
+    out: Path
+    """Recording to write: a new .mcap file. Each pair is on disk when it is counted."""
+    sensor: Path | None = None
+    """Sensor folder that `ninedtact calibrate` wrote; it is attached to the recording. A recording brings its own."""
+    objects: tuple[str, ...] = ()
+    """Names of the objects in turn (key n); after the last, object_001, object_002 and so on. With sim: ball:4, gear_07, …"""
+    pairs: int | None = None
+    """Number of pairs after which to end."""
+    seconds: float | None = None
+    """Time after which to end; without it, key q, Ctrl-C or the end of the source ends the collection."""
+    options: Annotated[CollectOptions, tyro.conf.arg(name="")] = CollectOptions()
+    touches: int = 3
+    """Number of times that the script presses each object; with sim only."""
+    seed: int | None = None
+    """Seed of the load below which the first pair of each contact is saved, and of the script; without it, random."""
+    automatic: AutomaticOption = False
+    json: JsonOption = False
+
+    def run(self) -> int:
+        """Collect pairs and print their numbers; raises what a lost device raises, every pair kept."""
+        require_recording_libraries()
+        require_new_recording_path(self.out)
+        require_duration(self.seconds)
+        require_matching_force_source(self.source, self.force_torque, is_twin_address, is_recording_address)
+        self._require_possible_counts()
+        screen = CollectTerminalDisplay()
+        with given_or_recorded_sensor(self.sensor, self.source) as folder:
+            setup = self._setup(folder, self.options.checks(), screen)
+            settings = self._options_for(setup).settings(folder.path, setup.camera_name)
+            collector = self._collect(folder, settings, setup, screen)
+        return print_result(self.json, _to_json_dict(self.out, collector), _summary_lines(self.out, collector))
+
+    def _setup(
+        self, folder: "SensorFolder", checks: "SampleCheckSettings", screen: CollectTerminalDisplay
+    ) -> "CollectSetup":
+        """Return the camera and the force/torque sensor that were named, not yet opened."""
+        from ninedtact.capture.force_torque.wrench_source_from_address import force_torque_sensor_for
+        from ninedtact_train.collecting.collection_sources import (
+            build_simulated_collect_setup,
+            collection_setup_from_devices,
+            collection_setup_from_recordings,
+        )
+
+        if is_twin_address(self.source):
+            return build_simulated_collect_setup(folder, self.objects, self.touches, self.seed or 0, checks)
+        if is_recording_address(self.source):
+            images, wrenches = Path(self.source).expanduser(), Path(self.force_torque).expanduser()
+            return collection_setup_from_recordings(images, wrenches, checks, folder.record.design.force_torque)
+        camera = source_in_real_time(self.source, camera_settings(self.automatic))
+        device = force_torque_sensor_for(self.force_torque)
+        return collection_setup_from_devices(camera, device, folder, checks, screen.show_message)
+
+    def _options_for(self, setup: "CollectSetup") -> CollectOptions:
+        """Return the options, without a delay that a recording's stamps have subtracted; raises `RecordingRefused`."""
+        from ninedtact.capture.camera_delay import SAVED
+
+        given, subtracted = self.options.camera_delay_ms, f"{setup.camera_delay_ms:g} ms subtracted"
+        if given == 0 or setup.camera_delay_ms == 0:
+            return self.options
+        if given != SAVED:
+            raise RecordingRefused(
+                f"expected no --camera-delay-ms for {self.source}, whose stamps already have {subtracted}, got {given}; drop it"
+            )
+        print_notice(f"the stamps of {self.source} already have {subtracted}; the saved delay is not subtracted again")
+        return replace(self.options, camera_delay_ms=0.0)
+
+    def _collect(
+        self, folder: "SensorFolder", settings: "CollectSettings", setup: "CollectSetup", screen: CollectTerminalDisplay
+    ) -> "Collector":
+        """Collect until the end and return the collector, its recording closed."""
+        from ninedtact.recording.recorder import notify_partial_recording
+        from ninedtact_train.collecting.collector import collect_pairs
+
+        def should_stop(collector: "Collector") -> bool:
+            has_enough = self.pairs is not None and len(collector.counts.pairs) >= self.pairs
+            return until.now or has_enough or not handle_collect_keys(keys.read_keys(), collector, screen)
+
+        with (
+            stop_on_signal(self.seconds) as until,
+            notify_partial_recording(self.out, print_notice),
+            open_key_reader() as keys,
+        ):
+            collector = collect_pairs(
+                setup,
+                self.out,
+                folder,
+                settings,
+                self.objects,
+                self.seed,
+                should_stop,
+                notify=screen.show_message,
+                on_progress=screen.show,
+            )
+            screen.show(collector, at_once=True)
+        return collector
+
+    def _require_possible_counts(self) -> None:
+        if self.pairs is not None and self.pairs < 1:
+            raise RecordingRefused(f"expected --pairs of at least 1, got {self.pairs}; drop it to collect until q")
+        if self.touches < 1:
+            raise RecordingRefused(f"expected --touches of at least 1, got {self.touches}; drop it")
+        if self.seed is not None and self.seed < 0:
+            raise RecordingRefused(f"expected --seed of zero or more, got {self.seed}; drop it for a random one")
+
+
+def handle_collect_keys(typed: str, collector: "Collector", screen: CollectTerminalDisplay) -> bool:
+    """Do what the keys ask for; return whether to continue."""
+    for key in typed.lower():
+        if key == "q":
+            return False
+        if key == "n":
+            collector.begin_object()
+            screen.show_message(f"next object: {collector.object}")
+        elif key == "u":
+            screen.show_message(collector.undo_last_contact())
+        elif key == "t":
+            collector.begin_tare()
+            screen.show_message("tare: do not touch the gel")
+    return True
+
+
+def _to_json_dict(out: Path, collector: "Collector") -> dict[str, Any]:
+    from ninedtact.quantities import WRENCH_AXES
+
+    counts = collector.counts
+    return {
+        "out": str(out),
+        "id": collector.writer.metadata.id,
+        "pairs": len(counts.pairs),
+        "kinds": dict(+counts.kinds),
+        "objects": dict(+counts.objects),
+        "refused": {fault.name.lower(): number for fault, number in collector.rejected.items()},
+        "counts": {axis: row.tolist() for axis, row in zip(WRENCH_AXES, counts.counts, strict=True)},
+        "missing": counts.missing_ranges(),
+    }
+
+
+def _summary_lines(out: Path, collector: "Collector") -> Iterator[str]:
+    counts = collector.counts
+    yield f"{out}: {len(counts.pairs)} pairs, {out.stat().st_size / 1e6:.1f} MB"
+    yield f"  {', '.join(f'{number} {kind}' for kind, number in counts.kinds.items() if number)}"
+    yield from (f"  {number:8d}  {name}" for name, number in counts.objects.items() if number)
+    for fault, number in collector.rejected.items():
+        yield f"  {number} images not saved: {collector.fault_text(fault)}"

@@ -1,0 +1,287 @@
+"""ninedtact train: a data set → a force model in one file. ninedtact model card | make: print the model card of a force model,
+or make a force model from simulation alone.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from ninedtact._version import installation_command
+from ninedtact.cli.result_and_interrupt import print_notice, print_result
+from ninedtact.cli.shared_options import DesignFileOption, JsonOption, read_design_or_default
+from ninedtact.errors import ForceEstimationError, MissingLibraryError
+
+if TYPE_CHECKING:
+    from ninedtact_train.training.settings import ComputeSettings, TrainingSettings
+    from ninedtact_train.training.train import TrainingResult
+    from ninedtact_train.workflows.force_model_from_simulation import ForceModelResult
+
+_REQUIRED_PACKAGES = ("torch", "lightning", "onnx", "onnxscript", "onnxruntime", "tensorboard", "pyarrow")
+
+
+class TrainingPackagesMissing(MissingLibraryError):
+    """Packages that training needs are not installed."""
+
+
+@dataclass(frozen=True)
+class _ComputeOptions:
+    """Lightning's own flags."""
+
+    accelerator: str = "auto"
+    """cpu, gpu, auto …"""
+    devices: str = "1"
+    """How many devices, or which: 2, auto, 0,3."""
+    nodes: int = 1
+    """Machines."""
+    strategy: str = "auto"
+    """Strategy for several devices, such as ddp."""
+    precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
+    """Numeric precision; bf16-mixed is faster on a GPU."""
+    loader_workers: int = 0
+    """Processes that load batches during training."""
+
+    def settings(self) -> "ComputeSettings":
+        """Return the options as settings of the training."""
+        from ninedtact_train.training.settings import ComputeSettings
+
+        devices = int(self.devices) if self.devices.isdigit() else self.devices
+        return ComputeSettings(
+            self.accelerator, devices, self.nodes, self.strategy, self.precision, self.loader_workers
+        )
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train a force model on a data set. Run again after a stop, it continues after the last complete epoch."""
+
+    data: Path
+    """Data set that `ninedtact dataset build` or `ninedtact simulate dataset` made."""
+    out: Path
+    """Folder for the model, curves, logs and checkpoints: new, empty, or begun with the same options."""
+    preset: Literal["default", "corrector", "paper"] = "default"
+    """default: a small network on heights. corrector: the same, also on the tractions that physics finds, to correct its wrench.
+    paper: DenseNet-169 on whole images, as published. Other options change the preset."""
+    sensors: Path | None = None
+    """Folder with a sensor folder for each sensor of the data, by name, for computing heights.
+    By default the calibrations that the recordings of a data set carried are used, and simulated sensors are calibrated from their
+    own simulated images."""
+    network: str | None = None
+    """moments, densenet121, 161, 169 or 201, resnet18 or 50, vit."""
+    channels: Literal["heights", "heights_and_gel", "heights_and_sensor", "physics", "deformation", "mixed"] | None = (
+        None
+    )
+    """Input channels of the network."""
+    size: tuple[int, int] | None = None
+    """Columns and rows of the input."""
+    epochs: int | None = None
+    """Number of passes over all pairs."""
+    batch: int | None = None
+    """Pairs in a training step."""
+    learning_rate: float | None = None
+    """Learning rate; the highest one where the preset varies it."""
+    seed: int = 0
+    """Seed of the initial weights, the order, the augmentation and the held-out pairs."""
+    held_out: Literal["sensor_and_object", "object", "sensor", "standard"] | None = None
+    """What is held out to choose the best epoch by. By default sensors and objects, or objects alone for data of one sensor."""
+    held_out_fraction: float = 0.1
+    """Held-out part of the objects, of the sensors or of the pairs."""
+    split: Path | None = None
+    """Split file. Its test part is not used at all."""
+    name: str = "network"
+    """Name of the model."""
+    licence: str = "MIT"
+    """Licence of the model."""
+    workers: int = 1
+    """Processes that compute heights from images."""
+    compute: tyro.conf.OmitArgPrefixes[_ComputeOptions] = _ComputeOptions()
+    json: JsonOption = False
+
+    def run(self) -> int:
+        """Train, and print the scores on the held-out pairs."""
+        _require_training_packages()
+        self._require_inputs()  # at once: importing torch takes seconds
+        from ninedtact_train.workflows.dataset_training import HeldOutSettings, train_on_dataset
+
+        trained = train_on_dataset(
+            self.data,
+            self.out,
+            self.settings(),
+            HeldOutSettings(self.held_out, self.held_out_fraction, self.split, self.seed),
+            sensors=self.sensors,
+            workers=self.workers,
+            name=self.name,
+            licence=self.licence,
+            machine=self.compute.settings(),
+            progress=not self.json,
+            notify=print_notice,
+        )
+        return (
+            0
+            if trained is None
+            else print_result(self.json, _result_to_json(trained), _format_training_result(trained))
+        )
+
+    def _require_inputs(self) -> None:
+        """Raise `SplitFileUnusable`, `DatasetDamaged` without data, and `SensorCalibrationMissing` where heights lack one."""
+        from ninedtact.force.network_input import InputChannels
+        from ninedtact_train.dataset.folder import find_pair_files
+        from ninedtact_train.dataset.split import read_split
+        from ninedtact_train.workflows.dataset_calibrations import require_sensor_calibrations
+
+        if self.split is not None:
+            read_split(self.split)
+        find_pair_files(self.data)
+        of_heights = InputChannels[self.channels.upper()].of_heights if self.channels else self.preset != "paper"
+        if of_heights:
+            require_sensor_calibrations(self.data, self.sensors, ", or train on images: --channels deformation")
+
+    def settings(self) -> "TrainingSettings":
+        """Return the preset with these options; raises `TrainingImpossible`, `NetworkUnknown`."""
+        from ninedtact.force.network_input import InputChannels, resize_input_settings
+        from ninedtact_train.training.settings import TRAINING_PRESETS
+        from ninedtact_train.workflows.dataset_training import match_input_width_to_dataset
+
+        preset = TRAINING_PRESETS[self.preset]
+        grid = preset.input
+        if self.channels is not None:
+            grid = replace(grid, channels=InputChannels[self.channels.upper()])
+        if self.size is not None:
+            grid = resize_input_settings(grid, self.size)
+        options = {
+            name: getattr(self, name)
+            for name in ("network", "epochs", "batch", "learning_rate")
+            if getattr(self, name) is not None
+        }
+        settings = replace(preset, input=grid, seed=self.seed, **options)
+        return match_input_width_to_dataset(settings, self.data, self.sensors)
+
+
+def _require_training_packages() -> None:
+    """Raise `TrainingPackagesMissing` before work begins."""
+    from importlib.util import find_spec
+
+    missing = [name for name in _REQUIRED_PACKAGES if find_spec(name) is None]
+    if missing:
+        raise TrainingPackagesMissing(
+            f"expected the packages {', '.join(_REQUIRED_PACKAGES)}, got none of {', '.join(missing)}; run "
+            f"{installation_command('train,datasets')}"
+        )
+
+
+def _result_to_json(trained: "TrainingResult") -> dict[str, Any]:
+    """Return the result as plain values for JSON."""
+    training = trained.model.card.training
+    return {
+        "model": str(trained.path),
+        "epochs": training.epochs,
+        "best_epoch": training.best_epoch,
+        "seconds": training.seconds,
+        "pairs": training.pairs,
+        "held_out": trained.evaluation.to_json_dict(),
+    }
+
+
+def _format_training_result(trained: "TrainingResult") -> Iterator[str]:
+    """Yield the lines of a report for a terminal."""
+    from ninedtact_train.evaluation.report import format_evaluation_report
+
+    training = trained.model.card.training
+    yield (
+        f"{trained.path}: {training.pairs} pairs of {training.sensors} sensors and {training.objects} objects, "
+        f"{training.epochs} epochs in {training.seconds / 60:.1f} minutes, best epoch {training.best_epoch}"
+    )
+    yield "on the held-out pairs:"
+    yield from format_evaluation_report(trained.evaluation)
+
+
+DESCRIPTION = "Force models: print a model card, or make a model from simulation alone."
+
+
+class ModelMakingStopped(ForceEstimationError):
+    """Ctrl-C ended the command before there was a model."""
+
+
+@dataclass(frozen=True)
+class _ShowModelCard:
+    """Print the card of a force model: its training, its scores and its limits."""
+
+    model: Path | None = None
+    """A force model (.onnx). By default the shipped one."""
+    json: JsonOption = False
+
+    def run(self) -> int:
+        """Read and print the card; raises `ModelUnusable`."""
+        import msgspec
+
+        from ninedtact.force.onnx_model import SHIPPED_MODEL, read_force_model
+        from ninedtact_train.evaluation.model_card_markdown import format_model_card
+
+        card = read_force_model(self.model or SHIPPED_MODEL).card
+        return print_result(self.json, msgspec.to_builtins(card), [format_model_card(card)])
+
+
+@dataclass(frozen=True)
+class _MakeForceModel:
+    """Make a force model from simulation alone: simulate sensors and contacts, train, validate on other sensors and objects, and
+    estimate live on one more simulated sensor.
+
+    Run again after a stop, it continues where it was.
+    """
+
+    out: Path
+    """Folder for the model, its card, the data sets and the training: new, or begun with the same recipe."""
+    recipe: Literal["small", "large"] = "small"
+    """small: a few minutes, to see that it works. large: forty thousand pairs, hours."""
+    name: str = "moments"
+    """Name of the model."""
+    design_file: DesignFileOption = None
+    """Design file (TOML) of the sensors that the model is for. By default the published sensor."""
+    workers: int = 2
+    """Processes that simulate and calibrate."""
+    json: JsonOption = False
+
+    def run(self) -> int:
+        """Do all steps that are not done yet; raises `ModelMakingStopped`."""
+        _require_training_packages()
+        from ninedtact_train.workflows.force_model_from_simulation import RECIPES, make_force_model
+
+        recipe = replace(RECIPES[self.recipe], design=read_design_or_default(self.design_file))
+        try:
+            made = make_force_model(
+                self.out,
+                recipe,
+                name=self.name,
+                workers=self.workers,
+                progress=not self.json,
+                notify=print_notice,
+            )
+        except KeyboardInterrupt:
+            raise ModelMakingStopped(
+                f"stopped by Ctrl-C; no file in {self.out} is incomplete; run the command again to continue"
+            ) from None
+        figures = {"model": str(made.model), "card": str(made.card_file), "evaluation": made.card.evaluation}
+        return print_result(self.json, figures, _format_made_model(made))
+
+
+Model = (
+    Annotated[_ShowModelCard, tyro.conf.subcommand("card")] | Annotated[_MakeForceModel, tyro.conf.subcommand("make")]
+)
+
+
+def _format_made_model(made: "ForceModelResult") -> Iterator[str]:
+    """Yield the card and the demonstration for a terminal."""
+    from ninedtact.quantities import DISPLAY_FACTORS, WRENCH_AXES
+    from ninedtact_train.evaluation.model_card_markdown import format_model_card
+
+    yield format_model_card(made.card)
+    yield "Live on a simulated sensor, N and N·mm, true and estimated:"
+    yield "        " + "".join(f"  {axis:>7} {'est.':>7}" for axis in WRENCH_AXES)
+    for sample in made.demonstration:
+        pairs = zip(sample.true, sample.estimated, DISPLAY_FACTORS, strict=True)
+        cells = (f"  {true * factor:+7.2f} {estimated * factor:+7.2f}" for true, estimated, factor in pairs)
+        yield f"{sample.seconds:5.1f} s " + "".join(cells)
+    yield f"model: {made.model}; card: {made.card_file}"
+    yield f"try it: ninedtact live --source sim --sensor {made.sensor} --force {made.model}"

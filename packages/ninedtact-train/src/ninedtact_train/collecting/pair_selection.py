@@ -1,0 +1,235 @@
+"""Pair selection of `ninedtact collect`: which moments are saved as pairs, to which contact each belongs, and all settings.
+
+`SavedPairCounts` counts the saved pairs in bins of each wrench axis, which shows the forces that are still missing. The sampling
+rule selects pairs within a contact; fixed fractions of light touches and of moments without contact are added. The resolved
+settings are stored in the recording.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray as Array
+
+from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
+from ninedtact.capture.force_torque.tare import TareSettings
+from ninedtact.errors import InputError
+from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Frame, Wrench
+from ninedtact.recording.topics_and_messages import PairLabel
+from ninedtact_train.collecting.collected_pairs import PairKind
+from ninedtact_train.collecting.training_pair_rule import SamplingRule, SamplingRuleSettings, SixFloats
+
+_BINS = 12
+_SCARCE_FRACTION = 0.02
+"""Fraction of the pairs below which a bin counts as missing."""
+
+
+@dataclass
+class SavedPairCounts:
+    """All pairs that were saved in this session, undone contacts excluded."""
+
+    ranges: SixFloats
+    pairs: list[PairLabel] = field(default_factory=list)
+    kinds: Counter[str] = field(default_factory=Counter)
+    objects: Counter[str] = field(default_factory=Counter)
+    counts: Array = field(default_factory=lambda: np.zeros((6, _BINS), int))
+    """Pairs in each of the twelve bins of each axis; values beyond the range count in the last bin."""
+
+    def add(self, pair: PairLabel) -> None:
+        """Count one more saved pair."""
+        self.pairs.append(pair)
+        self._count(pair, +1)
+
+    def undo(self, contact: str) -> int:
+        """Remove the pairs of a contact and return their number."""
+        undone = [pair for pair in self.pairs if pair.contact == contact]
+        self.pairs = [pair for pair in self.pairs if pair.contact != contact]
+        for pair in undone:
+            self._count(pair, -1)
+        return len(undone)
+
+    def _count(self, pair: PairLabel, by: int) -> None:
+        self.kinds[pair.kind] += by
+        self.objects[pair.object] += by
+        low, high = self.limits
+        bins = ((pair.wrench.six - low) / (high - low) * _BINS).astype(int).clip(0, _BINS - 1)
+        self.counts[np.arange(6), bins] += by
+
+    @property
+    def limits(self) -> Float64[Array, "2 6"]:
+        """Lower and upper limit of each axis, N and N·m: symmetric about zero, F_z from zero inwards."""
+        widths = np.array(self.ranges)
+        low = -widths / 2
+        low[2] = -widths[2]
+        return np.array([low, low + widths])
+
+    @property
+    def last_contact(self) -> str | None:
+        """The newest contact that has pairs."""
+        return next((pair.contact for pair in reversed(self.pairs) if pair.kind != "no_contact"), None)
+
+    def missing_ranges(self) -> list[str]:
+        """Return the ranges that hold hardly any pairs, as text."""
+        return [text for axis in range(6) for text in self._missing_ranges_of(axis)]
+
+    def _missing_ranges_of(self, axis: int) -> list[str]:
+        low, high = self.limits[:, axis] * DISPLAY_FACTORS[axis]
+        edges = np.linspace(low, high, _BINS + 1)
+        scarce = self.counts[axis] <= _SCARCE_FRACTION * max(len(self.pairs), 1)
+        borders = np.flatnonzero(np.diff(np.concatenate([[False], scarce, [False]]).astype(int))).reshape(-1, 2)
+        return [
+            f"{WRENCH_AXES[axis]} {edges[one]:.3g} to {edges[other]:.3g} {DISPLAY_UNITS[axis]}"
+            for one, other in borders
+        ]
+
+
+class CollectSettingsInvalid(InputError):
+    """Raised for settings by which nothing could be saved."""
+
+
+@dataclass(frozen=True)
+class CollectSettings:
+    """Sampling rule, checks, tare and tolerances by which images and wrenches are saved as pairs."""
+
+    rule: SamplingRuleSettings = SamplingRuleSettings()
+    """The sampling rule of the paper for pairs within a contact."""
+    checks: SampleCheckSettings = SampleCheckSettings()
+    """Which samples of the force/torque sensor are rejected."""
+    tare: TareSettings = TareSettings()
+    """How the zero of the force/torque sensor is measured."""
+    tolerance_ms: float = 10.0
+    """Largest distance of the samples before and after an image; the wrench is interpolated between them."""
+    camera_delay_ms: float = 0.0
+    """How long before its stamp an image shows the skin: half the exposure, and the transfer to the computer. It is negative for a
+    camera that stamps the beginning of a long exposure."""
+    no_contact: float = 0.03
+    """Fraction of pairs without contact."""
+    light_touch: float = 0.05
+    """Fraction of pairs with contact whose load is below the start of the sampling rule."""
+    reference_images: int = 10
+    """Number of reference images (no contact) before the first touch and at every tare."""
+    rest: SixFloats = (0.2, 0.2, 0.2, 0.015, 0.015, 0.01)
+    """Largest wrench without contact, N and N·m about the skin centre; more calls for a tare."""
+    contact_levels: float = 2.0
+    """Grey levels by which a block of pixels must differ from the reference to show contact; below half of it nothing touches."""
+
+    def __post_init__(self) -> None:
+        if not (0 < self.tolerance_ms < np.inf and abs(self.camera_delay_ms) < np.inf):
+            raise CollectSettingsInvalid(
+                f"expected a tolerance above zero and a camera delay, both finite, got {self.tolerance_ms} and "
+                f"{self.camera_delay_ms} ms; correct them"
+            )
+        if not (min(self.no_contact, self.light_touch) >= 0 and self.no_contact + self.light_touch < 1):
+            raise CollectSettingsInvalid(
+                f"expected fractions of zero or more, together below 1, got {self.no_contact} without contact and "
+                f"{self.light_touch} with a light touch; correct them"
+            )
+        if not (self.reference_images >= 1 and self.contact_levels > 0 and all(limit > 0 for limit in self.rest)):
+            raise CollectSettingsInvalid(
+                f"expected at least one reference image, and levels and rest above zero, got "
+                f"{self.reference_images}, {self.contact_levels} and {self.rest}; correct them"
+            )
+
+    @property
+    def decision_delay_ns(self) -> int:
+        """How long after a moment its samples can be judged: a frozen sensor is noticed only when it keeps repeating."""
+        return int((self.checks.frozen_ms + self.tolerance_ms) * 1e6)
+
+
+_REST_TIMEOUT_NS = 2_000_000_000
+"""Time for which a load without visible contact is accepted: a broad flat object is measurable before it is visible."""
+_MIN_INTERVAL_NS = {"light_touch": 200_000_000, "no_contact": 1_000_000_000}
+"""Smallest time between two pairs of a kind that the sampling rule does not select."""
+
+
+@dataclass(frozen=True)
+class ImageWrenchCandidate:
+    """An image and the wrench at its time, before the decision whether to save them."""
+
+    frame: Frame
+    wrench: Wrench
+    """The wrench about the skin centre, minus the tare."""
+    change_levels: float
+    """Grey levels by which the image differs from the reference."""
+
+    def looks_untouched(self, settings: CollectSettings) -> bool:
+        """Return whether the image shows no contact. Between this limit and that of a contact, it shows neither."""
+        return self.change_levels < settings.contact_levels / 2
+
+    def is_at_rest(self, settings: CollectSettings) -> bool:
+        """Return whether the force/torque sensor reads no load."""
+        return bool((np.abs(self.wrench.six) <= settings.rest).all())
+
+
+@dataclass
+class ZeroDriftMonitor:
+    """Detects a drifted zero: the force/torque sensor reads a load while the image shows no contact."""
+
+    settings: CollectSettings
+    has_drifted: bool = field(default=False, init=False)
+    """Whether the zero has drifted; it stays set until the sensor is at rest without visible contact."""
+    load_since_ns: int | None = field(default=None, init=False)
+
+    def check(self, candidate: ImageWrenchCandidate) -> bool:
+        """Process one moment; return whether it is at rest without contact."""
+        if not candidate.looks_untouched(self.settings):
+            self.load_since_ns = None
+            return False
+        if candidate.is_at_rest(self.settings):
+            self.reset()
+            return True
+        self.load_since_ns = self.load_since_ns or candidate.frame.stamp_ns
+        self.has_drifted |= candidate.frame.stamp_ns - self.load_since_ns > _REST_TIMEOUT_NS
+        return False
+
+    def reset(self) -> None:
+        """Accept the present zero as correct."""
+        self.load_since_ns, self.has_drifted = None, False
+
+
+@dataclass
+class PairSelector:
+    """Selects the moments to save from all moments in their order."""
+
+    settings: CollectSettings
+    rule: SamplingRule
+    contact: int = field(default=0, init=False)
+    """Number of the contact, or of the interval between two contacts."""
+    touching: bool = field(default=False, init=False)
+    last_ns: dict[PairKind, int] = field(default_factory=dict, init=False)
+
+    def select(self, candidate: ImageWrenchCandidate, counts: SavedPairCounts) -> PairKind | None:
+        """Return the reason to save a moment, or None."""
+        kept = self.rule.keeps(candidate.wrench)
+        self._update_contact(candidate)
+        if kept:
+            return "rule"
+        kind: PairKind = "light_touch" if self.touching else "no_contact"
+        return kind if self._is_of_kind(kind, candidate) and self._is_wanted(kind, candidate, counts) else None
+
+    def begin_contact(self) -> None:
+        """Start another contact, even if the object was not lifted."""
+        self.contact += 1
+        self.rule.end_contact()
+
+    def _update_contact(self, candidate: ImageWrenchCandidate) -> None:
+        # A contact that was visible continues until the image shows none.
+        levels = self.settings.contact_levels / (2 if self.touching else 1)
+        touching = self.rule.touching or candidate.change_levels > levels
+        self.contact += touching != self.touching
+        self.touching = touching
+
+    def _is_of_kind(self, kind: PairKind, candidate: ImageWrenchCandidate) -> bool:
+        if kind == "light_touch":
+            return not self.rule.touching and candidate.change_levels > self.settings.contact_levels
+        return candidate.looks_untouched(self.settings) and candidate.is_at_rest(self.settings)
+
+    def _is_wanted(self, kind: PairKind, candidate: ImageWrenchCandidate, counts: SavedPairCounts) -> bool:
+        """Return whether there are too few pairs of a kind, and the last one was saved long enough ago."""
+        fraction = self.settings.light_touch if kind == "light_touch" else self.settings.no_contact
+        is_soon = candidate.frame.stamp_ns - self.last_ns.get(kind, 0) < _MIN_INTERVAL_NS[kind]
+        if is_soon or counts.kinds[kind] >= fraction * (len(counts.pairs) + 1):
+            return False
+        self.last_ns[kind] = candidate.frame.stamp_ns
+        return True

@@ -1,0 +1,341 @@
+"""Builds one data set from sources: cuts them into parts, reads these in several processes, checks and combines them.
+
+    sources ──parts──▶ parts/00000.pairs.parquet … ──checks──▶ report.json ──combine──▶ data/, references.parquet, README.md
+
+Every part depends on its source alone, and every file is written completely or not at all. A build that was stopped is run again
+with the same arguments: it makes the parts that are missing and ends with the same data set.
+"""
+
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
+from itertools import count
+from pathlib import Path
+from socket import gethostname
+from typing import Any
+
+import msgspec
+
+from ninedtact.atomic_write import write_file_atomically, write_files_atomically
+from ninedtact.calibration.sensor_folder import SENSOR_FILE
+from ninedtact.checked_reading import read_regular_file
+from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
+from ninedtact_train.dataset.checks import FileCheck, PairCheckSettings, check_pair_file, combine_file_checks
+from ninedtact_train.dataset.fault_report import (
+    PairFinding,
+    QualityReport,
+    read_quality_report,
+    require_any_usable_pair,
+    write_quality_report,
+)
+from ninedtact_train.dataset.folder import DatasetFolder, begin_or_resume_dataset, make_folder, to_json_bytes
+from ninedtact_train.dataset.parquet_files import (
+    DatasetDamaged,
+    copy_pairs_without_rows,
+    iterate_rows,
+    stored_image_bytes,
+    write_pair_file,
+    write_reference_images_file,
+)
+from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, escape_invalid_utf8
+from ninedtact_train.dataset.sources.source import Source, SourcePart, SourceUnknown
+from ninedtact_train.dataset.statistics_and_card import (
+    DatasetStatistics,
+    compute_dataset_statistics,
+    format_build_card,
+    require_licence_name,
+)
+
+
+@dataclass(frozen=True)
+class BuildSettings:
+    """How a data set is built from its sources."""
+
+    checks: PairCheckSettings = PairCheckSettings()
+    drop: bool = False
+    """Leave out the pairs that have faults."""
+    licence: str | None = None
+    """Licence of the data, as Hugging Face names it; raises `UnknownLicence`."""
+
+    def __post_init__(self) -> None:
+        require_licence_name(self.licence)
+
+
+@dataclass(frozen=True)
+class BuildResult:
+    """A data set that was built."""
+
+    folder: Path
+    report: QualityReport
+    statistics: DatasetStatistics
+
+
+def build_dataset(
+    out: Path,
+    sources: Sequence[Source],
+    settings: BuildSettings = BuildSettings(),
+    workers: Workers = 1,
+    *,
+    progress: bool = False,
+) -> BuildResult:
+    """Build a data set from sources, or continue a build that was stopped.
+
+    out: folder of the data set: new, empty, or begun with the same sources and settings. workers: number of processes, or a cluster
+    whose workers read the sources at the same paths. Raises `SourceUnknown`, `DatasetFolderTaken`, `NoUsablePairs`,
+    `FileNotWritten`, `WorkersImpossible`.
+    """
+    require_workers(workers)
+    if isinstance(workers, Cluster):
+        _require_absolute_paths(sources)
+    folder = DatasetFolder(out)
+    parts = [part for source in sources for part in source.parts()]
+    begin_or_resume_dataset(folder, _identify_build(sources, settings), [source.path for source in sources])
+    if not folder.is_finished:
+        _make_missing_parts(folder, sources, parts, settings, workers, progress)
+        _combine_parts(folder, sources, len(parts), settings)
+    _remove_parts(folder)
+    return BuildResult(out, read_quality_report(folder.report), _folder_statistics(folder))
+
+
+def _identify_build(sources: Sequence[Source], settings: BuildSettings) -> dict[str, Any]:
+    """Return plain values by which a stopped build is recognised."""
+    described = {
+        f"source {source.name}": escape_invalid_utf8(
+            f"{source.description}, {source.path.resolve()}, {source.fingerprint()}, {source.conventions}"
+        )
+        for source in sources
+    }
+    return {**asdict(settings), **described}
+
+
+def _make_missing_parts(
+    folder: DatasetFolder,
+    sources: Sequence[Source],
+    parts: Sequence[SourcePart],
+    settings: BuildSettings,
+    workers: Workers,
+    progress: bool,
+) -> None:
+    """Make the parts that no earlier run made, in any order."""
+    from tqdm import tqdm
+
+    make_folder(folder.parts)
+    paths = {source.name: _source_paths(source) for source in sources}
+    jobs = [
+        (part, paths[part.source], number, settings.checks)
+        for number, part in enumerate(parts)
+        if not _PartFiles(folder.parts, number).is_made
+    ]
+    with tqdm(total=len(parts), initial=len(parts) - len(jobs), unit="file", disable=not progress) as bar:
+        for _, pairs in run_writing_jobs(_make_part, folder.parts, jobs, workers):
+            bar.set_postfix(pairs=pairs, refresh=False)
+            bar.update()
+
+
+@dataclass(frozen=True)
+class _PartFiles:
+    """The files of one part, which are kept until the data set is finished."""
+
+    folder: Path
+    number: int
+
+    @property
+    def pairs(self) -> Path:
+        return self.folder / f"{self.number:05d}.pairs.parquet"
+
+    @property
+    def references(self) -> Path:
+        return self.folder / f"{self.number:05d}.references.parquet"
+
+    @property
+    def check(self) -> Path:
+        """The result of the part's check, which is written last, and whose name is the last one in the alphabet."""
+        return self.folder / f"{self.number:05d}.result.json"
+
+    @property
+    def is_made(self) -> bool:
+        return self.check.is_file()
+
+    def read_check(self) -> FileCheck:
+        try:
+            return msgspec.json.decode(read_regular_file(self.check), type=FileCheck)
+        except (OSError, ValueError, RecursionError) as trouble:
+            raise DatasetDamaged(
+                f"expected the result of a check in {self.check}, got: {trouble}; delete it, and run the command again"
+            ) from trouble
+
+
+@dataclass
+class _PartReader:
+    """Separates the rows of a part from its reference images and from what is rejected."""
+
+    part: SourcePart
+    file: str
+    references: dict[str, ReferenceImage] = field(default_factory=dict)
+    findings: list[PairFinding] = field(default_factory=list)
+
+    def rows(self) -> Iterator[DatasetRow]:
+        """Yield all rows; afterwards `references` and `findings` are complete."""
+        number = 0
+        for item in self.part.items():
+            if isinstance(item, ReferenceImage):
+                self.references.setdefault(item.id, item)
+            elif isinstance(item, RejectedItem):
+                self.findings.append(
+                    PairFinding(
+                        item.fault, escape_invalid_utf8(item.id), escape_invalid_utf8(item.message), None, self.file
+                    )
+                )
+            else:
+                self.findings += [
+                    PairFinding(fault, escape_invalid_utf8(item.id), escape_invalid_utf8(message), number, self.file)
+                    for fault, message in item.faults
+                ]
+                yield item
+                number += 1
+
+
+def _source_paths(source: Source) -> tuple[Path, ...]:
+    """Return the paths that must exist to read a source."""
+    stated = (source.conventions.reference, source.conventions.sensor_folder)
+    return (source.path, *(path for path in stated if path is not None))
+
+
+def _require_absolute_paths(sources: Sequence[Source]) -> None:
+    """Refuse paths that mean something else in the working folder of a cluster's worker; raises `SourceUnknown`."""
+    for path in (path for source in sources for path in _source_paths(source)):
+        if not path.is_absolute():
+            raise SourceUnknown(
+                f"expected absolute paths of sources for a cluster, got {path}; give the path at which every worker sees it"
+            )
+
+
+def _make_part(
+    folder: Path, part: SourcePart, paths: tuple[Path, ...], number: int, settings: PairCheckSettings
+) -> int:
+    """Write the files of one part and return its number of pairs; raises `FileNotWritten`, `SourceUnknown`."""
+    for path in paths:
+        if not path.exists():  # on a worker; a reader would list every pair as missing
+            raise SourceUnknown(
+                f"expected {path} on {gethostname()}, got nothing there; keep sources on a file system that every worker sees"
+            )
+    files = _PartFiles(folder, number)
+    reader = _PartReader(part, files.pairs.name)
+    write_pair_file(files.pairs, reader.rows())
+    write_reference_images_file(files.references, reader.references.values())
+    check = check_pair_file(files.pairs, files.references, settings)
+    check.findings = [*reader.findings, *check.findings]
+    write_file_atomically(files.check, msgspec.json.encode(check))
+    return len(check.ids)
+
+
+def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], parts: int, settings: BuildSettings) -> None:
+    """Check across parts and combine them into one data set; raises `NoUsablePairs`, `FileNotWritten`."""
+    files = [_PartFiles(folder.parts, number) for number in range(parts)]
+    checks = [file.read_check() for file in files]
+    names = [file.pairs.name for file in files] if settings.drop else _name_pair_files(folder, checks)
+    for check, name in zip(checks, names, strict=True):
+        check.findings = [msgspec.structs.replace(finding, file=name) for finding in check.findings]
+    report = combine_file_checks(checks, names, settings.drop)
+    write_quality_report(folder.report, _without_places(report) if settings.drop else report)
+    require_any_usable_pair(report, folder.report)
+    unwanted = _rows_with_faults(report) if settings.drop else {}
+    kept = [
+        file
+        for file, check in zip(files, checks, strict=True)
+        if len(check.ids) > len(unwanted.get(file.pairs.name, ()))
+    ]
+    for number, file in enumerate(kept):
+        _move_pair_file(file.pairs, folder.pair_file(number, len(kept)), unwanted.get(file.pairs.name, set()))
+    write_reference_images_file(folder.references, _unique_references(files))
+    _save_sensor_folders(folder, sources, _save_simulated_sensors(folder, sources))
+    card = format_build_card(_folder_statistics(folder), sources, settings.licence, report, version("ninedtact"))
+    write_file_atomically(folder.card, card.encode())
+
+
+def _name_pair_files(folder: DatasetFolder, checks: Sequence[FileCheck]) -> list[str]:
+    """Return the name of each part's file in a data set that leaves out no pair; empty for a part without pairs."""
+    numbers, total = count(), sum(bool(check.ids) for check in checks)
+    return [folder.pair_file(next(numbers), total).name if check.ids else "" for check in checks]
+
+
+def _without_places(report: QualityReport) -> QualityReport:
+    """Return the report of a data set that leaves out all pairs with findings, which are in none of its files."""
+    findings = [msgspec.structs.replace(finding, row=None, file="") for finding in report.findings]
+    return msgspec.structs.replace(report, findings=findings)
+
+
+def _save_simulated_sensors(folder: DatasetFolder, sources: Sequence[Source]) -> set[str]:
+    """Write the parameters of the simulated sensors that the sources carry; raises `FileNotWritten`, `DatasetDamaged`.
+
+    Returns the names that several different sensors have. They are left out, because the images do not say which one is theirs.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    contradictory = set()
+    for table in (table for source in sources for table in source.simulated_sensors()):
+        if table != found.setdefault(table["name"], table):
+            contradictory.add(table["name"])
+    if tables := [table for name, table in found.items() if name not in contradictory]:
+        write_file_atomically(folder.sensors, to_json_bytes(tables))
+    return contradictory
+
+
+def _save_sensor_folders(folder: DatasetFolder, sources: Sequence[Source], contradictory: set[str]) -> None:
+    """Write the sensor folders that the sources carry, for those who compute heights; raises `FileNotWritten`.
+
+    contradictory: names to be left out. A sensor that comes with several calibrations is left out as well, because its images do
+    not say which one is theirs.
+    """
+    found: dict[str, dict[str, bytes]] = {}
+    contradictory = set(contradictory)
+    for source in sources:
+        for name, files in source.sensor_folders():
+            if files.get(SENSOR_FILE) != found.setdefault(name, files).get(SENSOR_FILE):
+                contradictory.add(name)
+    entries = [
+        (f"{name}/{path}", content)
+        for name, files in found.items()
+        if name not in contradictory and Path(name).name == name and not (folder.sensor_folders / name).exists()
+        for path, content in files.items()
+    ]
+    if entries:
+        write_files_atomically(folder.sensor_folders, entries)
+
+
+def _rows_with_faults(report: QualityReport) -> dict[str, set[int]]:
+    """Return the numbers of the rows with faults by file."""
+    rows: dict[str, set[int]] = {}
+    for finding in report.findings:
+        if finding.row is not None:
+            rows.setdefault(finding.file, set()).add(finding.row)
+    return rows
+
+
+def _move_pair_file(part: Path, target: Path, unwanted: set[int]) -> None:
+    """Move a part's pairs into `data/`, without some rows; a file that already exists is kept."""
+    if target.is_file():
+        return
+    if unwanted:
+        copy_pairs_without_rows(part, target, unwanted)
+    else:
+        part.replace(target)
+
+
+def _unique_references(files: Sequence[_PartFiles]) -> Iterator[ReferenceImage]:
+    """Yield the reference images of all parts, each id once."""
+    known: set[str] = set()
+    for file in files:
+        for row in iterate_rows(file.references):
+            if row["reference_id"] not in known:
+                known.add(row["reference_id"])
+                yield ReferenceImage(row["reference_id"], stored_image_bytes(row["image"]) or b"", row["sensor"])
+
+
+def _folder_statistics(folder: DatasetFolder) -> DatasetStatistics:
+    return compute_dataset_statistics(sorted((folder.path / "data").glob("*.parquet")))
+
+
+def _remove_parts(folder: DatasetFolder) -> None:
+    """Remove the parts of a finished data set."""
+    shutil.rmtree(folder.parts, ignore_errors=True)

@@ -1,0 +1,186 @@
+"""Calibrated readings of a data set: every stored image, measured with the calibration of the sensor that took it."""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray as Array
+
+from ninedtact.design import Gel, SensingArea
+from ninedtact.errors import CalibrationError
+from ninedtact.force.known_load_scale import ForceScale
+from ninedtact.quantities import NO_OBJECT, Frame, Rectified
+from ninedtact.reading import Reading
+from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.shape.depth import DepthReader
+from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files
+from ninedtact_train.dataset.parquet_files import (
+    DatasetDamaged,
+    StoredImageUnreadable,
+    decode_stored_image,
+    decode_stored_wrench,
+    iterate_rows,
+    read_references_by_id,
+)
+
+READ_COLUMNS = ("image", "reference_id", "sensor", "mm_per_px")
+"""Columns that `RowReadingComputer` needs."""
+
+
+_ROWS_PER_GROUP = 64
+"""Rows that are read together, some 4 MB of images."""
+
+
+class SensorCalibrationMissing(CalibrationError):
+    """Raised for images of a sensor whose calibration was not given, or was made with images of another size."""
+
+
+@dataclass(frozen=True)
+class DatasetSensorCalibration:
+    """The calibration of one sensor of a data set."""
+
+    shape: CalibratedShape
+    gel: Gel
+    digest: str
+    """A digest that differs between any two calibrations of shape and gel."""
+    force_scales: tuple[tuple[str, ForceScale], ...] = ()
+    """Names of estimators and the force scales of the sensor folder for them."""
+
+
+@dataclass(frozen=True)
+class ReadingWithWrench:
+    """A reading with the wrench that belongs to it."""
+
+    reading: Reading
+    wrench: Float32[Array, "6"]
+    """The measured or simulated wrench, N and N·m about the skin's centre."""
+    object: str
+    sensor: str
+    kind: str
+
+
+@dataclass(frozen=True)
+class RowsWithReferences:
+    """Some rows of one file of a data set with their reference images: all that is needed to read them elsewhere."""
+
+    file: Path
+    rows: list[dict[str, Any]]
+    references: dict[str, Any]
+    """Values of the column `image` of the reference images by their id."""
+
+    @property
+    def sensors(self) -> set[str]:
+        """The names of the sensors that took the images."""
+        return {row["sensor"] or "" for row in self.rows}
+
+    def readings(self, sensors: Mapping[str, DatasetSensorCalibration]) -> Iterator[ReadingWithWrench]:
+        """Yield each row as a reading; raises `SensorCalibrationMissing`, `DatasetDamaged`."""
+        depth_reader = RowReadingComputer(self.file, sensors, self.references)
+        for row in self.rows:
+            wrench, object_name = decode_stored_wrench(row["wrench"]), str(row["object"] or NO_OBJECT)
+            reading = depth_reader.read(row)
+            yield ReadingWithWrench(reading, wrench, object_name, row["sensor"] or "", str(row["kind"] or ""))
+
+
+def iterate_rows_with_references(
+    folder: Path, every: int = 1, left_out: Collection[str] = ()
+) -> Iterator[RowsWithReferences]:
+    """Yield one of every n pairs of a data set in groups of at most `_ROWS_PER_GROUP`, without those of some sensors.
+
+    Which one varies from one run of n pairs to the next, because sessions of simulated sensors begin with pairs without contact:
+    equal steps would select far too many of these. The same data give the same pairs. Raises `DatasetDamaged`.
+    """
+    number = 0
+    for file in find_pair_files(folder):
+        references = read_file_references(file)
+        kept = []
+        for row in iterate_rows(file, (*READ_COLUMNS, "wrench", "object", "kind")):
+            run, place = divmod(number, every)
+            number += 1
+            if place == _chosen_place(run, every) and row["sensor"] not in left_out:
+                kept.append(row)
+            if len(kept) == _ROWS_PER_GROUP:
+                yield _with_references(file, kept, references)
+                kept = []
+        if kept:
+            yield _with_references(file, kept, references)
+
+
+@lru_cache(maxsize=2)
+def _chosen_place(run: int, every: int) -> int:
+    """Return which of the pairs of a run of `every` pairs is chosen, pseudo-random by the number of the run."""
+    return int.from_bytes(blake2b(f"{every}/{run}".encode(), digest_size=8).digest()) % every
+
+
+def _with_references(file: Path, rows: list[dict[str, Any]], references: Mapping[str, Any]) -> RowsWithReferences:
+    ids = {row["reference_id"] for row in rows}
+    return RowsWithReferences(file, rows, {name: image for name, image in references.items() if name in ids})
+
+
+def read_file_references(file: Path) -> dict[str, Any]:
+    """Return the values of the column `image` of the reference images that a file names; raises `DatasetDamaged`."""
+    ids = {row["reference_id"] for row in iterate_rows(file, ["reference_id"])}
+    return read_references_by_id(file.parents[1] / REFERENCES_FILE, ids)
+
+
+@dataclass
+class RowReadingComputer:
+    """Measures the images of one Parquet file, each with its own sensor's calibration and its own reference image."""
+
+    file: Path
+    """The file, for messages."""
+    sensors: Mapping[str, DatasetSensorCalibration]
+    references: Mapping[str, Any]
+    """Values of the column `image` of the reference images by their id."""
+    _readers: dict[tuple[str, str], DepthReader] = field(default_factory=dict, init=False)
+
+    def read(self, row: Mapping[str, Any]) -> Reading:
+        """Return the reading of a row; its raw frame is empty. The scale of an image, where unknown, is that of the calibration.
+
+        Raises `SensorCalibrationMissing`, `DatasetDamaged`.
+        """
+        sensor, reference_id = row["sensor"] or "", row["reference_id"]
+        mm_per_px = row["mm_per_px"] or (
+            self.sensors[sensor].shape.rectify.mm_per_px if sensor in self.sensors else None
+        )
+        image = self._decode_rectified(row["image"], mm_per_px)
+        if (sensor, reference_id) not in self._readers:
+            reference = self._decode_rectified(self.references[reference_id], mm_per_px)
+            self._readers[sensor, reference_id] = self._bind_depth_reader(sensor, reference)
+        reader = self._readers[sensor, reference_id]
+        if image.grey.shape != reader.reference.grey.shape:
+            raise DatasetDamaged(
+                f"expected images of sensor {sensor!r} as large as its reference, {reader.reference.grey.shape}, got "
+                f"{image.grey.shape}; leave them out: ninedtact dataset build --drop"
+            )
+        return Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, reader(image), reference=reader.reference)
+
+    def _bind_depth_reader(self, name: str, reference: Rectified) -> DepthReader:
+        """Return the sensor's depth reader for this reference image; raises `SensorCalibrationMissing`."""
+        if name not in self.sensors:
+            raise SensorCalibrationMissing(
+                f"expected the calibration of every sensor, got none of {name!r}; give a folder that holds a sensor folder of "
+                "each name"
+            )
+        shape = self.sensors[name].shape
+        calibrated = shape.rectify.height_source.shape
+        if reference.grey.shape != calibrated:
+            raise SensorCalibrationMissing(
+                f"expected images of {calibrated[1]} x {calibrated[0]}, as sensor {name!r} was calibrated with, got "
+                f"{reference.grey.shape[1]} x {reference.grey.shape[0]}; make the data set at that size"
+            )
+        return shape.reader_against(reference)
+
+    def _decode_rectified(self, stored: Any, mm_per_px: float | None) -> Rectified:
+        """Return a stored image with its scale, that of the published sensing area if unknown; raises `DatasetDamaged`."""
+        advice = f"leave it out: ninedtact dataset build --drop --out NEW {self.file.parents[1]}"
+        try:
+            grey = decode_stored_image(stored).astype(np.float32)
+        except StoredImageUnreadable as error:
+            raise DatasetDamaged(f"{error} (in {self.file}); {advice}") from error
+        return Rectified(grey, mm_per_px or SensingArea().width_mm / grey.shape[1])

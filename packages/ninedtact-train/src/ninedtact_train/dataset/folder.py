@@ -1,0 +1,225 @@
+"""The folder of a data set: paths of its files, how it is begun, and how a stopped build or generation is recognised.
+
+settings.json        what the data set is made from; written first
+data/                files of pairs
+references.parquet   reference images (no contact)
+sensors.json         all parameters of simulated sensors, in a generated data set or one that was built from such
+sensors/             sensor folders by the names of the sensors: carried by recordings, or calibrated for simulated sensors
+report.json          what the checks found, in a built data set
+README.md            the card; written last: where it exists, the data set is finished
+"""
+
+import json
+import re
+import shutil
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from ninedtact.atomic_write import FileNotWritten, write_file_atomically
+from ninedtact.calibration.sensor_folder import SENSOR_FILE
+from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum, read_json_object, read_text_file
+from ninedtact.errors import OutputError
+from ninedtact_train.dataset.parquet_files import DatasetDamaged, require_pair_columns
+from ninedtact_train.dataset.schema import DATASET_FORMAT
+
+REFERENCES_FILE, SETTINGS_FILE, SENSORS_FILE = "references.parquet", "settings.json", "sensors.json"
+REPORT_FILE = "report.json"
+_FILE_COUNT = re.compile(r"-of-(\d+)\.parquet$")
+
+
+class DatasetUnfinished(DatasetDamaged):
+    """Raised for a data set of which some files are still missing."""
+
+
+class DatasetFolderTaken(OutputError):
+    """Raised for a folder that holds something else, or a data set that was begun with other settings."""
+
+
+@dataclass(frozen=True)
+class DatasetFolder:
+    """The paths of a data set's files."""
+
+    path: Path
+
+    @property
+    def settings(self) -> Path:
+        """The settings that the data set was begun with."""
+        return self.path / SETTINGS_FILE
+
+    @property
+    def card(self) -> Path:
+        """README.md, which is written last."""
+        return self.path / "README.md"
+
+    @property
+    def report(self) -> Path:
+        """The findings of the checks."""
+        return self.path / REPORT_FILE
+
+    @property
+    def references(self) -> Path:
+        """The file of reference images."""
+        return self.path / REFERENCES_FILE
+
+    @property
+    def sensors(self) -> Path:
+        """The parameters of the simulated sensors."""
+        return self.path / SENSORS_FILE
+
+    @property
+    def sensor_folders(self) -> Path:
+        """The folder of the sensor folders, by name."""
+        return self.path / "sensors"
+
+    @property
+    def parts(self) -> Path:
+        """The folder of the parts that a build has made so far."""
+        return self.path / "parts"
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether all files are complete."""
+        return self.card.is_file()
+
+    def pair_file(self, number: int, count: int) -> Path:
+        """Return the path of one of this many files of pairs."""
+        return self.path / "data" / f"train-{number:05d}-of-{count:05d}.parquet"
+
+
+def find_pair_files(folder: Path) -> list[Path]:
+    """Return all files of pairs of a data set in order.
+
+    Raises `DatasetDamaged`, `DatasetFormatUnknown` and, if files are missing, `DatasetUnfinished`.
+    """
+    files = sorted(path for path in (folder / "data").glob("*.parquet") if not path.name.startswith("."))
+    if not files:
+        raise DatasetDamaged(
+            f"expected a data set, got {folder} without Parquet files in {folder / 'data'}; give the folder that "
+            "'ninedtact dataset build' or 'ninedtact simulate dataset' made"
+        )
+    numbered = _FILE_COUNT.search(files[-1].name)
+    if numbered and int(numbered[1]) != len(files):
+        raise DatasetUnfinished(
+            f"expected {int(numbered[1])} files in {folder / 'data'}, got {len(files)}; finish it with the command that began it"
+        )
+    if not (folder / REFERENCES_FILE).is_file():
+        raise DatasetUnfinished(
+            f"expected {folder / REFERENCES_FILE}, got no such file; finish the data set with the command that began it"
+        )
+    for file in files:
+        require_pair_columns(file)
+    return files
+
+
+def begin_or_resume_dataset(
+    folder: DatasetFolder, settings: Mapping[str, Any], source_paths: Iterable[Path] = ()
+) -> None:
+    """Make the folder of a new data set, or check that it was begun with the same settings.
+
+    The version of the program and of the format belong to the settings. Half-written files of a stopped run are removed.
+    Raises `DatasetFolderTaken`, also for a new folder inside one of the sources, and `FileNotWritten`.
+    """
+    resolved = {"ninedtact": version("ninedtact"), "format": DATASET_FORMAT, **json.loads(json.dumps(settings))}
+    if folder.settings.is_file():
+        _require_same_settings(folder.settings, resolved)
+    else:
+        _require_free_folder(folder.path, source_paths)
+        make_folder(folder.path / "data")
+        write_file_atomically(folder.settings, to_json_bytes({**resolved, CHECKSUM_KEY: mapping_checksum(resolved)}))
+    for half_written in [*folder.path.rglob(".*.partial")]:
+        if half_written.is_dir():
+            shutil.rmtree(half_written, ignore_errors=True)
+        else:
+            half_written.unlink(missing_ok=True)
+    make_folder(folder.path / "data")
+
+
+def read_dataset_settings(folder: Path) -> dict[str, Any]:
+    """Return the settings of a data set, none where it states none; raises `DatasetDamaged` where they were changed."""
+    path = folder / SETTINGS_FILE
+    if not path.exists():
+        return {}
+    try:
+        found = read_json_object(path)
+    except (OSError, ValueError) as trouble:
+        raise DatasetDamaged(f"expected settings in {path}, got: {trouble}; copy the whole data set again") from trouble
+    if found.get(CHECKSUM_KEY) not in (None, mapping_checksum(found)):
+        raise DatasetDamaged(
+            f"expected {path} as it was written, got other settings than its checksum; copy the whole data set again"
+        )
+    return found
+
+
+def find_sensor_folders(folder: Path) -> list[Path]:
+    """Return the sensor folders in a folder, without those that a killed process left half written."""
+    return sorted(file.parent for file in folder.glob(f"*/{SENSOR_FILE}") if not file.parent.name.startswith("."))
+
+
+def read_sensor_parameters(folder: Path) -> list[dict[str, Any]]:
+    """Return all parameters of a data set's simulated sensors as they are stored, none where it has none.
+
+    Raises `DatasetDamaged`, also where they were changed.
+    """
+    path = folder / SENSORS_FILE
+    if not path.exists() and "objects_seed" not in read_dataset_settings(folder):
+        return []
+    try:
+        tables = json.loads(read_text_file(path))
+        by_name = {table["name"]: table for table in tables}
+        for name, table in by_name.items():
+            if table.get(CHECKSUM_KEY) not in (None, mapping_checksum(table)):
+                raise ValueError(f"other parameters of {name} than its checksum")
+        return list(by_name.values())
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as trouble:
+        raise sensor_parameters_damage(folder, trouble) from trouble
+
+
+def sensor_parameters_damage(folder: Path, trouble: Exception) -> DatasetDamaged:
+    """Return the error for parameters of simulated sensors that cannot be read."""
+    return DatasetDamaged(
+        f"expected the simulated sensors in {folder / SENSORS_FILE} as they were written, got: {trouble}; copy the whole data set "
+        "again"
+    )
+
+
+def make_folder(path: Path, advice: str = "correct the path or its permissions") -> None:
+    """Make a folder with its parents; raises `FileNotWritten`."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or error
+        raise FileNotWritten(f"expected to make the folder {path}, got: {reason}; {advice}") from error
+
+
+def to_json_bytes(value: Any) -> bytes:
+    """Return a value as JSON for people and programs."""
+    return (json.dumps(value, indent=1, ensure_ascii=False) + "\n").encode()
+
+
+def _require_free_folder(path: Path, source_paths: Iterable[Path]) -> None:
+    """Refuse a folder that holds something else or lies in a source."""
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise DatasetFolderTaken(
+            f"expected an empty folder or a data set to continue, got {path}, which holds something else; give another"
+        )
+    for source in source_paths:
+        if source.is_dir() and path.resolve().is_relative_to(source.resolve()):
+            raise DatasetFolderTaken(f"expected a folder outside of the sources, got {path} in {source}; give another")
+
+
+def _require_same_settings(kept: Path, resolved: dict[str, Any]) -> None:
+    """Refuse to mix two data sets in one folder."""
+    try:
+        found = read_json_object(kept)
+    except (OSError, ValueError):
+        found = {}
+    names = {*found, *resolved} - {CHECKSUM_KEY}
+    if differing := sorted(name for name in names if found.get(name) != resolved.get(name)):
+        name = differing[0]
+        raise DatasetFolderTaken(
+            f"expected what {kept.parent} was begun with, got another {', '.join(differing)} ({name}: {resolved.get(name)} "
+            f"instead of {found.get(name)}); give the same sources and options to continue, or another folder"
+        )

@@ -1,0 +1,225 @@
+"""Reads and writes the Parquet files of a data set: pairs, reference images, whole columns, and the images that they store,
+which are grey PNG files, encoded, decoded, and looked up by the id of a reference image.
+
+Files are written completely or not at all. Rows are read and written in groups, so that a file may be larger than memory.
+"""
+
+from collections import OrderedDict
+from collections.abc import Collection, Container, Iterable, Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from jaxtyping import Float32, UInt8
+from numpy import ndarray as Array
+
+from ninedtact.atomic_write import open_atomic_file
+from ninedtact.capture.strict_image_reading import image_file_fault
+from ninedtact.errors import FileFormatError
+from ninedtact_train.dataset.schema import (
+    DATASET_FORMAT,
+    FORMAT_KEY,
+    PAIR_COLUMNS,
+    REFERENCE_COLUMNS,
+    Column,
+    DatasetRow,
+    ReferenceImage,
+    arrow_schema,
+    reference_to_columns,
+    row_to_columns,
+)
+
+_ROWS_PER_GROUP = 100
+"""Number of rows in memory at once, which is the smallest unit that a reader can read."""
+_READ_ERRORS = (pa.ArrowException, OSError, ValueError, MemoryError)
+"""Exceptions that Arrow raises for a damaged file; text that is not UTF-8 is a `ValueError`."""
+_NO_WRENCH = [float("nan")] * 6
+
+
+class DatasetDamaged(FileFormatError):
+    """Raised for a folder that is not a data set, or a file of it that is incomplete."""
+
+
+class DatasetFormatUnknown(DatasetDamaged):
+    """Raised for a data set whose format this version does not read."""
+
+
+def write_pair_file(path: Path, rows: Iterable[DatasetRow]) -> None:
+    """Write a file of pairs; raises `FileNotWritten`."""
+    _write_parquet_file(path, map(row_to_columns, rows), PAIR_COLUMNS)
+
+
+def write_reference_images_file(path: Path, references: Iterable[ReferenceImage]) -> None:
+    """Write the Parquet file of all reference images; raises `FileNotWritten`."""
+    _write_parquet_file(path, map(reference_to_columns, references), REFERENCE_COLUMNS)
+
+
+def copy_pairs_without_rows(path: Path, target: Path, unwanted_rows: Container[int]) -> None:
+    """Copy a file of pairs without some of its rows; raises `FileNotWritten`, `DatasetDamaged`."""
+    kept = (row for number, row in enumerate(iterate_rows(path)) if number not in unwanted_rows)
+    _write_parquet_file(target, kept, PAIR_COLUMNS)
+
+
+def _write_parquet_file(path: Path, rows: Iterator[dict[str, Any]], columns: tuple[Column, ...]) -> None:
+    """Write rows of column values; this is the only place that writes Parquet."""
+    schema = arrow_schema(columns)
+    with (
+        open_atomic_file(path) as file,
+        pq.ParquetWriter(file, schema, compression="snappy", write_page_checksum=True) as writer,
+    ):
+        while group := list(islice(rows, _ROWS_PER_GROUP)):
+            writer.write_table(pa.Table.from_pylist(group, schema=schema))
+
+
+def iterate_rows(path: Path, columns: Collection[str] | None = None) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a file one by one as column values, all columns or the named ones; raises `DatasetDamaged`."""
+    file = open_parquet_file(path)
+    try:
+        for batch in file.iter_batches(_ROWS_PER_GROUP, columns=columns and list(columns)):
+            yield from batch.to_pylist()
+    except _READ_ERRORS as error:
+        raise _parquet_damage(path, error) from error
+
+
+def iterate_rows_at(path: Path, numbers: Collection[int]) -> Iterator[dict[str, Any]]:
+    """Yield the rows of these numbers in ascending order; raises `DatasetDamaged`."""
+    file, begin = open_parquet_file(path), 0
+    for group in range(file.num_row_groups):
+        end = begin + file.metadata.row_group(group).num_rows
+        wanted = sorted(number - begin for number in numbers if begin <= number < end)
+        if wanted:
+            try:
+                yield from file.read_row_group(group).take(wanted).to_pylist()
+            except _READ_ERRORS as error:
+                raise _parquet_damage(path, error) from error
+        begin = end
+
+
+def read_columns(paths: Sequence[Path], columns: Sequence[str]) -> Any:
+    """Return whole columns of several files as one Arrow table; raises `DatasetDamaged`."""
+    tables = []
+    for path in paths:
+        try:
+            tables.append(open_parquet_file(path).read(columns=list(columns)))
+        except _READ_ERRORS as error:
+            raise _parquet_damage(path, error) from error
+    return pa.concat_tables(tables)
+
+
+def wrench_array(table: Any) -> Float32[Array, "n 6"]:
+    """Return the column `wrench` of an Arrow table, with NaN where a wrench is missing."""
+    column = table["wrench"].combine_chunks()
+    if column.null_count == 0:
+        values = column.flatten().to_numpy(zero_copy_only=False)
+    else:
+        values = np.array([wrench or _NO_WRENCH for wrench in column.to_pylist()])
+    return np.array(values, np.float32).reshape(-1, 6)
+
+
+def decode_stored_wrench(value: Any) -> Float32[Array, "6"]:
+    """Return the wrench of one row, NaN where it is missing."""
+    numbers = [float("nan") if number is None else number for number in (value or _NO_WRENCH)]
+    return np.asarray(numbers, np.float32)
+
+
+def open_parquet_file(path: Path) -> Any:
+    """Open a Parquet file; raises `DatasetDamaged`."""
+    try:
+        if not path.is_file():
+            raise OSError("no such file" if not path.exists() else "a folder, a pipe or a device and not a file")
+        return pq.ParquetFile(path, page_checksum_verification=True)
+    except _READ_ERRORS as error:
+        raise _parquet_damage(path, error) from error
+
+
+def require_pair_columns(path: Path) -> None:
+    """Refuse a file that does not hold pairs in the current format; raises `DatasetDamaged`, `DatasetFormatUnknown`."""
+    schema = open_parquet_file(path).schema_arrow
+    found = (schema.metadata or {}).get(FORMAT_KEY)
+    if found != str(DATASET_FORMAT).encode():
+        raise DatasetFormatUnknown(
+            f"expected a data set of format {DATASET_FORMAT} in {path}, got {'no format' if found is None else found.decode()}; "
+            "make it again from its sources with 'ninedtact dataset build' or 'ninedtact simulate dataset'"
+        )
+    expected = [column.name for column in PAIR_COLUMNS]
+    if missing := [name for name in expected if name not in schema.names]:
+        raise DatasetDamaged(
+            f"expected the columns {', '.join(expected)} in {path}, got no column {missing[0]}; give the folder of a data set "
+            "of pairs"
+        )
+
+
+def _parquet_damage(path: Path, error: Exception) -> DatasetDamaged:
+    reason = (str(error).splitlines() or [type(error).__name__])[0]
+    return DatasetDamaged(f"expected a whole Parquet file in {path}, got: {reason}; copy it again or build it again")
+
+
+GreyImage = UInt8[Array, "rows cols"]
+_FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
+"""PNG compression level. Noise does not compress: a higher level would save 4 % and take three times as long."""
+_MOST_DECODED = 32
+
+
+class StoredImageUnreadable(FileFormatError):
+    """Raised for stored bytes that are not an 8-bit image."""
+
+
+def encode_png(image: GreyImage) -> bytes:
+    """Return a grey image as a PNG file."""
+    return bytes(cv2.imencode(".png", image, _FAST_PNG)[1])
+
+
+def decode_stored_image(stored: Any) -> GreyImage:
+    """Return the grey image of a value of the column `image`, or of a PNG file's bytes.
+
+    The structure of the file is checked before it is decoded. Raises `StoredImageUnreadable`.
+    """
+    content = stored_image_bytes(stored)
+    if not content:
+        raise StoredImageUnreadable("expected an image, got nothing; record it again")
+    if fault := image_file_fault(content):
+        raise StoredImageUnreadable(f"expected an image, got {fault}; record it again")
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None or image.dtype != np.uint8:
+        raise StoredImageUnreadable("expected an 8-bit image, got damaged data or another depth; record it again")
+    if image.ndim == 3:
+        image = cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2GRAY)
+    return np.asarray(image)
+
+
+def stored_image_bytes(stored: Any) -> bytes | None:
+    """Return the file in a value of the column `image`; None if there is none."""
+    content = stored.get("bytes") if isinstance(stored, dict) else stored
+    return content if isinstance(content, bytes) else None
+
+
+def read_references_by_id(path: Path, ids: Iterable[str | None]) -> dict[str, Any]:
+    """Return the values of the column `image` of some reference images by their id; raises `DatasetDamaged`."""
+    wanted = set(ids)
+    rows = iterate_rows(path, ("reference_id", "image"))
+    return {row["reference_id"]: row["image"] for row in rows if row["reference_id"] in wanted}
+
+
+class ReferenceImageFile:
+    """The reference images of a file by id: all as encoded files, the most recent ones decoded."""
+
+    def __init__(self, path: Path) -> None:
+        self._files = {row["reference_id"]: row["image"] for row in iterate_rows(path, ("reference_id", "image"))}
+        self._decoded: OrderedDict[str, GreyImage] = OrderedDict()
+
+    def find(self, reference_id: str | None) -> GreyImage | None:
+        """Return the image of this id; None if it is missing or cannot be read."""
+        if reference_id is None or reference_id not in self._files:
+            return None
+        if reference_id not in self._decoded:
+            try:
+                self._decoded[reference_id] = decode_stored_image(self._files[reference_id])
+            except StoredImageUnreadable:
+                return None
+            if len(self._decoded) > _MOST_DECODED:
+                self._decoded.popitem(last=False)
+        return self._decoded[reference_id]

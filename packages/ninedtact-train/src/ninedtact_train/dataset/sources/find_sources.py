@@ -1,0 +1,103 @@
+"""Finds the sources of pairs: arguments PATH or NAME=PATH go in, sources of the right kind with different names come out."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from ninedtact_train.dataset.schema import escape_invalid_utf8
+from ninedtact_train.dataset.sources.htt_episodes import EPISODE_SUFFIX, TactileTransformerSource
+from ninedtact_train.dataset.sources.original_9dtact import OriginalDatasetSource, find_original_dataset
+from ninedtact_train.dataset.sources.recordings_and_datasets import (
+    RECORDING_SUFFIX,
+    ExistingDatasetSource,
+    RecordingsSource,
+)
+from ninedtact_train.dataset.sources.source import Source, SourceConventions, SourceUnknown
+
+_KINDS = (
+    "recordings of 'ninedtact collect' (.mcap), the original project's Dataset folder (image/ or mixed_image/, and wrench/), "
+    "force episodes (.npz) or a data set (data/*.parquet)"
+)
+
+
+def find_sources(arguments: Sequence[str], conventions: SourceConventions = SourceConventions()) -> list[Source]:
+    """Return the sources at these paths, each given as `PATH` or `NAME=PATH`; raises `SourceUnknown`."""
+    if not arguments:
+        raise SourceUnknown(f"expected at least one source, got none; name {_KINDS}")
+    named = list(_give_different_names(arguments))
+    sources = [_open_source(name, path, conventions, several=len(named) > 1) for name, path in named]
+    _require_effect(conventions, sources)
+    return sources
+
+
+def _require_effect(conventions: SourceConventions, sources: Sequence[Source]) -> None:
+    """Refuse statements that no source needs, because its files say the same; raises `SourceUnknown`."""
+    kinds = {type(source) for source in sources}
+    of_labels = kinds & {OriginalDatasetSource, TactileTransformerSource}
+    needed = {
+        "--sensor": RecordingsSource in kinds,
+        "--reference": OriginalDatasetSource in kinds,
+        "--sensor-name": of_labels,
+        "--origin-mm": of_labels,
+        "--axes": of_labels,
+        "--mm-per-px": of_labels,
+    }
+    useless = [option for option in conventions.stated_options() if not needed[option]]
+    if useless:
+        raise SourceUnknown(
+            f"expected options that have an effect on these sources, got {' and '.join(useless)}; drop what does not apply: "
+            "recordings and data sets say axes, torque point and scale themselves"
+        )
+
+
+def _open_source(name: str, path: Path, conventions: SourceConventions, several: bool) -> Source:
+    """Return the source at a path; raises `SourceUnknown`."""
+    if not path.exists():
+        raise SourceUnknown(f"expected a source at {path}, got nothing there; check the path")
+    if find_original_dataset(path):
+        return OriginalDatasetSource(name, path, conventions=conventions)
+    if any((path / "data").glob("*.parquet")):
+        return ExistingDatasetSource(name, path, several)
+    if _contains_suffix(path, RECORDING_SUFFIX):
+        return RecordingsSource(name, path, conventions=conventions)
+    if _contains_suffix(path, EPISODE_SUFFIX):
+        return TactileTransformerSource(name, path, conventions=conventions)
+    raise SourceUnknown(f"expected {_KINDS}, got {path} with none of them; name the folder that holds them")
+
+
+def _contains_suffix(path: Path, suffix: str) -> bool:
+    """Return whether the path is a file with this suffix, or a folder with one."""
+    return path.suffix == suffix if path.is_file() else any(path.rglob(f"*{suffix}"))
+
+
+def _give_different_names(arguments: Sequence[str]) -> Iterator[tuple[str, Path]]:
+    """Yield paths with different names; raises `SourceUnknown` if one name was given twice."""
+    given = [_split_argument(argument) for argument in arguments]
+    given_names = [name for name, _ in given if name]
+    repeated = [name for name, count in Counter(given_names).items() if count > 1]
+    if repeated:
+        raise SourceUnknown(f"expected names of sources to differ, got {repeated[0]!r} more than once; change one")
+    taken = set(given_names)
+    for name, path in given:
+        own = name or next(free for free in _numbered_names(path.resolve().stem or "source") if free not in taken)
+        taken.add(own)
+        yield escape_invalid_utf8(own), path
+
+
+def _numbered_names(stem: str) -> Iterator[str]:
+    """Yield the stem, stem-2, stem-3 and so on."""
+    yield stem
+    number = 2
+    while True:
+        yield f"{stem}-{number}"
+        number += 1
+
+
+def _split_argument(argument: str) -> tuple[str, Path]:
+    """Return a name, which may be empty, and a path; raises `SourceUnknown` for a name that no file could have."""
+    name, mark, path = argument.partition("=")
+    if not mark or Path(argument).exists():
+        return "", Path(argument)
+    if not name or not path or "/" in name or name.startswith("."):
+        raise SourceUnknown(f"expected NAME=PATH with a name without slashes, got {argument!r}; correct it")
+    return name, Path(path)

@@ -1,0 +1,179 @@
+"""The interface of a source of pairs: it is cut into parts, each of which becomes one file, in any order and any process."""
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from jaxtyping import Float32, Float64
+from numpy import ndarray as Array
+
+from ninedtact.capture.image_and_video_files import natural_sort_key
+from ninedtact.errors import InputError
+from ninedtact.quantities import Wrench
+from ninedtact_train.dataset.schema import SourceItem
+
+Point = tuple[float, float, float]
+_Axes = tuple[str, str, str]
+_AS_MEASURED: _Axes = ("+x", "+y", "+z")
+
+
+class SourceUnknown(InputError):
+    """Raised for a path without pairs of any known kind, or for a statement about a source that cannot be true."""
+
+
+@dataclass(frozen=True)
+class SourceConventions:
+    """Axes, torque origin, image scale and reference that a person states about sources that do not say them.
+
+    These are the original project's folders, episodes of the tactile transformer, and recordings without a sensor folder.
+    """
+
+    origin_mm: Point | None = None
+    """The point that the torques of the labels are about, in the sensor's frame; None: as usual for the kind of source."""
+    axes: _Axes = _AS_MEASURED
+    """Which of the measured axes, with which sign, are the sensor's x, y and z."""
+    mm_per_px: float | None = None
+    """Scale of the images."""
+    sensor: str | None = None
+    """Name of the sensor that took the images; None: the name of the source."""
+    reference: Path | None = None
+    """Rectified image without contact, for a source that stores none."""
+    sensor_folder: Path | None = None
+    """Sensor folder to use in place of those in the recordings."""
+
+    def __post_init__(self) -> None:
+        _require_axes(self.axes)
+        if self.mm_per_px is not None and not 0 < self.mm_per_px < 1:
+            raise SourceUnknown(f"expected a scale of about 0.05 mm per pixel, got {self.mm_per_px}; correct it")
+        if self.origin_mm is not None and not np.isfinite(self.origin_mm).all():
+            raise SourceUnknown(f"expected an origin in mm, got {self.origin_mm}; correct it")
+
+    def wrench_about_skin(self, measured: Float64[Array, "6"], usual_origin_mm: Point) -> Float32[Array, "6"]:
+        """Return a measured wrench in the sensor's axes, with its torque about the centre of the skin.
+
+        Axes that mirror mean that the label is the wrench of the skin on the object: force and torque are both reactions.
+        """
+        order = ["xyz".index(axis[1]) for axis in self.axes]
+        signs = np.array([-1.0 if axis[0] == "-" else 1.0 for axis in self.axes])
+        force_n, torque_nm = (signs * vector[order] for vector in (measured[:3], measured[3:]))
+        about_mm = np.array(self.origin_mm or usual_origin_mm)
+        with np.errstate(invalid="ignore"):  # values that are not finite stay so, and the checks list them
+            return Wrench(force_n, torque_nm, about_mm).about_skin_centre().six.astype(np.float32)
+
+    def stated_options(self) -> Iterator[str]:
+        """Yield the options of `ninedtact dataset build` that differ from their defaults."""
+        options = {
+            "--sensor": self.sensor_folder,
+            "--sensor-name": self.sensor,
+            "--reference": self.reference,
+            "--origin-mm": self.origin_mm,
+            "--axes": None if self.axes == _AS_MEASURED else self.axes,
+            "--mm-per-px": self.mm_per_px,
+        }
+        return (option for option, value in options.items() if value is not None)
+
+    def statement_lines(self) -> Iterator[str]:
+        """Yield what was stated as phrases for the card."""
+        if self.origin_mm is not None:
+            yield f"torques of its labels were about ({', '.join(f'{mm:g}' for mm in self.origin_mm)}) mm"
+        if self.axes != _AS_MEASURED:
+            yield f"the sensor's x, y, z are the measured {', '.join(self.axes)}"
+
+    def files(self) -> list[Path]:
+        """Return the files that were stated: the reference image, and those of the sensor folder."""
+        reference = [] if self.reference is None else [self.reference]
+        folder = [] if self.sensor_folder is None else sorted(self.sensor_folder.rglob("*"))
+        return [path for path in (*reference, *folder) if path.is_file()]
+
+
+def parse_axes(text: str) -> _Axes:
+    """Return the axes in a text such as "+y,-x,z"; raises `SourceUnknown`."""
+    words = [word.strip() for word in text.split(",")]
+    axes = tuple(word if word[:1] in "+-" else f"+{word}" for word in words)
+    _require_axes(axes)
+    return axes[0], axes[1], axes[2]
+
+
+def _require_axes(axes: tuple[str, ...]) -> None:
+    """Refuse axes that are not each letter once with a sign."""
+    if sorted(axis[1:] for axis in axes) != ["x", "y", "z"] or not all(axis[0] in "+-" for axis in axes):
+        raise SourceUnknown(
+            f"expected three axes such as +x,+y,+z or +y,-x,+z, each letter once, got {','.join(axes)}; correct them"
+        )
+
+
+@dataclass(frozen=True)
+class SourcePart(ABC):
+    """A piece of a source that becomes one file."""
+
+    source: str
+
+    @abstractmethod
+    def items(self) -> Iterator[SourceItem]:
+        """Yield all items of the part, a reference image before the rows that name it."""
+
+
+@dataclass(frozen=True)
+class Source(ABC):
+    """A place that holds pairs. Ids are unique within it; the name distinguishes it from other sources."""
+
+    name: str
+    path: Path
+    conventions: SourceConventions = field(default=SourceConventions(), kw_only=True)
+    description: ClassVar[str]
+    """The kind of source, for the card."""
+    warnings: ClassVar[tuple[str, ...]] = ()
+    """What a user of the data must know."""
+
+    @abstractmethod
+    def files(self) -> list[Path]:
+        """Return all files that the source is read from."""
+
+    @abstractmethod
+    def parts(self) -> list[SourcePart]:
+        """Return the parts in order."""
+
+    def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes]]]:
+        """Yield the name of each sensor whose calibration the source carries, and the files of its folder by their paths."""
+        return iter(())
+
+    def simulated_sensors(self) -> list[dict[str, Any]]:
+        """Return all parameters of the simulated sensors that the source carries, as `sensors.json` stores them."""
+        return []
+
+    def statement_lines(self) -> Iterator[str]:
+        """Yield what was stated about the source as phrases for the card."""
+        return iter(())
+
+    def fingerprint(self) -> str:
+        """Return a digest that changes when a file of the source, or one that was stated, is added, removed or written again."""
+        digest = blake2b(digest_size=12)
+        stated = [(file, file) for file in self.conventions.files()]
+        for name, file in [*((file.relative_to(self.root), file) for file in self.files()), *stated]:
+            entry = file.stat()
+            digest.update(os.fsencode(name))
+            digest.update(f" {entry.st_size} {entry.st_mtime_ns}\n".encode())
+        return digest.hexdigest()
+
+    @property
+    def root(self) -> Path:
+        """The folder that the files are in."""
+        return self.path if self.path.is_dir() else self.path.parent
+
+
+def find_files_with_suffix(path: Path, suffix: str) -> list[Path]:
+    """Return a file itself, or the files with this suffix in a folder, numbers in counting order."""
+    if path.is_file():
+        return [path]
+    found = (file for file in path.rglob(f"*{suffix}") if not file.name.startswith("."))
+    return sorted(found, key=lambda file: (natural_sort_key(file.relative_to(path)), file))
+
+
+def relative_path_without_suffix(file: Path, root: Path) -> str:
+    """Return a file's path below its source without the suffix."""
+    return file.relative_to(root).with_suffix("").as_posix()

@@ -1,0 +1,309 @@
+"""A population of simulated sensors, for training and evaluating estimators on sensors that they have not seen.
+
+`sample_sensor(number, seed)` returns sensor `number` of a seed: all its parameters, its twin, and its form as JSON.
+
+Brightness and gel: `ninedtact calibrate` fitted them to the images of real sensors of several labs (docs/datasets.md). Their
+spreads are wide enough that each of these sensors, and every mixture of them, lies well inside. Presses for the calibration: by
+hand, with balls from 0.9 to 2.3 mm deep and dragged, boards tilted, and an exposure that drifts between the images. Images: dark
+corners, and faint reflections near the border. Lens: fits to three real sensors, which `WideAngleLens` follows to 0.05 mm. All
+other spreads are tolerances of moulding, silicone and mounting.
+
+Mechanics: two of the three kinds differ from the model with which shape and force are estimated, so that no reported accuracy
+is computed with the same model for simulation and for estimation.
+"""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from ninedtact.design import Gel, SensorDesign
+from ninedtact.errors import InputError
+from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.finite_strain import correct_for_finite_strain
+from ninedtact.mechanics.indenter import Indenter
+from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
+from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPressSettings
+from ninedtact.simulation.fitted_parameters import FITTED_PARAMETERS, sample_clipped_normal
+from ninedtact.simulation.gel_brightness import BrightnessModel, GlarePatch, add_glare, synthetic_reference_image
+from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, WideAngleLens
+from ninedtact.simulation.renderer import CameraNoise, Renderer
+from ninedtact.simulation.twin import (
+    PITCH_MM,
+    PUBLISHED_DESIGN,
+    Twin,
+    lens_for_design,
+    scale_brightness_to_design,
+    scale_pixel_map_to_published,
+)
+
+_SATURATION = 0.1, 6.0
+"""Range of the saturation, whose logarithm is uniform."""
+_INVERSE_DISTANCE_PER_MM = 0.0, 0.08
+_BALL_DEPTH_MM = 0.9, 2.3
+_MAX_BALL_DEPTH_FRACTION = 0.85
+"""Part of the gel's thickness to which calibrating balls are pressed at most."""
+_MAX_BALL_DRAG_MM = 0.5
+_BOARD_TILT_RAD, _EXPOSURE_DRIFT = 0.004, 0.004
+"""Standard deviations of the board's tilts, and of the relative exposure between the images of a calibration."""
+Random = np.random.Generator
+
+
+def _sample_brightness_model(rng: Random, design: SensorDesign) -> BrightnessModel:
+    """Sample the brightness model of a sensor of the published design, scaled to another design.
+
+    The brightness law assumes the designed thickness, as the fits do.
+    """
+    fitted = {name: one.sample(rng) for name, one in FITTED_PARAMETERS.items() if name != "relative_thickness"}
+    published = BrightnessModel(
+        **fitted,
+        saturation=float(np.exp(rng.uniform(*np.log(_SATURATION)))),
+        inverse_distance_per_mm=float(rng.uniform(*_INVERSE_DISTANCE_PER_MM)),
+    )
+    return scale_brightness_to_design(published, design)
+
+
+def _sample_presses(rng: Random, gel: Gel, design: SensorDesign) -> CalibrationPressSettings:
+    """Sample how a person presses board and ball for the calibration."""
+    deepest = min(_BALL_DEPTH_MM[1], _MAX_BALL_DEPTH_FRACTION * gel.thickness_mm)
+    # Depths are multiplied by the thickness of the design's gel when the images are simulated.
+    thinner = min(1.0, design.gel.thickness_mm / PUBLISHED_DESIGN.gel.thickness_mm)
+    depth_mm = rng.uniform(min(_BALL_DEPTH_MM[0], deepest), min(_BALL_DEPTH_MM[1], deepest / thinner))
+    angle, drag_mm = rng.uniform(-np.pi, np.pi), _MAX_BALL_DRAG_MM * np.sqrt(rng.uniform())
+    tilt = (_BOARD_TILT_RAD * sample_clipped_normal(rng, 2)).tolist()
+    return replace(
+        GUIDED_PRESSES,
+        board_tilt_rad=(tilt[0], tilt[1]),
+        ball_depth_mm=float(depth_mm),
+        ball_drag_mm=(float(drag_mm * np.cos(angle)), float(drag_mm * np.sin(angle))),
+        exposure_drift=float(_EXPOSURE_DRIFT * sample_clipped_normal(rng, 1)[0]),
+    )
+
+
+def _sample_gel(rng: Random, meant: Gel = PUBLISHED_DESIGN.gel) -> Gel:
+    """Sample a gel: its thickness as it acts, its modulus ± 25 %; nearly incompressible, as silicone is (docs/datasets.md)."""
+    thickness = meant.thickness_mm * FITTED_PARAMETERS["relative_thickness"].sample(rng)
+    modulus = meant.shear_modulus_mpa * rng.uniform(0.75, 1.25)
+    return Gel(float(thickness), float(modulus), meant.poisson_ratio - min(0.002, float(rng.exponential(0.0003))))
+
+
+def _sample_lens(rng: Random, design: SensorDesign = PUBLISHED_DESIGN) -> WideAngleLens:
+    """Sample a lens of the same make over a skin that is mounted slightly off its axis, rotated and tilted."""
+    bent, mean = 1 + 0.06 * sample_clipped_normal(rng, 1)[0], lens_for_design(design)
+    pairs = iter((sample_clipped_normal(rng, 6).reshape(3, 2) * np.array([[0.015], [0.008], [0.2]])).tolist())
+    centre, tilt, offset = ((float(x), float(y)) for x, y in pairs)
+    return replace(
+        mean,
+        mm_per_unit=mean.mm_per_unit * (1 + 0.01 * float(sample_clipped_normal(rng, 1)[0])),
+        radial=(mean.radial[0] * bent, mean.radial[1] * bent),
+        centre=centre,
+        tilt=tilt,
+        turn_rad=0.012 * float(sample_clipped_normal(rng, 1)[0]),
+        offset_mm=offset,
+    )
+
+
+MechanicsKind = Literal["bonded", "compliant_base", "finite_strain"]
+BASE_STIFFNESS = 10.0
+"""Ratio of the modulus of the transparent layer to that of the gel, about that of Shore A 45 to Shore A 5."""
+
+
+def sample_transparent_layer(rng: np.random.Generator, gel: Gel) -> Gel:
+    """Sample the transparent layer of one sensor, which lies on a rigid window."""
+    modulus = gel.shear_modulus_mpa * BASE_STIFFNESS * rng.uniform(0.8, 1.25)
+    return Gel(float(rng.uniform(4.0, 8.0)), float(modulus), gel.poisson_ratio)
+
+
+def gel_on_base_compliance(gel: Gel, base: Gel | None) -> ComplianceFunction:
+    """Return the compliance of gel on a compliant base, or on a rigid one where the base is None."""
+    return partial(bonded_layer_compliance, gel=gel) if base is None else layered_compliance((gel, base))
+
+
+def correct_for_mechanics_kind(
+    contact: Contact, kind: MechanicsKind, gel: Gel, indenter: Indenter | None = None
+) -> Contact:
+    """Return the contact that is rendered and measured, from the one that the linear model solved.
+
+    indenter: the object, where it is known; under a ball the heights of finite strain are those of finite elements.
+    """
+    return correct_for_finite_strain(contact, gel.thickness_mm, indenter) if kind == "finite_strain" else contact
+
+
+class InvalidPopulation(InputError):
+    """Raised for settings of a population that admit no sensor."""
+
+
+@dataclass(frozen=True)
+class NonidealMechanicsShares:
+    """Shares of sensors whose mechanics differ from the gel on a rigid base that estimators assume."""
+
+    compliant_base: float = 0.15
+    finite_strain: float = 0.55
+
+    def __post_init__(self) -> None:
+        if not (min(self.compliant_base, self.finite_strain) >= 0 and self.compliant_base + self.finite_strain <= 1):
+            raise InvalidPopulation(
+                f"expected shares of sensors from 0 to 1, together at most 1, got {self.compliant_base} on a compliant base "
+                f"and {self.finite_strain} with finite strain; correct them"
+            )
+
+    def kind_at(self, quantile: float) -> MechanicsKind:
+        """Return the kind at a quantile, 0 to 1."""
+        if quantile < self.compliant_base:
+            return "compliant_base"
+        return "finite_strain" if quantile < self.compliant_base + self.finite_strain else "bonded"
+
+
+@dataclass(frozen=True)
+class ReferenceImageSettings:
+    """Arguments of `synthetic_reference_image`."""
+
+    mean_grey: float
+    unevenness: float
+    cast: tuple[float, float, float]
+    seed: int
+    vignetting: float = 0.0
+
+
+@dataclass(frozen=True)
+class CalibrationMisalignment:
+    """The error of a board calibration: scale, rotation and offset of the rectified grid on the skin."""
+
+    scale: float = 1.0
+    """True mm per mm of the grid."""
+    turn_rad: float = 0.0
+    offset_mm: tuple[float, float] = (0.0, 0.0)
+
+
+def _sample_reference_image_settings(rng: np.random.Generator) -> ReferenceImageSettings:
+    """Sample the mean grey of nine real sensors, white LEDs with a slight cast, and corners darkened by the lens."""
+    red, blue = (0.02 * sample_clipped_normal(rng, 2)).tolist()
+    grey, unevenness = rng.uniform(135, 162), rng.uniform(0.01, 0.03)
+    vignetting, seed = float(rng.uniform(0, 0.35)), int(rng.integers(2**31))
+    return ReferenceImageSettings(float(grey), float(unevenness), (1 + blue, 1.0, 1 + red), seed, vignetting)
+
+
+def _sample_glare(rng: np.random.Generator) -> tuple[GlarePatch, ...]:
+    """Sample up to three reflections near the border, of 1 to 6 % of the mean brightness; two of three real sensors have some."""
+    patches = []
+    for _ in range(int(rng.integers(0, 4))):
+        angle, radius = rng.uniform(-np.pi, np.pi), rng.uniform(0.6, 1.0)
+        centre = float(radius * np.cos(angle)), float(radius * np.sin(angle))
+        patches.append(GlarePatch(centre, float(rng.uniform(0.04, 0.15)), float(rng.uniform(0.01, 0.06))))
+    return tuple(patches)
+
+
+def _sample_misalignment(rng: np.random.Generator) -> CalibrationMisalignment:
+    """Sample the error of a board that was located to a few hundredths of a millimetre."""
+    scale, turn, x, y = (sample_clipped_normal(rng, 4) * (0.005, 0.005, 0.1, 0.1)).tolist()
+    return CalibrationMisalignment(1 + scale, turn, (x, y))
+
+
+RAW_SHAPE = (480, 640)
+GOLDEN = 0.618034
+"""The golden ratio, whose multiples modulo one fill the unit interval evenly, so that the shares also hold among few sensors."""
+
+
+@dataclass(frozen=True)
+class SampledSensor:
+    """All parameters of one simulated sensor."""
+
+    name: str
+    kind: MechanicsKind
+    gel: Gel
+    base: Gel | None
+    """The layer under the gel, where it is compliant."""
+    friction: float
+    light: BrightnessModel
+    lens: WideAngleLens
+    noise_grey_levels: float
+    reference_image: ReferenceImageSettings
+    misalignment: CalibrationMisalignment = field(default_factory=CalibrationMisalignment)
+    design: SensorDesign = SensorDesign()
+    """The design from which the sensor deviates."""
+    presses: CalibrationPressSettings = GUIDED_PRESSES
+    """The presses with which it is calibrated."""
+    glare: tuple[GlarePatch, ...] = ()
+    """Reflections on the image."""
+
+    @property
+    def pixel_map(self) -> PixelToSkinMap:
+        """The pixel map of the raw image."""
+        return self.lens.pixel_map(RAW_SHAPE)
+
+    def renderer(self) -> Renderer:
+        """Return the renderer of the sensor's raw images."""
+        lit = scale_pixel_map_to_published(self.pixel_map, self.design)
+        reference, glare = add_glare(synthetic_reference_image(lit, **asdict(self.reference_image)), self.glare)
+        return Renderer(self.pixel_map, reference, self.light, CameraNoise(self.noise_grey_levels, RAW_SHAPE), glare)
+
+    def twin(self, pitch_mm: float = PITCH_MM) -> Twin:
+        """Return the twin of the sensor."""
+        compliant_mm = self.gel.thickness_mm + (self.base.thickness_mm if self.base else 0.0)
+        return Twin(
+            self.name,
+            gel_on_base_compliance(self.gel, self.base),
+            self.renderer(),
+            self.friction,
+            pitch_mm,
+            area_mm=self.design.sensing_area.size_mm,
+            thickness_mm=compliant_mm,
+            gel_mm=self.design.sensing_area.gel_mm,
+            correct_contact=self.correct_contact,
+        )
+
+    def correct_contact(self, contact: Contact, indenter: Indenter | None = None) -> Contact:
+        """Return the contact that is rendered and measured, from the one that the twin's linear solver found."""
+        return correct_for_mechanics_kind(contact, self.kind, self.gel, indenter)
+
+    def to_json_dict(self) -> dict[str, Any]:
+        """Return all parameters as plain numbers; `sampled_sensor_from_json` reads them."""
+        return asdict(self)
+
+
+def sampled_sensor_from_json(table: dict[str, Any]) -> SampledSensor:
+    """Return the sensor whose parameters `SampledSensor.to_json_dict` returned."""
+    return msgspec.convert(table, SampledSensor)
+
+
+def sample_sensor(
+    number: int,
+    seed: int = 0,
+    kinds: NonidealMechanicsShares = NonidealMechanicsShares(),
+    design: SensorDesign = SensorDesign(),
+) -> SampledSensor:
+    """Sample sensor `number` of a seed, which does not depend on other numbers; raises `InvalidPopulation` below zero."""
+    if number < 0 or seed < 0:
+        raise InvalidPopulation(f"expected number and seed of zero or more, got {number} and {seed}; correct them")
+    rng = np.random.default_rng([seed, number])
+    kind = kinds.kind_at((0.5 + GOLDEN * number) % 1)
+    gel = _sample_gel(rng, design.gel)
+    base = sample_transparent_layer(rng, gel)
+    return SampledSensor(
+        name=f"twin_{seed}_{number:03d}",
+        kind=kind,
+        gel=gel,
+        base=base if kind == "compliant_base" else None,
+        friction=float(rng.uniform(0.5, 1.2)),
+        light=_sample_brightness_model(rng, design),
+        lens=_sample_lens(rng, design),
+        noise_grey_levels=float(rng.uniform(0.5, 1.0)),
+        reference_image=_sample_reference_image_settings(rng),
+        misalignment=_sample_misalignment(rng),
+        design=design,
+        presses=_sample_presses(rng, gel, design),
+        glare=_sample_glare(rng),
+    )
+
+
+def sample_sensors(
+    seed: int = 0, kinds: NonidealMechanicsShares = NonidealMechanicsShares()
+) -> Iterator[SampledSensor]:
+    """Sample all sensors of a seed, without end."""
+    number = 0
+    while True:
+        yield sample_sensor(number, seed, kinds)
+        number += 1

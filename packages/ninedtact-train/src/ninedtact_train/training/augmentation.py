@@ -1,0 +1,231 @@
+"""Augmentation of training examples: random geometric transforms of image and wrench, and random perturbations of the image.
+
+Geometric augmentation transforms image and wrench together. A point X of the skin is mapped to s·R·M·X + t: M mirrors, R rotates
+about the skin's centre, t shifts, s scales. A force becomes R·M·F. A torque rotates as a force does and changes its sign with every
+mirror, because it is an axial vector; the shift adds t × F to it. The scale s stands for an error of the calibration, so it changes
+the image alone.
+
+Perturbations change the image alone: they simulate errors of a height map, or of light and camera.
+
+All functions work on batches on their own device, before the network's channels are computed, and take their random numbers from
+the generator that is passed to them.
+"""
+
+from dataclasses import dataclass, replace
+from math import ceil, radians
+
+import torch
+import torch.nn.functional as nnf
+from torch import Generator, Tensor
+
+from ninedtact_train.training.examples import TrainingBatch
+
+
+@dataclass(frozen=True)
+class GeometricAugmentation:
+    """Ranges by which examples are mirrored, rotated, shifted and scaled; each image of a batch has its own random transform."""
+
+    mirror: bool = True
+    """Whether images are mirrored along x, along y, both or neither, each with equal probability."""
+    transformed_share: float = 0.5
+    """Part of the images that are rotated, shifted and scaled; the others stay sharp."""
+    max_rotation_deg: float = 10.0
+    max_shift_mm: float = 0.6
+    scale_std: float = 0.005
+
+    def __call__(self, batch: TrainingBatch, mm_per_px: float, generator: Generator) -> TrainingBatch:
+        """Return the batch with a random transform applied to each of its examples."""
+        return transform_training_batch(batch, self.sample_transforms(len(batch.wrench), generator), mm_per_px)
+
+    def sample_transforms(self, n: int, generator: Generator) -> "GeometricTransforms":
+        """Sample n transforms from the generator."""
+        device = generator.device
+
+        def uniform(*shape: int) -> Tensor:
+            return 2 * torch.rand(n, *shape, generator=generator, device=device) - 1
+
+        chosen = (torch.rand(n, generator=generator, device=device) < self.transformed_share).float()
+        mirror = uniform(2).sign() if self.mirror else torch.ones(n, 2, device=device)
+        rotation = chosen * uniform() * radians(self.max_rotation_deg)
+        shift = chosen[:, None] * uniform(2) * self.max_shift_mm
+        scale = 1 + chosen * self.scale_std * torch.randn(n, generator=generator, device=device)
+        return GeometricTransforms(mirror, rotation, shift, scale)
+
+
+@dataclass(frozen=True)
+class GeometricTransforms:
+    """Transforms of n images: signs (n, 2) along x and y, angles (n) from x to y, shifts (n, 2) in mm, scales (n)."""
+
+    mirror: Tensor
+    rotation_rad: Tensor
+    shift_mm: Tensor
+    scale: Tensor
+
+    @property
+    def linear_part(self) -> Tensor:
+        """The matrices R·M, (n, 2, 2)."""
+        cos, sin = self.rotation_rad.cos(), self.rotation_rad.sin()
+        rotation = torch.stack([torch.stack([cos, -sin], 1), torch.stack([sin, cos], 1)], 1)
+        return rotation * self.mirror[:, None, :]
+
+
+def transform_training_batch(batch: TrainingBatch, transform: GeometricTransforms, mm_per_px: float) -> TrainingBatch:
+    """Return the batch with images, references and wrenches transformed."""
+    grid = _sampling_grid(transform, batch.images.shape, mm_per_px)
+    references = None if batch.references is None else _resample(batch.references, grid)
+    tractions = None if batch.tractions is None else _transform_tractions(transform, batch.tractions, grid)
+    return replace(
+        batch,
+        images=_resample(batch.images, grid),
+        references=references,
+        tractions=tractions,
+        wrench=_transform_wrench(transform, batch.wrench),
+    )
+
+
+def _transform_tractions(transform: GeometricTransforms, tractions: Tensor, grid: Tensor) -> Tensor:
+    """Return transformed tractions (n, 3, rows, cols): pressure moves with its place, shear also turns as a force does."""
+    pressure, shear_x, shear_y = (_resample(field, grid) for field in tractions.unbind(1))
+    shear = torch.einsum("nij,njrc->nirc", transform.linear_part, torch.stack([shear_x, shear_y], 1))
+    return torch.cat([pressure[:, None], shear], 1)
+
+
+def _transform_wrench(transform: GeometricTransforms, wrench: Tensor) -> Tensor:
+    """Return the transformed wrenches (n, 6), N and N·m about the skin's centre."""
+    sign = transform.mirror.prod(1, keepdim=True)
+    linear = transform.linear_part
+    force, torque = wrench[:, :3], wrench[:, 3:]
+    force_xy = torch.einsum("nij,nj->ni", linear, force[:, :2])
+    torque_xy = sign * torch.einsum("nij,nj->ni", linear, torque[:, :2])
+    force = torch.cat([force_xy, force[:, 2:]], 1)
+    torque = torch.cat([torque_xy, sign * torque[:, 2:]], 1)
+    arm_m = nnf.pad(transform.shift_mm, (0, 1)) / 1e3
+    return torch.cat([force, torque + torch.linalg.cross(arm_m, force)], 1)
+
+
+def _sampling_grid(transform: GeometricTransforms, shape: torch.Size, mm_per_px: float) -> Tensor:
+    """Return where each pixel of the transformed images lies in the original ones, (n, rows, cols, 2) for `grid_sample`."""
+    n, rows, cols = shape
+    # Distance from the image's centre to the centre of the last pixel.
+    half_mm = torch.tensor([(cols - 1) / 2, (rows - 1) / 2], device=transform.shift_mm.device) * mm_per_px
+    back = torch.linalg.inv(transform.linear_part * transform.scale[:, None, None])
+    start = -torch.einsum("nij,nj->ni", back, transform.shift_mm)
+    theta = torch.cat([back * half_mm / half_mm[:, None], (start / half_mm)[..., None]], 2)
+    return nnf.affine_grid(theta, [n, 1, rows, cols], align_corners=True)
+
+
+def _resample(fields: Tensor, grid: Tensor) -> Tensor:
+    """Interpolate fields (n, rows, cols) at the grid's points; beyond the border the border's values are repeated."""
+    found = nnf.grid_sample(fields[:, None], grid, mode="bicubic", padding_mode="border", align_corners=True)
+    return found[:, 0]
+
+
+@dataclass(frozen=True)
+class HeightPerturbations:
+    """Perturbations that simulate errors of a depth calibration and its images: standard deviations, except those named `max`."""
+
+    gain: float = 0.03
+    """Relative error of indentations and, independently, of bulges."""
+    offset_mm: float = 0.004
+    tilt: float = 0.0005
+    """Slope along x and along y, mm per mm."""
+    max_noise_mm: float = 0.012
+    max_noise_width_mm: float = 0.6
+    """Standard deviation of the Gaussian that smooths the noise."""
+    features: float = 0.05
+    """Relative error of the features of the sensor's light; the gel's thickness is not changed."""
+
+    def __call__(self, batch: TrainingBatch, mm_per_px: float, generator: Generator) -> TrainingBatch:
+        """Return the batch with independent errors added to each height map (mm)."""
+        z_mm = batch.images
+        indented, bulging = (1 + self.gain * _normal_samples(generator, len(z_mm), 1, 1) for _ in range(2))
+        gained = torch.where(z_mm < 0, z_mm * indented, z_mm * bulging)
+        return replace(
+            batch,
+            images=gained
+            + self._sample_planes(z_mm, mm_per_px, generator)
+            + self._sample_noise(z_mm, mm_per_px, generator),
+            sensor_features=self._perturb_features(batch.sensor_features, generator),
+        )
+
+    def _perturb_features(self, features: Tensor, generator: Generator) -> Tensor:
+        """Return the sensor features (n, features) with random errors, as repeated calibrations of the same sensors would have."""
+        factor = 1 + self.features * _normal_samples(generator, *features.shape)
+        return torch.cat([features[:, :1], (features * factor)[:, 1:]], 1)
+
+    def _sample_planes(self, z_mm: Tensor, mm_per_px: float, generator: Generator) -> Tensor:
+        """Sample an offset and a tilt for each height map."""
+        n, rows, cols = z_mm.shape
+        x, y = (
+            (torch.arange(side, device=z_mm.device) - (side - 1) / 2) * (mm_per_px * self.tilt) for side in (cols, rows)
+        )
+        offset, along_x, along_y = (_normal_samples(generator, n, 1, 1) for _ in range(3))
+        return self.offset_mm * offset + along_x * x + along_y * y[:, None]
+
+    def _sample_noise(self, z_mm: Tensor, mm_per_px: float, generator: Generator) -> Tensor:
+        """Sample smooth noise, with one random width for the whole batch and a random strength for each height map."""
+        if self.max_noise_mm == 0:
+            return torch.zeros_like(z_mm)
+        width_px = self.max_noise_width_mm / mm_per_px * torch.rand((), generator=generator, device=z_mm.device)
+        strength = self.max_noise_mm * torch.rand(len(z_mm), 1, 1, generator=generator, device=z_mm.device)
+        max_reach_px = ceil(3 * self.max_noise_width_mm / mm_per_px)
+        return strength * _smooth_noise(_normal_samples(generator, *z_mm.shape), width_px, max_reach_px)
+
+
+@dataclass(frozen=True)
+class PhotometricPerturbations:
+    """Perturbations that simulate errors of light and camera: standard deviations, except the one named `max`."""
+
+    gain: float = 0.05
+    """Relative change of brightness of image and reference together, as by another lamp."""
+    drift: float = 0.004
+    """Relative change of brightness between reference and image, as by a lamp that warms up."""
+    max_noise_grey: float = 0.7
+
+    def __call__(self, batch: TrainingBatch, generator: Generator) -> TrainingBatch:
+        """Return the batch with independent errors of each image and its reference (grey levels)."""
+        assert batch.references is not None
+        n = len(batch.images)
+        gain, drift = (1 + std * _normal_samples(generator, n, 1, 1) for std in (self.gain, self.drift))
+        strength = self.max_noise_grey * torch.rand(n, 1, 1, generator=generator, device=generator.device)
+        images = batch.images * gain + strength * _normal_samples(generator, *batch.images.shape)
+        return replace(batch, images=images.clamp(0, 255), references=(batch.references * gain * drift).clamp(0, 255))
+
+
+def _normal_samples(generator: Generator, *shape: int) -> Tensor:
+    """Sample standard normal numbers on the generator's device."""
+    return torch.randn(*shape, generator=generator, device=generator.device)
+
+
+def _smooth_noise(noise: Tensor, width_px: Tensor, max_reach_px: int) -> Tensor:
+    """Filter white noise (n, rows, cols) by a Gaussian of this width; the standard deviation of the noise stays one."""
+    reach = torch.arange(-max_reach_px, max_reach_px + 1, device=noise.device)
+    kernel = torch.exp(-0.5 * (reach / width_px.clamp(min=1e-3)) ** 2)
+    kernel = kernel / kernel.norm()
+    across = nnf.conv2d(nnf.pad(noise[:, None], (max_reach_px,) * 4, mode="circular"), kernel[None, None, None, :])
+    return nnf.conv2d(across, kernel[None, None, :, None])[:, 0]
+
+
+@dataclass(frozen=True)
+class Augmentation:
+    """All random changes of a batch: geometric ones, then perturbations of heights or of images."""
+
+    geometric: GeometricAugmentation = GeometricAugmentation()
+    heights: HeightPerturbations = HeightPerturbations()
+    """Perturbations that are applied to height maps."""
+    photometric: PhotometricPerturbations = PhotometricPerturbations()
+    """Perturbations that are applied to images with references."""
+
+    def __call__(self, batch: TrainingBatch, mm_per_px: float, generator: Generator) -> TrainingBatch:
+        """Return another batch of the same contacts, randomly changed."""
+        transformed = self.geometric(batch, mm_per_px, generator)
+        if transformed.references is None:
+            return self.heights(transformed, mm_per_px, generator)
+        return self.photometric(transformed, generator)
+
+
+NO_AUGMENTATION = Augmentation(
+    GeometricAugmentation(False, 0.0, 0.0, 0.0, 0.0),
+    HeightPerturbations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    PhotometricPerturbations(0.0, 0.0, 0.0),
+)

@@ -1,0 +1,247 @@
+"""Training examples (images or heights with wrenches), in memory or mapped from a file, and their batches in a seeded order."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float32, Float64, Int, Shaped
+from numpy import ndarray as Array
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset, Sampler
+
+from ninedtact.design import Gel
+from ninedtact.errors import ForceEstimationError
+from ninedtact.force.network_input import (
+    TYPICAL_FEATURES,
+    InputChannels,
+    NetworkInputSettings,
+    stack_height_channels,
+    stack_image_channels,
+)
+from ninedtact.quantities import WRENCH_AXES
+from ninedtact_train.dataset.split import SplitRows
+
+_FEWEST_PAIRS = 2
+
+
+class ExamplesUnusable(ForceEstimationError):
+    """The examples are too few, inconsistent, not finite, or do not fit the network's input."""
+
+
+@dataclass(frozen=True)
+class TrainingExamples:
+    """Images at the size of the network's input with their wrenches; raises `ExamplesUnusable`. Arrays may be mapped files."""
+
+    images: Shaped[Array, "n rows cols"]
+    """Heights in mm on the network's grid (`orthorectified_heights`), or grey levels; of any numeric type."""
+    wrench: Float32[Array, "n 6"]
+    """N and N·m about the skin's centre."""
+    objects: Sequence[str]
+    sensors: Sequence[str]
+    references: Shaped[Array, "m rows cols"] | None = None
+    """Reference images (no contact); None for heights."""
+    reference_of: Int[Array, " n"] | None = None
+    """Row in `references` of each image's reference."""
+    sensor_features: Float32[Array, "n features"] | None = None
+    """Features of each example's sensor (`SensorFeatures.row`); typical ones where None."""
+    tractions: Shaped[Array, "n 3 rows cols"] | None = None
+    """Pressure and shear over the shear modulus that physics found on the network's grid; None for networks without physics."""
+    physics: Float32[Array, "n 6"] | None = None
+    """The wrench by physics, N and N·m about the skin's centre, which the network corrects; None for networks without physics."""
+
+    def __post_init__(self) -> None:
+        n = len(self.images)
+        columns = {name: column for name, column in vars(self).items() if name not in ("images", "references")}
+        if any(column is not None and len(column) != n for column in columns.values()) or self.wrench.shape != (
+            n,
+            len(WRENCH_AXES),
+        ):
+            raise ExamplesUnusable(
+                f"expected a wrench of six, object, sensor and the rest for each of {n} images, got columns of other "
+                "lengths; give one of each for every image"
+            )
+        if not np.isfinite(self.wrench).all():
+            bad = ~np.isfinite(self.wrench).all(1)
+            raise ExamplesUnusable(
+                f"expected wrenches of six finite numbers, got {bad.sum()} of {n} that are not, the first in row "
+                f"{int(bad.argmax())}; leave those pairs out"
+            )
+
+    def scale_to_design_modulus(self, modulus_mpa: Float64[Array, " n"]) -> "TrainingExamples":
+        """Return the examples with wrenches as a gel of the design's shear modulus would have given them.
+
+        modulus_mpa: shear modulus of the gel with which each example was recorded.
+        """
+        factor = (Gel().shear_modulus_mpa / modulus_mpa)[:, None]
+        return replace(self, wrench=(self.wrench * factor).astype(np.float32))
+
+    @property
+    def labels(self) -> Float32[Array, "n 6"]:
+        """What the network learns: the wrench, or what physics lacks of it."""
+        return self.wrench if self.physics is None else self.wrench - self.physics
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+
+def require_trainable_examples(examples: TrainingExamples, rows: SplitRows, settings: NetworkInputSettings) -> None:
+    """Raise `ExamplesUnusable` for too few pairs, for wrenches that were not measured on all axes, or for examples that do not fit
+    the network's input."""
+    if min(len(rows.train), len(rows.test)) < _FEWEST_PAIRS:
+        raise ExamplesUnusable(
+            f"expected at least {_FEWEST_PAIRS} pairs for training and for validation, got {len(rows.train)} and "
+            f"{len(rows.test)}; hold out more or less, or record more"
+        )
+    unmeasured = [
+        name for name, values in zip(WRENCH_AXES, examples.wrench[rows.train].T, strict=True) if not np.ptp(values)
+    ]
+    if unmeasured:
+        raise ExamplesUnusable(
+            f"expected wrenches that vary on all six axes, got the same {', '.join(unmeasured)} in all {len(rows.train)} training "
+            "pairs, as of a sensor that does not measure it; give wrenches that were measured on all axes"
+        )
+    size = examples.images.shape[1:]
+    if size != (settings.rows, settings.cols):
+        raise ExamplesUnusable(
+            f"expected images of {settings.cols} x {settings.rows}, got {size[1]} x {size[0]}; read the data at that size"
+        )
+    if settings.channels.of_physics != (examples.tractions is not None and examples.physics is not None):
+        raise ExamplesUnusable(
+            f"expected examples for the channels {settings.channels.value!r}, got some "
+            f"{'with' if examples.physics is not None else 'without'} the tractions and wrenches of physics; choose other channels"
+        )
+    if settings.channels.of_heights != (examples.references is None) or (examples.reference_of is None) != (
+        examples.references is None
+    ):
+        given = "heights" if examples.references is None else "images with references"
+        raise ExamplesUnusable(
+            f"expected examples for the channels {settings.channels.value!r}, got {given}; give the other kind, or choose "
+            "other channels"
+        )
+
+
+def move_examples_to_torque_point(examples: TrainingExamples, point_mm: tuple[float, float, float]) -> TrainingExamples:
+    """Return the examples with torques about another point, given from the present one, as `Wrench.about` moves them."""
+    physics = None if examples.physics is None else _move_torques(examples.physics, point_mm)
+    return replace(examples, wrench=_move_torques(examples.wrench, point_mm), physics=physics)
+
+
+def _move_torques(six: Float32[Array, "n 6"], point_mm: tuple[float, float, float]) -> Float32[Array, "n 6"]:
+    """Return wrenches with torques about another point, given from the present one."""
+    torque = six[:, 3:] - np.cross(np.array(point_mm) / 1e3, six[:, :3])
+    return np.concatenate([six[:, :3], torque], 1).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class TrainingBatch:
+    """A batch of examples on one device; arrays keep their stored type until `to_float`."""
+
+    images: Tensor
+    """(n, rows, cols) heights in mm, or grey levels."""
+    wrench: Tensor
+    """(n, 6) wrenches in N and N·m, or what physics lacks of them."""
+    references: Tensor | None
+    sensor_features: Tensor
+    """(n, 5) features of each example's sensor."""
+    tractions: Tensor | None = None
+    """(n, 3, rows, cols) pressure and shear by physics over the shear modulus."""
+
+    def to(self, device: torch.device, **options: Any) -> "TrainingBatch":
+        """Return the batch on another device; Lightning calls this method."""
+        moved = {name: part.to(device, **options) for name, part in vars(self).items() if part is not None}
+        return replace(self, **moved)
+
+    def to_float(self) -> "TrainingBatch":
+        """Return the batch as float32; called on the training's device, because small integers are transferred faster."""
+        converted = {name: part.float() for name, part in vars(self).items() if part is not None}
+        return replace(self, **converted)
+
+    def about(self, point_mm: tuple[float, float, float]) -> "TrainingBatch":
+        """Return the batch with torques about another point, given from the present one, as `Wrench.about` moves them."""
+        force_n, torque_nm = self.wrench[:, :3], self.wrench[:, 3:]
+        arm_m = (torch.tensor(point_mm).to(force_n) / 1e3).expand_as(force_n)
+        return replace(self, wrench=torch.cat([force_n, torque_nm - torch.linalg.cross(arm_m, force_n)], 1))
+
+    def network_input(self, channels: InputChannels) -> Tensor:
+        """Return the network's input (n, channels, rows, cols)."""
+        if self.references is None:
+            stacked: Tensor = stack_height_channels(self.images, self.sensor_features, channels, self.tractions)
+        else:
+            stacked = stack_image_channels(self.images, self.references, channels)
+        return stacked.contiguous(memory_format=torch.channels_last)
+
+
+class BatchDataset(Dataset[TrainingBatch]):
+    """A torch data set of examples whose items are batches, indexed by arrays of rows."""
+
+    def __init__(self, examples: TrainingExamples) -> None:
+        self.examples = examples
+
+    def __getitem__(self, rows: Int[Array, " b"]) -> TrainingBatch:
+        """Return the batch of these rows, copied into memory."""
+        examples, references = self.examples, None
+        if examples.references is not None and examples.reference_of is not None:
+            references = _copy_to_tensor(examples.references[examples.reference_of[rows]])
+        features = examples.sensor_features
+        features = np.tile(TYPICAL_FEATURES.row, (len(rows), 1)) if features is None else features[rows]
+        return TrainingBatch(
+            _copy_to_tensor(examples.images[rows]),
+            _copy_to_tensor(examples.labels[rows]),
+            references,
+            _copy_to_tensor(features),
+            None if examples.tractions is None else _copy_to_tensor(examples.tractions[rows]),
+        )
+
+
+def _copy_to_tensor(array: Array) -> Tensor:
+    """Copy an array, which may be mapped from a file, to a tensor in memory."""
+    return torch.from_numpy(np.array(array))
+
+
+class SeededBatchSampler(Sampler[Any]):
+    """Sampler of the rows of every batch, divided among the processes of a training; the order depends only on seed and epoch.
+
+    With a seed the rows are shuffled in every epoch, and those that do not fill the last batch are left out of that epoch.
+    Without a seed they keep their order.
+    """
+
+    def __init__(self, rows: Int[Array, " n"], batch: int, seed: int | None, rank: int = 0, world: int = 1) -> None:
+        self.rows, self.batch, self.seed, self.rank, self.world, self.epoch = rows, batch, seed, rank, world, 0
+        each = -(-len(rows) // world)
+        self.batches = -(-each // batch) if seed is None else max(each // batch, 1)
+
+    def set_epoch(self, epoch: int) -> None:
+        """Set the number of the epoch that begins; Lightning calls this method."""
+        self.epoch = epoch
+
+    def __iter__(self) -> Iterator[Int[Array, " b"]]:
+        own = self._own_rows()
+        for number in range(self.batches):
+            # Sorted, because mapped files are read fastest in their own order.
+            yield np.sort(own[number * self.batch : (number + 1) * self.batch])
+
+    def _own_rows(self) -> Int[Array, " m"]:
+        """Return this process's rows of this epoch, equally many in all processes; some repeat where they do not divide evenly."""
+        order = self.rows
+        if self.seed is not None:
+            order = np.random.default_rng([self.seed, self.epoch]).permutation(self.rows)
+        each = -(-len(order) // self.world)
+        return np.resize(order, each * self.world)[self.rank :: self.world]
+
+    def __len__(self) -> int:
+        return self.batches
+
+
+def make_data_loader(
+    examples: TrainingExamples, sampler: SeededBatchSampler, workers: int
+) -> DataLoader[TrainingBatch]:
+    """Return a loader of the sampler's batches."""
+    return DataLoader(
+        BatchDataset(examples),
+        batch_size=None,
+        sampler=sampler,
+        num_workers=workers,
+        persistent_workers=workers > 0,
+    )

@@ -1,0 +1,118 @@
+"""Force estimator with the original 9DTact project's network: DenseNet-169 on the mixed image, from the user's weights file (.pt).
+
+The network's six outputs between 0 and 1 are fractions of fixed ranges, and its torques are about a force/torque sensor 35 mm below
+the skin (docs/references.md, code of 9DTact). Its training had no images without contact, so that it estimates forces where
+nothing touches unless contact detection precedes it.
+"""
+
+from dataclasses import dataclass, field
+from hashlib import sha256
+from pathlib import Path
+from pickle import UnpicklingError
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from numpy import ndarray as Array
+from torch import Tensor
+
+from ninedtact.design import ForceTorqueMount
+from ninedtact.errors import FileFormatError
+from ninedtact.force.contact_detection import ContactTest, detect_contact
+from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate, zero_wrench
+from ninedtact.force.network_input import InputChannels, NetworkInputBuilder, full_resolution_input_settings
+from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
+from ninedtact.reading import Reading
+from ninedtact_train.evaluation.evaluation import PUBLISHED_SCORES_AT_SKIN
+from ninedtact_train.training.networks import DenseNet, build_densenet
+
+NETWORK = "densenet169"
+WRENCH_MIN, WRENCH_MAX = np.array([-3, -3, -12, -0.2, -0.2, -0.05]), np.array([3, 3, 0, 0.2, 0.2, 0.05])
+
+
+class OriginalWeightsUnusable(FileFormatError):
+    """A file does not hold the weights of the original project's network, or holds more than weights."""
+
+
+@dataclass
+class OriginalNetworkForce(ForceEstimator):
+    """The original project's network on this sensor. Its standard deviation is the error in its authors' own test."""
+
+    network: DenseNet
+    contact_test: ContactTest = detect_contact
+    name: str = field(default="original", init=False)
+
+    def __post_init__(self) -> None:
+        self.input = NetworkInputBuilder(full_resolution_input_settings(InputChannels.MIXED))
+
+    def estimate(self, reading: Reading) -> WrenchEstimate:
+        """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches."""
+        if reading.image_warnings:
+            return unknown_wrench_estimate(reading.stamp_ns, reading.image_warnings)
+        errors, stamp_ns = diagonal_covariance(np.array(PUBLISHED_SCORES_AT_SKIN.rmse)), reading.frame.stamp_ns
+        if not self.contact_test(reading):
+            return WrenchEstimate(zero_wrench(stamp_ns), errors, touching=False)
+        parts = self.parts(reading)
+        six = WRENCH_MIN + parts.clip(0, 1) * (WRENCH_MAX - WRENCH_MIN)
+        wrench = Wrench(six[:3], six[3:], np.array(ForceTorqueMount().origin_mm), stamp_ns).about_skin_centre()
+        at_an_end = ((parts < 0) | (parts > 1)).any()
+        return WrenchEstimate(
+            wrench, errors, touching=True, warnings=(EstimateWarning.OUT_OF_RANGE,) if at_an_end else ()
+        )
+
+    def parts(self, reading: Reading) -> Float64[Array, "6"]:
+        """Return the network's six outputs for a reading, as fractions of their ranges."""
+        with torch.no_grad():
+            return self.network(torch.from_numpy(self.input(reading))[None])[0].double().numpy()
+
+    def forget(self) -> None:
+        """Do nothing: no reading is remembered."""
+
+
+def read_original_network(path: Path | str, contact_test: ContactTest = detect_contact) -> OriginalNetworkForce:
+    """Return the network with the weights of a .pt file, which is read without running any code in it.
+
+    Raises `OriginalWeightsUnusable`.
+    """
+    network = build_densenet(NETWORK, InputChannels.MIXED.number, 6)
+    state = read_pt_weights(Path(path))
+    require_weight_names(state, network.state_dict(), path)
+    try:
+        network.load_state_dict(state, strict=True)
+    except RuntimeError as trouble:
+        raise OriginalWeightsUnusable(
+            f"expected weights of {NETWORK} in {path}, got some of other shapes; give the original project's .pt file"
+        ) from trouble
+    estimator = OriginalNetworkForce(network.eval(), contact_test)
+    estimator.model_sha256 = sha256(Path(path).read_bytes()).hexdigest()
+    return estimator
+
+
+def read_pt_weights(path: Path) -> dict[str, Tensor]:
+    """Read the weights of a .pt file by name, without running code in it; raises `OriginalWeightsUnusable`."""
+    try:
+        state: Any = torch.load(path, map_location="cpu", weights_only=True)
+    except UnpicklingError as trouble:
+        raise OriginalWeightsUnusable(
+            f"expected weights and nothing else in {path}, got a file that is damaged, or that would run code when it is read; "
+            "it was not run: save the network's state_dict() alone with torch.save"
+        ) from trouble
+    except Exception as trouble:  # torch raises many kinds of error for a damaged file
+        said = (str(trouble).splitlines() or [""])[0]
+        raise OriginalWeightsUnusable(f"expected a whole .pt file in {path}, got: {said}; copy it again") from trouble
+    if not isinstance(state, dict) or not all(isinstance(weight, Tensor) for weight in state.values()):
+        raise OriginalWeightsUnusable(
+            f"expected the weights of a network by name in {path}, got something else; save its state_dict() with torch.save"
+        )
+    return state
+
+
+def require_weight_names(state: dict[str, Tensor], wanted: dict[str, Tensor], path: Path | str) -> None:
+    """Raise `OriginalWeightsUnusable` for weights whose names are not those of the network."""
+    missing, unknown = wanted.keys() - state.keys(), state.keys() - wanted.keys()
+    if missing or unknown:
+        raise OriginalWeightsUnusable(
+            f"expected the {len(wanted)} weights of torchvision's {NETWORK} in {path}, got {len(missing)} missing and "
+            f"{len(unknown)} others (such as {min(missing or unknown)!r}); give the original project's .pt file"
+        )

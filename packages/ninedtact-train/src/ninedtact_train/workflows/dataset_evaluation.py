@@ -1,0 +1,244 @@
+"""Evaluation of a force estimator on a data set: its wrenches beside the true ones, and the tables of a model card.
+
+`predict_dataset` estimates the wrench of every image with the calibration of the image's own sensor. `evaluate_per_mechanics_kind`
+scores a model on simulated sensors by the mechanics of their gels.
+"""
+
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from tqdm import tqdm
+
+from ninedtact.force.estimator_interface import ForceEstimator
+from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file_of_spec, without_contact_detection
+from ninedtact.force.known_load_scale import ScaledForceEstimator, select_force_scale
+from ninedtact.force.onnx_model import read_force_model
+from ninedtact.parallel_jobs import Cluster, Workers, run_jobs
+from ninedtact_train.dataset.calibrated_readings import (
+    DatasetSensorCalibration,
+    RowsWithReferences,
+    iterate_rows_with_references,
+)
+from ninedtact_train.dataset.reader import read_pair_columns
+from ninedtact_train.evaluation import ErrorDistribution, WrenchPredictions, evaluate_predictions
+from ninedtact_train.population.sensor_population import SampledSensor
+from ninedtact_train.workflows.dataset_calibrations import load_dataset_sensors, load_simulated_sensors
+from ninedtact_train.workflows.simulated_force_calibration import calibrate_on_simulated_loads
+
+_Value = TypeVar("_Value")
+_PAPER_TORQUE_POINT_MM = (0.0, 0.0, -35.0)
+_MECHANICS_LABELS = {
+    "bonded": "rigid substrate, small strains (as the calibration assumes)",
+    "finite_strain": "rigid substrate, finite-strain (neo-Hookean) gel",
+    "compliant_base": "compliant substrate",
+}
+"""Descriptions of the mechanics of simulated sensors, as in the model card."""
+_PHYSICS_LABEL = ", physics without correction"
+_KEYS_NOT_IN_CARD = ("published", "by_object", "by_sensor", "axes", "units")
+"""Keys of an evaluation that are not stored in a card."""
+
+
+@dataclass(frozen=True)
+class DatasetEvaluationSettings:
+    """The estimator that is evaluated, and how its sensors are calibrated."""
+
+    force: str = PHYSICS
+    """Name or path of the estimator, as for the option `--force`."""
+    sensors: Path | None = None
+    """Folder with a sensor folder for each sensor of the data, by name; where None, simulated sensors are calibrated."""
+    modulus: Literal["true", "design", "calibrated"] = "true"
+    """Shear modulus assumed for simulated gels: the true one, the design's, or by force calibration with five simulated loads."""
+    every: int = 1
+    """Evaluate one of every n pairs."""
+    contact_detection: bool = True
+    """Whether a network's estimate is zero where no contact is detected."""
+
+
+def predict_dataset(
+    data: Path,
+    settings: DatasetEvaluationSettings = DatasetEvaluationSettings(),
+    workers: Workers = 2,
+    *,
+    progress: bool = False,
+    notify: Callable[[str], None] = lambda _: None,
+) -> WrenchPredictions:
+    """Return the estimator's wrenches for a data set beside the true ones, torques about the skin's centre.
+
+    workers: number of processes that calibrate simulated sensors and estimate, or a cluster. notify: receives a sentence about each
+    calibration to be distrusted, about each sensor whose pairs are left out, and about images from which nothing is estimated.
+    Raises what estimators and data sets raise, as training does for wrenches that are not finite and pairs without a reference
+    image.
+    """
+    read_pair_columns(data)
+    _estimators.clear()  # a model file may have been written anew since the last evaluation in this process
+    known = load_dataset_sensors(data, settings.sensors, workers, progress)
+    for notice in known.notices():
+        notify(notice)
+    members = load_simulated_sensors(data)
+    sensors = known.by_name
+    if settings.modulus == "true":
+        sensors = {name: _with_true_modulus(sensor, members.get(name)) for name, sensor in sensors.items()}
+    jobs = (
+        (rows, _select(rows.sensors, sensors), _select(rows.sensors, members), settings, _read_model(settings, workers))
+        for rows in iterate_rows_with_references(data, settings.every, known.refused)
+    )
+    groups: dict[int, list[_EstimatedPair]] = {}
+    with tqdm(unit="pair", disable=not progress) as bar:
+        for number, group in run_jobs(_estimate_pairs, jobs, workers):
+            groups[number] = group
+            bar.update(len(group))
+    pairs = [pair for number in sorted(groups) for pair in groups[number]]
+    if refused := sum(pair.is_refused for pair in pairs):
+        notify(
+            f"nothing is estimated from {refused} of {len(pairs)} images, which no press can cause; they count as zero"
+        )
+    columns = [pair.truth for pair in pairs], [pair.wrench for pair in pairs], [pair.std for pair in pairs]
+    six = [np.array(column, float).reshape(-1, 6) for column in columns]
+    objects, names = [pair.object for pair in pairs], [pair.sensor for pair in pairs]
+    distribution = ErrorDistribution.GAUSSIAN if settings.force == PHYSICS else ErrorDistribution.LAPLACE
+    claimed = np.where(np.isfinite(six[2]), six[2], np.nan)
+    return WrenchPredictions(six[0], six[1], claimed, distribution, objects, names, (0.0, 0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class _EstimatedPair:
+    """A true wrench with its estimate and the standard deviations of it, N and N·m about the skin's centre."""
+
+    truth: Any
+    wrench: Any
+    std: Any
+    object: str
+    sensor: str
+    is_refused: bool
+    """Whether no press can cause the image, so that nothing is estimated from it."""
+
+
+def _select(names: Collection[str], all_of: Mapping[str, _Value]) -> dict[str, _Value]:
+    """Return the entries of these names, so that a worker receives no others."""
+    return {name: all_of[name] for name in names if name in all_of}
+
+
+def _read_model(settings: DatasetEvaluationSettings, workers: Workers) -> bytes | None:
+    """Return the file of the force model for the workers of a cluster, which may not have it; None where they need none."""
+    path = model_file_of_spec(settings.force) if isinstance(workers, Cluster) else None
+    return path.read_bytes() if path is not None and path.is_file() else None
+
+
+def _estimate_pairs(
+    rows: RowsWithReferences,
+    sensors: dict[str, DatasetSensorCalibration],
+    members: dict[str, SampledSensor],
+    settings: DatasetEvaluationSettings,
+    model: bytes | None,
+) -> list[_EstimatedPair]:
+    """Estimate the wrenches of some rows."""
+    pairs = []
+    for pair in rows.readings(sensors):
+        key = (
+            pair.sensor,
+            sensors[pair.sensor].digest,
+            sensors[pair.sensor].gel,
+            sensors[pair.sensor].force_scales,
+            settings,
+            model and sha256(model).digest(),
+        )
+        if key not in _estimators:
+            _estimators[key] = _build_estimator(settings, sensors[pair.sensor], members.get(pair.sensor), model)
+            while len(_estimators) > _MOST_ESTIMATORS:
+                del _estimators[next(iter(_estimators))]
+        estimator = _estimators[key]
+        estimator.forget()
+        estimate = estimator.estimate(pair.reading)
+        is_refused = bool(pair.reading.image_warnings)
+        pairs.append(
+            _EstimatedPair(pair.wrench, estimate.wrench.six, estimate.std, pair.object, pair.sensor, is_refused)
+        )
+    return pairs
+
+
+_estimators: dict[Hashable, ForceEstimator] = {}
+"""The estimators that this process built last, by sensor and settings: groups of rows that follow have the same sensors."""
+_MOST_ESTIMATORS = 32
+
+
+def _with_true_modulus(sensor: DatasetSensorCalibration, member: SampledSensor | None) -> DatasetSensorCalibration:
+    """Return the calibration of a simulated sensor with the gel's true shear modulus, that of a real sensor as it is."""
+    if member is None:
+        return sensor
+    return replace(sensor, gel=replace(sensor.gel, shear_modulus_mpa=member.gel.shear_modulus_mpa))
+
+
+def _build_estimator(
+    settings: DatasetEvaluationSettings,
+    sensor: DatasetSensorCalibration,
+    member: SampledSensor | None,
+    model: bytes | None,
+) -> ForceEstimator:
+    """Build the estimator for one sensor, with this content of its model's file where it was sent along.
+
+    A real sensor has the force scale of its folder, as in live use; that of a simulated one follows from `settings.modulus`.
+    """
+    path = model_file_of_spec(settings.force)
+    if model is None or path is None:
+        estimator = build_estimator(settings.force, sensor.shape, sensor.gel)
+    else:
+        with TemporaryDirectory(prefix="ninedtact") as folder:
+            copy = Path(folder) / path.name
+            copy.write_bytes(model)
+            estimator = build_estimator(str(copy), sensor.shape, sensor.gel)
+    if not settings.contact_detection:
+        estimator = without_contact_detection(estimator)
+    if member is None:
+        return ScaledForceEstimator(estimator, select_force_scale(estimator, dict(sensor.force_scales)))
+    if settings.modulus != "calibrated":
+        return estimator
+    return calibrate_on_simulated_loads(estimator, member, sensor.shape)
+
+
+def evaluate_per_mechanics_kind(
+    model: Path, data: Path, workers: int, progress: bool, notify: Callable[[str], None] = lambda _: None
+) -> dict[str, dict[str, Any]]:
+    """Evaluate a model on a data set of simulated sensors for its card: one table for each kind of mechanics, and one for all.
+
+    Every sensor is calibrated from its own images and its force with five simulated loads. A network that corrects physics is
+    evaluated beside physics, any other also without contact detection where there is no contact.
+    """
+    settings = DatasetEvaluationSettings(str(model), modulus="calibrated")
+    mechanics = {name: member.kind for name, member in load_simulated_sensors(data).items()}
+    tables: dict[str, dict[str, Any]] = {}
+    corrects_physics = read_force_model(model).card.input.channels.of_physics
+    for force, label in ((str(model), ""), *([(PHYSICS, _PHYSICS_LABEL)] if corrects_physics else [])):
+        predictions = predict_dataset(data, replace(settings, force=force), workers, progress=progress, notify=notify)
+        for words, part in _split_by_mechanics(predictions, mechanics):
+            tables[words + label] = _card_table(part)
+    if corrects_physics:
+        return tables
+    undetected = replace(settings, modulus="true", contact_detection=False)
+    without_detection = evaluate_predictions(predict_dataset(data, undetected, workers, progress=progress))
+    tables["all"]["no_contact_without_detection"] = without_detection.to_json_dict()["no_contact"]
+    return tables
+
+
+def _split_by_mechanics(
+    predictions: WrenchPredictions, mechanics: Mapping[str, str]
+) -> Iterator[tuple[str, WrenchPredictions]]:
+    """Yield the predictions for sensors of each kind of mechanics that occurs, then all."""
+    assert predictions.sensors is not None
+    kinds = [mechanics[name] for name in predictions.sensors]
+    for kind, words in _MECHANICS_LABELS.items():
+        if kind in kinds:
+            yield words, predictions.select([one == kind for one in kinds])
+    yield "all", predictions
+
+
+def _card_table(predictions: WrenchPredictions) -> dict[str, Any]:
+    """Return the scores about the skin's centre, and the skill with torques about the paper's point."""
+    scores = evaluate_predictions(predictions).to_json_dict()
+    skill = evaluate_predictions(predictions.about(_PAPER_TORQUE_POINT_MM)).scores.skill
+    kept = {key: value for key, value in scores.items() if key not in _KEYS_NOT_IN_CARD}
+    return {**kept, "skill_35_mm_below": skill.tolist()}

@@ -1,0 +1,195 @@
+"""Training of a force model on a data set: reading of its examples, the split into training and held-out pairs, and the training.
+
+A data set, training settings and a fraction to hold out go in; the folder of `train_network` with the model comes out.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.design import Gel
+from ninedtact.force.network_input import NetworkInputSettings, scale_input_settings_to_width, sensor_features_of
+from ninedtact.quantities import NO_OBJECT
+from ninedtact_train.dataset.folder import DatasetFolder, find_sensor_folders
+from ninedtact_train.dataset.height_cache import load_height_pairs
+from ninedtact_train.dataset.reader import load_dataset, read_pair_columns
+from ninedtact_train.dataset.split import (
+    SplitImpossible,
+    SplitKeys,
+    SplitRows,
+    SplitSettings,
+    read_split,
+    split_dataset,
+)
+from ninedtact_train.training.examples import TrainingExamples
+from ninedtact_train.training.settings import ComputeSettings, TrainingSettings
+from ninedtact_train.training.train import TrainingResult, train_network
+from ninedtact_train.workflows.dataset_calibrations import (
+    find_calibration_doubts,
+    load_dataset_sensors,
+    load_simulated_sensors,
+)
+
+
+@dataclass(frozen=True)
+class HeldOutSettings:
+    """Which pairs are held out of the training; the best epoch is chosen by them. Raises `SplitImpossible`."""
+
+    kind: Literal["sensor_and_object", "object", "sensor", "standard"] | None = None
+    """Kind of the split; None: by objects and sensors, or by objects alone where there is one sensor."""
+    fraction: float = 0.1
+    """Fraction of the objects, of the sensors or of the pairs that is held out."""
+    split: Path | None = None
+    """Split file whose training part is divided; its test part is not used at all."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.fraction < 1:
+            raise SplitImpossible(
+                f"expected a fraction between 0 and 1 to hold out, got {self.fraction:g}; hold out 0.1 of the objects or sensors"
+            )
+
+    def rows(self, ids: Sequence[str], examples: TrainingExamples, all_ids: Sequence[str] | None = None) -> SplitRows:
+        """Return the rows for training and for validation; raises `SplitImpossible`, `SplitFileUnusable`.
+
+        all_ids: ids of the whole data set, which a split file is of, where some of its pairs are no examples.
+        """
+        train = np.arange(len(ids))
+        if self.split is not None:
+            split = read_split(self.split)
+            split.rows(ids if all_ids is None else all_ids)
+            train = np.flatnonzero(np.isin(np.asarray(ids, dtype=str), split.train))
+        names, objects, sensors = (
+            np.asarray(column)[train].tolist() for column in (ids, examples.objects, examples.sensors)
+        )
+        settings = self._split_settings(set(objects), set(sensors), len(names))
+        inner = split_dataset(SplitKeys(names, objects, sensors), settings).rows(names)
+        return SplitRows(train[inner.train], train[inner.test])
+
+    def _split_settings(self, objects: set[str], sensors: set[str], pairs: int) -> SplitSettings:
+        """Return the settings of a split with this fraction of each, and one of each at least."""
+        kind = self.kind or ("sensor_and_object" if len(sensors) > 1 else "object")
+        counts = [max(1, round(self.fraction * count)) for count in (len(objects - {NO_OBJECT}), len(sensors), pairs)]
+        return SplitSettings(kind, objects=counts[0], sensors=counts[1], pairs=counts[2], seed=self.seed)
+
+
+def train_on_dataset(
+    data: Path,
+    out: Path,
+    settings: TrainingSettings,
+    held_out: HeldOutSettings = HeldOutSettings(),
+    *,
+    sensors: Path | None = None,
+    workers: int = 1,
+    name: str = "network",
+    licence: str = "MIT",
+    machine: ComputeSettings = ComputeSettings(),
+    progress: bool = False,
+    notify: Callable[[str], None] = lambda _: None,
+) -> TrainingResult | None:
+    """Train a force model on a data set and write it to `out`; None in all processes of a training but the first.
+
+    sensors: a folder with a sensor folder for each sensor of the data, by name; where None, simulated sensors are calibrated.
+    workers: number of processes that read images. notify: receives a sentence about each calibration to be distrusted, and
+    about each sensor whose pairs are left out.
+    Raises what `load_dataset_sensors`, the data set, the split and `train_network` raise.
+    """
+    examples, ids = read_training_examples(data, settings.input, sensors, workers, progress, notify)
+    all_ids = ids if held_out.split is None else read_pair_columns(data)["id"].to_pylist()
+    rows = held_out.rows(ids, examples, all_ids)
+    return train_network(examples, rows, settings, out, name=name, licence=licence, machine=machine, progress=progress)
+
+
+def read_training_examples(
+    data: Path,
+    grid: NetworkInputSettings,
+    sensors: Path | None = None,
+    workers: int = 1,
+    progress: bool = False,
+    notify: Callable[[str], None] = lambda _: None,
+) -> tuple[TrainingExamples, Sequence[str]]:
+    """Read examples and their ids; wrenches are scaled from the shear modulus of each sensor's gel to that of the design."""
+    if grid.channels.of_heights:
+        examples, ids = _read_height_examples(data, grid, sensors, workers, progress, notify)
+    else:
+        for doubt in find_calibration_doubts(data, sensors):
+            notify(doubt)
+        examples, ids = _read_image_examples(data, grid, workers, progress)
+    usual, moduli = Gel().shear_modulus_mpa, _gel_moduli_mpa(data, sensors)
+    return examples.scale_to_design_modulus(np.array([moduli.get(name, usual) for name in examples.sensors])), ids
+
+
+def _read_height_examples(
+    data: Path,
+    grid: NetworkInputSettings,
+    sensors: Path | None,
+    workers: int,
+    progress: bool,
+    notify: Callable[[str], None],
+) -> tuple[TrainingExamples, Sequence[str]]:
+    """Read heights, computed with the calibration of each sensor."""
+    known = load_dataset_sensors(data, sensors, workers, progress)
+    for notice in known.notices():
+        notify(notice)
+    pairs = load_height_pairs(
+        data,
+        known.by_name,
+        grid.grid,
+        workers=workers,
+        with_physics=grid.channels.of_physics,
+        left_out=known.refused,
+        progress=progress,
+    )
+    if pairs.physics is not None:  # the network is asked only where physics finds a contact
+        pairs = pairs.select(pairs.physics[:, 2] != 0)
+    features = {name: sensor_features_of(sensor.shape, sensor.gel).row for name, sensor in known.by_name.items()}
+    names = pairs.objects.tolist(), pairs.sensors.tolist()
+    each = np.array([features[name] for name in names[1]])
+    examples = TrainingExamples(
+        pairs.z_mm, pairs.wrenches, *names, sensor_features=each, tractions=pairs.tractions, physics=pairs.physics
+    )
+    return examples, pairs.ids.tolist()
+
+
+def _read_image_examples(
+    data: Path, grid: NetworkInputSettings, workers: int, progress: bool
+) -> tuple[TrainingExamples, Sequence[str]]:
+    """Read grey images with their references."""
+    pairs = load_dataset(data, (grid.cols, grid.rows), threads=workers, progress=progress)
+    names = pairs.objects.values.tolist(), pairs.sensors.values.tolist()
+    codes, files = pairs.references.codes, pairs.decoded
+    examples = TrainingExamples(files.images, pairs.wrenches, *names, references=files.references, reference_of=codes)
+    return examples, pairs.ids.tolist()
+
+
+def _gel_moduli_mpa(data: Path, sensors: Path | None) -> dict[str, float]:
+    """Return the shear modulus of each sensor's gel: the true one of a simulated sensor, that of its sensor folder for a real one.
+
+    A force model multiplies by the modulus of the sensor folder, so that a real sensor's wrenches are divided by it first.
+    """
+    folders = find_sensor_folders(DatasetFolder(data).sensor_folders if sensors is None else sensors)
+    simulated = {name: member.gel.shear_modulus_mpa for name, member in load_simulated_sensors(data).items()}
+    real = [folder for folder in folders if folder.name not in simulated]
+    return {**simulated, **{folder.name: load_sensor(folder).gel.shear_modulus_mpa for folder in real}}
+
+
+def match_input_width_to_dataset(
+    settings: TrainingSettings, data: Path, sensors: Path | None = None
+) -> TrainingSettings:
+    """Return the settings with the input's grid as wide as the designed sensing area of the data set's sensors.
+
+    sensors: a folder with a sensor folder for each real sensor, by name; where None, those that the data set carries. Settings for
+    a data set without simulated sensors and sensor folders stay as they are. Raises `SensorFolderDamaged`.
+    """
+    simulated = load_simulated_sensors(data)
+    folders = find_sensor_folders(DatasetFolder(data).sensor_folders if sensors is None else sensors)
+    designs = [member.design for member in simulated.values()]
+    designs += [load_sensor(folder).record.design for folder in folders if folder.name not in simulated]
+    widths = [design.sensing_area.width_mm for design in designs]
+    if not widths:
+        return settings
+    return replace(settings, input=scale_input_settings_to_width(settings.input, max(widths)))

@@ -1,0 +1,311 @@
+"""Many sessions at once, on torch: the pairs of the processor, in any batch, and in smaller ones when memory runs out."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import torch
+
+from ninedtact._version import installation_command
+from ninedtact.cli import main
+from ninedtact.errors import NinedtactError
+from ninedtact.mechanics import surface_displacement
+from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
+from ninedtact.mechanics.indenter import Ball, FlatPunch
+from ninedtact.mechanics.pose import InvalidPose, Pose
+from ninedtact.simulation.objects.catalogue import generate_object
+from ninedtact.simulation.twin import PoseOutOfView
+from ninedtact_train.batched import executor
+from ninedtact_train.batched.executor import BatchExecutor, Device, DeviceMissing, choose_compute_device
+from ninedtact_train.batched.session_requests import ContactSummary, RenderRequest, StepRequest
+from ninedtact_train.dataset.folder import DatasetFolderTaken
+from ninedtact_train.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
+from ninedtact_train.dataset.generation.press_trajectory import PressSettings
+from ninedtact_train.dataset.generation.settings import GenerationImpossible, GenerationSettings, PairKindShares
+from ninedtact_train.population.sensor_population import NonidealMechanicsShares
+
+SMALL = GenerationSettings(
+    pairs=18,
+    size=(48, 36),
+    sensors=3,
+    object_names=("ball:3", "gear_07", "cylinder:2,5", "screw_02"),
+    shares=PairKindShares(0.1, 0.15),
+    mechanics=NonidealMechanicsShares(0.34, 0.33),
+    pitch_mm=0.5,
+    session_pairs=3,
+    sessions_per_file=2,
+)
+"""Six sessions in three files; one sensor of each kind."""
+OBJECTS = (Ball(3.0), generate_object("gear_07"), generate_object("screw_02"), Ball(3.0), FlatPunch(2.0))
+TILTED = [Pose(0.5 * k, -0.2, 0.3 + 0.1 * k, 0.4 * k, 0.03 + 0.04 * k, -0.02 * k) for k in range(5)]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread() -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def by_processor(tmp_path_factory: pytest.TempPathFactory) -> GenerationResult:
+    return generate_dataset(tmp_path_factory.mktemp("dataset") / "processor", SMALL)
+
+
+@pytest.fixture(scope="module")
+def together(tmp_path_factory: pytest.TempPathFactory) -> GenerationResult:
+    return generate_dataset(tmp_path_factory.mktemp("dataset") / "together", SMALL, workers=2, device="torch-cpu")
+
+
+@pytest.fixture(scope="module")
+def room() -> BatchExecutor:
+    benches = [make_simulated_sensor(number, SMALL) for number in range(SMALL.sensors)]
+    return BatchExecutor(range(SMALL.sensors), benches, Device("torch-cpu"), 8, print)
+
+
+def rows(folder: Path) -> list[dict[str, Any]]:
+    return [row for path in sorted((folder / "data").iterdir()) for row in pq.read_table(path).to_pylist()]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def assert_same_pairs(found: Path, wanted: Path) -> None:
+    ours, theirs = rows(found), rows(wanted)
+    assert len(ours) == len(theirs)
+    for row, other in zip(ours, theirs, strict=True):
+        told = {name: (row[name], other[name]) for name in row if name not in ("image", "wrench")}
+        assert all(one == another for one, another in told.values()), told
+        np.testing.assert_allclose(row["wrench"], other["wrench"], rtol=1e-4, atol=1e-5)
+        shown, expected = (
+            cv2.imdecode(np.frombuffer(one["image"]["bytes"], np.uint8), cv2.IMREAD_UNCHANGED).astype(int)
+            for one in (row, other)
+        )
+        assert np.abs(shown - expected).max() <= 1
+        assert (shown != expected).mean() < 0.01
+
+
+def test_the_pairs_are_those_of_the_processor(together: GenerationResult, by_processor: GenerationResult) -> None:
+    assert together.statistics.kinds == by_processor.statistics.kinds
+    assert_same_pairs(together.folder, by_processor.folder)
+    assert {row["sensor"] for row in rows(together.folder)} == {f"twin_0_{number:03d}" for number in range(3)}
+
+
+def test_a_batch_of_another_size_makes_the_same_pairs(tmp_path: Path, together: GenerationResult) -> None:
+    generate_dataset(tmp_path / "pairs", SMALL, device="torch-cpu", sessions_per_batch=3)
+    assert_same_pairs(tmp_path / "pairs", together.folder)
+
+
+def test_what_is_missing_is_made_again_with_the_same_bytes(tmp_path: Path, together: GenerationResult) -> None:
+    before = contents(together.folder)
+    path = together.folder / "data" / "train-00001-of-00003.parquet"
+    path.unlink()
+    other = together.folder / "data" / "train-00000-of-00003.parquet"
+    age = other.stat().st_mtime_ns
+    again = generate_dataset(together.folder, SMALL, device="torch-cpu")
+    assert again.new_files == 1
+    assert contents(together.folder) == before
+    assert other.stat().st_mtime_ns == age
+
+
+def test_kinds_of_devices_are_not_mixed(together: GenerationResult, by_processor: GenerationResult) -> None:
+    assert together.device == "torch-cpu"
+    assert json.loads((together.folder / "settings.json").read_text())["device"] == "torch-cpu"
+    assert "with `--device torch-cpu`" in (together.folder / "README.md").read_text()
+    assert json.loads((by_processor.folder / "settings.json").read_text())["device"] == "cpu"
+    with pytest.raises(DatasetFolderTaken, match=r"another device \(device: cpu instead of torch-cpu\)"):
+        generate_dataset(together.folder, SMALL)
+    with pytest.raises(DatasetFolderTaken, match=r"another device \(device: torch-cpu instead of cpu\)"):
+        generate_dataset(by_processor.folder, SMALL, device="torch-cpu")
+
+
+class FullMemory:
+    """BatchExecutor for the fields of so many contacts."""
+
+    def __init__(self, contacts: int, trouble: Exception) -> None:
+        self.contacts, self.trouble, self.spectrum = contacts, trouble, surface_displacement.forward_transform
+
+    def __call__(self, field: Any, shape: tuple[int, int]) -> Any:
+        if field.shape[0] > self.contacts:
+            raise self.trouble
+        return self.spectrum(field, shape)
+
+
+@pytest.mark.parametrize(
+    "trouble",
+    [torch.OutOfMemoryError("CUDA out of memory."), RuntimeError("cuFFT error: CUFFT_INTERNAL_ERROR")],
+    ids=["torch", "cufft"],
+)
+def test_a_full_memory_halves_the_batch_and_is_told(
+    tmp_path: Path, together: GenerationResult, monkeypatch: pytest.MonkeyPatch, trouble: Exception
+) -> None:
+    monkeypatch.setattr(surface_displacement, "forward_transform", FullMemory(2, trouble))
+    said: list[str] = []
+    generate_dataset(tmp_path / "pairs", SMALL, device="torch-cpu", notify=said.append)
+    assert said == [
+        "the memory of torch-cpu is too small for 6 contacts at once; continuing with 3",
+        "the memory of torch-cpu is too small for 3 contacts at once; continuing with 1",
+    ]
+    assert_same_pairs(tmp_path / "pairs", together.folder)
+
+
+def test_a_memory_too_small_for_one_contact_ends_in_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(
+        surface_displacement, "forward_transform", FullMemory(0, torch.OutOfMemoryError("CUDA out of memory."))
+    )
+    options = "--pairs 2 --sensors 2 --size 32 24 --object-names ball:3 --pitch-mm 0.5 --device torch-cpu"
+    assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), *options.split()]) == 1
+    told = capsys.readouterr().err
+    assert "ninedtact: the memory of torch-cpu is too small for 2 contacts at once; continuing with 1\n" in told
+    assert (
+        "expected room for one contact in the memory of torch-cpu, got 'CUDA out of memory.'; end other programs"
+        in told
+    )
+
+
+def test_other_trouble_is_not_taken_for_a_full_memory(room: BatchExecutor, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        surface_displacement, "forward_transform", FullMemory(0, RuntimeError("CUDA error: an illegal memory access"))
+    )
+    with pytest.raises(RuntimeError, match="illegal"):
+        room.execute([StepRequest(room.setup(0), None, Ball(), Pose(depth_mm=0.5))])
+
+
+def test_one_of_a_batch_is_refused_as_it_would_be_alone(room: BatchExecutor) -> None:
+    bench = room.setup(0)
+    assert isinstance(room.execute([StepRequest(bench, None, Ball(), Pose(depth_mm=0.02), 3.0)])[0], StepRequest), (
+        "its window was too small"
+    )
+    steps = [
+        StepRequest(bench, None, Ball(), Pose(depth_mm=0.5)),
+        StepRequest(bench, None, Ball(), Pose(x_mm=40.0), 1.0),
+        StepRequest(bench, None, Ball(1.5), Pose(), 60.0, on_whole_grid=True),
+        StepRequest(bench, None, Ball(), Pose(depth_mm=50.0), on_whole_grid=True),
+        StepRequest(bench, None, FlatPunch(13.0), Pose(depth_mm=0.2), on_whole_grid=True),
+        StepRequest(bench, None, Ball(), Pose(depth_mm=-0.5)),
+        StepRequest(bench, None, FlatPunch(5.0), Pose(tilt_y_rad=0.25), 90.0, on_whole_grid=True),
+    ]
+    told = room.execute(steps)
+    for step, answer in zip(steps, told, strict=True):
+        try:
+            alone: ContactSummary | NinedtactError = step.respond()
+        except NinedtactError as refusal:
+            alone = refusal
+        assert type(answer) is type(alone)
+        if isinstance(alone, ContactSummary):
+            assert answer.touches == alone.touches
+            np.testing.assert_allclose(answer.wrench.six, alone.wrench.six, rtol=1e-4, atol=1e-6)
+            assert answer.max_indentation_mm == pytest.approx(alone.max_indentation_mm, rel=1e-4)
+            assert answer.contact_area_mm2 == alone.contact_area_mm2
+            assert answer.stiffening == pytest.approx(alone.stiffening)
+    assert isinstance(told[1], PoseOutOfView)
+    assert isinstance(told[2], InvalidPose)
+    assert isinstance(told[3], InvalidPose)
+    assert isinstance(told[6], InvalidPose), "its edge is below the base, its middle is not"
+
+
+def test_untouched_skin_is_shown_as_it_is(room: BatchExecutor) -> None:
+    assert room.execute([RenderRequest(room.setup(1), None)]) == [None]
+
+
+@pytest.mark.parametrize("poses", [TILTED, [Pose(pose.x_mm, twist_rad=pose.twist_rad) for pose in TILTED]])
+def test_objects_side_by_side_are_each_their_own(poses: list[Pose]) -> None:
+    axis = np.linspace(-12, 12, 60)
+    places = tuple(np.float32(place) for place in np.meshgrid(axis, axis))
+    several = DeviceHeightGrids(np.zeros((), np.float32)).batch(OBJECTS)
+    found = several.height_over_skin_mm(Pose.stack(poses), *places)
+    for height, indenter, pose in zip(found, OBJECTS, poses, strict=True):
+        np.testing.assert_allclose(height, indenter.height_over_skin_mm(pose, *places), atol=2e-5)
+
+
+def test_a_hand_that_finds_nothing_gives_up_together_too(tmp_path: Path) -> None:
+    faint = PressSettings(load_n=(0.1, 0.01), load_range_n=(0.05, 0.2), targets=(1, 1))
+    settings = replace(
+        SMALL, press=faint, shares=PairKindShares(0, 0), object_names=("ball:4",), pairs=3, sensors=1, pitch_mm=1.0
+    )
+    with pytest.raises(GenerationImpossible, match="press harder"):
+        generate_dataset(tmp_path / "faint", settings, device="torch-cpu")
+
+
+@pytest.mark.parametrize("name", ["tpu", "cuda:x", "CPU", "cpu:0", ""])
+def test_devices_go_by_their_names(name: str) -> None:
+    with pytest.raises(DeviceMissing, match="expected a device named auto, cpu, cuda, cuda:N or torch-cpu"):
+        choose_compute_device(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "there", "said"),
+    [("cuda", 0, "got none"), ("cuda:0", 0, "got none"), ("cuda:2", 2, "got 2, cuda:0 to cuda:1")],
+)
+def test_a_gpu_that_is_not_there_is_one_sentence(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    there: int,
+    said: str,
+) -> None:
+    monkeypatch.setattr(executor, "_gpu_count", lambda: there)
+    assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), "--device", name]) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith(f"ninedtact: expected {name}, a GPU that torch sees, {said}; give --device cpu")
+    assert not (tmp_path / "pairs").exists()
+
+
+def test_a_gpu_that_is_there_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(executor, "_gpu_count", lambda: 2)
+    monkeypatch.setattr(executor, "_gpu_driver_exists", lambda: True)
+    assert [choose_compute_device(name).kind for name in ("auto", "cuda:1", "cpu")] == ["cuda", "cuda", "cpu"]
+    assert not choose_compute_device("cpu").is_batched
+    monkeypatch.setattr(executor, "_gpu_count", lambda: 0)
+    assert choose_compute_device("auto") == Device("cpu")
+
+
+def test_a_gpu_without_any_room_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*of: object, **how: object) -> None:
+        raise RuntimeError("CUDA error: out of memory\nCUDA kernel errors might be reported later")
+
+    monkeypatch.setattr(torch, "zeros", full)
+    with pytest.raises(DeviceMissing, match="expected room in the memory of cuda, got none at all"):
+        Device("cuda").zero_array()
+
+
+@pytest.mark.parametrize("name", ["cuda", "torch-cpu"])
+def test_without_torch_the_extra_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    monkeypatch.setattr(executor, "find_spec", lambda module: None)
+    monkeypatch.setattr(executor, "_gpu_driver_exists", lambda: True)
+    assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), "--device", name]) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert f"got no such package; run {installation_command('train')}" in line
+    assert choose_compute_device("auto") == Device("cpu")
+
+
+def test_the_processor_needs_no_torch(tmp_path: Path) -> None:
+    options = "--pairs 2 --sensors 1 --size 32 24 --object-names ball:3 --pitch-mm 0.5 --workers 1 --json"
+    device = "--device cpu" if executor._gpu_driver_exists() else ""
+    arguments = ["simulate", "dataset", "--out", str(tmp_path / "pairs"), *options.split(), *device.split()]
+    check = (
+        f"import sys; from ninedtact.cli import main; main({arguments}); print('torch' in sys.modules, file=sys.stderr)"
+    )
+    ran = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
+    assert json.loads(ran.stdout)["device"] == "cpu"
+    assert ran.stderr.strip().endswith("False")
+
+
+def test_no_session_at_once_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(GenerationImpossible, match="1 session per batch"):
+        generate_dataset(tmp_path / "pairs", SMALL, sessions_per_batch=0)

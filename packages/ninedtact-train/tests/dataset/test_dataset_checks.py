@@ -1,0 +1,115 @@
+"""What is wrong with a pair is found and named; what is right is left in peace."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from built_sets import listed
+from little_sources import grey, touched, untouched
+
+from ninedtact_train.dataset.checks import PairCheckSettings, check_dataset, local_darkening_levels
+from ninedtact_train.dataset.fault_report import (
+    FAULT_MEANINGS,
+    FaultsFound,
+    NoUsablePairs,
+    PairFault,
+    read_quality_report,
+    require_any_usable_pair,
+    require_no_faults,
+    write_quality_report,
+)
+from ninedtact_train.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
+from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage
+
+SKIN = untouched()
+PRESSED = np.array([0.2, -0.1, -3.0, 0.01, 0.01, 0.001], np.float32)
+
+
+def row(name: str, seed: int, load_n: float = 3.0) -> DatasetRow:
+    """A good one."""
+    image = encode_png(grey(touched(SKIN, load_n, seed)))
+    return DatasetRow(name, image, "skin", PRESSED, "cup", "c1", seed, 1000 * seed, "ours", "rule", "test", 0.5, 1.0)
+
+
+def wrench(*six: float) -> np.ndarray:
+    return np.array(six, np.float32)
+
+
+def data_set(folder: Path, *rows: DatasetRow) -> Path:
+    (folder / "data").mkdir(parents=True)
+    half = -(-len(rows) // 2)
+    write_pair_file(folder / "data" / "train-00000-of-00002.parquet", rows[:half])
+    write_pair_file(folder / "data" / "train-00001-of-00002.parquet", rows[half:])
+    small = encode_png(cv2.resize(grey(SKIN), (24, 18)))
+    images = [ReferenceImage("skin", encode_png(grey(SKIN)), "ours"), ReferenceImage("small", small, "ours")]
+    write_reference_images_file(folder / "references.parquet", [*images, ReferenceImage("broken", b"?", "ours")])
+    return folder
+
+
+ODD = {
+    PairFault.NOT_FINITE: {"wrench": wrench(0, 0, np.nan, 0, 0, 0)},
+    PairFault.OUT_OF_RANGE: {"wrench": wrench(0, 0, -3, 0.5, 0, 0)},
+    PairFault.PULLING: {"wrench": wrench(0, 0, 3, 0, 0, 0)},
+    PairFault.UNSYNCHRONISED: {"wrench_delay_ms": -35.0},
+    PairFault.WRONG_SIZE: {"reference_id": "small"},
+    PairFault.NO_REFERENCE: {"reference_id": "unheard of"},
+    PairFault.UNREADABLE: {"image": b"\x89PNG\r\n\x1a\n"},
+    PairFault.NO_LIGHT: {"image": encode_png(np.full_like(grey(SKIN), 255))},
+    PairFault.NO_DARKENING: {"image": encode_png(grey(touched(SKIN, 0.0, 77)))},
+    PairFault.NO_MEASURED_FORCE: {"wrench": wrench(0, 0.01, 0, 0, 0, 0)},
+}
+
+
+@pytest.mark.parametrize("fault", ODD, ids=str)
+def test_each_fault_is_found_alone(tmp_path: Path, fault: PairFault) -> None:
+    rows = [row("a", 1), row("b", 2), replace(row("odd", 3), **ODD[fault]), row("d", 4)]
+    found = check_dataset(data_set(tmp_path, *rows))
+    assert listed(found) == {(fault.value, "odd")}
+    assert (found.pairs, found.without_fault, found.counts) == (4, 3, {fault.value: 1})
+    assert any(FAULT_MEANINGS[fault] in line for line in found.summary_lines())
+
+
+@pytest.mark.parametrize("reference", [None, "broken"])
+def test_a_reference_that_cannot_be_read_is_none(tmp_path: Path, reference: str | None) -> None:
+    found = check_dataset(data_set(tmp_path, row("a", 1), replace(row("odd", 3), reference_id=reference)))
+    assert listed(found) == {("no reference", "odd")}
+
+
+def test_what_came_before_is_found_across_files(tmp_path: Path) -> None:
+    rows = [row("a", 1), row("b", 2), row("a", 3), replace(row("e", 4), image=row("b", 2).image)]
+    found = check_dataset(data_set(tmp_path, *rows))
+    assert listed(found) == {("duplicate id", "a"), ("duplicate image", "e")}
+    says = {finding.id: finding.message for finding in found.findings}
+    assert "row 0 of train-00000-of-00002.parquet" in says["a"]
+    assert says["e"].startswith("b has the same image")
+
+
+def test_limits_may_be_moved(tmp_path: Path) -> None:
+    folder = data_set(tmp_path, row("a", 1), replace(row("late", 2), wrench_delay_ms=35.0))
+    assert check_dataset(folder, PairCheckSettings(max_delay_ms=50.0)).findings == []
+    assert len(check_dataset(folder, PairCheckSettings(max_wrench=(6.0, 6.0, 2.0, 1.0, 1.0, 1.0))).findings) == 3
+
+
+def test_the_twin_s_data_have_nothing_against_them(twins: Path) -> None:
+    found = check_dataset(twins)
+    assert (found.pairs, found.findings) == (18, [])
+
+
+def test_a_light_that_drifts_is_no_touch() -> None:
+    skin = grey(SKIN)
+    assert local_darkening_levels(skin, skin) == 0
+    assert local_darkening_levels(skin - 9, skin) == pytest.approx(0, abs=1e-4)
+    assert local_darkening_levels(grey(touched(SKIN, 3.0)), skin) > 10
+
+
+def test_a_report_is_read_as_it_was_written(tmp_path: Path) -> None:
+    rows = [replace(row(str(seed), seed), wrench=wrench(0, 0, np.inf, 0, 0, 0)) for seed in (1, 2)]
+    found = check_dataset(data_set(tmp_path, *rows))
+    write_quality_report(tmp_path / "check.json", found)
+    assert read_quality_report(tmp_path / "check.json") == found
+    with pytest.raises(NoUsablePairs, match=r"2 not finite.*correct the sources"):
+        require_any_usable_pair(found, tmp_path / "check.json")
+    with pytest.raises(FaultsFound, match="--drop"):
+        require_no_faults(found, tmp_path / "check.json")

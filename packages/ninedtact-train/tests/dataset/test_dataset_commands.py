@@ -1,0 +1,148 @@
+"""ninedtact dataset build, check and show, as a person types them."""
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from built_sets import rows_in
+from little_sources import LittleTree, little_tree
+
+from ninedtact.cli import main
+from ninedtact_train.dataset.preview_image import NothingToPreview, render_preview
+
+
+def told(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
+    code = main(["dataset", *map(str, words)])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def test_an_evaluation_refuses_the_pairs_that_training_refuses(
+    twins: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = shutil.copytree(twins, tmp_path / "data")
+    references = pq.read_table(data / "references.parquet")
+    pq.write_table(references.slice(1), data / "references.parquet")
+    assert main(["evaluate", "--data", str(data), "--workers", "1"]) == 1
+    (said,) = capsys.readouterr().err.strip().splitlines()
+    assert "without reference; leave those out: ninedtact dataset build --drop" in said
+    assert not (data / "sensors").exists()
+
+
+def test_build_check_and_show(tree: LittleTree, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    tree.put_wrench("1", "2", np.array([0, 0, 3.0, 0, 0, 0]))
+    (tree.root / "wrench/1/2_norm.npy").unlink()
+    code, said, _ = told(
+        capsys, "build", f"lab={tree.root}", "--out", out, "--workers", 1, "--licence", "mit", "--json"
+    )
+    built = json.loads(said)
+    assert (code, built["pairs"], built["objects"], built["faults"]) == (0, 6, 2, {"pulling": 1})
+    code, said, _ = told(capsys, "check", out, "--workers", 1)
+    assert code == 0
+    assert "1 pulling: F_z is above zero" in said
+    assert json.loads((out / "check.json").read_text())["findings"][0]["id"] == "lab/1/2"
+    code, said, _ = told(capsys, "show", out, "--pairs", 4)
+    assert code == 0
+    assert "6 pairs" in said
+    assert "3 lab/1, 3 lab/2" in said
+    assert cv2.imread(str(out / "preview.png")).shape[1] == 4 * 244
+
+
+def test_what_sources_do_not_say_may_be_stated(
+    tree: LittleTree, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("--axes=-x,y,-z", "--origin-mm", 0, 0, -10, "--sensor-name", "ours", "--mm-per-px", 0.05)
+    told(capsys, "build", tree.root, "--out", tmp_path / "out", "--workers", 1, *words, "--json")
+    row = rows_in(tmp_path / "out")[0]
+    measured = np.load(tree.root / "wrench/1/1.npy") * [-1, 1, -1, -1, 1, -1]
+    expected = measured[3:] + np.cross([0, 0, -0.01], measured[:3])
+    assert row["wrench"] == pytest.approx([*measured[:3], *expected], rel=1e-5)
+    assert (row["sensor"], row["mm_per_px"]) == ("ours", pytest.approx(0.05))
+
+
+def test_strict_is_an_exit_code_and_drop_a_remedy(
+    tree: LittleTree, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tree.root / "wrench/1/2.npy").unlink()
+    tree.put_wrench("1", "3", np.array([0, 0, 3.0, 0, 0, 0]))
+    (tree.root / "wrench/1/3_norm.npy").unlink()
+    code, _, error = told(capsys, "build", tree.root, "--out", tmp_path / "a", "--workers", 1, "--strict", "--json")
+    assert code == 1
+    assert error.strip().endswith("report.json lists them, --drop leaves them out")
+    assert len(rows_in(tmp_path / "a")) == 5
+    assert told(capsys, "check", tmp_path / "a", "--workers", 1, "--strict")[0] == 1
+    words = ("build", tmp_path / "a", "--out", tmp_path / "b", "--workers", 1, "--drop", "--json")
+    assert told(capsys, *words)[0] == 0
+    assert told(capsys, "check", tmp_path / "b", "--workers", 1, "--strict", "--json")[0] == 0
+    assert len(rows_in(tmp_path / "b")) == 4
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("build", "nowhere", "--out", "out"), "nothing there"),
+        (("build", "--out", "out"), "at least one source"),
+        (("build", ".", "--out", "out", "--axes", "+x,+x,+x"), "each letter once"),
+        (("build", ".", "--out", "out", "--axes", "+y,-x,+z", "--sensor", "."), "got --sensor and --axes"),
+        (("build", ".", "--out", "out", "--licence", "do as you like"), "mit or cc-by-nc-4.0"),
+        (("check", "nowhere"), "a data set"),
+        (("show", "nowhere"), "a data set"),
+    ],
+)
+def test_bad_words_are_one_sentence(
+    words: tuple[str, ...],
+    says: str,
+    twins: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    shutil.copytree(twins, tmp_path / "here")
+    monkeypatch.chdir(tmp_path / "here")
+    code, _, error = told(capsys, *words)
+    assert code == 1
+    assert error.startswith("ninedtact: expected ")
+    assert says in error
+    assert error.count("\n") == 1
+
+
+def test_ctrl_c_says_that_it_goes_on(
+    tree: LittleTree, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ninedtact_train.dataset.build._make_part", interrupted)
+    code, _, error = told(capsys, "build", tree.root, "--out", tmp_path / "out", "--workers", 1, "--json")
+    assert code == 1
+    assert "continue where it stopped" in error
+
+
+def test_a_sheet_shows_what_is_darker_in_red(tmp_path: Path) -> None:
+    """Heavier presses come later and are redder; nothing is blue but white words."""
+    from built_sets import built_from
+
+    tree = little_tree(tmp_path / "Dataset", objects=1, pairs=3)
+    built_from(tmp_path / "out", tree.root)
+    sheet = render_preview(tmp_path / "out", 3).astype(int)
+    reds = [sheet[:180, left : left + 240, 2].mean() for left in (0, 244, 488)]
+    assert reds == sorted(reds)
+    assert reds[0] > 3
+    images = sheet[:180, :240]
+    assert images[..., 2].max() > 100
+    assert (images[..., 0] <= images[..., 1:].max(-1)).all()
+
+
+def test_a_sheet_of_nothing_is_refused(tmp_path: Path, twins: Path) -> None:
+    import pyarrow.parquet as pq
+
+    shutil.copytree(twins, tmp_path / "bare")
+    references = tmp_path / "bare" / "references.parquet"
+    pq.write_table(pq.read_table(references).slice(0, 0), references)
+    with pytest.raises(NothingToPreview, match="ninedtact dataset check"):
+        render_preview(tmp_path / "bare")

@@ -1,0 +1,231 @@
+"""A distribution over sensors: the same for one seed, spread as real ones are."""
+
+import json
+from dataclasses import replace
+from itertools import islice
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ninedtact.design import Gel, SensingArea, SensorDesign, rectified_mm_per_px
+from ninedtact.mechanics.finite_strain import correct_for_finite_strain
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.pose import Pose
+from ninedtact.simulation.fitted_parameters import FITTED_PARAMETERS, deviation_from_population
+from ninedtact.simulation.gel_brightness import BrightnessModel, GlarePatch
+from ninedtact_train.population.real_sensor_twins import REAL_FITS
+from ninedtact_train.population.rectified_renderer import (
+    misaligned_pixel_positions_mm,
+    raw_pixels_seeing,
+    rectified_renderer,
+)
+from ninedtact_train.population.sensor_population import (
+    CalibrationMisalignment,
+    InvalidPopulation,
+    NonidealMechanicsShares,
+    SampledSensor,
+    sample_sensor,
+    sample_sensors,
+    sampled_sensor_from_json,
+)
+
+MANY = 300
+ALL_BONDED, ALL_BASED = NonidealMechanicsShares(0, 0), NonidealMechanicsShares(1, 0)
+
+
+@pytest.fixture(scope="module")
+def members() -> list[SampledSensor]:
+    return list(islice(sample_sensors(), MANY))
+
+
+def test_a_member_does_not_depend_on_who_else_is_asked_for(members: list[SampledSensor]) -> None:
+    assert sample_sensor(17) == members[17]
+    assert sample_sensor(17, seed=1) != members[17]
+    assert len({one.name for one in members}) == MANY
+
+
+def test_a_member_survives_being_written_down(members: list[SampledSensor]) -> None:
+    for one in members[:6]:
+        assert sampled_sensor_from_json(json.loads(json.dumps(one.to_json_dict()))) == one
+
+
+@pytest.mark.parametrize("name", ["darkening_per_mm", "brightening_per_mm", "point_spread_mm", "global_dimming"])
+def test_light_is_spread_about_the_middle_of_the_real_fits(name: str, members: list[SampledSensor]) -> None:
+    logs = np.log([getattr(one.light, name) for one in members])
+    real = np.log([getattr(fit.light, name) for fit in REAL_FITS])
+    wanted = FITTED_PARAMETERS[name]
+    assert logs.mean() == pytest.approx(np.log(wanted.median), abs=0.05)
+    assert logs.std() == pytest.approx(wanted.spread, rel=0.15)
+    assert abs(real.mean() - np.log(wanted.median)) < wanted.spread
+    assert real.std() < wanted.spread * 1.1
+
+
+@given(st.lists(st.floats(0, 1), min_size=len(REAL_FITS), max_size=len(REAL_FITS)).filter(lambda some: sum(some) > 0.1))
+def test_real_sensors_and_every_mixture_of_them_are_usual(weights: list[float]) -> None:
+    share = np.array(weights) / sum(weights)
+    mixed = {name: float(share @ [getattr(fit.light, name) for fit in REAL_FITS]) for name in vars(BrightnessModel())}
+    gel = Gel(float(share @ [fit.thickness_mm for fit in REAL_FITS]))
+    assert deviation_from_population(BrightnessModel(**mixed), gel) < 2.7
+
+
+def test_few_sensors_of_the_population_are_unusual(members: list[SampledSensor]) -> None:
+    deviations = [deviation_from_population(one.light, one.gel) for one in members]
+    assert np.mean(np.array(deviations) > 3.2) < 0.05
+    wide = SensorDesign(gel=Gel(1.25, 0.2))
+    assert [
+        deviation_from_population(one.light, one.gel, wide) for one in (sample_sensor(n, design=wide) for n in range(6))
+    ] == (pytest.approx(deviations[:6]))
+
+
+def test_gel_lens_and_camera_stay_within_what_is_made(members: list[SampledSensor]) -> None:
+    thickness = np.array([one.gel.thickness_mm for one in members])
+    assert np.median(thickness) == pytest.approx(0.92 * 2.5, rel=0.04)
+    assert 1.47 < thickness.min() < thickness.max() < 3.6
+    assert all(0.498 <= one.gel.poisson_ratio <= 0.5 for one in members)
+    assert np.median([one.gel.poisson_ratio for one in members]) > 0.4995
+    assert all(one.light.thickness_mm == one.design.gel.thickness_mm for one in members)
+    assert all(0.5 <= one.friction <= 1.2 and 0.5 <= one.noise_grey_levels <= 1.0 for one in members)
+
+
+def test_calibrating_presses_are_those_of_a_hand(members: list[SampledSensor]) -> None:
+    presses = [one.presses for one in members]
+    depths = np.array([press.ball_depth_mm for press in presses])
+    assert 0.89 < depths.min() < 1.1 and 1.9 < depths.max() <= 2.3
+    assert all(press.ball_depth_mm <= 0.85 * one.gel.thickness_mm for press, one in zip(presses, members, strict=True))
+    drags = np.array([np.hypot(*press.ball_drag_mm) for press in presses])
+    assert drags.max() <= 0.5 and np.median(drags) == pytest.approx(0.35, abs=0.05)
+    assert np.std([press.board_tilt_rad for press in presses]) == pytest.approx(0.004, rel=0.2)
+    assert np.std([press.exposure_drift for press in presses]) == pytest.approx(0.004, rel=0.2)
+
+
+@pytest.mark.parametrize("count", [10, 40, MANY])
+def test_kinds_have_their_shares_among_few_members_too(count: int, members: list[SampledSensor]) -> None:
+    kinds = [one.kind for one in members[:count]]
+    assert kinds.count("compliant_base") == pytest.approx(0.15 * count, abs=2)
+    assert kinds.count("finite_strain") == pytest.approx(0.55 * count, abs=2)
+    assert all((one.base is not None) == (one.kind == "compliant_base") for one in members)
+
+
+def test_a_base_that_yields_lets_a_ball_sink_deeper() -> None:
+    based = sample_sensor(3, kinds=ALL_BASED)
+    rigid = replace(based, kind="bonded", base=None)
+    depths = []
+    for one in (rigid, based):
+        twin = one.twin(0.3)
+        depths.append(twin.step(twin.model.initial_contact(), Ball(), Pose(depth_mm=0.8), 4.0).pose.depth_mm)
+    assert 1.03 < depths[1] / depths[0] < 1.3
+
+
+def test_finite_strain_weighs_more_and_piles_up_higher() -> None:
+    bonded = sample_sensor(3, kinds=ALL_BONDED)
+    stiffens = replace(bonded, kind="finite_strain")
+    twin = bonded.twin(0.3)
+    solved = twin.step(twin.model.initial_contact(), Ball(), Pose(depth_mm=1.5))
+    assert bonded.correct_contact(solved) is solved
+    felt = stiffens.correct_contact(solved)
+    assert 1.1 < felt.wrench().force_n[2] / solved.wrench().force_n[2] < 1.5
+    assert felt.height_mm.max() > 1.05 * solved.height_mm.max()
+    assert felt.height_mm.min() == solved.height_mm.min()
+    light = twin.step(twin.model.initial_contact(), Ball(), Pose(depth_mm=0.05))
+    assert correct_for_finite_strain(light, 2.5).wrench().six == pytest.approx(light.wrench().six, rel=2e-3, abs=1e-6)
+
+
+def test_members_of_another_design_are_those_of_the_published_one_carried_to_it(members: list[SampledSensor]) -> None:
+    wide = SensorDesign(gel=Gel(1.25, 0.2), sensing_area=SensingArea(36, 27))
+    for number, usual in enumerate(members[:6]):
+        ours = sample_sensor(number, design=wide)
+        assert ours.gel.thickness_mm == pytest.approx(usual.gel.thickness_mm / 2)
+        assert ours.gel.shear_modulus_mpa / wide.gel.shear_modulus_mpa == pytest.approx(
+            usual.gel.shear_modulus_mpa / Gel().shear_modulus_mpa
+        )
+        assert (ours.kind, ours.friction, ours.misalignment) == (usual.kind, usual.friction, usual.misalignment)
+        deep = np.array([-0.4])
+        assert ours.light.brightness_change(deep)[0] < 1.2 * usual.light.brightness_change(deep)[0] < 0, (
+            "thinner gel darkens sooner"
+        )
+        twin = ours.twin()
+        assert (twin.area_mm, twin.gel_mm) == ((36.0, 27.0), wide.sensing_area.gel_mm)
+        x_mm = rectified_renderer(ours, (92, 69)).renderer.pixel_map.plane_mm[34, :, 0]
+        assert x_mm[-1] - x_mm[0] == pytest.approx(36 * 91 / 92, rel=0.015)
+
+
+def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
+    one = replace(sample_sensor(2, kinds=ALL_BONDED), misalignment=CalibrationMisalignment(), noise_grey_levels=1e-6)
+    twin, eye = one.twin(), rectified_renderer(one, (460, 345))
+    contact = twin.step(twin.model.initial_contact(), Ball(), Pose(2.0, -1.0, 1.2))
+    seen = eye.render(contact, np.random.default_rng(0)).astype(float)
+    raw = cv2.cvtColor(twin.renderer.render_without_noise(contact), cv2.COLOR_BGR2GRAY)
+    at = raw_pixels_seeing(
+        one.pixel_map,
+        misaligned_pixel_positions_mm((460, 345), rectified_mm_per_px((460, 345)), CalibrationMisalignment()),
+    )
+    rectified = cv2.remap(raw, at[..., 0].copy(), at[..., 1].copy(), cv2.INTER_LINEAR)
+    assert np.ptp(seen - eye.reference) > 12
+    assert np.abs(seen - rectified).mean() < 0.4
+    assert np.abs(seen - rectified).max() < 2.5
+
+
+def test_light_of_reflections_stays_as_it_is_under_a_contact() -> None:
+    glare = (GlarePatch((0.3, -0.2), 0.1, 0.06), GlarePatch((-0.8, 0.7), 0.05, 0.03))
+    shiny = replace(sample_sensor(2, kinds=ALL_BONDED), glare=glare)
+    plain, reflecting = replace(shiny, glare=()).twin(), shiny.twin()
+    contact = plain.step(plain.model.initial_contact(), Ball(), Pose(2.0, -1.0, 1.2))
+    added = [
+        (lit.astype(float) - dull).mean(axis=-1)
+        for lit, dull in (
+            (reflecting.renderer.reference, plain.renderer.reference),
+            (reflecting.renderer.render_without_noise(contact), plain.renderer.render_without_noise(contact)),
+        )
+    ]
+    assert added[0].max() == pytest.approx(0.06 * plain.renderer.reference.mean(), rel=0.01)
+    np.testing.assert_allclose(added[1], added[0], atol=0.02)
+    # The rectified image shows the same reflections.
+    of_grid = [rectified_renderer(one, (92, 69)) for one in (shiny, replace(shiny, glare=()))]
+    factors = [one.brightness_factor(contact) for one in of_grid]
+    assert factors[0] is not None and factors[1] is not None
+    added_to_grid = of_grid[0].reference * factors[0] - of_grid[1].reference * factors[1]
+    np.testing.assert_allclose(added_to_grid, of_grid[0].reference - of_grid[1].reference, atol=0.1)
+
+
+def test_some_sensors_have_reflections_near_the_border(members: list[SampledSensor]) -> None:
+    counts = [len(one.glare) for one in members]
+    assert set(counts) == {0, 1, 2, 3} and 0.15 < counts.count(0) / MANY < 0.35
+    for patch in (patch for one in members for patch in one.glare):
+        assert 0.6 <= np.hypot(*patch.centre) <= 1.0 and patch.strength <= 0.06
+
+
+def test_a_view_read_backwards_finds_its_pixels() -> None:
+    view, wanted = (
+        sample_sensor(4).pixel_map,
+        misaligned_pixel_positions_mm(
+            (92, 69), rectified_mm_per_px((92, 69)), CalibrationMisalignment(1.01, 0.01, (0.2, -0.1))
+        ),
+    )
+    px = raw_pixels_seeing(view, wanted)
+    place = cv2.remap(view.plane_mm, px[..., 0].copy(), px[..., 1].copy(), cv2.INTER_LINEAR)
+    assert np.abs(place - wanted).max() < 3e-3, "OpenCV looks up to a 32nd of a pixel"
+
+
+def test_noise_is_new_in_every_image_and_as_strong_as_it_is_said_to_be() -> None:
+    one = sample_sensor(5)
+    eye, rng = rectified_renderer(one, (460, 345)), np.random.default_rng(0)
+    first, second = (eye.render(None, rng).astype(float) for _ in range(2))
+    rounding = 1 / 6
+    assert (first - second).std() == pytest.approx(np.sqrt(2 * one.noise_grey_levels**2 + rounding), rel=0.03)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda: sample_sensor(-1),
+        lambda: sample_sensor(0, -1),
+        lambda: NonidealMechanicsShares(0.7, 0.6),
+        lambda: NonidealMechanicsShares(-0.1),
+    ],
+)
+def test_members_that_cannot_be_drawn_are_refused(wrong: object) -> None:
+    with pytest.raises(InvalidPopulation, match="expected"):
+        wrong()  # type: ignore[operator]

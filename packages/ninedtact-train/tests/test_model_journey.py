@@ -1,0 +1,83 @@
+"""From nothing to a force model of one's own design with one command, as small as it can be; and what a model's card says."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.cli import main
+from ninedtact.force.onnx_model import SHIPPED_MODEL, read_force_model
+
+MAKE_SMALLEST = """
+import sys
+from ninedtact.cli import main
+from ninedtact_train.workflows.force_model_from_simulation import RECIPES, ForceModelRecipe
+if __name__ == "__main__":
+    RECIPES["small"] = ForceModelRecipe(
+        80, 1, 2, 24, 1, held_out="standard", pitch_mm=0.4, validation_pitch_mm=0.4
+    )
+    sys.exit(main(["model", "make", "--out", sys.argv[1], "--design", sys.argv[2], "--workers", "1", "--json"]))
+"""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which a model was made, in a process without type checks: three calibrations would take minutes with them."""
+    folder = tmp_path_factory.mktemp("model")
+    (folder / "wider.toml").write_text("[sensing_area]\nwidth_mm = 27\nheight_mm = 20\n[camera]\ndistance_mm = 15.5\n")
+    command = [sys.executable, "-c", MAKE_SMALLEST, str(folder / "made"), str(folder / "wider.toml")]
+    subprocess.run(command, check=True)
+    return folder / "made"
+
+
+def test_the_model_is_that_of_the_design(made: Path) -> None:
+    assert read_force_model(made / "model.onnx").card.input.mm_per_px == pytest.approx(0.3 * 27 / 24)
+    assert load_sensor(made / "sensor").record.design.sensing_area.width_mm == 27
+
+
+def test_the_card_tells_what_it_was_judged_on(made: Path) -> None:
+    card = read_force_model(made / "model.onnx").card
+    table = card.evaluation["all"]
+    assert table["pairs"] == 24 and len(table["skill"]) == len(table["skill_35_mm_below"]) == 6
+    assert table["no_contact"]["largest_force_n"] == 0
+    assert card.evaluation["all, physics without correction"]["pairs"] == table["pairs"]
+    page = (made / "model_card.md").read_text()
+    assert "Not yet tested against a real force/torque sensor" in page and f"{table['skill'][0]:.3f}" in page
+
+
+def test_what_is_judged_on_was_never_learnt(made: Path) -> None:
+    learnt, judged = (
+        (
+            {sensor["name"] for sensor in json.loads((made / name / "sensors.json").read_text())},
+            {
+                name.rsplit("_", 1)[0]
+                for name in json.loads((made / name / "settings.json").read_text())["object_names"]
+            },
+        )
+        for name in ("training_data", "validation_data")
+    )
+    assert not learnt[0] & judged[0] and not learnt[1] & judged[1]
+
+
+def test_a_card_is_printed(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["model", "card", "--model", str(made / "model.onnx")]) == 0
+    assert capsys.readouterr().out.strip() == (made / "model_card.md").read_text().strip()
+    assert main(["model", "card", "--model", str(made / "lost.onnx")]) == 1
+    assert "lost.onnx" in capsys.readouterr().err
+
+
+def test_physics_has_no_gate_to_lift(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "--data", str(made / "validation_data"), "--without-contact-detection"]) == 1
+    assert "drop --without-contact-detection" in capsys.readouterr().err
+
+
+def test_the_model_that_ships_is_small_and_its_page_is_in_the_docs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert SHIPPED_MODEL.stat().st_size < 10e6
+    assert main(["model", "card"]) == 0
+    page = (Path(__file__).parents[3] / "docs" / "model_card.md").read_text()
+    assert page.strip() == capsys.readouterr().out.strip()
+    judged = read_force_model(SHIPPED_MODEL).card.evaluation
+    assert judged["all"]["pairs"] >= 1_500 and judged["all"]["no_contact"]["largest_force_n"] == 0

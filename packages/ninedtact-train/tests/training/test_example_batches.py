@@ -1,0 +1,65 @@
+"""Which examples come when; and errors that cover what they claim."""
+
+import numpy as np
+import pytest
+import torch
+from toy import of_heights, of_images
+
+from ninedtact.force.network_input import InputChannels
+from ninedtact_train.training.error_scale_and_model_card import LAPLACE_QUANTILES, fit_error_scale_correction
+from ninedtact_train.training.examples import BatchDataset, SeededBatchSampler
+
+
+def test_processes_share_an_epoch_and_every_epoch_is_shuffled_anew() -> None:
+    rows = np.arange(100, 200)
+    orders = [SeededBatchSampler(rows, 10, 3, rank, 2) for rank in (0, 1)]
+    epochs = []
+    for epoch in range(2):
+        for order in orders:
+            order.set_epoch(epoch)
+        batches = [list(order) for order in orders]
+        assert [len(order) for order in orders] == [5, 5] == [len(own) for own in batches]
+        assert sorted(np.concatenate([*batches[0], *batches[1]]).tolist()) == rows.tolist()
+        epochs.append(np.concatenate(batches[0]))
+    assert not np.array_equal(*epochs)
+    again = SeededBatchSampler(rows, 10, 3, 0, 2)
+    again.set_epoch(1)
+    assert np.array_equal(np.concatenate(list(again)), epochs[1])
+
+
+def test_all_rows_are_judged_and_only_whole_batches_are_learnt() -> None:
+    rows = np.arange(25)
+    assert np.concatenate(list(SeededBatchSampler(rows, 10, None))).tolist() == rows.tolist()
+    assert [len(batch) for batch in SeededBatchSampler(rows, 10, 0)] == [10, 10]
+    assert [len(batch) for batch in SeededBatchSampler(rows[:4], 10, 0)] == [4]
+
+
+def test_a_batch_is_a_copy_and_carries_its_own_references() -> None:
+    examples = of_images()
+    batch = BatchDataset(examples)[np.array([0, 3])].to_float()
+    assert batch.references is not None
+    assert batch.references[:, 0, 0].tolist() == [120, 150]
+    batch.wrench[:] = 0
+    assert examples.wrench[0].any()
+    assert batch.network_input(InputChannels.DEFORMATION).shape == (2, 3, 16, 24)
+    heights = BatchDataset(of_heights())[np.array([0, 3])].to_float().network_input(InputChannels.HEIGHTS_AND_GEL)
+    assert torch.equal(heights[:, 1], torch.ones(2, 16, 24))
+
+
+@pytest.mark.parametrize("tail", ["normal", "laplace"])
+def test_told_errors_cover_what_they_claim(tail: str) -> None:
+    rng = np.random.default_rng(0)
+    true_scale = np.exp(rng.normal(0, 1, (20000, 6)))
+    off = np.abs(getattr(rng, tail)(0, 1, true_scale.shape) * true_scale)
+    claimed = 3 * true_scale
+    gain, power = fit_error_scale_correction(off[:10000], claimed[:10000])
+    told = gain * claimed[10000:] ** power
+    covered = [(off[10000:] <= half * told).mean(0) for half in LAPLACE_QUANTILES]
+    assert np.abs(covered[0] - 0.5).max() < 0.03 and np.abs(covered[1] - 0.9).max() < 0.02
+    if tail == "laplace":
+        np.testing.assert_allclose(np.median(told / true_scale[10000:], axis=0), 1, rtol=0.05)
+
+
+def test_too_few_images_change_nothing() -> None:
+    gain, power = fit_error_scale_correction(np.ones((5, 6)), np.ones((5, 6)))
+    assert (gain == 1).all() and (power == 1).all()

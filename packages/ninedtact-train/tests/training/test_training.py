@@ -1,0 +1,318 @@
+"""A training ends in one file that says all about itself, goes on after a stop as if there had been none, and refuses what
+it cannot learn from."""
+
+import csv
+import signal
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from toy import IMAGES, PAIRS, ROWS, of_heights, of_images, toy_settings
+
+from ninedtact.force.network_input import InputChannels
+from ninedtact.force.onnx_model import read_force_model
+from ninedtact_train.dataset.split import SplitRows
+from ninedtact_train.training import train as fitting
+from ninedtact_train.training.augmentation import NO_AUGMENTATION, GeometricAugmentation
+from ninedtact_train.training.error_scale_and_model_card import TrainedNetwork
+from ninedtact_train.training.examples import ExamplesUnusable, TrainingExamples, move_examples_to_torque_point
+from ninedtact_train.training.networks import WrenchNetwork
+from ninedtact_train.training.onnx_export import rewrite_card
+from ninedtact_train.training.settings import (
+    PAPER_TRAINING,
+    TRAINING_PRESETS,
+    ComputeSettings,
+    TrainingImpossible,
+    TrainingSettings,
+)
+from ninedtact_train.training.train import TrainingFolderTaken, TrainingResult, fit_network, train_network
+from ninedtact_train.training.training_module import (
+    CheckpointDamaged,
+    ForceTrainingModule,
+    TrainingStopped,
+    compute_batch_loss,
+    fit_label_scaling,
+    load_checkpoint,
+)
+
+CPU = ComputeSettings(accelerator="cpu")
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> TrainingResult:
+    done = train_network(of_heights(), ROWS, toy_settings(), tmp_path_factory.mktemp("training") / "out", machine=CPU)
+    assert done is not None
+    return done
+
+
+def test_the_folder_holds_all_that_was_learnt_and_noted(trained: TrainingResult) -> None:
+    names = {path.name for path in trained.path.parent.iterdir()}
+    assert names == {"model.onnx", "settings.json", "metrics.csv", "curves.png", "tensorboard", "checkpoints"}
+    with (trained.path.parent / "metrics.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["epoch"] for row in rows] == ["1", "2", "3", "4"]
+    assert float(rows[-1]["train_loss"]) < 0.7 * float(rows[0]["train_loss"])
+    assert (trained.path.parent / "curves.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_file_says_all_about_itself(trained: TrainingResult) -> None:
+    card = read_force_model(trained.path).card
+    wrench = of_heights().wrench[ROWS.train]
+    assert card == trained.model.card
+    assert (card.input, card.about_mm, card.modulus_mpa) == (toy_settings().input, (0.0, 0.0, 0.0), 0.093)
+    np.testing.assert_allclose([card.wrench_min, card.wrench_max], [wrench.min(0), wrench.max(0)])
+    assert (card.training.pairs, card.training.validation_pairs) == (128, 32)
+    assert (card.training.objects, card.training.sensors) == (5, 2)
+    assert card.training.settings == toy_settings().to_json_dict() and card.training.versions["torch"]
+    low, high = card.input_ranges["max_indentation"]
+    assert 0 <= low < 0.1 < high < 0.6
+    assert len(card.evaluation["validation"]["skill"]) == 6
+
+
+def test_the_graph_answers_as_the_network_does(trained: TrainingResult) -> None:
+    settings = toy_settings()
+    network = WrenchNetwork(
+        settings.network, settings.input, fit_label_scaling(of_heights().wrench[ROWS.train], settings)
+    )
+    state = load_checkpoint(trained.path.parent / "checkpoints" / "best.ckpt")["state_dict"]
+    network.load_state_dict({name.removeprefix("model."): weights for name, weights in state.items()})
+    shown = torch.randn(7, *settings.input.shape) * 0.1
+    with torch.no_grad():
+        wrench, _ = network.eval()(shown)
+    np.testing.assert_allclose(trained.model(shown.numpy()).wrench, wrench.double().numpy(), atol=1e-5)
+
+
+def test_its_intervals_cover_what_they_claim_where_they_were_set_right(trained: TrainingResult) -> None:
+    half, most = (found.covered for found in trained.evaluation.coverage)
+    assert np.abs(half - 0.5).max() < 0.15 and np.abs(most - 0.9).max() < 0.1
+
+
+def test_an_evaluation_is_added_to_the_card_and_the_graph_stays(trained: TrainingResult, tmp_path: Path) -> None:
+    import msgspec
+
+    copy = tmp_path / "model.onnx"
+    copy.write_bytes(trained.path.read_bytes())
+    assert b".py" not in copy.read_bytes(), "no path of the machine on which it was trained"
+    rewrite_card(copy, msgspec.structs.replace(trained.model.card, evaluation={"test": {"skill": [0.9]}}), copy)
+    again, shown = read_force_model(copy), np.zeros((1, *toy_settings().input.shape), np.float32)
+    assert again.card.evaluation == {"test": {"skill": [0.9]}}
+    np.testing.assert_array_equal(again(shown).wrench, trained.model(shown).wrench)
+
+
+def test_a_network_that_corrects_physics_learns_what_physics_lacks(tmp_path: Path) -> None:
+    heights = of_heights()
+    pressure = np.maximum(-np.asarray(heights.images, np.float32), 0)
+    examples = replace(
+        heights,
+        physics=(0.8 * heights.wrench).astype(np.float32),
+        tractions=np.stack([pressure, 0 * pressure, 0 * pressure], 1).astype(np.float16),
+    )
+    np.testing.assert_allclose(examples.labels, 0.2 * heights.wrench, atol=1e-6)
+    usual = toy_settings()
+    settings = replace(usual, input=replace(usual.input, channels=InputChannels.PHYSICS), epochs=2)
+    done = train_network(examples, ROWS, settings, tmp_path / "out", machine=CPU)
+    assert done is not None and done.model.card.input.channels.of_physics
+    assert (done.evaluation.scores.skill[:3] > 0.6).all()
+    assert (np.array(done.model.card.wrench_min) < 0.9 * heights.wrench[ROWS.train].min(0) + 1e-9).all()
+    with pytest.raises(ExamplesUnusable, match="without the tractions and wrenches of physics"):
+        train_network(heights, ROWS, settings, tmp_path / "other", machine=CPU)
+
+
+def weights_of(learner: ForceTrainingModule) -> dict[str, torch.Tensor]:
+    return {name: part.clone() for name, part in learner.state_dict().items()}
+
+
+def fitted(out: Path, settings: TrainingSettings) -> tuple[ForceTrainingModule, list[dict[str, float]]]:
+    learner = ForceTrainingModule(settings, fit_label_scaling(of_heights().wrench[ROWS.train], settings))
+    history = fit_network(learner, of_heights(), ROWS, out, CPU).history
+    return learner, [{name: value for name, value in row.items() if name != "seconds"} for row in history.epochs]
+
+
+@pytest.mark.parametrize("schedule", ["one cycle", "constant"])
+def test_gone_on_with_after_a_stop_it_learns_the_same(
+    schedule: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = toy_settings(schedule=schedule, optimiser="adam" if schedule == "constant" else "adamw")
+    whole, rows = fitted(tmp_path / "whole", settings)
+    step, handler = ForceTrainingModule.training_step, signal.getsignal(signal.SIGINT)
+
+    def interrupted(self: ForceTrainingModule, batch: object, number: int) -> torch.Tensor:
+        if self.current_epoch == 2 and number == 1:
+            raise KeyboardInterrupt
+        return step(self, batch, number)
+
+    monkeypatch.setattr(ForceTrainingModule, "training_step", interrupted)
+    with pytest.raises(TrainingStopped, match="run the command again"):
+        fitted(tmp_path / "stopped", settings)
+    assert signal.getsignal(signal.SIGINT) is handler
+    monkeypatch.setattr(ForceTrainingModule, "training_step", step)
+    again, rows_again = fitted(tmp_path / "stopped", settings)
+    assert rows_again == rows
+    for name, part in weights_of(whole).items():
+        assert torch.equal(part, again.state_dict()[name]), name
+
+
+def test_a_training_of_ten_steps_ends(tmp_path: Path) -> None:
+    rows, settings = SplitRows(np.arange(32), np.arange(32, 40)), replace(toy_settings(), epochs=10)
+    objects = ["none" if number % 8 == 0 else f"object_{number % 5}" for number in range(PAIRS)]
+    done = train_network(replace(of_heights(), objects=objects), rows, settings, tmp_path / "out", machine=CPU)
+    assert done is not None and done.model.card.training.epochs == 10
+    assert done.model.card.training.objects == 5, "the absence of an object is none"
+
+
+def test_the_best_epoch_stays_the_best_where_the_folder_is_moved_between_two_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings, step = toy_settings(schedule="constant"), ForceTrainingModule.training_step
+
+    def worse_in_the_end(self: ForceTrainingModule, batch: object, number: int) -> torch.Tensor:
+        if self.current_epoch == 2 and number == 1 and stops:
+            raise KeyboardInterrupt
+        return step(self, batch, number) * (1 if self.current_epoch < 2 else -1)
+
+    stops = False
+    monkeypatch.setattr(ForceTrainingModule, "training_step", worse_in_the_end)
+    whole, rows = fitted(tmp_path / "whole", settings)
+    stops = True
+    with pytest.raises(TrainingStopped):
+        fitted(tmp_path / "stopped", settings)
+    (tmp_path / "stopped").rename(tmp_path / "moved")
+    stops = False
+    again, rows_again = fitted(tmp_path / "moved", settings)
+    assert rows_again == rows and min(rows, key=lambda row: row["val_loss"])["epoch"] <= 2
+    for name, part in weights_of(whole).items():
+        assert torch.equal(part, again.state_dict()[name]), name
+    assert not (tmp_path / "stopped").exists()
+
+
+def test_half_precision_is_not_for_labels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings, seen = toy_settings(augmentation=NO_AUGMENTATION), []
+    monkeypatch.setattr(
+        "ninedtact_train.training.training_module.compute_batch_loss",
+        lambda answer, wrench, unit: seen.append(wrench) or compute_batch_loss(answer, wrench, unit),
+    )
+    learner = ForceTrainingModule(
+        replace(settings, epochs=1), fit_label_scaling(of_heights().wrench[ROWS.train], settings)
+    )
+    fit_network(learner, of_heights(), ROWS, tmp_path, ComputeSettings(accelerator="cpu", precision="bf16-mixed"))
+    known = {tuple(six) for six in of_heights().wrench.tolist()}
+    assert {tuple(six) for six in torch.cat(seen).tolist()} <= known
+
+
+def test_examples_are_mirrored_about_the_centre_of_the_skin_wherever_their_torques_are_about(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    about_mm, seen = (10.0, -5.0, -35.0), []
+    mirrored = replace(NO_AUGMENTATION, geometric=GeometricAugmentation(transformed_share=0))
+    settings = replace(toy_settings(augmentation=mirrored, about_mm=about_mm), epochs=1)
+    monkeypatch.setattr(
+        "ninedtact_train.training.training_module.compute_batch_loss",
+        lambda answer, wrench, unit: seen.append(wrench) or compute_batch_loss(answer, wrench, unit),
+    )
+    examples = move_examples_to_torque_point(of_heights(), about_mm)
+    module = ForceTrainingModule(settings, fit_label_scaling(examples.wrench[ROWS.train], settings))
+    fit_network(module, examples, ROWS, tmp_path, CPU)
+    six = torch.cat(seen).numpy()
+    moved = replace(of_heights(), wrench=np.resize(six, (PAIRS, 6)))
+    at_centre = move_examples_to_torque_point(moved, (-10.0, 5.0, 35.0)).wrench
+    # The force of a dent is proportional to its place, in a mirror image too: T_y = −x F_z = 20 mm F_x, T_x = y F_z = −10 mm F_y.
+    assert np.ptp(np.sign(six[:, 0])) == 2
+    np.testing.assert_allclose(at_centre[:, 4], 0.02 * at_centre[:, 0], atol=1e-6)
+    np.testing.assert_allclose(at_centre[:, 3], -0.01 * at_centre[:, 1], atol=1e-6)
+
+
+def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / fitting.CHECKPOINT_FOLDER
+    folder.mkdir()
+    (folder / "last.ckpt").write_bytes(b"half of a file")
+    with pytest.raises(CheckpointDamaged, match="remove it to begin again"):
+        fitted(tmp_path, toy_settings())
+
+
+def test_the_papers_labels_are_parts_of_ranges_below_the_skin(tmp_path: Path) -> None:
+    settings = replace(PAPER_TRAINING, network="moments", input=IMAGES, epochs=1, batch=32)
+    examples = move_examples_to_torque_point(of_images(), settings.about_mm)
+    labels = fit_label_scaling(examples.wrench[ROWS.train], settings)
+    learner = ForceTrainingModule(settings, labels)
+    parts = (examples.wrench[ROWS.train] - np.array(labels.offset)) / np.array(labels.unit)
+    assert parts.min() == pytest.approx(0, abs=1e-5) and parts.max() == pytest.approx(1, abs=1e-5)
+    fit_network(learner, examples, ROWS, tmp_path, CPU)
+    evaluation = TrainedNetwork(learner.model.eval(), examples, ROWS, settings).evaluate_held_out()
+    np.testing.assert_allclose(evaluation.predictions.truth, of_images().wrench[ROWS.test], atol=1e-6)
+    assert evaluation.coverage == () and evaluation.predictions.about_mm == (0.0, 0.0, 0.0)
+
+
+def test_presets_are_as_published() -> None:
+    paper = TRAINING_PRESETS["paper"]
+    assert (paper.network, paper.batch, paper.learning_rate, paper.epochs) == ("densenet169", 64, 5e-4, 200)
+    assert (paper.input.channels, paper.input.rows, paper.input.cols) == (InputChannels.DEFORMATION, 345, 460)
+    assert (paper.optimiser, paper.weight_decay, paper.scale_weight) == ("adam", 0.0, 0.0)
+    with pytest.raises(TrainingImpossible, match="epochs"):
+        toy_settings().__class__(epochs=0)
+
+
+@pytest.mark.parametrize(
+    ("examples", "rows", "says"),
+    [
+        (of_heights(), SplitRows(np.arange(0), np.arange(4)), "got 0 and 4"),
+        (of_heights(), SplitRows(np.arange(4), np.arange(0)), "got 4 and 0"),
+        (of_images(), ROWS, "got images with references"),
+        (replace(of_heights(), images=np.zeros((PAIRS, 8, 8))), ROWS, "got 8 x 8"),
+    ],
+)
+def test_what_cannot_be_learnt_from_is_refused(
+    examples: TrainingExamples, rows: SplitRows, says: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ExamplesUnusable, match=says):
+        train_network(examples, rows, toy_settings(), tmp_path / "out", machine=CPU)
+    assert not (tmp_path / "out").exists()
+
+
+def test_wrenches_of_a_sensor_without_torques_are_refused(tmp_path: Path) -> None:
+    forces = of_heights().wrench * np.float32([1, 1, 1, 0, 0, 0])
+    with pytest.raises(ExamplesUnusable, match="got the same Tx, Ty, Tz in all 128 training pairs"):
+        train_network(replace(of_heights(), wrench=forces), ROWS, toy_settings(), tmp_path / "out", machine=CPU)
+
+
+def test_labels_that_are_no_numbers_are_refused() -> None:
+    wrench = of_heights().wrench.copy()
+    wrench[[7, 9], 2] = np.nan
+    with pytest.raises(ExamplesUnusable, match="2 of 160 that are not, the first in row 7"):
+        replace(of_heights(), wrench=wrench)
+    with pytest.raises(ExamplesUnusable, match="other lengths"):
+        replace(of_heights(), objects=["ball"])
+
+
+def test_another_training_in_the_same_folder_is_refused(trained: TrainingResult, tmp_path: Path) -> None:
+    with pytest.raises(TrainingFolderTaken, match="another settings"):
+        train_network(of_heights(), ROWS, toy_settings(seed=1), trained.path.parent, machine=CPU)
+    heights = of_heights()
+    features = np.full((PAIRS, 5), 0.1, np.float32)
+    for other in (replace(heights, images=2 * heights.images), replace(heights, sensor_features=features)):
+        with pytest.raises(TrainingFolderTaken, match="another examples"):
+            train_network(other, ROWS, toy_settings(), trained.path.parent, machine=CPU)
+    (tmp_path / "something").write_text("else")
+    with pytest.raises(TrainingFolderTaken, match="something else"):
+        train_network(of_heights(), ROWS, toy_settings(), tmp_path, machine=CPU)
+
+
+def test_processes_of_one_training_open_its_folder_at_once(tmp_path: Path) -> None:
+    """Each of them writes the same settings, or finds them, also while another one writes."""
+    (tmp_path / "begun").mkdir()
+    (tmp_path / "begun" / ".settings.partial").touch()
+    for out in (tmp_path / "begun", *(tmp_path / f"new_{number}" for number in range(10))):
+        with ThreadPoolExecutor(8) as ranks:
+            list(ranks.map(fitting._open_training_folder, [out] * 8, [{"name": "one"}] * 8))
+        with pytest.raises(TrainingFolderTaken, match="another name"):
+            fitting._open_training_folder(out, {"name": "other"})
+        (out / "settings.json").write_text("[1]")
+        with pytest.raises(TrainingFolderTaken, match="another name"):
+            fitting._open_training_folder(out, {"name": "one"})
+
+
+def test_wrenches_at_one_modulus() -> None:
+    softer = of_heights().scale_to_design_modulus(np.full(PAIRS, 0.186))
+    np.testing.assert_allclose(softer.wrench, of_heights().wrench / 2, rtol=1e-6)

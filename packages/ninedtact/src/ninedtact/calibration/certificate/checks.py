@@ -1,0 +1,270 @@
+"""The checks of a calibration certificate: each figure with its level (pass, warn or fail), what was expected, and advice. In: a
+`Certificate`. Out: one `CheckResult` per figure, the overall level and a headline.
+
+The limits follow from what a user of the sensor needs, not from what sensors usually reach; the docstring of each limit states the
+reason.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, sqrt
+from typing import Literal
+
+from ninedtact.calibration.press_limits import MAX_ASYMMETRY, MAX_MISSING_FRACTION
+from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
+from ninedtact.design import Gel, SensorDesign
+
+_UNUSUAL_FIT = 3.2
+"""Deviation of light and gel from the middle of the population above which there is a warning; the sensors of six labs are within
+2.6, and one in fifty of the population is beyond. Wrong lengths of board or ball move the fit further."""
+
+CheckLevel = Literal["pass", "warn", "fail"]
+CHECK_LEVELS: tuple[CheckLevel, ...] = ("pass", "warn", "fail")
+"""The levels of a check, from best to worst."""
+OverallLevel = Literal["pass", "warn", "poor", "fail"]
+OVERALL_LEVELS: tuple[OverallLevel, ...] = ("pass", "warn", "poor", "fail")
+"""The levels of a certificate, from best to worst."""
+_MANY_WARNED_CHECKS = 4
+"""Number of checks that warn from which the whole calibration is poor: a single press explains up to three of them."""
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """The result of one check."""
+
+    level: CheckLevel
+    text: str
+
+
+@dataclass(frozen=True)
+class CheckLimit:
+    """Limits of a figure: up to `good` it passes, up to `usable` it gives a warning; where `good` is the larger, larger figures are
+    better.
+    """
+
+    good: float
+    usable: float
+
+    def level(self, value: float) -> CheckLevel:
+        """Return the level of a value; not-a-number fails."""
+        sign = 1 if self.good < self.usable else -1
+        if sign * value <= sign * self.good:
+            return "pass"
+        return "warn" if sign * value <= sign * self.usable else "fail"
+
+
+MISSING = CheckLimit(0.0, MAX_MISSING_FRACTION)
+"""Fraction of the pins that are missing. A complete board leaves no corner of the view to extrapolation; the upper limit is that of
+the board fit.
+"""
+LEAVE_ONE_OUT_RMS_MM = CheckLimit(0.06, 0.1)
+"""The lower limit is about one rectified pixel; beyond two, the map is visibly worse than the resolution of its image."""
+LEAVE_ONE_OUT_MAX_MM = CheckLimit(0.18, 0.3)
+"""Three times the limits of the RMS. The largest of some sixty random errors is about twice their RMS, so a larger one is a single
+wrong pin.
+"""
+SCALE_ERROR = CheckLimit(0.005, 0.01)
+"""Relative error of the scale: 0.05 mm, then 0.1 mm on an object of 10 mm, the size of a typical object at a fingertip."""
+CONTRAST_TO_NOISE = CheckLimit(14.0, 0.0)
+"""Ten times the noise of the difference of two images. Below the limit, noise moves the centre of a pin by more than a tenth of its
+width. That raises the leave-one-out error, which fails; this check names the cause.
+"""
+OVEREXPOSED = CheckLimit(0.01, 0.05)
+"""Fraction of the image. Overexposed skin cannot brighten and darkens late, so heights there are wrong without any sign of it."""
+UNEVEN_BULGE = CheckLimit(MAX_ASYMMETRY, float("inf"))
+"""Fraction of the drop. The effect of a sheared press on depth is measured by the halves of the disc, whose check fails."""
+CONTACT_RADIUS = CheckLimit(1.2, 1.35)
+"""Radius of the contact, relative to that of the ball's section at the depth of the press. The gel rises around the ball by up to a
+tenth; a larger contact belongs to another ball.
+"""
+RANGE_MM = CheckLimit(1.0, 0.5)
+"""A firm grasp presses soft gel by about a millimetre; beyond the range, depth is not calibrated."""
+CROSS_VALIDATION_MAE_MM = CheckLimit(0.03, 0.15)
+"""The published sensor measures balls outside its calibration to 0.046 mm (docs/references.md), and the calibration must leave a
+margin for all other errors. An error above a seventh of a millimetre, more than a sheared press causes, makes depths unusable.
+"""
+NOISE_MM = CheckLimit(0.01, 0.03)
+"""The smallest detectable contact is five times the noise. Noise up to 0.01 mm leaves it at 0.05 mm (`shape.measures.ContactRule`);
+at 0.03 mm light touches of 0.15 mm are not detected.
+"""
+
+
+def compute_certificate_checks(certificate: Certificate) -> list[CheckResult]:
+    """Return every check, beginning with the board's; those of a press that was not made are left out."""
+    board, ball = certificate.board, certificate.ball
+    return [*([] if board is None else _check_board(board)), *([] if ball is None else _check_ball(ball))]
+
+
+def unusual_fit_warnings(deviation: float, design: SensorDesign) -> list[str]:
+    """Return a warning where the light and the gel of the twin are unlike those of the sensors that are known.
+
+    deviation: distance from their middle in standard deviations (`simulation.fitted_parameters.deviation_from_population`). A
+    wrong board pitch or ball radius makes all lengths wrong by one factor. No image shows that by itself, but the fitted light
+    and gel are then unlike those of other sensors.
+    """
+    if deviation <= _UNUSUAL_FIT:
+        return []
+    return [
+        f"light and gel are unlike those of other sensors ({deviation:.1f} standard deviations; at most {_UNUSUAL_FIT:g} are "
+        f"usual); "
+        f"check that the pins of the board are {design.pin_board.pitch_mm:g} mm apart and that the ball has a radius of "
+        f"{design.ball.radius_mm:g} mm: wrong lengths make all depths and forces wrong"
+    ]
+
+
+def press_through_gel_warnings(depth_mm: float, gel: Gel) -> list[str]:
+    """Return a warning where the ball would have been pressed through the gel of the design."""
+    if depth_mm < gel.thickness_mm:
+        return []
+    return [
+        f"the ball was pressed {depth_mm:.2f} mm deep into a gel of {gel.thickness_mm:.2f} mm, which is impossible: check the "
+        "gel's thickness in the design and the radius of the ball"
+    ]
+
+
+def overall_check_level(certificate: Certificate) -> OverallLevel:
+    """Return the overall level: that of the worst check, poor where many checks warn, and never a pass where there are warnings."""
+    levels = [line.level for line in compute_certificate_checks(certificate)]
+    if "fail" in levels:
+        return "fail"
+    if levels.count("warn") >= _MANY_WARNED_CHECKS:
+        return "poor"
+    return "warn" if "warn" in levels or certificate.warnings else "pass"
+
+
+def has_failed_checks(certificate: Certificate | None) -> bool:
+    """Return whether a check failed; a sensor without a certificate, such as an imported one, has no checks that could fail."""
+    return certificate is not None and overall_check_level(certificate) == "fail"
+
+
+def certificate_headline(certificate: Certificate) -> str:
+    """Return the overall result in a sentence or two."""
+    lines, level = compute_certificate_checks(certificate), overall_check_level(certificate)
+    checks = _outcome_in_words(lines)
+    if level == "pass":
+        return f"This sensor is ready to measure. {checks}."
+    if level == "fail":
+        return f"Do not measure with this calibration. {checks}; the lines below say what to do."
+    if level == "poor":
+        return f"Calibrate again before you rely on this sensor. {checks}; the lines below say what to do."
+    if certificate.ball is None:
+        return (
+            f"This sensor rectifies images in a program (load_sensor(…).rectification). {checks}; heights and force need a press "
+            "of the ball, see the warnings."
+        )
+    if all(line.level == "pass" for line in lines):
+        return f"This sensor can be used with care. {checks}, but read the warnings."
+    return f"This sensor can be used with care. {checks}; the lines below say what to do."
+
+
+def _outcome_in_words(lines: Sequence[CheckResult]) -> str:
+    """Return how many checks failed or, where none did, how many warned, in words."""
+    for level, outcome in (("fail", "failed"), ("warn", "warned")):
+        if number := sum(line.level == level for line in lines):
+            return f"{number} of {len(lines)} checks {outcome}"
+    return f"All {len(lines)} checks passed"
+
+
+def _check_board(board: BoardQuality) -> list[CheckResult]:
+    """Return the checks of the camera calibration."""
+    scale_error, contrast = (
+        board.mm_per_px_std / board.mm_per_px,
+        board.contrast_grey_levels / board.noise_grey_levels,
+    )
+    return [
+        _make_check_result(
+            MISSING.level(1 - board.pins_found / board.pins_expected),
+            f"Pins: found {board.pins_found} of {board.pins_expected}{_missing_pins_in_words(board)}",
+            "press harder there, or hold the board flatter",
+        ),
+        _make_check_result(
+            LEAVE_ONE_OUT_RMS_MM.level(board.leave_one_out_rms_mm),
+            f"Lens: a pin left out of the fit is predicted to {board.leave_one_out_rms_mm:.3f} mm RMS "
+            f"{_correction_in_words(board)}(expected: at most {LEAVE_ONE_OUT_RMS_MM.good:g} mm)",
+            "focus the camera on the skin, and press the board evenly",
+        ),
+        _make_check_result(
+            LEAVE_ONE_OUT_MAX_MM.level(board.leave_one_out_max_mm),
+            f"Worst pin: predicted to {board.leave_one_out_max_mm:.3f} mm (expected: at most {LEAVE_ONE_OUT_MAX_MM.good:g} mm)",
+            "find it in the certificate's error map; look there for dirt on the skin, a reflection, or a bent pin of the board",
+        ),
+        _make_check_result(
+            SCALE_ERROR.level(scale_error),
+            f"Scale: one pixel is {board.mm_per_px:.5f} mm ± {scale_error:.2%} "
+            f"(expected: at most ± {SCALE_ERROR.good:.1%})",
+            "focus the camera on the skin, and press the board evenly",
+        ),
+        _make_check_result(
+            CONTRAST_TO_NOISE.level(contrast),
+            f"Imprints: {board.contrast_grey_levels:.1f} grey levels deep, {contrast:.0f} times the camera's noise "
+            f"(expected: at least {CONTRAST_TO_NOISE.good:g} times)",
+            "press harder, give more light and less gain, or average several images",
+        ),
+    ]
+
+
+def _check_ball(ball: BallQuality) -> list[CheckResult]:
+    """Return the checks of the depth calibration."""
+    return [
+        _make_check_result(
+            OVEREXPOSED.level(ball.overexposed_fraction),
+            f"Light: {ball.overexposed_fraction:.1%} of the reference image is overexposed "
+            f"(expected: at most {OVEREXPOSED.good:.0%})",
+            "lower the exposure, the gain or the light",
+        ),
+        _make_check_result(
+            UNEVEN_BULGE.level(ball.asymmetry),
+            f"Press: the bulge around the ball is uneven by {ball.asymmetry:.1%} of the ball's darkening "
+            f"(expected: at most {UNEVEN_BULGE.good:.0%})",
+            "the ball was sheared, so that depths may be off by a tenth of a millimetre: press it straight down",
+        ),
+        _make_check_result(
+            CONTACT_RADIUS.level(_relative_contact_radius(ball)),
+            f"Contact: {ball.contact_radius_mm:.2f} mm in radius at {ball.max_indentation_mm:.2f} mm depth, "
+            f"{_relative_contact_radius(ball):.2f} times the section of the ball there (expected: at most {CONTACT_RADIUS.good:g} "
+            "times)",
+            "check that the ball's radius is the stated one, and that nothing presses beside it",
+        ),
+        _make_check_result(
+            RANGE_MM.level(ball.range_mm),
+            f"Range: depth is calibrated down to {ball.range_mm:.2f} mm (expected: at least {RANGE_MM.good:g} mm)",
+            "press the ball deeper, 1 to 2 mm",
+        ),
+        _make_check_result(
+            CROSS_VALIDATION_MAE_MM.level(ball.cross_validation_mae_mm),
+            f"Depth: half of the ball, read with the curve of the other half, is {ball.cross_validation_mae_mm:.3f} mm off "
+            f"on average (expected: at most {CROSS_VALIDATION_MAE_MM.good:g} mm)",
+            "press a clean ball straight down, and check that its radius is the stated one",
+        ),
+        _make_check_result(
+            NOISE_MM.level(ball.noise_mm),
+            f"Noise: the depth of one pixel scatters by {ball.noise_mm:.4f} mm from image to image "
+            f"(expected: at most {NOISE_MM.good:g} mm)",
+            "give more light and less gain",
+        ),
+    ]
+
+
+def _relative_contact_radius(ball: BallQuality) -> float:
+    """Return the radius of the contact over that of the ball's section at the depth of the press."""
+    above_mm = max(ball.ball_radius_mm - ball.max_indentation_mm, 0.0)
+    section_mm = sqrt(max(ball.ball_radius_mm**2 - above_mm**2, 0.0))
+    return ball.contact_radius_mm / section_mm if section_mm > 0 else inf
+
+
+def _make_check_result(level: CheckLevel, fact: str, advice: str) -> CheckResult:
+    """Return a check with the fact alone where it passes, and with the advice otherwise."""
+    return CheckResult(level, f"{fact}." if level == "pass" else f"{fact}. To do: {advice}, and calibrate again.")
+
+
+def _correction_in_words(board: BoardQuality) -> str:
+    """Return that a smooth correction on top of the lens model is used, and the error without it, or an empty text."""
+    before_mm = board.uncorrected_rms_mm
+    return (
+        "" if before_mm is None else f"with a smooth correction on top of the lens model, {before_mm:.3f} mm without "
+    )
+
+
+def _missing_pins_in_words(board: BoardQuality) -> str:
+    """Return the names of the missing pins, or an empty text."""
+    return f"; predicted from the others: {'; '.join(board.missing_pins)}" if board.missing_pins else ""

@@ -1,0 +1,387 @@
+"""The calibration procedure: four images → one calibrated sensor. `calibrate` runs the steps from top to bottom (board, lens, ball,
+refinement, certificate); `repeat_calibration` runs them on the images stored in a sensor folder, by any method, or with new images
+of a ball. Without images of a ball the result only rectifies; with an imported rectification only the ball is fitted.
+
+The refinement alternates two fits. The ball image gives light and gel, by which the twin predicts the board image; the board image
+gives the depth of its imprints, the viewing distance and so the lens; the ball is then fitted again through that lens.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import partial
+from importlib.metadata import version
+from typing import Literal, get_args
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball, fit_ball_by_physics
+from ninedtact.calibration.ball.ball_press import BallFit, find_ball_press, simulate_height_noise_mm
+from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
+from ninedtact.calibration.board.board_fit import BoardFit, LensKind, build_rectification, fit_board
+from ninedtact.calibration.board.lens_fit import rms_vector_length
+from ninedtact.calibration.certificate.checks import press_through_gel_warnings, unusual_fit_warnings
+from ninedtact.calibration.drift.diagnosis_and_reference_check import different_skin_warnings
+from ninedtact.calibration.press_brightness import (
+    OVEREXPOSED,
+    BgrImage,
+    estimate_camera_noise,
+    flat_fielded_brightness_change,
+    to_grey_float,
+)
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.calibration.sensor_toml_schema import (
+    SENSOR_FORMAT,
+    BallQuality,
+    BoardQuality,
+    Certificate,
+    DepthTable,
+    GridTable,
+    LensModelTable,
+    PinMapTable,
+    PixelMapTable,
+    SensorTomlRecord,
+    make_lens_model_table,
+    make_pin_map_table,
+    require_sensor_id,
+)
+from ninedtact.calibration.twin.ball_press_fit import TwinFit
+from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
+from ninedtact.calibration.twin.lens_refinement import BoardPressFit, fit_board_press_and_lens, refine_board_lens
+from ninedtact.calibration.twin.sensor_twin import fitted_gel, make_twin_table
+from ninedtact.design import SensorDesign
+from ninedtact.errors import InputError
+from ninedtact.quantities import Frame
+from ninedtact.shape.depth import DepthMethod, Smoothing
+from ninedtact.shape.rectification import CameraRotation, Rectification
+from ninedtact.simulation.fitted_parameters import deviation_from_population
+
+_MAX_ALTERNATIONS = 2
+"""Number of alternations between board and ball. The first starts from the light of a preliminary lens and viewing distance; the
+second corrects the effect of that.
+"""
+
+
+@dataclass(frozen=True)
+class CalibrationImages:
+    """The raw images of skin, board, skin and ball, (rows, cols, 3) BGR; the pair of the board or of the ball may be missing."""
+
+    board_reference: BgrImage | None = None
+    board: BgrImage | None = None
+    ball_reference: BgrImage | None = None
+    ball: BgrImage | None = None
+
+    @property
+    def board_pair(self) -> tuple[BgrImage, BgrImage] | None:
+        """The skin before the board and under it; None where the board was not pressed."""
+        return None if self.board_reference is None or self.board is None else (self.board_reference, self.board)
+
+    @property
+    def ball_pair(self) -> tuple[BgrImage, BgrImage] | None:
+        """The skin before the ball and under it; None where the ball was not pressed."""
+        return None if self.ball_reference is None or self.ball is None else (self.ball_reference, self.ball)
+
+
+class CalibrationImagesMissing(InputError):
+    """Too few images: those of the board are needed, or an imported rectification and those of the ball."""
+
+
+class CalibrationSettingUnknown(InputError):
+    """A choice of a calibration is none of those that exist."""
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """Choices of a calibration: lens, camera rotation, depth method and smoothing; the defaults suit every sensor seen so far.
+
+    Raises `CalibrationSettingUnknown` for a choice that does not exist.
+    """
+
+    lens: LensKind = "model"
+    """`paper` reproduces the paper's map (central anchors, equidistant grid, cubic radial basis)."""
+    camera_rotation_deg: CameraRotation | Literal["auto"] = "auto"
+    """Angle from the image's columns to the sensor's x axis, clockwise on the screen."""
+    method: DepthMethod = "physics"
+    """`physics` fits contact mechanics and light; `ratio` pairs the ball's cap with the brightness factor, `table` with grey
+    differences (the paper's)."""
+    smoothing: Smoothing = Smoothing()
+
+    def __post_init__(self) -> None:
+        rotations = (*get_args(CameraRotation), "auto")
+        choices = {"lens": get_args(LensKind), "camera_rotation_deg": rotations, "method": get_args(DepthMethod)}
+        for name, allowed in choices.items():
+            if (value := getattr(self, name)) not in allowed:
+                expected = ", ".join(map(repr, allowed))
+                raise CalibrationSettingUnknown(f"expected {name} to be one of {expected}, got {value!r}; correct it")
+
+
+@dataclass(frozen=True)
+class CalibrationFits:
+    """The fits of board and ball, and the rectification through which the ball was fitted."""
+
+    board: BoardFit | None
+    """None where the rectification was imported."""
+    rectify: Rectification
+    ball: BallFit | None = None
+    """None where there are no images of a ball."""
+    board_press: BoardPressFit | None = None
+    """The fit of the twin to the board image; None where no twin predicts it."""
+
+    @property
+    def twin(self) -> TwinFit | None:
+        """The fit of the twin to the ball image; None where the method of the ball's fit has no twin."""
+        return self.ball.twin_fit if isinstance(self.ball, TwinBallFit) else None
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibrated sensor, with the images and fits from which it was made."""
+
+    images: CalibrationImages
+    fits: CalibrationFits
+    record: SensorTomlRecord
+    imported: SensorFolder | None = None
+    """The imported sensor whose rectification this calibration uses."""
+
+    @property
+    def rectify(self) -> Rectification:
+        """The rectification of the sensor."""
+        return self.fits.rectify
+
+    @property
+    def board(self) -> BoardFit:
+        """The fit of the board, of a calibration that has one."""
+        assert self.fits.board is not None, "expected a calibration with a board, got an imported rectification"
+        return self.fits.board
+
+    @property
+    def ball(self) -> BallFit:
+        """The fit of the ball, of a calibration that has one."""
+        assert self.fits.ball is not None, "expected a calibration with a ball, got one with the board alone"
+        return self.fits.ball
+
+
+def calibrate(
+    images: CalibrationImages,
+    design: SensorDesign = SensorDesign(),
+    settings: CalibrationSettings = CalibrationSettings(),
+    sensor_id: str = "9dtact",
+    on_step: Callable[[str], None] = lambda step: None,
+    imported: SensorFolder | None = None,
+) -> Calibration:
+    """Calibrate a sensor; raises `BoardNotFound`, `BallPressUnusable`, `ImageUnusable`, whose messages say what to do, and
+    `CalibrationImagesMissing`, `SensorIdImpossible`.
+
+    on_step: called with what is fitted next, in words. imported: a sensor whose rectification is used in place of a board's. Linear
+    algebra runs on one thread meanwhile: its matrices are small, so that several threads would mostly wait for each other, at three
+    times the processor time.
+    """
+    require_sensor_id(sensor_id)
+    with threadpool_limits(1):
+        fits = _fit_presses(images, design, settings, on_step, imported)
+        record = _make_record(images, fits, design, settings, sensor_id, imported)
+    return Calibration(images, fits, record, imported)
+
+
+def _fit_presses(
+    images: CalibrationImages,
+    design: SensorDesign,
+    settings: CalibrationSettings,
+    on_step: Callable[[str], None],
+    imported: SensorFolder | None,
+) -> CalibrationFits:
+    """Fit the lens to the board, unless it is imported, and the depth to the ball, unless its images are missing."""
+    board: BoardFit | None = None
+    if imported is not None and images.ball_pair is not None:
+        rectify = imported.rectification
+    elif imported is None and images.board_pair is not None:
+        on_step("finding the pins of the board and fitting the lens to them")
+        board = fit_board(*images.board_pair, design.pin_board, settings.camera_rotation_deg)
+        rectify = build_rectification(board, design, settings.lens)
+    else:
+        raise CalibrationImagesMissing(
+            "expected images of the board, or an imported rectification and images of the ball, got neither; give the images of one"
+        )
+    if images.ball_pair is None:
+        return CalibrationFits(board, rectify)
+    on_step("fitting gel and light to the image of the ball")
+    ball = fit_ball(rectify, *images.ball_pair, design, settings.method, settings.smoothing)
+    fits = CalibrationFits(board, rectify, ball)
+    # The twin predicts the board through a lens model alone.
+    if board is None or board.correction is not None or settings.lens == "paper":
+        return fits
+    return _alternate_board_and_ball(fits, images, design, on_step)
+
+
+def _alternate_board_and_ball(
+    fits: CalibrationFits, images: CalibrationImages, design: SensorDesign, on_step: Callable[[str], None]
+) -> CalibrationFits:
+    """Return the fits after lens and ball were fitted in turn, each with what the image of the other shows.
+
+    Where the board image disagrees with the twin's prediction, or the ball cannot be fitted through the refined lens, the fits stay
+    as they were before. Without a twin, nothing is fitted again.
+    """
+    for _ in range(_MAX_ALTERNATIONS):
+        board, twin, board_pair, ball_pair = fits.board, fits.twin, images.board_pair, images.ball_pair
+        if board is None or twin is None or board_pair is None or ball_pair is None:
+            return fits
+        on_step("fitting the depth of the pins and the lens to the image of the board")
+        before, after = (fits.rectify(Frame(image)) for image in board_pair)
+        board_press = fit_board_press_and_lens(ObservedBoardPress(before, after, board), twin, fits.board_press)
+        if not board_press.accepted:
+            return replace(fits, board_press=fits.board_press or board_press)
+        refined = refine_board_lens(board, twin, board_press)
+        rectify = build_rectification(refined, design)
+        on_step("fitting gel and light to the image of the ball")
+        try:
+            press = find_ball_press(rectify, *ball_pair, design.ball, "physics")
+            ball = fit_ball_by_physics(press, design, board_press.priors, twin.press)
+        except BallPressUnusable:
+            return fits
+        fits = CalibrationFits(refined, rectify, ball, board_press)
+    return fits
+
+
+def _make_record(
+    images: CalibrationImages,
+    fits: CalibrationFits,
+    design: SensorDesign,
+    settings: CalibrationSettings,
+    sensor_id: str,
+    imported: SensorFolder | None,
+) -> SensorTomlRecord:
+    """Return the calibration as the tables of `sensor.toml`."""
+    board, rectify = fits.board, fits.rectify
+    grid: GridTable
+    lens: LensModelTable | PinMapTable | PixelMapTable
+    if board is None:
+        assert imported is not None, "expected a fit of the board or an imported rectification, got neither"
+        grid, lens = imported.record.grid, imported.record.lens
+    else:
+        grid = GridTable(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting)
+        lens = _lens_table(board, settings.lens)
+    depth, twin, ball_quality = None, None, None
+    if fits.ball is not None and images.ball_pair is not None:
+        # A height against an averaged reference contains the noise of one image.
+        noise_grey_levels = estimate_camera_noise(flat_fielded_brightness_change(*images.ball_pair))
+        reader = partial(fits.ball.reader, source=rectify.height_source)
+        noise_mm = simulate_height_noise_mm(reader, rectify, images.ball_pair[0], noise_grey_levels)
+        depth = DepthTable(
+            settings.method, noise_mm, settings.smoothing, fits.ball.curve, fits.ball.loss, fits.ball.deblurring
+        )
+        ball_quality = _ball_quality(images.ball_pair[0], fits.ball, design, noise_mm)
+        if fits.twin is not None:
+            noise_grey_levels = noise_grey_levels if board is None else board.camera_noise_grey_levels
+            twin = make_twin_table(fits.twin, noise_grey_levels, fits.board_press)
+    board_quality = None if board is None else _board_quality(board, rectify, settings.lens)
+    return SensorTomlRecord(
+        format=SENSOR_FORMAT,
+        id=sensor_id,
+        created=datetime.now(UTC).replace(microsecond=0),
+        software=version("ninedtact"),
+        design=design,
+        grid=grid,
+        lens=lens,
+        depth=depth,
+        twin=twin,
+        certificate=Certificate(board_quality, ball_quality, _warnings(images, fits, design)),
+    )
+
+
+def _lens_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable:
+    """Return the chosen lens as a table of `sensor.toml`."""
+    if kind == "paper":
+        return make_pin_map_table(board.published_map.projection)
+    return make_lens_model_table(board.lens, None if board.correction is None else board.correction.correction)
+
+
+IMPORTED_LENS_WARNING = (
+    "the rectification was imported from the original project and is used as it is; no pin tests it here, and the scale in mm is "
+    "that of the import; press the pin board and calibrate again for a lens with known errors"
+)
+BALL_MISSING_WARNING = (
+    "no ball has been pressed: heights, force, 'ninedtact check' and the twin are missing; to add them, press the ball and run "
+    "'ninedtact calibrate' with --ball-reference, --ball and this folder as --out"
+)
+
+
+def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDesign) -> list[str]:
+    """Return what makes the calibration doubtful, in words."""
+    warnings = [IMPORTED_LENS_WARNING] if fits.board is None else fits.board.warnings
+    warnings += [BALL_MISSING_WARNING] if fits.ball is None else []
+    if fits.twin is not None:
+        deviation = deviation_from_population(fits.twin.light, fitted_gel(fits.twin), design)
+        warnings += unusual_fit_warnings(deviation, design)
+    if fits.ball is not None:
+        warnings += press_through_gel_warnings(fits.ball.max_indentation_mm, design.gel)
+    if images.board_pair is not None and images.ball_pair is not None:
+        references = images.board_pair[0], images.ball_pair[0]
+        warnings += [*reference_mismatch_warnings(*references), *different_skin_warnings(*references)]
+    return warnings
+
+
+def _board_quality(board: BoardFit, rectify: Rectification, kind: LensKind) -> BoardQuality:
+    """Return the quality of the camera calibration."""
+    lens = board.lens_of_kind(kind)
+    is_corrected = kind == "model" and board.correction is not None
+    return BoardQuality(
+        pins_found=int(board.found.sum()),
+        pins_expected=board.board.count,
+        missing_pins=board.missing_pins,
+        leave_one_out_rms_mm=rms_vector_length(lens.leave_one_out_errors_mm),
+        leave_one_out_max_mm=float(np.hypot(*lens.leave_one_out_errors_mm.T).max()),
+        published_method_rms_mm=board.published_map.leave_one_out_rms_mm,
+        mm_per_px=rectify.mm_per_px,
+        mm_per_px_std=lens.relative_scale_std * rectify.mm_per_px,
+        contrast_grey_levels=float(np.median(board.contrast)),
+        noise_grey_levels=board.camera_noise_grey_levels,
+        lens=kind,
+        camera_rotation_deg=board.mounting,
+        uncorrected_rms_mm=board.lens_fit.leave_one_out_rms_mm if is_corrected else None,
+    )
+
+
+def _ball_quality(reference: BgrImage, ball: BallFit, design: SensorDesign, noise_mm: float) -> BallQuality:
+    """Return the quality of the depth calibration."""
+    circle = ball.press.circle
+    return BallQuality(
+        method=ball.method,
+        contact_radius_px=circle.radius_px,
+        contact_radius_mm=ball.press.edge_radius_mm,
+        ball_radius_mm=design.ball.radius_mm,
+        max_indentation_mm=ball.max_indentation_mm,
+        reconstruction_mae_mm=ball.reconstruction_mae_mm,
+        cross_validation_mae_mm=ball.cross_validation_mae_mm,
+        range_mm=ball.curve.max_indentation_mm,
+        noise_mm=noise_mm,
+        darkening_grey_levels=circle.darkening_grey_levels,
+        asymmetry=circle.asymmetry,
+        overexposed_fraction=float((to_grey_float(reference) >= OVEREXPOSED).mean()),
+    )
+
+
+def repeat_calibration(
+    folder: SensorFolder,
+    method: DepthMethod,
+    ball: tuple[BgrImage, BgrImage] | None = None,
+    design: SensorDesign | None = None,
+    on_step: Callable[[str], None] = lambda step: None,
+) -> Calibration:
+    """Calibrate from the stored images, with the stored lens and mounting, or through the imported rectification.
+
+    ball: new images of the skin before the ball and under it, in place of stored ones. design: in place of the stored one. Raises
+    `SensorFolderDamaged` where images are missing, `DepthNotCalibrated` where none of a ball are stored or given, and what
+    `calibrate` raises.
+    """
+    names = ("ball_reference", "ball") if folder.is_imported else ("board_reference", "board", "ball_reference", "ball")
+    new = {} if ball is None else {"ball_reference": ball[0], "ball": ball[1]}
+    images = CalibrationImages(
+        **{name: new[name] if name in new else folder.stored_image(name).image for name in names}
+    )
+    record = folder.record
+    lens: LensKind = "paper" if isinstance(record.lens, PinMapTable) else "model"
+    smoothing = Smoothing() if record.depth is None else record.depth.smoothing
+    settings = CalibrationSettings(lens, record.grid.camera_rotation_deg, method, smoothing)
+    imported = folder if folder.is_imported else None
+    return calibrate(images, design or record.design, settings, record.id, on_step, imported)

@@ -1,0 +1,299 @@
+"""The command line: one file per command, each a frozen dataclass whose fields are the options and whose `run` does the work.
+
+Only the command that is named is imported, and a command imports what it needs when it runs, so that `ninedtact` starts quickly.
+Commands of the sibling distributions are found by their entry points; those of one that is not installed say how to install it.
+
+tyro reads the fields. Its rules are extended here, once for all commands: defaults that say nothing are left out (none, false, an
+empty list), an option that may be left out shows only its type, and the lines of a docstring are joined to sentences.
+"""
+
+import os
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, is_dataclass, make_dataclass, replace
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Annotated, Any, ClassVar, Union, get_args, get_origin
+
+import tyro
+from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
+
+from ninedtact._version import __version__, installation_command
+from ninedtact.errors import InputError, MissingLibraryError, NinedtactError
+
+COMMANDS = {
+    "demo": "demo:Demo",
+    "calibrate": "calibrate:CalibrateCommand",
+    "reconstruct": "reconstruct:ReconstructCommand",
+    "check": "check:CheckCommand",
+    "live": "live:Live",
+    "play": "live:Play",
+    "ros2": "ros2_foxglove_and_serve:Ros2",
+    "foxglove": "ros2_foxglove_and_serve:Foxglove",
+    "serve": "ros2_foxglove_and_serve:Serve",
+    "simulate": "simulate:Simulate",
+    "simulate dataset": "[datasets]",
+    "collect": "[datasets]",
+    "record": "record:Record",
+    "info": "recording_info_and_export:Info",
+    "export": "recording_info_and_export:Export",
+    "dataset": "[datasets]",
+    "import-calibration": "original_calibration:ImportCalibrationCommand",
+    "export-calibration": "original_calibration:ExportCalibrationCommand",
+    "train": "[train]",
+    "model": "[train]",
+    "estimate": "estimate:Estimate",
+    "adapt": "fit_force_scale:Adapt",
+    "evaluate": "[datasets]",
+    "hardware": "[hardware]",
+    "camera-delay": "camera_delay:CameraDelayCommand",
+    "doctor": "doctor:Doctor",
+}
+"""Module and class of every command, in the order of `ninedtact --help`, or in brackets the extra that installs the distribution
+which brings the command (an entry point of the group `ninedtact.commands`). A group of commands is a union of classes; its module
+describes it in `DESCRIPTION`. A command of two words joins a group of this distribution."""
+DESCRIPTION = "The software of the 9DTact tactile sensor: camera images in, shape in mm and force in N out."
+_OF_A_SENSOR = ("--source", "--sensor")
+_SILENT_DEFAULTS = ("", "None", "False")
+_NO_DEFAULT = "tyro.MISSING"
+"""Beginning of what tyro gives as the default of an option that is required."""
+
+
+class OptionRepeated(InputError):
+    """An option that takes one value was given several times."""
+
+
+class CommandNotInstalled(MissingLibraryError):
+    """The distribution that brings a command is not installed."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; 0 done, 1 the work failed (one line says why), 2 usage."""
+    try:
+        try:
+            return _run_command(arguments)
+        finally:
+            sys.stdout.flush()  # the interpreter's own last flush could not fail with a sentence and an exit code
+    except BrokenPipeError:  # whoever read our output (`| head`) has had enough
+        return _discard_output()
+    except OSError as trouble:
+        _discard_output()
+        return _report_failure(
+            f"expected to read and write files, got: {trouble}; free the disk or correct the path and its permissions"
+        )
+
+
+def _run_command(arguments: Sequence[str] | None) -> int:
+    """Run one command and return its exit code; raises `OSError` from files and from the output."""
+    if list(sys.argv[1:] if arguments is None else arguments) == ["--version"]:
+        return _print_version()
+    try:
+        return parse_arguments(arguments).run()
+    except NinedtactError as refusal:
+        return _report_failure(str(refusal))
+    except KeyboardInterrupt:
+        return _report_failure(
+            "stopped by Ctrl-C or termination; nothing was written half; run the command again to start over"
+        )
+
+
+def parse_arguments(arguments: Sequence[str] | None) -> Any:
+    """Return the command that the command line names, with its options; the program's own arguments where None is given."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words and words[0] in COMMANDS:
+        command, description = load_command(words[0])
+        return _parse_command(command, description, words[1:], f"ninedtact {words[0]}")
+    return _parse_command(command_union(name for name in COMMANDS if " " not in name), DESCRIPTION, words, "ninedtact")
+
+
+def load_command(name: str) -> tuple[Any, str | None]:
+    """Return the class of a command, or the union of a group's, and the description of a group.
+
+    Raises `CommandNotInstalled` for a command of a distribution that is not installed.
+    """
+    place = COMMANDS[name]
+    if place.startswith("["):
+        command, module = _load_command_of_sibling(name, place.strip("[]"))
+    else:
+        module_name, _, class_name = place.partition(":")
+        module = import_module(f"ninedtact.cli.{module_name}")
+        command = getattr(module, class_name)
+    joining = [other for other in COMMANDS if other.startswith(f"{name} ")]
+    if joining:
+        command = command | command_union(joining)
+    return command, None if isinstance(command, type) else module.DESCRIPTION
+
+
+def _load_command_of_sibling(name: str, extra: str) -> tuple[Any, Any]:
+    """Return a command of another distribution and its module; raises `CommandNotInstalled`."""
+    found = tuple(entry_points(group="ninedtact.commands", name=name))
+    if not found:
+        raise CommandNotInstalled(
+            f"expected the distribution that brings 'ninedtact {name}', got none; run {installation_command(extra)}"
+        )
+    return found[0].load(), import_module(found[0].module)
+
+
+def command_union(names: Iterable[str]) -> Any:
+    """Return the union of commands from which tyro builds subcommands; one that is not installed says so in its description."""
+    members = []
+    for name in names:
+        try:
+            command, description = load_command(name)
+        except CommandNotInstalled as missing:
+            command = make_dataclass(
+                f"_Missing{len(members)}", (), bases=(_MissingCommand,), namespace={"reason": missing}
+            )
+            description = f"Not installed: {installation_command(COMMANDS[name].strip('[]'))}"
+        word = name.rpartition(" ")[2]
+        members.append(Annotated[command, tyro.conf.subcommand(word, description=description)])
+    return Union[tuple(members)]  # noqa: UP007 - the members are known only at run time
+
+
+@dataclass(frozen=True)
+class _MissingCommand:
+    """Stands in the list of commands for one whose distribution is not installed."""
+
+    reason: ClassVar[CommandNotInstalled]
+
+    def run(self) -> int:
+        """Raise `CommandNotInstalled`."""
+        raise self.reason
+
+
+def _parse_command(commands: Any, description: str | None, arguments: Sequence[str], program: str) -> Any:
+    """Parse the arguments into a command: a dataclass, or one of a union of dataclasses. `program` is its name in the usage.
+
+    Exits with code 0 after --help and 2 on wrong usage; raises `OptionRepeated`.
+    """
+    repeatable: set[str] = set()
+    command = tyro.cli(
+        commands,
+        prog=program,
+        description=description,
+        args=arguments,
+        registry=_plain_help_registry(repeatable),
+        config=(tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff),
+    )
+    _require_each_option_once(arguments, repeatable)
+    return command
+
+
+def _require_each_option_once(arguments: Sequence[str], repeatable: set[str]) -> None:
+    """Refuse an option that is given again, of which only the last value would count; raises `OptionRepeated`."""
+    given = Counter(word.partition("=")[0].replace("_", "-") for word in arguments if word.startswith("--"))
+    for option, count in given.items():
+        if count > 1 and option not in repeatable:
+            several = (
+                "; name several sensors after one, as in --source left=0 right=2" if option in _OF_A_SENSOR else ""
+            )
+            raise OptionRepeated(f"expected {option} once, got it {count} times{several or '; keep one of them'}")
+
+
+def _plain_help_registry(repeatable: set[str]) -> ConstructorRegistry:
+    """Return tyro's rules with one more, which rewrites the help of every dataclass field.
+
+    repeatable: receives the options that may be given several times.
+    """
+    registry, open_types = ConstructorRegistry(), []
+
+    @registry.struct_rule
+    def rewrite_help(info: StructTypeInfo) -> Any:
+        if info.type in open_types or not is_dataclass(info.type):
+            return None
+        open_types.append(info.type)
+        try:
+            spec = ConstructorRegistry.get_struct_spec(info)
+        finally:
+            open_types.pop()
+        if not isinstance(spec, StructConstructorSpec):
+            return spec
+        names = (field.name.replace("_", "-") for field in spec.fields if _is_repeatable(field.type))
+        repeatable.update(f"--{name}" for name in names)
+        return replace(spec, fields=tuple(_with_plain_help(field) for field in spec.fields))
+
+    return registry
+
+
+def _with_plain_help(field: StructFieldSpec) -> StructFieldSpec:
+    """Return the field with a short hint of its default, a plain placeholder and whole sentences."""
+    repeatable = _is_repeatable(field.type)
+    hint = tyro.conf.arg(help_behavior_hint=_default_hint(repeatable), metavar=_placeholder(field.type, repeatable))
+    return replace(field, type=Annotated[field.type, hint], helptext=_joined_lines(field.helptext))  # type: ignore[arg-type]
+
+
+def _is_repeatable(field_type: Any) -> bool:
+    """Return whether an option may be given several times."""
+    return any(marker is tyro.conf.UseAppendAction for marker in _metadata(field_type))
+
+
+def _default_hint(repeatable: bool) -> Callable[[str], str]:
+    """Return what tyro calls with the text of a default to write the words behind an option's help."""
+
+    def hint(default: str) -> str:
+        if default.startswith(_NO_DEFAULT):
+            return "(required, repeatable)" if repeatable else "(required)"
+        if default == "True":
+            return "This option switches it off."
+        if default in _SILENT_DEFAULTS:
+            return "(repeatable)" if repeatable else ""
+        return f"(default: {default})"
+
+    return hint
+
+
+def _placeholder(field_type: Any, repeatable: bool) -> str | None:
+    """Return the placeholder of a text, or of a list of any length such as `PATH ...`; None where tyro's own is plain."""
+    while get_origin(field_type) is Annotated:
+        field_type = get_args(field_type)[0]
+    if field_type in (str, str | None):
+        return "TEXT"
+    is_list = get_origin(field_type) is tuple and get_args(field_type)[-1] is Ellipsis
+    item = get_args(field_type)[0] if is_list else None
+    if repeatable or not isinstance(item, type):
+        return None
+    return f"{item.__name__.upper().replace('STR', 'TEXT')} ..."
+
+
+def _metadata(field_type: Any) -> tuple[Any, ...]:
+    """Return all annotations of a type, however deeply they are nested."""
+    if get_origin(field_type) is not Annotated:
+        return ()
+    inner, *metadata = get_args(field_type)
+    return (*_metadata(inner), *metadata)
+
+
+def _joined_lines(helptext: Any) -> Callable[[], str | None]:
+    """Return a function for the help text without line breaks inside its paragraphs."""
+
+    def text() -> str | None:
+        written = helptext() if callable(helptext) else helptext
+        if written is None:
+            return None
+        return "\n\n".join(" ".join(paragraph.split()) for paragraph in written.split("\n\n"))
+
+    return text
+
+
+def _print_version() -> int:
+    """Print the version of the package."""
+    print(f"ninedtact {__version__}")
+    return 0
+
+
+def _report_failure(sentence: str) -> int:
+    """Say why in one line; the exit code of failed work."""
+    print(f"ninedtact: {' '.join(sentence.split())}", file=sys.stderr)
+    return 1
+
+
+def _discard_output() -> int:
+    """Throw away what is left of the output where it cannot be written, also from the interpreter's last flush; return 1."""
+    with suppress(OSError, ValueError):  # there is no output, or one that a test took away
+        sys.stdout.flush()
+        return 1
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 1

@@ -1,0 +1,217 @@
+"""The guided calibrations in the browser, of shape (`ninedtact calibrate --page`) and of force with known loads (`ninedtact adapt
+--page`), and the live page that follows them."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from random import uniform
+from threading import Event
+from time import sleep
+from typing import TYPE_CHECKING
+
+from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
+from ninedtact.cli.serve_sensor_page import PageSettings, page_sensor, require_page_library, serve_sensor_page
+from ninedtact.cli.shared_options import PageHostOption, PageOriginOption, PagePortOption, camera_settings
+from ninedtact.force.estimator_loading import NONE, PHYSICS
+from ninedtact.open_sensor import SIMULATED, assemble_live_sensor, is_twin_address, source_in_real_time
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.procedure import CalibrationSettings
+    from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.capture.frame_source import FrameSource
+    from ninedtact.design import SensorDesign
+    from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
+    from ninedtact.studio.socket_guard import SocketGuard
+
+_READINGS = Path("readings")
+"""Folder for the readings that are saved from the live page after a calibration."""
+_LIVE_HZ = 15.0
+_STIFFNESS_RANGE = 0.8, 1.3
+"""Range of the hidden factor of a simulated gel's modulus; silicone of one name and hardness varies by a quarter."""
+
+
+@dataclass(frozen=True)
+class CalibrationPageOptions:
+    """A page in the browser that guides through the calibration."""
+
+    page: bool = False
+    """Guide through the presses on a page in the browser, which a phone beside the sensor can open too (--host 0.0.0.0). The
+    camera is chosen there; --source chooses the first one, and sim is a simulated sensor, which is pressed on the page."""
+    host: PageHostOption = "127.0.0.1"
+    port: PagePortOption = None
+    allow_origin: PageOriginOption = ()
+
+
+@dataclass(frozen=True)
+class CalibrationPageServer:
+    """Serves the calibration page, and the live page after it: what to calibrate, and where the page is."""
+
+    out: Path
+    sensor_id: str
+    design: "SensorDesign"
+    settings: "CalibrationSettings"
+    options: CalibrationPageOptions
+    source: str | None = None
+    """The camera that is shown first; None for the first one of this computer, or the simulated sensor."""
+    automatic: bool = False
+    """Keep the camera's automatic exposure and white balance."""
+
+    def serve(self) -> "SensorFolder | None":
+        """Serve the page until Ctrl-C, and the live page once somebody asks for it; return the sensor, None without one."""
+        require_page_library()
+        from ninedtact.studio.calibration_page import CalibrationPage
+        from ninedtact.studio.calibration_session import CalibrationSession
+        from ninedtact.studio.guided_session import SwitchableCamera
+        from ninedtact.studio.page_and_server import page_server
+        from ninedtact.studio.socket_guard import SocketGuard
+
+        guard = SocketGuard.for_host(self.options.host, self.options.allow_origin)
+        list_cameras = partial(list_calibration_cameras, self.source)
+        simulated = simulated_calibration_camera(self.design)
+        camera = SwitchableCamera(
+            lambda address: simulated if is_twin_address(address) else _live_camera(address, self.automatic),
+            self.source or next(iter(list_cameras())),
+        )
+        session = CalibrationSession(
+            camera, self.out, self.design, self.settings, self.sensor_id, on_step=simulated.follow
+        )
+        with suppress(KeyboardInterrupt):
+            with page_server(self.options.host, self.options.port, guard) as server, session:
+                page, port = CalibrationPage(server, session, list_cameras, simulated), server.get_port()
+                wanted = session.live_requested, session.force_requested
+                is_wanted = _refresh_until("calibration", guard.page_address(port), page.refresh, *wanted)
+            if not is_wanted:
+                return session.saved
+            result, source = session.state.result, session.state.source
+            assert result is not None
+            if session.force_requested.is_set():
+                options = replace(self.options, port=port)
+                ForceCalibrationPageServer(result, options, source, automatic=self.automatic).serve(guard)
+            else:
+                serve_calibrated_sensor(result, source, port, guard, self.automatic)
+        return session.saved
+
+
+@dataclass(frozen=True)
+class ForceCalibrationPageServer:
+    """A guided calibration of a sensor's force with known loads in the browser."""
+
+    folder: "SensorFolder"
+    options: CalibrationPageOptions
+    source: str | None = None
+    """The camera that is shown first; None for the first one of this computer, or the simulated sensor."""
+    force: str = PHYSICS
+    """Estimator that is calibrated."""
+    automatic: bool = False
+    """Keep the camera's automatic exposure and white balance."""
+
+    def serve(self, guard: "SocketGuard | None" = None) -> Path | None:
+        """Serve the page until Ctrl-C, and the live page once somebody asks for it; return the file that was written, if any."""
+        require_page_library()
+        from ninedtact.calibration.force_calibration import UnscaledForceReader
+        from ninedtact.capture.frame_source import CameraNotFound
+        from ninedtact.studio.force_calibration_page import ForceCalibrationPage, ball_press_under_load
+        from ninedtact.studio.force_calibration_session import ForceCalibrationSession
+        from ninedtact.studio.guided_session import SwitchableCamera
+        from ninedtact.studio.page_and_server import page_server
+        from ninedtact.studio.socket_guard import SocketGuard
+
+        reader, folder, options = UnscaledForceReader(self.folder, self.force), self.folder, self.options
+        simulated, stiffness = self._simulated_camera()
+        list_cameras = partial(list_calibration_cameras, self.source, simulated is not None)
+        cameras = list_cameras()
+        if not cameras:
+            raise CameraNotFound("expected a camera, got none; plug it in, or name a stream or recording with --source")
+        guard = guard or SocketGuard.for_host(options.host, options.allow_origin)
+
+        def open_source(address: str) -> "FrameSource":
+            return (
+                simulated
+                if simulated is not None and is_twin_address(address)
+                else _live_camera(address, self.automatic)
+            )
+
+        def offer_load(grams: float) -> None:
+            if simulated is not None:
+                simulated.offer(ball_press_under_load(grams))
+
+        camera = SwitchableCamera(open_source, self.source or next(iter(cameras)))
+        session = ForceCalibrationSession(camera, folder.path, reader, on_load=offer_load)
+        with suppress(KeyboardInterrupt):
+            with page_server(options.host, options.port, guard) as server, session:
+                radius_mm, port = folder.record.design.ball.radius_mm, server.get_port()
+                page = ForceCalibrationPage(server, session, list_cameras, radius_mm, simulated, stiffness)
+                address, wanted = guard.page_address(port), session.live_requested
+                is_wanted = _refresh_until("force calibration", address, page.refresh, wanted)
+            if is_wanted:
+                serve_calibrated_sensor(folder, session.state.source, port, guard, self.automatic, self.force)
+        return session.saved
+
+    def _simulated_camera(self) -> "tuple[SimulatedCalibrationCamera, float] | tuple[None, None]":
+        """Return the sensor's twin under loads and its stiffness; nothing for a sensor without a twin, unless it is named."""
+        has_twin = self.folder.record.twin is not None or (self.source is not None and is_twin_address(self.source))
+        return simulated_loaded_camera(self.folder) if has_twin else (None, None)
+
+
+def _refresh_until(what: str, address: str, refresh: Callable[[], None], *wanted: Event) -> bool:
+    """Print the address of a page and refresh it until one of the events is set; return False where Ctrl-C ends it before."""
+    from ninedtact.studio.guided_page import REFRESH_HZ
+
+    print(f"{what}: open {address} in a browser; Ctrl-C ends", flush=True)
+    with stop_on_signal() as stop:
+        while not (stop.now or any(event.is_set() for event in wanted)):
+            refresh()
+            sleep(1 / REFRESH_HZ)
+        return not stop.now
+
+
+def _live_camera(address: str, automatic: bool) -> "FrameSource":
+    """Return a camera or recording, its exposure fixed unless it is to stay automatic."""
+    return source_in_real_time(address, camera_settings(automatic))
+
+
+def serve_calibrated_sensor(
+    folder: "SensorFolder", source: str, port: int, guard: "SocketGuard", automatic: bool, force: str | None = None
+) -> None:
+    """Serve the live page of a calibrated sensor at the address of its calibration, until Ctrl-C.
+
+    force: estimator that it shows; without it physics, which a sensor needs a twin for.
+    """
+    live = assemble_live_sensor(folder, source, settings=camera_settings(automatic), notify=print_notice)
+    force = force or (NONE if folder.record.twin is None else PHYSICS)
+    settings = PageSettings(_READINGS, _LIVE_HZ, guard.host, port, force, guard=guard)
+    serve_sensor_page([page_sensor(folder, live)], settings, ends=False)
+
+
+def list_calibration_cameras(source: str | None = None, simulated: bool = True) -> dict[str, str]:
+    """Return the address and the name of each source that the page offers: the named one, all cameras, and the simulated sensor."""
+    from ninedtact.capture.uvc_camera import list_cameras
+
+    named = {} if source is None or is_twin_address(source) else {source: ""}
+    found = {device.path: device.name for device in list_cameras()}
+    return named | found | ({SIMULATED: "simulated sensor"} if simulated else {})
+
+
+def simulated_calibration_camera(design: "SensorDesign") -> "SimulatedCalibrationCamera":
+    """Return the camera of a simulated sensor of a design, which is pressed by itself until a person does it."""
+    from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
+    from ninedtact.simulation.twin import twin_from_design
+
+    return SimulatedCalibrationCamera(twin_from_design(design), design)
+
+
+def simulated_loaded_camera(folder: "SensorFolder") -> "tuple[SimulatedCalibrationCamera, float]":
+    """Return the simulated camera on which the force calibration is practised, and the stiffness of its gel over the assumed one.
+
+    The factor is drawn anew each time, so that the person who calibrates does not know it. Raises `TwinMissing`.
+    """
+    from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
+    from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
+    from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
+
+    stiffness = uniform(*_STIFFNESS_RANGE)
+    gel = replace(folder.gel, shear_modulus_mpa=folder.gel.shear_modulus_mpa * stiffness)
+    twin = replace(build_twin_from_folder(folder), compliance_of=partial(bonded_layer_compliance, gel=gel))
+    return SimulatedCalibrationCamera(twin, folder.record.design), stiffness

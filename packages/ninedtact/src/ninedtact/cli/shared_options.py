@@ -1,0 +1,210 @@
+"""The options that several commands share.
+
+The options are the fields of the commands' dataclasses. One that several commands have is a type here, which brings its help. The
+packages that give a choice its meaning are loaded when a command runs.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import UseAppendAction, arg
+
+from ninedtact.design import SensorDesign
+from ninedtact.errors import InputError
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.procedure import CalibrationSettings
+    from ninedtact.capture.frame_source import CameraSettings
+
+
+_SOURCE = (
+    "Camera (0, /dev/video0, usb:1-2, csi:0), stream (http://…, rtsp://…), video, folder of images or recording (.mcap); or sim, "
+    "the twin of the sensor, pressed by several objects in turn."
+)
+_SENSOR = "Sensor folder that `ninedtact calibrate` wrote."
+_RECORDED_SENSOR = f"{_SENSOR} A recording brings its own."
+_EACH_NAMED = " For several sources, one for each name: left=FOLDER right=FOLDER."
+_OR_DEMO_TWIN = " Without one, sim is the twin of the demo."
+SourceOption = Annotated[str, arg(help=_SOURCE)]
+NamedSourcesOption = Annotated[
+    tuple[str, ...], arg(help=f"{_SOURCE} Several at once have a name each, such as left=usb:1-2 right=usb:1-3.")
+]
+SensorOption = Annotated[Path, arg(help=_SENSOR)]
+RecordedSensorOption = Annotated[Path | None, arg(help=_RECORDED_SENSOR)]
+SensorOrDemoTwinOption = Annotated[Path | None, arg(help=_RECORDED_SENSOR + _OR_DEMO_TWIN)]
+NamedSensorsOption = Annotated[tuple[str, ...], arg(help=_RECORDED_SENSOR + _EACH_NAMED)]
+NamedSensorsOrDemoTwinOption = Annotated[tuple[str, ...], arg(help=_RECORDED_SENSOR + _OR_DEMO_TWIN + _EACH_NAMED)]
+_REFERENCE = "Reference image (no contact) of the same session; given more than once, the images are averaged."
+ReferenceOption = Annotated[UseAppendAction[tuple[Path, ...]], arg(help=_REFERENCE)]
+ReferenceOrFirstOption = Annotated[
+    UseAppendAction[tuple[Path, ...]],
+    arg(help=f"{_REFERENCE} Without any, the first images of the source are the reference."),
+]
+ForceTorqueOption = Annotated[
+    str | None,
+    arg(
+        help="Force/torque sensor (bota:CONFIG, netft:HOST, onrobot:HOST, serial:PORT), whose wrench is measured without a tare; "
+        "or sim with --source sim."
+    ),
+]
+CameraDelayOption = Annotated[
+    float | Literal["saved"],
+    arg(
+        metavar="MS|saved",
+        help="How long before its stamp an image shows the skin; saved: as `ninedtact camera-delay` kept it in the sensor folder.",
+    ),
+]
+ForceOption = Annotated[
+    str, arg(help="Estimator of force and torque: physics, corrected, a force model (.onnx), or none.")
+]
+AutomaticOption = Annotated[
+    bool,
+    arg(
+        help="Keep the camera's automatic exposure and white balance, where they cannot be switched off. Depths then drift."
+    ),
+]
+FollowReferenceOption = Annotated[
+    bool,
+    arg(help="Let the reference image of a live source follow slow changes of light and gel while nothing touches."),
+]
+LoopOption = Annotated[bool, arg(help="Repeat a recording, video or folder of images when it ends.")]
+SecondsOption = Annotated[float | None, arg(help="Duration; without it, until Ctrl-C or the end of the source.")]
+DisplayRateOption = Annotated[
+    float, arg(help="Largest number of readings shown per second; the sensor is read at its own rate.")
+]
+_ON_NETWORK = "of this computer alone, or one at which others on the network reach it (0.0.0.0: all of them)."
+PageHostOption = Annotated[
+    str,
+    arg(
+        help=f"Address of the page: {_ON_NETWORK} Then only who has the printed address, which contains a random token, can see "
+        "the page and press its buttons."
+    ),
+]
+PagePortOption = Annotated[
+    int | None, arg(help="Port of the page; without it 8080, or the next free one. 0 takes any free port.")
+]
+PageOriginOption = Annotated[
+    UseAppendAction[tuple[str, ...]],
+    arg(
+        metavar="URL",
+        help="Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it.",
+    ),
+]
+ServerHostOption = Annotated[
+    str, arg(help=f"Address to listen on: {_ON_NETWORK} Then clients need the random token that is printed.")
+]
+PointsEveryOption = Annotated[int, arg(help="Send the points of every so many rows and columns of the height map.")]
+WorkersOption = Annotated[int, arg(help="Number of processes; one for each core.")]
+ClusterOption = Annotated[
+    str | None,
+    arg(
+        help="Run on the workers of a cluster in place of processes here: dask:HOST:PORT or ray:HOST:PORT (docs: clusters)."
+    ),
+]
+JsonOption = Annotated[bool, arg(help="Print the result as one JSON object.")]
+DesignFileOption = Annotated[Path | None, arg(name="design")]
+"""`--design sensor.toml`: what differs from the published sensor. Its help is that of the field, which says what it is for."""
+
+
+class InvalidLiveOption(InputError):
+    """An option of a command that reads live has a value that it cannot have."""
+
+
+def require_duration(seconds: float | None) -> None:
+    """Raise `InvalidLiveOption` for a duration that is not above zero."""
+    if seconds is not None and not 0 < seconds < float("inf"):
+        raise InvalidLiveOption(f"expected --seconds above zero, got {seconds}; drop it, or give a longer time")
+
+
+def require_points_every(points_every: int) -> None:
+    """Raise `InvalidLiveOption` for a number of rows and columns that is not above zero."""
+    if points_every < 1:
+        raise InvalidLiveOption(f"expected --points-every of 1 or more, got {points_every}; drop it")
+
+
+_NAMED_ADDRESS = re.compile(r"(?P<name>[A-Za-z][A-Za-z0-9_]*)=(?P<address>.+)")
+"""One of several sources or sensors, such as left=usb:1-2."""
+
+
+def parse_named_sources(source: tuple[str, ...], sensor: tuple[str, ...]) -> dict[str, tuple[str, Path | None]]:
+    """Return address and sensor folder of all sources by their names; a single one may do without, and has the empty name here.
+
+    Raises `InvalidLiveOption`.
+    """
+    if len(source) == 1 and _NAMED_ADDRESS.match(source[0]) is None:
+        if len(sensor) > 1:
+            raise InvalidLiveOption(f"expected one --sensor with one --source, got {len(sensor)}; drop the others")
+        return {"": (source[0], Path(sensor[0]).expanduser() if sensor else None)}
+    sources, sensors = _split_named("--source", source), _split_named("--sensor", sensor)
+    if strangers := sensors.keys() - sources.keys():
+        raise InvalidLiveOption(
+            f"expected --sensor for {', '.join(sources)}, got one for {min(strangers)}; name it as its source"
+        )
+    folders = {name: Path(path).expanduser() for name, path in sensors.items()}
+    return {name: (address, folders.get(name)) for name, address in sources.items()}
+
+
+def _split_named(option: str, named: tuple[str, ...]) -> dict[str, str]:
+    """Return what an option names, such as left=usb:1-2, by the names."""
+    found: dict[str, str] = {}
+    for text in named:
+        match = _NAMED_ADDRESS.match(text)
+        if match is None or match["name"] in found:
+            raise InvalidLiveOption(
+                f"expected {option} with a name of its own for each of several, such as left=usb:1-2, got {text}; name each"
+            )
+        found[match["name"]] = match["address"]
+    return found
+
+
+def camera_settings(automatic: bool) -> "CameraSettings":
+    """Return the settings of a camera whose exposure and white balance are fixed, or left automatic."""
+    from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
+
+    return DEFAULT_CAMERA if automatic else FIXED_EXPOSURE
+
+
+class DesignGivenTwice(InputError):
+    """A design in a file and another one beside it."""
+
+
+def read_design_or_default(path: Path | None) -> SensorDesign:
+    """The design in the file, or that of the published sensor; raises what `read_design_file` raises."""
+    if path is None:
+        return SensorDesign()
+    from ninedtact.design import read_design_file
+
+    return read_design_file(path)
+
+
+def refuse_design_beside_sensor(sensor: Path | None, design: Path | None) -> None:
+    """Refuse a calibrated sensor, whose folder has its design, beside a design file; raises `DesignGivenTwice`."""
+    if sensor is not None and design is not None:
+        raise DesignGivenTwice(
+            f"expected --sensor or --design, got both ({sensor} has its own design); drop one of them"
+        )
+
+
+@dataclass(frozen=True)
+class CalibrationOptions:
+    """How to calibrate; the defaults suit every sensor seen so far."""
+
+    lens: Literal["model", "paper"] = "model"
+    """Lens model, or the paper's map (central anchors, equidistant grid, cubic radial basis) for reproduction."""
+    camera_rotation_deg: Literal["auto", "0", "90", "180", "270"] = "auto"
+    """Angle from the image's columns to the sensor's x axis, clockwise on the screen."""
+    method: Literal["physics", "ratio", "table"] = "physics"
+    """Depth from contact mechanics and light, fitted to the whole image of the ball, or from the ball's cap alone: from the
+    brightness factor (ratio), or from the paper's mapping list of grey differences (table)."""
+
+    def settings(self) -> "CalibrationSettings":
+        """Return the settings of the calibration."""
+        from ninedtact.calibration.board.detection import CAMERA_ROTATIONS
+        from ninedtact.calibration.procedure import CalibrationSettings
+
+        ways = {str(way): way for way in CAMERA_ROTATIONS}
+        return CalibrationSettings(
+            lens=self.lens, camera_rotation_deg=ways[self.camera_rotation_deg], method=self.method
+        )

@@ -1,0 +1,447 @@
+"""ROS 2 messages reach another process, as Cyclone DDS itself reads them. `make test-interop` runs this."""
+
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event, Thread, Timer
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from small_sensor import DARK, RECORDED, UNTOUCHED, SkinCamera, sensor_folder, sensor_on, skin, wait_until
+
+from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.capture.frame_source import SourceNotOpen
+from ninedtact.capture.reconnecting import ReconnectingFrameSource
+from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.force.estimator_interface import ForceEstimator, NoForceEstimator
+
+pytestmark = pytest.mark.interop
+pytest.importorskip("cyclonedds", reason="expected cyclonedds, got none; pip install 'ninedtact[ros2]'")
+
+from ninedtact.interop.dds import (  # noqa: E402
+    DdsParticipant,
+    DdsReader,
+    cyclonedds_configuration,
+    parse_qos,
+    resolve_domain,
+)
+from ninedtact.interop.ros2_sensor import SensorOnRos2  # noqa: E402
+from ninedtact.interop.ros2_topics_and_messages import (  # noqa: E402
+    LIVE_TOPICS,
+    POINTS,
+    STRING_TYPE,
+    TF_STATIC,
+    TF_TYPE,
+    QosProfile,
+    SensorMessages,
+)
+from ninedtact.quantities import EstimateWarning, Wrench  # noqa: E402
+from ninedtact.recording.reader import Recording  # noqa: E402
+from ninedtact.recording.topics_and_messages import Topic, encode_message, encode_wrench, type_store  # noqa: E402
+from ninedtact.studio.recording_player import RecordedReadings  # noqa: E402
+
+DOMAIN, INTERFACE = 101, "lo"
+ENVIRONMENT = os.environ | {"CYCLONEDDS_URI": cyclonedds_configuration(INTERFACE)}
+WRENCH = Wrench(np.array([0.5, -0.25, -2.0]), np.array([1e-3, 2e-3, -4e-3]))
+WALL_NS = 1_790_000_000_123_456_789
+
+OWN_SUBSCRIBER = """
+import sys, time
+from dataclasses import dataclass
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import float64, int32, uint32
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+@dataclass
+class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
+    sec: int32
+    nanosec: uint32
+@dataclass
+class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
+    stamp: Time
+    frame_id: str
+@dataclass
+class Vector3(IdlStruct, typename="geometry_msgs::msg::dds_::Vector3_"):
+    x: float64
+    y: float64
+    z: float64
+@dataclass
+class Wrench(IdlStruct, typename="geometry_msgs::msg::dds_::Wrench_"):
+    force: Vector3
+    torque: Vector3
+@dataclass
+class WrenchStamped(IdlStruct, typename="geometry_msgs::msg::dds_::WrenchStamped_"):
+    header: Header
+    wrench: Wrench
+received = []
+WrenchStamped.deserialize = classmethod(
+    lambda this, data, has_header=True, use_version_2=None:
+        (received.append(bytes(data)), this.__idl__.deserialize(data, has_header=has_header, use_version_2=use_version_2))[1])
+participant = DomainParticipant(int(sys.argv[1]))
+qos = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(5))
+reader = DataReader(participant, Topic(participant, "rt/small/wrench_estimated", WrenchStamped, qos=qos), qos=qos)
+while not (samples := reader.take(1)) or not hasattr(samples[0], "wrench"):
+    time.sleep(0.01)
+w = samples[0]
+print(w.header.stamp.sec, w.header.stamp.nanosec, w.header.frame_id, w.wrench.force.x, w.wrench.force.y, w.wrench.force.z,
+      w.wrench.torque.x, w.wrench.torque.y, w.wrench.torque.z, received[0].hex())
+"""
+"""A program of its own that knows neither ninedtact nor rosbags: types by hand, decoded by Cyclone's own code."""
+
+
+@dataclass
+class Running:
+    """A sensor on ROS 2 in this process, and what the test speaks to it with."""
+
+    participant: DdsParticipant
+    camera: SkinCamera
+    shared: SensorOnRos2
+    command: Callable[[str], None]
+    status: DdsReader
+    sentences: list[str]
+    """What a terminal is told."""
+
+    def statuses(self, reader: DdsReader | None = None) -> list[dict[str, Any]]:
+        """Return what has arrived on `status` since the last call."""
+        texts = [type_store().deserialize_cdr(cdr, STRING_TYPE).data for cdr in (reader or self.status).take()]
+        return [json_of(text) for text in texts]
+
+    def until_status(self, is_wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        """Wait for such a status and return it."""
+        found: list[dict[str, Any]] = []
+        wait_until(lambda: bool(found.extend(filter(is_wanted, self.statuses())) or found))
+        return found[0]
+
+    def answer(self, command: str) -> dict[str, Any]:
+        """Send a command and return its answer."""
+        self.command(command)
+        return self.until_status(lambda status: status.get("command") == command)
+
+
+def json_of(text: str) -> dict[str, Any]:
+    import json
+
+    parsed: dict[str, Any] = json.loads(text)
+    return parsed
+
+
+@contextmanager
+def sensor_on_ros2(
+    folder: SensorFolder,
+    out: Path,
+    period_s: float = 0.01,
+    measured: WrenchSource | None = None,
+    estimator: ForceEstimator | None = None,
+) -> Iterator[Running]:
+    camera, over = SkinCamera(period_s), Event()
+    with DdsParticipant(DOMAIN, INTERFACE) as participant:
+        messages = SensorMessages(folder, "small", points_every=1)
+        sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
+        sensor.estimator, sensor.references.find_faults = estimator, lambda _: ["unlike the calibration"]
+        profiles, sentences = parse_qos(()), list[str]()
+        shared = SensorOnRos2(sensor, messages, participant, profiles, out, measured, "of the bench", sentences.append)
+        thread = Thread(target=shared.run, args=(over.is_set,))
+        thread.start()
+        writer = participant.writer("/small/command", STRING_TYPE, QosProfile.RELIABLE)
+        status = participant.reader("/small/status", STRING_TYPE, QosProfile.LATCHED)
+        try:
+            wait_until(lambda: shared.published > 0 and writer.has_subscribers)
+            command = lambda text: writer.write(encode_message(STRING_TYPE, data=text))  # noqa: E731
+            yield Running(participant, camera, shared, command, status, sentences)
+        finally:
+            over.set()
+            thread.join()
+
+
+def test_an_empty_variable_is_domain_0_as_in_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+    for value, domain in (("", 0), ("7", 7)):
+        monkeypatch.setenv("ROS_DOMAIN_ID", value)
+        assert resolve_domain(None) == domain
+
+
+def test_a_program_with_cyclones_own_types_and_decoder_gets_the_bytes_of_rosbags() -> None:
+    expected = encode_wrench(WRENCH, WALL_NS, "small_skin")
+    with (
+        DdsParticipant(DOMAIN, INTERFACE) as participant,
+        subprocess.Popen(
+            [sys.executable, "-c", OWN_SUBSCRIBER, str(DOMAIN)], stdout=subprocess.PIPE, text=True, env=ENVIRONMENT
+        ) as other,
+    ):
+        writer = participant.writer("/small/wrench_estimated", LIVE_TOPICS[Topic.ESTIMATED][0], QosProfile.RELIABLE)
+        while other.poll() is None:
+            writer.write(expected)
+            time.sleep(0.05)
+        assert other.stdout is not None
+        *values, frame_and_rest = other.stdout.read().split(maxsplit=2)
+    frame, *numbers, received = frame_and_rest.split()
+    assert (int(values[0]) * 10**9 + int(values[1]), frame) == (WALL_NS, "small_skin")
+    assert tuple(map(float, numbers)) == tuple(WRENCH.six)
+    assert bytes.fromhex(received).rstrip(b"\0") == expected.rstrip(b"\0")
+    assert len(received) // 2 - len(expected) in range(4)  # DDS pads to four bytes
+
+
+def test_cyclones_tools_list_the_topics_with_their_types_and_print_messages(tmp_path: Path) -> None:
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path):
+        tool = [str(Path(sys.executable).with_name("cyclonedds"))]
+        options = ["--id", str(DOMAIN), "--color", "none", "--runtime", "4"]
+        listed = subprocess.run(
+            [*tool, "ls", *options], capture_output=True, text=True, env=ENVIRONMENT | {"COLUMNS": "200"}
+        )
+        for topic, (message_type, _) in LIVE_TOPICS.items():
+            assert f"rt/small/{topic}" in listed.stdout, listed.stdout + listed.stderr
+            package, _, name = message_type.split("/")
+            assert re.search(rf"{package}::msg::dds_::{name}_", listed.stdout)
+        subscribe = [*tool, "subscribe", "rt/small/status", *options]
+        with subprocess.Popen(subscribe, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT) as printing:
+            assert printing.stdout is not None
+            Timer(60, printing.kill).start()
+            assert any('"sensor": "small"' in line for line in printing.stdout)
+            printing.kill()
+
+
+def test_the_program_of_the_page_reads_heights_and_is_answered(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[4] / "docs" / "ros2.md").read_text(encoding="utf-8")
+    (program,) = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    program = program.replace("/twin/", "/small/").replace("DomainParticipant(0)", f"DomainParticipant({DOMAIN})")
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path):
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=ENVIRONMENT)
+    assert done.returncode == 0, done.stderr
+    heights, answer = done.stdout.splitlines()
+    assert heights.startswith("small_skin (") and '"command": "take_reference", "ok": true' in answer
+
+
+def test_images_points_and_transforms_arrive_whole(tmp_path: Path) -> None:
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
+        make = running.participant.reader
+        images = make("/small/image_raw", LIVE_TOPICS[Topic.IMAGES][0], QosProfile.SENSOR_DATA)
+        points = make("/small/points", LIVE_TOPICS[POINTS][0], QosProfile.RELIABLE)
+        transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
+        late = make("/small/reference_grey", LIVE_TOPICS[Topic.REFERENCE_GREY][0], QosProfile.LATCHED)
+        found: dict[str, bytes] = {}
+        for name, reader in (("image", images), ("points", points), ("tf", transforms), ("reference", late)):
+            wait_until(lambda name=name, reader=reader: bool([found.setdefault(name, cdr) for cdr in reader.take()]))  # type: ignore[misc]
+    image = type_store().deserialize_cdr(found["image"], LIVE_TOPICS[Topic.IMAGES][0])
+    assert (image.width, image.height, image.encoding, len(image.data)) == (64, 48, "bgr8", 64 * 48 * 3)
+    reference = type_store().deserialize_cdr(found["reference"], LIVE_TOPICS[Topic.REFERENCE_GREY][0])
+    assert (reference.encoding, reference.header.frame_id) == ("32FC1", "small_skin")
+    assert np.frombuffer(reference.data, "<f4").reshape(reference.height, reference.width).mean() > 20
+    assert type_store().deserialize_cdr(found["points"], LIVE_TOPICS[POINTS][0]).width == 30 * 40
+    frames = [each.child_frame_id for each in type_store().deserialize_cdr(found["tf"], TF_TYPE).transforms]
+    assert frames == ["small_camera_optical", "small_gel"]
+
+
+class Samples(WrenchSource):
+    """A force/torque sensor of 500 samples per second, whose n-th sample pulls with n N."""
+
+    name = "samples"
+
+    def open(self) -> None:
+        self.is_open, self._count = True, 0
+
+    def close(self) -> None:
+        self.is_open = False
+
+    def read(self) -> Wrench:
+        time.sleep(0.002)
+        if not self.is_open:
+            raise SourceNotOpen(self.name)
+        self._count += 1
+        return Wrench(np.array([0.0, 0.0, self._count]), np.zeros(3), stamp_ns=time.monotonic_ns())
+
+
+def test_every_sample_of_a_force_torque_sensor_is_published_and_recorded(tmp_path: Path) -> None:
+    device, message_type = Samples(), LIVE_TOPICS[Topic.MEASURED][0]
+    folder = load_sensor(sensor_folder(tmp_path / "small"))
+    with sensor_on_ros2(folder, tmp_path, measured=device) as running:
+        reader = running.participant.reader("/small/wrench_measured", message_type, QosProfile.RELIABLE)
+        found: list[Any] = []
+
+        def collect() -> bool:
+            found.extend(type_store().deserialize_cdr(cdr, message_type) for cdr in reader.take())
+            return len(found) > 100
+
+        assert running.answer("start_recording both")["ok"]
+        wait_until(collect)
+        assert running.answer("stop_recording")["ok"]
+    assert not device.is_open
+    forces = [one.wrench.force.z for one in found]
+    assert forces == sorted(set(forces)) and {one.header.frame_id for one in found} == {"small_skin"}
+    stamps_s = [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in found]
+    assert abs(stamps_s[-1] - time.time()) < 60
+    with Recording(tmp_path / "both.mcap") as recording:
+        recorded = [wrench.force_n[2] for wrench in recording.wrenches()]
+    assert len(recorded) > 50 and np.all(np.diff(recorded) == 1)
+
+
+def test_commands_are_answered_and_a_recording_opens(tmp_path: Path) -> None:
+    out = tmp_path / "recordings"
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), out) as running:
+        assert running.answer("take_reference")["ok"]
+        begun = running.answer("start_recording press")
+        assert (begun["ok"], begun["recording"]) == (True, str(out / "press.mcap"))
+        assert "stop it first" in running.answer("start_recording other")["answer"]
+        published = running.shared.published
+        wait_until(lambda: running.shared.published > published + 20)
+        assert running.answer("stop_recording")["recording"] is None
+        assert "without a folder" in running.answer("start_recording ../elsewhere")["answer"]
+        assert "printable" in running.answer("start_recording a\0b")["answer"]
+        assert "got 'dance'" in running.answer("dance")["answer"]
+        running.command("start_recording unfinished")
+        wait_until(lambda: (out / "unfinished.mcap").exists())
+    with Recording(out / "press.mcap") as recording:
+        assert sum(1 for _ in recording.frames()) >= 20
+    with Recording(out / "unfinished.mcap") as recording:  # finished when the command ended
+        assert recording.metadata.sensor == RECORDED.id
+
+
+def test_a_command_that_is_not_utf_8_is_refused_and_the_next_one_is_obeyed(tmp_path: Path) -> None:
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
+        sender = running.participant.writer("/small/command", STRING_TYPE, QosProfile.RELIABLE)
+        wait_until(lambda: sender.has_subscribers)
+        sender.write(b"\0\1\0\0\3\0\0\0\xff\xfe\0")
+        refused = running.until_status(lambda status: status.get("ok") is False)
+        assert refused["command"] == "" and "in UTF-8" in refused["answer"]
+        assert running.answer("take_reference")["ok"]
+
+
+def test_a_recording_on_a_full_disk_is_reported_and_the_next_one_can_begin(tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path / "out") as running:
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
+            assert running.answer("start_recording full")["ok"]
+            ended = running.until_status(lambda status: bool(status["recording_trouble"]))
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        assert ended["recording"] is None and running.sentences == [ended["recording_trouble"]]
+        assert "expected to continue writing" in ended["recording_trouble"]
+        assert running.answer("stop_recording")["answer"] == "nothing was being recorded"
+        assert running.answer("start_recording next")["recording_trouble"] == ""
+        until_published(running, 5)
+        assert running.answer("stop_recording")["ok"]
+
+
+def test_commands_that_are_sent_at_once_are_all_answered_also_to_who_subscribes_later(tmp_path: Path) -> None:
+    commands = [f"dance {number}" for number in range(5)]
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
+        for command in commands:
+            running.command(command)
+        wait_until(lambda: any(answer.get("command") == commands[-1] for answer in running.statuses()))
+        late = running.participant.reader("/small/status", STRING_TYPE, QosProfile.LATCHED)
+        found: list[dict[str, Any]] = []
+
+        def has_last_answer() -> bool:
+            found.extend(running.statuses(late))
+            return any(answer.get("command") == commands[-1] for answer in found)
+
+        wait_until(has_last_answer)
+    assert [one["command"] for one in found if "command" in one] == commands
+
+
+def test_the_status_says_that_the_reference_is_refused_and_that_no_images_arrive(tmp_path: Path) -> None:
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
+        running.camera.level = DARK
+        until_published(running, 5)
+        assert running.answer("take_reference")["ok"]
+        refused = running.until_status(lambda status: bool(status["trouble"]))
+        assert refused["phase"] == "taking the reference" and "expected a lit reference image" in refused["trouble"]
+        running.camera.level = UNTOUCHED
+        running.until_status(lambda status: status["phase"] == "reading" and not status["trouble"])
+        running.camera.plugged_in = False
+        lost = running.until_status(lambda status: bool(status["trouble"]))
+        assert lost["phase"].startswith("no images for ") and "got none within" in lost["trouble"]
+        running.camera.plugged_in = True
+        running.until_status(lambda status: status["phase"] == "reading" and not status["trouble"])
+    again = "readings arrive again"
+    assert running.sentences == [refused["trouble"], again, lost["trouble"], again]
+
+
+def until_published(running: Running, count: int) -> None:
+    """Until so many more readings are published, the first of which may be of an image from before."""
+    published = running.shared.published
+    wait_until(lambda: running.shared.published > published + count)
+
+
+def test_a_recording_that_begins_in_a_press_keeps_reference_metadata_and_all_warnings(tmp_path: Path) -> None:
+    folder = load_sensor(sensor_folder(tmp_path / "small"))
+    with sensor_on_ros2(folder, tmp_path, measured=Samples(), estimator=NoForceEstimator()) as running:
+        running.camera.level = 75
+        until_published(running, 5)
+        assert running.answer("start_recording pressed")["ok"]
+        until_published(running, 5)
+        assert running.answer("take_reference")["ok"]
+        until_published(running, 10)
+        assert running.answer("stop_recording")["ok"]
+    with Recording(tmp_path / "pressed.mcap") as recording:
+        metadata, warnings = recording.metadata, [texts for _, texts in recording.warnings()]
+    with RecordedReadings(tmp_path / "pressed.mcap", folder.shape) as played:
+        depths_mm = [played.reading(number).max_indentation_mm for number in range(len(played))]
+    assert depths_mm[0] == pytest.approx(1.0, abs=0.01) and depths_mm[-1] == pytest.approx(0.0, abs=0.01)
+    assert (metadata.source, metadata.force_torque) == ("the bench camera", "of the bench")
+    assert metadata.mm_per_px == RECORDED.grid.mm_per_px and metadata.software != ""
+    assert len(warnings) == len(depths_mm)
+    assert all(EstimateWarning.REFERENCE_UNLIKE_CALIBRATION.value in texts for texts in warnings)
+
+
+STALLING_SUBSCRIBER = """
+import sys, time
+from ninedtact.interop.dds import DdsParticipant
+from ninedtact.interop.ros2_topics_and_messages import LIVE_TOPICS, QosProfile
+with DdsParticipant(int(sys.argv[1]), "lo") as participant:
+    readers = [participant.reader(f"/small/{name}", LIVE_TOPICS[name][0], QosProfile.RELIABLE) for name in LIVE_TOPICS]
+    while not all([reader.take() for reader in readers[:1]]):
+        time.sleep(0.01)
+    print("receiving", flush=True)
+    time.sleep(600)
+"""
+
+
+def test_a_subscriber_that_stalls_does_not_stop_the_sensor(tmp_path: Path) -> None:
+    folder = load_sensor(sensor_folder(tmp_path / "small"))
+    with (
+        sensor_on_ros2(folder, tmp_path) as running,
+        subprocess.Popen([sys.executable, "-c", STALLING_SUBSCRIBER, str(DOMAIN)], stdout=subprocess.PIPE) as stalling,
+    ):
+        assert stalling.stdout is not None
+        assert stalling.stdout.readline() == b"receiving\n"
+        stalling.send_signal(signal.SIGSTOP)
+        try:
+            before, read_before, began = running.shared.published, running.shared.sensor.frames_read, time.monotonic()
+            wait_until(lambda: running.shared.sensor.frames_read > read_before + 300)
+            took_s = time.monotonic() - began
+            assert took_s < 12, "the sensor reads at its own rate"
+            assert running.shared.published > before + 20
+        finally:
+            stalling.send_signal(signal.SIGCONT)
+            stalling.kill()
+
+
+def test_the_command_publishes_two_sensors_under_their_names(tmp_path: Path) -> None:
+    folder, images = sensor_folder(tmp_path / "small"), tmp_path / "images"
+    images.mkdir()
+    for number in range(15):
+        cv2.imwrite(str(images / f"{number:02}.png"), skin(100))
+    named = [f"left={images}", f"right={images}", "--sensor", f"left={folder}", f"right={folder}"]
+    words = ["--source", *named, "--loop", "--force", "none", "--interface", INTERFACE, "--domain", str(DOMAIN)]
+    start = [sys.executable, "-m", "ninedtact", "ros2", *words]
+    with DdsParticipant(DOMAIN, INTERFACE) as participant, subprocess.Popen(start, cwd=tmp_path) as running:
+        try:
+            for name in ("left", "right"):
+                reader = participant.reader(f"/{name}/image_raw", LIVE_TOPICS[Topic.IMAGES][0], QosProfile.RELIABLE)
+                wait_until(lambda reader=reader: bool(reader.take()))  # type: ignore[misc]
+        finally:
+            running.send_signal(signal.SIGINT)
+        assert running.wait(60) == 0

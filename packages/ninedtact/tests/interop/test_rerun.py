@@ -1,0 +1,212 @@
+"""Recordings and readings in Rerun, read back by its own reader; behind the marker of the doors, where rerun-sdk is installed."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from episodes import sample
+from small_sensor import SkinCamera, sensor_folder, skin, wait_until
+
+from ninedtact._version import installation_command
+from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.cli import main
+from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
+from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.reader import Recording, sensor_folder_attachments
+from ninedtact.recording.topics_and_messages import Topic
+from ninedtact.recording.writer import RecordingWriter
+from ninedtact.shape.coloured_height_map import colourise_heights
+
+pytestmark = pytest.mark.interop
+rr = pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
+from rerun.chunk import RrdReader  # noqa: E402
+
+from ninedtact.interop.rerun import COMPONENTS, RerunUnreachable, RerunViewer, export_rerun  # noqa: E402
+
+PRESSED, IMAGES, UNKNOWN = 60, 14, 11
+STD = np.arange(1.0, 7.0)
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    """Ten images without contact, then a press, each with an estimate (one unknown); and samples of a force/torque sensor."""
+    folder = load_sensor(sensor_folder(tmp_path / "small"))
+    path, camera = tmp_path / "press.mcap", SkinCamera()
+    topics = (Topic.IMAGES, Topic.MEASURED, Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS)
+    camera.open()
+    with RecordingWriter(path, RecordingMetadata(folder.id), topics, sensor_folder_attachments(folder.path)) as writer:
+        for number in range(IMAGES):
+            camera.level = 100 if number < 10 else PRESSED
+            frame = camera.read()
+            writer.write_image(frame)
+            wrench = sample(number)
+            wrench = Wrench(wrench.force_n, wrench.torque_nm, stamp_ns=frame.stamp_ns)
+            warnings = (EstimateWarning.OUT_OF_RANGE,) * (number == 12)
+            std = np.full(6, np.inf) if number == UNKNOWN else STD
+            estimate = WrenchEstimate(wrench, diagonal_covariance(std), touching=True, warnings=warnings)
+            writer.write_estimated(estimate, frame.index)
+            writer.write_measured(wrench)
+    camera.close()
+    return path
+
+
+def columns(path: Path) -> dict[str, dict[str, list[Any]]]:
+    """What Rerun's reader finds: of every entity its columns, all rows one after the other."""
+    found: dict[str, dict[str, list[Any]]] = {}
+    for chunk in RrdReader(path).stream().to_chunks():
+        table = found.setdefault(chunk.entity_path, {})
+        batch = chunk.to_record_batch()
+        for name in batch.schema.names:
+            column = batch.column(name)
+            values = column.cast("int64") if name == "sensor_time" else column
+            table.setdefault(name, []).extend(values.to_pylist())
+    return found
+
+
+def test_the_reader_of_rerun_finds_images_surfaces_and_wrenches_with_their_bands(
+    recorded: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "press.rrd"
+    assert main(["export", str(recorded), "--out", str(out), "--to", "rerun", "--points-every", "2"]) == 0
+    found = columns(out)
+    with Recording(recorded) as recording:
+        readings, wrenches = list(recording.readings()), list(recording.wrenches(Topic.ESTIMATED))
+        stamps = [recording.metadata.wall_ns(one.stamp_ns) for one in readings]
+    assert len(readings) == IMAGES
+    surface = found["/small/surface"]
+    assert surface["sensor_time"] == stamps
+    assert surface["image"] == [one.frame.index for one in readings] == found["/small/image"]["image"]
+    for points_mm, colours, reading in zip(
+        surface["Points3D:positions"], surface["Points3D:colors"], readings, strict=True
+    ):
+        assert np.min(points_mm, 0)[2] == pytest.approx(reading.height.z_mm[::2, ::2].min(), abs=1e-6)
+        assert len(points_mm) == len(colours) == 15 * 20
+    for name, shown in (("image", readings[-1].image), ("heights", colourise_heights(readings[-1].height))):
+        jpeg = cv2.imdecode(np.array(found[f"/small/{name}"]["EncodedImage:blob"][-1][0], np.uint8), cv2.IMREAD_COLOR)
+        assert np.quantile(abs(jpeg.astype(int) - shown), 0.9) < 12
+    assert [row[0] for row in found["/small/indentation"]["Scalars:scalars"]] == pytest.approx(
+        [one.max_indentation_mm for one in readings]
+    )
+    assert max(one.max_indentation_mm for one in readings) > 1
+    for number, component in enumerate(COMPONENTS):
+        rows = found[f"/small/wrench_estimated/{component}"]["Scalars:scalars"]
+        for image, (row, wrench) in enumerate(zip(rows, wrenches, strict=True)):
+            value, low, high = row
+            assert value == pytest.approx(wrench.six[number])
+            std = np.nan if image == UNKNOWN else STD[number]
+            assert (value - low, high - value) == pytest.approx((std, std), nan_ok=True)
+    assert len(found["/small/wrench_measured/torque_z"]["Scalars:scalars"][0]) == 1
+    assert [row[0] for row in found["/small/warnings"]["TextLog:text"]] == ["out of range"]
+    colours = [found[f"/small/wrench_{kind}/force_z"]["SeriesLines:colors"][0][0] for kind in ("estimated", "measured")]
+    assert colours[0] != colours[1]
+    assert "log_time" not in surface and "log_tick" not in surface
+
+
+def test_an_export_that_is_refused_or_fails_leaves_no_file(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["export", str(recorded), "--to", "rerun", "--out"]
+    for out in (tmp_path / "folder", recorded):
+        assert main([*words, str(out)]) == 1
+        assert "expected --out to be a new file ending in .rrd" in capsys.readouterr().err
+    before = sorted(tmp_path.iterdir())
+
+    def fail(self: Recording) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Recording, "readings", fail)
+    with Recording(recorded) as recording, pytest.raises(KeyboardInterrupt):
+        export_rerun(recording, tmp_path / "stopped.rrd")
+    assert sorted(tmp_path.iterdir()) == before
+    monkeypatch.setattr("ninedtact.cli.serve_sensor_page.find_spec", lambda name: None if name == "rerun" else True)
+    assert main([*words, str(tmp_path / "x.rrd")]) == 1
+    assert installation_command("rerun") in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("limit_bytes", [0, 30_000, 150_000])
+def test_a_disk_that_fills_is_one_sentence_and_leaves_no_file(recorded: Path, tmp_path: Path, limit_bytes: int) -> None:
+    out = tmp_path / "full" / "press.rrd"
+    code = f"""
+import resource
+from ninedtact.cli import main
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limit_bytes}, {limit_bytes}))
+raise SystemExit(main(["export", {str(recorded)!r}, "--to", "rerun", "--points-every", "1", "--out", {str(out)!r}]))
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
+    said = [line for line in ended.stderr.splitlines() if line.startswith("ninedtact: expected")]
+    assert ended.returncode == 1 and len(said) == 1 and "Traceback" not in ended.stderr
+    assert said[0].startswith(f"ninedtact: expected to write {out}, got: File too large; free the disk")
+    assert not any(out.parent.iterdir())
+
+
+def test_the_rerun_program_gets_readings_and_a_missing_one_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    monkeypatch.setattr("ninedtact.interop.rerun._VIEWER_ADDRESS", ("127.0.0.1", port))
+    with pytest.raises(RerunUnreachable, match=f"expected the Rerun viewer on port {port}.* --bind 127"):
+        RerunViewer("small").__enter__()
+    folder, images, out = sensor_folder(tmp_path / "small"), tmp_path / "images", tmp_path / "live.rrd"
+    images.mkdir()
+    for number in range(12):
+        cv2.imwrite(str(images / f"{number:02}.png"), skin(100))
+    live = f"""
+import ninedtact.interop.rerun
+from ninedtact.cli import main
+ninedtact.interop.rerun._VIEWER_ADDRESS = ("127.0.0.1", {port})
+main("live --source {images} --sensor {folder} --loop --port 0 --rerun".split())
+"""
+    start = [sys.executable, "-m", "rerun_cli", "--save", str(out), "--port", str(port), "--bind", "127.0.0.1"]
+    environment = os.environ | {"RERUN_ANALYTICS": "0"}
+    with subprocess.Popen(start, env=environment, preexec_fn=heed_interrupt) as program:
+        wait_until(lambda: answers(port))
+        with subprocess.Popen([sys.executable, "-c", live], stdout=subprocess.PIPE, text=True) as running:
+            wait_until(lambda: out.exists() and out.stat().st_size > 200_000)
+            running.send_signal(signal.SIGINT)
+            assert "stopped after" in running.communicate(timeout=60)[0]
+        program.send_signal(signal.SIGINT)
+        program.wait(60)
+    found = columns(out)
+    shown = found["/small/image"]["image"]
+    assert len(shown) > 2 and shown == sorted(set(shown)) == found["/small/surface"]["image"]
+    assert len(found["/small/surface"]["Points3D:positions"][0]) == 8 * 10
+
+
+def test_a_viewer_that_takes_nothing_does_not_keep_the_program_from_ending(tmp_path: Path) -> None:
+    folder, images = sensor_folder(tmp_path / "small"), tmp_path / "images"
+    images.mkdir()
+    for number in range(12):
+        cv2.imwrite(str(images / f"{number:02}.png"), skin(100))
+    with socket.create_server(("127.0.0.1", 0)) as viewer:  # connections are completed, but nobody reads
+        code = f"""
+import ninedtact
+from ninedtact.interop import rerun
+rerun._VIEWER_ADDRESS, rerun._END_WAIT_S = ("127.0.0.1", {viewer.getsockname()[1]}), 0.5
+with ninedtact.open({str(folder)!r}, source={str(images)!r}, force="none") as sensor, rerun.RerunViewer("small") as shown:
+    for reading in sensor:
+        shown.show(reading)
+print("left")
+"""
+        ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert ended.stdout == "left\n" and "Traceback" not in ended.stderr
+
+
+def heed_interrupt() -> None:
+    """Undo that background jobs of a shell ignore Ctrl-C, which would keep the program from ending."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def answers(port: int) -> bool:
+    try:
+        socket.create_connection(("127.0.0.1", port)).close()
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,249 @@
+"""Force calibration with known loads on the page: a simulated gel of unknown stiffness, from the first image to force.toml."""
+
+import resource
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from threading import Event
+
+import msgspec
+import pytest
+from page_client import page_socket
+from page_walk import find_layout_faults
+from playwright.sync_api import Browser, Page
+from reading_clients import page_errors
+from small_sensor import wait_until
+
+from ninedtact.calibration.force_calibration import UnscaledForceReader
+from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.capture.frame_source import CameraLost
+from ninedtact.cli import main
+from ninedtact.cli.calibration_page import CalibrationPageOptions, ForceCalibrationPageServer
+from ninedtact.cli.serve_sensor_page import PageSettings
+from ninedtact.design import Gel, SensorDesign
+from ninedtact.errors import NinedtactError
+from ninedtact.force.known_load_scale import ForceScaleImpossible, read_force_scales
+from ninedtact.force.traction.estimator import TractionForce
+from ninedtact.force.traction.observation import HeightObservationModel
+from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
+from ninedtact.quantities import Frame
+from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
+from ninedtact.simulation.twin import default_twin
+from ninedtact.studio.force_calibration_page import ForceCalibrationPage, ball_press_under_load
+from ninedtact.studio.force_calibration_session import (
+    ForceCalibrationPhase,
+    ForceCalibrationSession,
+    TakenPress,
+    fit_scale_so_far,
+)
+from ninedtact.studio.guided_session import SwitchableCamera
+from ninedtact.studio.page_and_server import page_server
+
+PATIENCE_S = 120.0
+STIFFNESS = 1.2
+STIFFER = replace(Gel(), shear_modulus_mpa=Gel().shear_modulus_mpa * STIFFNESS)
+TWIN = replace(default_twin(), compliance_of=partial(bonded_layer_compliance, gel=STIFFER))
+ESTIMATOR = "ninedtact.calibration.force_calibration.load_unscaled_estimator"
+
+
+@pytest.fixture
+def camera() -> SimulatedCalibrationCamera:
+    return SimulatedCalibrationCamera(TWIN, SensorDesign(), rate_hz=60.0)
+
+
+@pytest.fixture
+def session(
+    camera: SimulatedCalibrationCamera, twin_sensor: SensorFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[ForceCalibrationSession]:
+    # The sensor of the tests is calibrated by the method that is done soonest, which has no model of its brightness.
+    monkeypatch.setattr(ESTIMATOR, lambda force, folder: TractionForce(HeightObservationModel(), Gel()))
+    folder = load_sensor(shutil.copytree(twin_sensor.path, tmp_path / "s"))
+    one = ForceCalibrationSession(
+        SwitchableCamera(lambda address: camera, "sim"),
+        folder.path,
+        UnscaledForceReader(folder),
+        loads_g=(100.0, 200.0, 400.0),
+        on_load=lambda grams: camera.offer(ball_press_under_load(grams)),
+        hold_s=0.2,
+    )
+    with one:
+        yield one
+
+
+def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
+    browser: Browser, session: ForceCalibrationSession, camera: SimulatedCalibrationCamera
+) -> None:
+    desk, phone = (browser.new_page(viewport={"width": w, "height": h}) for w, h in ((1280, 800), (390, 844)))
+    errors = page_errors(desk), page_errors(phone)
+    withheld_g = {400.0}  # until a person has taken over: otherwise this load may be captured before
+    session.on_load = lambda grams: camera.offer(ball_press_under_load(0.0 if grams in withheld_g else grams))
+    with page_server("127.0.0.1", 0) as server:
+        page = ForceCalibrationPage(server, session, lambda: {"sim": "simulated sensor"}, 4.0, camera, STIFFNESS)
+
+        def wait(is_true: Callable[[], bool]) -> None:
+            wait_until(lambda: page.refresh() or is_true(), PATIENCE_S, pause_s=0.05)
+
+        def says(tab: Page, text: str) -> bool:
+            return text in tab.inner_text("body")
+
+        def type_in(tab: Page, label: str, number: str) -> None:
+            field = tab.locator(f"label:has-text('{label}')").locator("xpath=ancestor::*[.//input][1]//input").last
+            wait(lambda: field.count() == 1)  # the page shows a control of the present step when it is refreshed next
+            field.fill(number)
+            field.press("Enter")
+
+        for tab in (desk, phone):
+            tab.goto(f"http://127.0.0.1:{server.get_port()}")
+            wait(lambda tab=tab: says(tab, "Choose the camera") and says(tab, "brightness"))
+        assert phone.locator("img").count() > 0 and phone.evaluate("document.documentElement.scrollWidth") == 390
+        phone.get_by_role("button", name="Start", exact=True).click()
+        wait(lambda: len(session.state.presses) == 2 and session.state.phase is ForceCalibrationPhase.PRESS)
+        wait(lambda: says(phone, "with 400 g in the middle of the skin") and says(desk, "error of a press left out"))
+
+        desk.get_by_label("loads by itself").uncheck()
+        wait(lambda: not camera.plays_by_itself)
+        withheld_g.clear()
+        type_in(desk, "place of the ball, x (mm)", "6")
+        wait(lambda: camera.held.load_n is None or camera.held.at_mm[0] == 6.0)
+        type_in(desk, "load on the ball (g)", "300")
+        wait(lambda: says(phone, "press in the middle"))
+        type_in(desk, "place of the ball, x (mm)", "0")
+        wait(lambda: len(session.state.presses) == 3)  # 300 g where the page was told 400 g
+        type_in(phone, "load (g)", "90")  # and somebody reads the scale wrongly
+        wait(lambda: says(desk, "expected presses that agree on one force scale to 35%, got a scatter of"))
+        assert desk.get_by_role("button", name="Save the force scale").count() == 0
+        with pytest.raises(ForceScaleImpossible, match="that agree on one force scale"):
+            session.save()
+        phone.reload()
+        wait(lambda: says(phone, "got a scatter of") and says(phone, "Remove press 3 (90 g)"))
+        phone.get_by_role("button", name="Remove press 3 (90 g)").click()
+        wait(lambda: len(session.state.presses) == 2)
+        type_in(desk, "load on the ball (g)", "0")
+        wait(lambda: session.state.phase is ForceCalibrationPhase.PRESS)
+        type_in(phone, "load (g)", "400")
+        wait(lambda: session.state.load_g == 400.0)
+        phone.get_by_label("loads by itself").check()
+        wait(lambda: session.state.phase is ForceCalibrationPhase.COMPLETE and says(desk, "All loads are taken."))
+        desk.get_by_role("button", name="Save the force scale").click()
+        wait(lambda: all(says(tab, "1.200 times as stiff") and says(tab, "force.toml") for tab in (desk, phone)))
+        assert phone.evaluate("document.documentElement.scrollWidth") == 390
+        assert [find_layout_faults(tab) for tab in (desk, phone)] == [[], []]
+        desk.get_by_role("button", name="Open the sensor live").click()
+        wait(session.live_requested.is_set)
+    assert errors == ([], [])
+    kept = read_force_scales(session.sensor)
+    scale = kept.scales[session.reader.estimator.name]
+    fit = fit_scale_so_far(session.state.presses).fit
+    assert not kept.is_edited and fit is not None and scale == fit.adaptation and scale.presses == 3
+
+
+def test_an_unplugged_camera_is_waited_for_and_a_full_disk_leaves_the_old_scale(
+    session: ForceCalibrationSession, camera: SimulatedCalibrationCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session.start()
+    wait_until(lambda: len(session.state.presses) == 1, PATIENCE_S)
+    read, is_unplugged = camera.read, Event()
+
+    def read_while_plugged_in() -> Frame:
+        if is_unplugged.is_set():
+            raise CameraLost("expected an image, got none; plug the camera in")
+        return read()
+
+    monkeypatch.setattr(camera, "read", read_while_plugged_in)
+    is_unplugged.set()
+    wait_until(lambda: "plug the camera in" in session.state.camera_trouble, PATIENCE_S)
+    assert len(session.state.presses) >= 1
+    is_unplugged.clear()
+    wait_until(lambda: session.state.phase is ForceCalibrationPhase.COMPLETE, PATIENCE_S)
+    assert not session.state.camera_trouble
+    before, limit = set(session.sensor.iterdir()), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limit[1]))
+    try:
+        with pytest.raises(NinedtactError, match=r"force\.toml"):
+            session.save()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert set(session.sensor.iterdir()) == before and session.state.phase is ForceCalibrationPhase.COMPLETE
+    session.save()
+    session.save()  # two people press it
+    assert session.state.saved is not None and session.state.phase is ForceCalibrationPhase.SAVED
+    session.start_over()
+    assert session.saved is not None and session.saved.is_file() and session.state.saved is None
+
+
+def test_a_press_is_dropped_once_and_a_load_that_still_rests_is_not_taken_for_it(
+    session: ForceCalibrationSession, camera: SimulatedCalibrationCamera
+) -> None:
+    stays = Event()
+
+    def put_on(grams: float) -> None:
+        if not grams and len(session.state.presses) == 2:
+            stays.set()  # nobody takes the load away
+        if not stays.is_set():
+            camera.offer(ball_press_under_load(grams))
+
+    session.on_load = put_on
+    with page_server("127.0.0.1", 0) as server:
+        page = ForceCalibrationPage(server, session, lambda: {"sim": "simulated sensor"}, 4.0)
+        with page_socket(server.get_port()) as one, page_socket(server.get_port()) as other:
+            session.start()
+            wait_until(lambda: session.state.phase is ForceCalibrationPhase.LIFT and stays.is_set(), PATIENCE_S)
+            first, second = session.state.presses
+            page.refresh()
+            for client in (one, other):  # two people press the button that names the second press
+                client.send(msgspec.msgpack.encode(_press_of(page._remove._impl.uuid)))
+            wait_until(lambda: second not in session.state.presses)
+            for client in (one, other):  # whose messages have been handled when the answer to a ping is there
+                client.ping().wait(PATIENCE_S)
+    assert session.state.presses == (first,)
+    session.remove(first)
+    wait_until(lambda: "something still touches the skin" in session.state.advice, PATIENCE_S)
+    assert session.state.phase is ForceCalibrationPhase.REFERENCE and not session.state.presses
+    stays.clear()
+    camera.offer(ball_press_under_load(0.0))
+    wait_until(lambda: len(session.state.presses) == 1, PATIENCE_S)
+    assert session.state.presses[0].estimated_n == pytest.approx(first.estimated_n, rel=0.05)
+
+
+def test_the_live_page_that_follows_shows_the_estimator_that_was_calibrated(
+    twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ESTIMATOR, lambda force, folder: TractionForce(HeightObservationModel(), Gel()))
+    served: list[PageSettings] = []
+    monkeypatch.setattr(
+        "ninedtact.cli.calibration_page.serve_sensor_page", lambda parts, settings, ends: served.append(settings)
+    )
+    monkeypatch.setattr(ForceCalibrationPage, "refresh", lambda page: page._session.live_requested.set())
+    page = ForceCalibrationPageServer(twin_sensor, CalibrationPageOptions(port=0), "0", force="corrected")
+    assert page.serve() is None  # no scale was saved
+    assert [settings.force for settings in served] == ["corrected"]
+
+
+def _press_of(uuid: str) -> dict[str, object]:
+    """Return the message of a browser whose button is pressed."""
+    return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": True}}
+
+
+def test_a_press_that_contradicts_the_others_is_named() -> None:
+    presses = [TakenPress(grams, grams * 9.80665e-3) for grams in (100.0, 200.0, 400.0)]
+    so_far = fit_scale_so_far(presses)
+    assert so_far.fit is not None and so_far.fit.adaptation.factor == pytest.approx(1.0)
+    wrong = [replace(presses[0], grams=30.0), *presses[1:]]
+    assert fit_scale_so_far(wrong).doubtful == 0 and "got a scatter of" in fit_scale_so_far(wrong).refusal
+    grams_for_newtons = fit_scale_so_far([presses[0], replace(presses[1], grams=2.0)])
+    assert grams_for_newtons.doubtful == 1 and "press 2 (2 g): expected a weight near" in grams_for_newtons.refusal
+    assert fit_scale_so_far(presses[:1]) == replace(fit_scale_so_far(presses[:1]), fit=None, refusal="", doubtful=0)
+
+
+def test_images_or_the_page_but_not_both(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for given, got in (
+        ([], "none of them"),
+        (["--page", "--press", "a.png", "3"], "--press, --page"),
+        (["--source", "sim"], "--source"),
+        (["--page", "--dry-run"], "--dry-run, --page"),
+    ):
+        assert main(["adapt", "--sensor", str(tmp_path), *given]) == 1
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1 and f"--page alone or with --source, got {got};" in said

@@ -1,0 +1,318 @@
+"""What a person does to read forces: estimate from images, weigh a few presses, estimate again."""
+
+import csv
+import json
+import shutil
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from ninedtact.calibration.force_calibration import UnscaledForceReader
+from ninedtact.calibration.procedure import CalibrationImages, calibrate
+from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.cli import main
+from ninedtact.cli.calibration_page import simulated_loaded_camera
+from ninedtact.cli.estimate import COLUMNS, format_estimates
+from ninedtact.force.known_load_scale import STANDARD_GRAVITY, read_force_scales
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.simulation.calibration_images import simulate_calibration_images
+from ninedtact.simulation.trajectory import ScriptedPress
+from ninedtact.simulation.twin import default_twin
+from ninedtact.studio.force_calibration_page import ball_press_under_load
+from ninedtact.studio.force_calibration_session import USUAL_LOADS_G, ForceCalibrationPhase, ForceCalibrationSession
+from ninedtact.studio.guided_session import SwitchableCamera
+
+DEPTHS_MM = (0.4, 0.7, 1.0, 1.3)
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A calibrated sensor, an image of its untouched skin, four of a ball pressed on it, and what they weigh."""
+    desk, twin = tmp_path_factory.mktemp("desk"), default_twin()
+    images = CalibrationImages(**vars(simulate_calibration_images(twin, frames=8)))
+    save_sensor(desk / "sensor", calibrate(images, sensor_id="twin"))
+    cv2.imwrite(str(desk / "reference.png"), twin.renderer(None, 50))
+    contacts = [
+        ScriptedPress(depth, at_mm=(1.0, -1.0), drag_mm=(0.3, 0.0)).simulate(twin, Ball(5.0)) for depth in DEPTHS_MM
+    ]
+    for number, contact in enumerate(contacts):
+        cv2.imwrite(str(desk / f"press_{number}.png"), twin.renderer(contact, 60 + number))
+    np.save(desk / "wrenches.npy", [contact.wrench().six for contact in contacts])
+    return desk
+
+
+def asked(capsys: pytest.CaptureFixture[str], *words: str | Path) -> dict:
+    assert main([str(word) for word in (*words, "--json")]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def presses(desk: Path) -> list[Path]:
+    return [desk / f"press_{number}.png" for number in range(len(DEPTHS_MM))]
+
+
+def estimated(desk: Path, capsys: pytest.CaptureFixture[str], *more: str | Path) -> np.ndarray:
+    found = asked(
+        capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", *more, *presses(desk)
+    )
+    names = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm")
+    return np.array([[row[name] for name in names] for row in found["wrenches"]])
+
+
+def test_presses_are_read_in_newtons_and_weighing_them_makes_them_better(
+    desk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    true = np.load(desk / "wrenches.npy")
+    before = estimated(desk, capsys, "--out", tmp_path / "wrenches.csv")
+    assert before[:, 2] == pytest.approx(true[:, 2], rel=0.25)
+    assert (before[:, 0] > 0).all() and before[:, 0] == pytest.approx(true[:, 0], rel=0.3, abs=0.1)
+    with (tmp_path / "wrenches.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["Fz_N"]) for row in rows] == pytest.approx(before[:, 2].tolist())
+    stiff = 1.3  # as if the gel were stiffer than designed: the scale would show more
+    grams = -true[:, 2] * stiff / STANDARD_GRAVITY * 1e3
+    weighed = [
+        word for path, each in zip(presses(desk), grams, strict=True) for word in ("--press", path, f"{each:.1f}")
+    ]
+    told = asked(capsys, "adapt", "--sensor", desk / "sensor", "--reference", desk / "reference.png", *weighed)
+    assert told["by_factor"] < 0.5 * told["unadapted"] and told["adaptation"]["presses"] == len(DEPTHS_MM)
+    after = estimated(desk, capsys)
+    assert after[:, 2] == pytest.approx(stiff * true[:, 2], rel=0.12)
+    (desk / "sensor" / "force.toml").unlink()
+
+
+def test_a_doubtful_press_is_named_as_one_by_the_calibration_with_known_loads(
+    desk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The last one is deeper than half the gel."""
+    sensor = shutil.copytree(desk / "sensor", tmp_path / "sensor")
+    grams = -np.load(desk / "wrenches.npy")[:, 2] / STANDARD_GRAVITY * 1e3
+    weighed = [
+        word for path, each in zip(presses(desk), grams, strict=True) for word in ("--press", path, f"{each:.1f}")
+    ]
+    words = ["adapt", "--sensor", sensor, "--reference", desk / "reference.png", *weighed, "--dry-run"]
+    told = asked(capsys, *words)
+    assert [press["warnings"] for press in told["presses"]] == [[], [], [], ["out of range"]]
+    assert main([*map(str, words)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.endswith("N calibrated  (out of range)") for line in lines[:4]] == [False, False, False, True]
+
+
+def test_known_loads_on_the_twin_find_how_stiff_its_gel_is(desk: Path, tmp_path: Path) -> None:
+    folder = load_sensor(shutil.copytree(desk / "sensor", tmp_path / "s"))
+    camera, stiffness = simulated_loaded_camera(folder)
+    session = ForceCalibrationSession(
+        SwitchableCamera(lambda address: camera, "sim"),
+        folder.path,
+        UnscaledForceReader(folder),
+        on_load=lambda grams: camera.offer(ball_press_under_load(grams)),
+        hold_s=0.1,
+    )
+    with session:
+        session.start()
+        give_up_at = time.monotonic() + 120
+        while session.state.phase is not ForceCalibrationPhase.COMPLETE:
+            assert time.monotonic() < give_up_at
+            time.sleep(0.05)
+        session.save()
+    scale = read_force_scales(folder.path).scales["force by physics"]
+    assert [press.grams for press in session.state.presses] == list(USUAL_LOADS_G)
+    # The scale also takes out the error of force by physics on this sensor. The stiffness is another at every run.
+    assert scale.factor == pytest.approx(stiffness, rel=0.08) and scale.error < 0.05
+
+
+@pytest.mark.parametrize("stiffness", [1.226, 1.2358, 1.2426])
+def test_loads_whose_solution_misses_its_tolerance_by_a_hair_are_pressed(
+    desk: Path, stiffness: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ninedtact.cli.calibration_page.uniform", lambda *_: stiffness)
+    camera, _ = simulated_loaded_camera(load_sensor(desk / "sensor"))
+    with camera:
+        camera.hold(ball_press_under_load(100.0))
+        camera.read()
+        assert camera.refusal == ""
+
+
+def test_a_video_that_is_cut_short_is_estimated_as_far_as_it_goes_and_is_an_error(
+    desk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    video = tmp_path / "presses.avi"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
+    for press in 2 * presses(desk):
+        writer.write(cv2.imread(str(press)))
+    writer.release()
+    video.write_bytes(video.read_bytes()[: int(0.6 * video.stat().st_size)])
+    options = ["--sensor", desk / "sensor", "--reference", desk / "reference.png"]
+    assert main([str(word) for word in ("estimate", *options, video, "--json")]) == 1
+    printed = capsys.readouterr()
+    rows = json.loads(printed.out)["wrenches"]
+    assert [row["image"] for row in rows] == ["0", "1", "2", "3"] and rows[3]["Fz_N"] < rows[0]["Fz_N"] < 0
+    assert "4 are whole, 4 are missing or damaged; use" in printed.err
+    assert "(4 images were estimated before)" in printed.err
+
+
+def test_separate_images_do_not_depend_on_their_order(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    order = [2, 0, 3, 1]
+    shuffled = [presses(desk)[number] for number in order]
+    found = asked(capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", *shuffled)
+    names = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm")
+    wrenches = np.array([[row[name] for name in names] for row in found["wrenches"]])
+    np.testing.assert_array_equal(wrenches, estimated(desk, capsys)[order])
+
+
+def test_images_of_a_folder_are_named_by_their_files(
+    desk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("press_2", "press_10"):
+        shutil.copy(presses(desk)[0], tmp_path / f"{name}.png")
+    words = ("estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", tmp_path)
+    rows = asked(capsys, *words)["wrenches"]
+    assert [row["image"] for row in rows] == [str(tmp_path / f"{name}.png") for name in ("press_2", "press_10")]
+    cv2.imwrite(str(tmp_path / "press_3.png"), np.zeros((480, 640, 3), np.uint8))
+    table = tmp_path / "wrenches.csv"
+    assert main([*map(str, words), "--out", str(table)]) == 1
+    printed = capsys.readouterr()
+    assert printed.err.startswith(f"ninedtact: {tmp_path / 'press_3.png'}: expected an image taken with")
+    assert "(1 image was estimated before)" in printed.err
+    assert printed.out.startswith(f"{tmp_path / 'press_2.png'}: Fx") and len(table.read_text().splitlines()) == 2
+
+
+def test_untouched_skin_is_zero_exactly_about_any_point(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = asked(
+        capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", "--about-mm", "0", "0", "-35",
+        desk / "reference.png",
+    )  # fmt: skip
+    (row,) = found["wrenches"]
+    assert not row["touching"] and not any(row[name] for name in ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm"))
+
+
+def test_a_torque_is_told_about_the_point_that_was_asked_for(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    at_skin, below = estimated(desk, capsys), estimated(desk, capsys, "--about-mm", "0", "0", "-35")
+    assert below[:, 4] == pytest.approx(at_skin[:, 4] + 0.035 * at_skin[:, 0])
+
+
+@pytest.mark.parametrize("coordinate", ["nan", "inf", "1e300"])
+def test_a_point_of_torques_that_is_nowhere_is_refused(coordinate: str, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["estimate", "--sensor", "my_sensor", "--reference", "reference.png", "press.png"]
+    assert main([*words, "--about-mm", coordinate, "0", "-35"]) == 1
+    assert "expected --about-mm X Y Z of at most 1e+06 mm each, got" in capsys.readouterr().err
+
+
+def test_an_image_that_is_not_estimated_is_null_in_json_and_says_so_in_text(
+    desk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    video = cv2.VideoWriter(str(tmp_path / "dark.avi"), cv2.VideoWriter.fourcc(*"FFV1"), 30.0, (640, 480))
+    for image in (cv2.imread(str(desk / "reference.png")), cv2.imread(str(presses(desk)[0])), np.zeros((480, 640, 3))):
+        video.write(np.asarray(image, np.uint8))
+    video.release()
+    words = ["estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", tmp_path / "dark.avi"]
+    assert main([*map(str, words), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
+    untouched, press, dark = found["wrenches"]
+    errors = ("eFx", "eFy", "eFz", "eTx", "eTy", "eTz")
+    assert [dark[name] for name in errors] == [None] * 6 and dark["warnings"] == ["image dark"]
+    assert not any(row[name] is None for row in (untouched, press) for name in errors)
+    assert main([*map(str, words)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "0: nothing touches" and lines[2] == "2: not estimated  (image dark)"
+    assert "not estimated" not in lines[1] and "inf" not in "".join(lines)
+
+
+def test_a_component_without_an_error_is_not_estimated() -> None:
+    numbers = dict(
+        zip(COLUMNS, [1.0, 0.0, -2.0, 0.001, 0.0, 0.0, 0.1, 0.1, 0.2, float("inf"), 0.001, 0.001], strict=True)
+    )
+    (line,) = format_estimates([{"image": "a.png", "touching": True, "warnings": [], **numbers}], None)
+    assert line == (
+        "a.png: Fx +1.00 ± 0.10 N  Fy +0.00 ± 0.10 N  Fz -2.00 ± 0.20 N  Tx not estimated  Ty +0.0 ± 1.0  "
+        "Tz +0.0 ± 1.0 N·mm"
+    )
+
+
+_ADAPT = ("adapt", "--sensor", "sensor", "--reference", "reference.png")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("estimate", "--sensor", "sensor", "press_0.png"), "--reference"),
+        (("estimate", "--sensor", "sensor", "--reference", "reference.png"), "name them after the options"),
+        (("estimate", "--sensor", "sensor", "--reference", "reference.png", "press_0.png", "sensor"), "once for each"),
+        (("estimate", "--sensor", "sensor", "--reference", "reference.png", "lost.png"), "lost.png"),
+        (("estimate", "--reference", "reference.png", "press_0.png"), "--sensor"),
+        (
+            ("estimate", "--sensor", "sensor", "--force", "magic", "--reference", "reference.png", "press_0.png"),
+            "physics",
+        ),
+        (
+            ("estimate", "--sensor", "sensor", "--force", "lost.onnx", "--reference", "reference.png", "press_0.png"),
+            "lost",
+        ),
+        (
+            ("adapt", "--sensor", "sensor", "--reference", "reference.png", "--press", "press_1.png", "300"),
+            "at least 2",
+        ),
+        (
+            (
+                "adapt",
+                "--sensor",
+                "sensor",
+                "--reference",
+                "reference.png",
+                "--press",
+                "reference.png",
+                "300",
+            ),
+            "reference.png: ",
+        ),
+        (
+            (*_ADAPT, "--press", "press_1.png", "200", "--press", "./press_1.png", "800"),
+            "got press_1.png with 200 g and with 800 g",
+        ),
+        (
+            ("adapt", "--sensor", "sensor", "--reference", "reference.png", "--press", "press_1.png", "-3"),
+            "above zero",
+        ),
+        (
+            (
+                "adapt",
+                "--sensor",
+                "sensor",
+                "--reference",
+                "reference.png",
+                "--force",
+                "none",
+                "--press",
+                "a.png",
+                "3",
+            ),
+            "none",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_sentence(
+    desk: Path, words: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(desk)
+    assert main(list(words)) == 1
+    (sentence,) = capsys.readouterr().err.splitlines()
+    assert sentence.startswith("ninedtact: ") and "expected" in sentence and said in sentence
+    assert not (desk / "sensor" / "force.toml").exists()
+
+
+def test_an_estimator_is_judged_on_a_data_set_by_sensors_that_calibrate_themselves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pairs = tmp_path / "pairs"
+    of_twin = "--pairs 14 --sensors 1 --object-names ball:4 star_01 --pitch-mm 0.4 --workers 1 --no-contact 0.2 --compliant-base 0"
+    asked(capsys, "simulate", "dataset", "--out", pairs, *of_twin.split(), "--finite-strain", "0")
+    told = asked(capsys, "evaluate", "--data", pairs, "--workers", "1", "--out", tmp_path / "report")
+    assert told["pairs"] == 14 and told["skill"][2] > 0.6 and told["no_contact"]["largest_force_n"] == 0
+    again = asked(capsys, "evaluate", "--predictions", tmp_path / "report" / "predictions.csv", "--trust-units")
+    assert again["skill"] == pytest.approx(told["skill"])
+    assert main(["evaluate", "--data", str(pairs), "--predictions", "some.csv"]) == 1
+    assert main(["evaluate"]) == 1
+    assert "got neither" in capsys.readouterr().err

@@ -1,0 +1,188 @@
+"""Jobs in processes of this machine: they end with the parent. Clusters that cannot be used are refused in one sentence."""
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from time import monotonic, sleep
+
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from ninedtact import parallel_jobs
+from ninedtact._version import installation_command
+from ninedtact.cli import main
+from ninedtact.errors import NinedtactError
+from ninedtact.parallel_jobs import (
+    Cluster,
+    ClusterAddressInvalid,
+    ClusterLibraryMissing,
+    WorkersImpossible,
+    WorkersLost,
+    connect_workers,
+    require_workers,
+    run_jobs,
+    run_writing_jobs,
+)
+
+GENERATE = [
+    "simulate",
+    "dataset",
+    "--workers",
+    "2",
+    "--size",
+    "64",
+    "48",
+    "--pairs",
+    "4000",
+    "--device",
+    "cpu",
+    "--json",
+]
+
+
+def child_processes(parent: int) -> set[int]:
+    """The processes below one, its children's children included."""
+    parents = {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parents[int(path.parent.name)] = int(path.read_text().rpartition(")")[2].split()[1])
+        except OSError:
+            continue
+    found, new = set(), {parent}
+    while new:
+        new = {child for child, of in parents.items() if of in new} - found
+        found |= new
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="expected /proc, which lists processes; run on Linux")
+def test_a_killed_parent_leaves_no_workers(tmp_path: Path) -> None:
+    out = tmp_path / "pairs"
+    job = subprocess.Popen([sys.executable, "-m", "ninedtact", *GENERATE, "--out", str(out)])
+    until = monotonic() + 120
+    while len(child_processes(job.pid)) < 3 and job.poll() is None and monotonic() < until:
+        sleep(0.1)
+    sleep(5)  # both workers begin their first file, which takes them half a minute
+    workers = child_processes(job.pid)
+    assert len(workers) >= 3  # joblib's tracker of resources is one of them
+    job.send_signal(signal.SIGKILL)
+    job.wait()
+    killed = monotonic()
+    while any(Path(f"/proc/{worker}").exists() for worker in workers) and monotonic() - killed < 10:
+        sleep(0.1)
+    assert not [worker for worker in workers if Path(f"/proc/{worker}").exists()]
+
+
+def test_a_killed_worker_is_one_sentence() -> None:
+    with pytest.raises(WorkersLost, match="run the command again to continue"):
+        list(run_jobs(_kill_itself, [(9,), (9,)], 2))
+
+
+def _kill_itself(number: int) -> None:
+    import os
+
+    os.kill(os.getpid(), number)
+
+
+def test_jobs_give_the_same_in_one_process_in_two_and_on_a_cluster(tmp_path: Path) -> None:
+    """The cluster is one of threads, which leaves the number of BLAS threads as it is set for a worker."""
+    jobs = [(number,) for number in range(5)]
+    with ThreadPoolExecutor(2) as executor, threadpool_limits(1):
+        for workers in (1, 2, Cluster("threads", 2, executor.submit)):
+            assert dict(run_jobs(_square, jobs, workers)) == {number: number**2 for number in range(5)}
+            folder = tmp_path / str(workers if isinstance(workers, int) else "cluster")
+            folder.mkdir()
+            written = sorted(run_writing_jobs(_write_square, folder, jobs, workers))
+            assert written == [(number, number) for number in range(5)]
+            found = {path.relative_to(folder).as_posix(): path.read_text() for path in folder.rglob("*.txt")}
+            assert found == {f"{number}/square.txt": str(number**2) for number in range(5)}
+            assert len(list(folder.iterdir())) == 5
+            with pytest.raises(WorkersImpossible, match="got 0; give one for each core"):
+                list(run_jobs(require_workers, [(0,), (0,)], workers))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_every_job_uses_one_thread_of_linear_algebra(workers: int) -> None:
+    assert [threads for _, threads in run_jobs(_blas_threads, [(), ()], workers)] == [{1}, {1}]
+
+
+def _blas_threads() -> set[int]:
+    return {library["num_threads"] for library in threadpool_info()}
+
+
+def _square(number: int) -> int:
+    return number**2
+
+
+def _write_square(folder: Path, number: int) -> int:
+    (folder / str(number)).mkdir()
+    (folder / str(number) / "square.txt").write_text(str(number**2))
+    return number
+
+
+@pytest.mark.parametrize("address", ["slurm:host:1", "dask", "dask:", "dask:host", "ray:host:x", "tcp://host:8786"])
+def test_an_address_that_is_none_is_refused(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parallel_jobs, "find_spec", lambda _: True)
+    with (
+        pytest.raises(ClusterAddressInvalid, match=r"expected --cluster dask:HOST:PORT.*correct it"),
+        connect_workers(1, address),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(("kind", "package"), [("dask", "distributed"), ("ray", "ray")])
+def test_a_missing_extra_is_named(kind: str, package: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parallel_jobs, "find_spec", lambda name: None if name == package else True)
+    with (
+        pytest.raises(ClusterLibraryMissing, match=re.escape(f"no {package}; run {installation_command('cluster')}")),
+        connect_workers(1, f"{kind}:127.0.0.1:9"),
+    ):
+        pass
+
+
+def test_a_gpu_and_a_cluster_are_refused_together(tmp_path: Path) -> None:
+    from ninedtact_train.dataset.generation.generate import generate_dataset
+    from ninedtact_train.dataset.generation.settings import GenerationSettings
+
+    cluster = Cluster("dask:host:1", 2, lambda *_: pytest.fail("no job may run"))
+    with pytest.raises(WorkersImpossible, match="expected --device cpu together with --cluster, got cuda"):
+        generate_dataset(tmp_path / "out", GenerationSettings(pairs=10), cluster, device="cuda")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_line_says_it_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for command in (
+        ["simulate", "dataset", "--out", str(tmp_path / "a")],
+        ["dataset", "build", str(tmp_path), "--out", "b"],
+    ):
+        code = main([*command, "--cluster", "slurm:somewhere"])
+        said = capsys.readouterr().err
+        assert code == 1
+        assert said.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_paths_of_sources_are_absolute_on_a_cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from ninedtact_train.dataset.build import build_dataset
+    from ninedtact_train.dataset.sources.htt_episodes import TactileTransformerSource
+
+    cluster = Cluster("dask:host:1", 2, lambda *_: pytest.fail("no job may run"))
+    with pytest.raises(NinedtactError, match="absolute paths of sources for a cluster, got in"):
+        build_dataset(tmp_path / "out", [TactileTransformerSource("in", Path("in"))], workers=cluster)
+
+
+def test_a_source_that_a_worker_does_not_find_is_named(tmp_path: Path) -> None:
+    from ninedtact_train.dataset.build import _make_part
+    from ninedtact_train.dataset.checks import PairCheckSettings
+    from ninedtact_train.dataset.sources.source import SourceItem, SourcePart, SourceUnknown
+
+    class EmptyPart(SourcePart):
+        def items(self) -> Iterator[SourceItem]:
+            return iter(())
+
+    with pytest.raises(SourceUnknown, match=f"expected {tmp_path}/in on .*, got nothing there"):
+        _make_part(tmp_path, EmptyPart("in"), (tmp_path / "in",), 0, PairCheckSettings())

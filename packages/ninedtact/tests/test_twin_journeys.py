@@ -1,0 +1,193 @@
+"""What a person does without a sensor: press a twin at the command line, calibrate one, watch the demo."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.cli import main
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.pose import Pose
+from ninedtact.quantities import Frame
+from ninedtact.shape.export import read_height_png
+from ninedtact.simulation.ground_truth import true_height_map_like
+from ninedtact.simulation.press_sequence import ObjectTrajectory
+from ninedtact.simulation.trajectory import ScriptedPress, press_trajectory
+from ninedtact.simulation.twin import default_twin
+
+DRAGGED = "--object ball:4 --depth-mm 1.2 --drag-mm 0.5 -0.2 --twist-deg 10 --tilt-deg 1 0 --at-mm 1 1"
+
+
+def told_by_press(out: Path, capsys: pytest.CaptureFixture[str], *options: str) -> dict:
+    assert main(["simulate", "press", *options, "--out", str(out), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_press_leaves_images_heights_tractions_and_a_wrench(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = told_by_press(tmp_path, capsys, *DRAGGED.split())
+    force, torque = np.array(told["wrench"]["force_n"]), np.array(told["wrench"]["torque_nm"])
+    assert force[2] < -4 and force[0] > 0.3 > 0 > force[1] and torque.shape == (3,)
+    assert told["pose"]["depth_mm"] == pytest.approx(1.2) and told["wrench"]["about_mm"] == [0, 0, 0]
+    height, pressure, shear = (np.load(tmp_path / f"{name}.npy") for name in ("height", "pressure", "shear"))
+    assert height.shape == pressure.shape == (345, 460) and shear.shape == (345, 460, 2)
+    assert height.min() == pytest.approx(-told["max_indentation_mm"], abs=0.02)
+    cell_mm2 = told["mm_per_px"] ** 2
+    assert -pressure.sum() * cell_mm2 == pytest.approx(force[2], rel=0.02)
+    np.testing.assert_allclose(read_height_png(tmp_path / "height.png").z_mm, height, atol=6e-4)
+    pressed, reference = (read_image(tmp_path / f"{name}.png") for name in ("image", "reference"))
+    assert pressed.shape == reference.shape == (480, 640, 3)
+    assert (pressed.astype(int) - reference).min() < -15
+    assert cv2.imread(str(tmp_path / "figure.png")).shape[1] > 1500
+    assert json.loads((tmp_path / "wrench.json").read_text())["wrench"] == told["wrench"]
+    assert set(told["files"]) == {path.name for path in tmp_path.iterdir()}
+
+
+def test_a_press_to_a_load_and_with_a_mesh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh = tmp_path / "part.stl"
+    trimesh.creation.capsule(height=6, radius=3).apply_transform(
+        trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0])
+    ).export(mesh)
+    told = told_by_press(tmp_path / "out", capsys, "--object", str(mesh), "--load-n", "5")
+    assert told["wrench"]["force_n"][2] == pytest.approx(-5, rel=1e-2) and 0.3 < told["pose"]["depth_mm"] < 1.5
+
+
+def test_a_press_of_a_sensor_is_on_the_grid_of_its_rectified_images(
+    sensor_a: SensorFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    press = ["--object", "ball:4", "--depth-mm", "1", "--at-mm", "6", "-3"]
+    told = told_by_press(tmp_path / "out", capsys, *press, "--sensor", str(sensor_a.path))
+    height = np.load(tmp_path / "out" / "height.npy")
+    assert told["mm_per_px"] == sensor_a.rectification.mm_per_px != 0.0522
+    row, col = np.unravel_index(height.argmin(), height.shape)
+    x, y = ((at - (side - 1) / 2) * told["mm_per_px"] for at, side in zip((col, row), height.shape[::-1], strict=True))
+    assert (x, y) == pytest.approx((6, -3), abs=0.1)
+
+
+def test_a_press_of_a_design_with_twice_as_many_pixels_is_as_wide(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "fine.toml").write_text("[field_of_view]\nrows = 690\ncols = 920\nraw_long_side_px = 1280\n")
+    press = ["--object", "ball:4", "--depth-mm", "1", "--design", str(tmp_path / "fine.toml")]
+    told = told_by_press(tmp_path / "out", capsys, *press)
+    assert told["mm_per_px"] == pytest.approx(0.0261) and np.load(tmp_path / "out" / "height.npy").shape == (690, 920)
+
+
+def test_the_same_press_gives_the_same_bytes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("one", "other"):
+        told_by_press(tmp_path / name, capsys, *DRAGGED.split())
+    for file in (tmp_path / "one").glob("*.npy"):
+        assert file.read_bytes() == (tmp_path / "other" / file.name).read_bytes()
+    assert (tmp_path / "one/image.png").read_bytes() == (tmp_path / "other/image.png").read_bytes()
+
+
+BAD = {
+    "--object bal --depth-mm 1": "got 'bal'; give one of these",
+    "--object no.stl --depth-mm 1": "which is not there; check the path",
+    "--object empty.stl --depth-mm 1": "expected triangles in empty, 1 to 5000000 of them, got 0",
+    "--object inches.stl --depth-mm 1": "give unit in",
+    "--object punch:18 --depth-mm 0.5": "take a smaller object",
+    "--object ball:4 --depth-mm 1 --at-mm 20 0": "press nearer to the centre",
+    "--object ball:4 --depth-mm 2.7": "the gel is thick, 2.5 mm, got 2.7",
+    "--object ball:4 --load-n -3": "above zero, got -3 N",
+    "--object ball:4 --depth-mm -1": "above zero, got -1 mm deep",
+    "--object ball:4 --depth-mm nan": "above zero, got nan",
+    "--object ball:4 --depth-mm 1 --seed -1": "expected a seed of zero or more, got -1",
+    "--object ball:4": "expected a depth or a load, got neither",
+    "--object ball:4 --depth-mm 1 --load-n 3": "expected a depth or a load, got both",
+    "--object ball:4 --depth-mm 1 --tilt-deg 80 0": "turn the object itself",
+    "--object ball:4 --depth-mm 1 --sensor nowhere": "expected a sensor folder",
+    "--object ball:0 --depth-mm 1": "with numbers above zero",
+}
+
+
+@pytest.mark.parametrize("options", BAD)
+def test_a_bad_press_is_one_sentence(
+    options: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty.stl").write_bytes(b"")
+    trimesh.creation.box((0.4, 0.3, 0.2)).export("inches.stl")
+    assert main(["simulate", "press", *options.split(), "--out", "out"]) == 1
+    (said,) = capsys.readouterr().err.strip().splitlines()
+    assert said.startswith("ninedtact: expected") and BAD[options] in said
+    assert not Path("out").exists()
+
+
+def test_what_can_be_pressed_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "objects"]) == 0
+    assert "ball:RADIUS" in (said := capsys.readouterr().out) and "gear" in said
+    assert main(["simulate", "objects", "--json"]) == 0
+    assert "gear" in json.loads(capsys.readouterr().out)["generated"]["machine parts"]
+
+
+def test_a_twin_is_calibrated_from_its_own_images(twin_sensor: SensorFolder) -> None:
+    certificate = twin_sensor.record.certificate
+    assert certificate is not None and certificate.board.pins_found == 63
+    assert certificate.board.leave_one_out_rms_mm < 0.05
+    assert certificate.board.mm_per_px == pytest.approx(15.5 / 320, rel=0.04)
+    assert certificate.ball.max_indentation_mm == pytest.approx(1.8, abs=0.25)  # the rule of the ball's edge reads deep
+
+
+@pytest.mark.parametrize("at_mm", [(0.0, 0.0), (4.0, -3.0)])
+def test_a_calibrated_twin_sees_how_deep_it_is_pressed(twin_sensor: SensorFolder, at_mm: tuple[float, float]) -> None:
+    twin, shape = default_twin(), twin_sensor.shape
+    contact = ScriptedPress(1.3, at_mm=at_mm, drag_mm=(0.3, 0.1)).simulate(twin, Ball(5.0))
+    reader = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(10, 20)))
+    seen = reader(shape.rectify(Frame(twin.renderer(contact, 5))))
+    true = true_height_map_like(contact, seen, twin.renderer.light.inverse_distance_per_mm)
+    error = (seen.z_mm - true.z_mm)[true.z_mm < -0.1]
+    # By the rule of the ball's edge, which reads deep; the demo's twin is calibrated by physics.
+    assert seen.z_mm.min() == pytest.approx(true.z_mm.min(), abs=0.3)
+    assert -0.35 < error.mean() < 0
+    deepest = [np.unravel_index(height.z_mm.argmin(), height.z_mm.shape) for height in (seen, true)]
+    assert np.abs(np.subtract(*deepest)).max() * seen.mm_per_px < 0.5
+
+
+def one_short_act() -> list[ObjectTrajectory]:
+    return [ObjectTrajectory(Ball(4.0), press_trajectory(Pose(0.0, 0.0, 1.2), (0.6, 0.0), 0.2, pause_s=0.3, speed=2.0))]
+
+
+def test_the_demo_ends_by_itself_without_a_terminal_and_leaves_what_it_showed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ninedtact.simulation.simulated_sources.demo_press_sequence", one_short_act)
+    monkeypatch.setattr("ninedtact.cli.serve_sensor_page.can_open_browser", lambda: True)
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    assert main(["demo", "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert opened and f"open {opened[0]} in a browser" in said and "stopped after" in said
+    assert "without a terminal the demo ends after one round" in said
+    assert {path.name for path in tmp_path.iterdir()} == {"sensor", "presses.png", "summary.json"}
+    (press,) = json.loads((tmp_path / "summary.json").read_text())["presses"]
+    assert press["object"] == "ball_8mm" and press["true_mm"] == pytest.approx(1.2, abs=0.05)
+    assert press["reconstructed_mm"] == pytest.approx(press["true_mm"], abs=0.15) and press["wrench"]["force_n"][2] < -3
+    assert cv2.imread(str(tmp_path / "presses.png")).shape[1] > 1000
+
+
+@pytest.mark.parametrize(
+    ("option", "said"), [(("--rounds", "0"), "--rounds of at least 1"), (("--display-hz", "0"), "--display-hz")]
+)
+def test_a_demo_of_nothing_is_refused(
+    option: tuple[str, str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["demo", "--out", str(tmp_path / "demo"), *option]) == 1
+    assert said in capsys.readouterr().err and not (tmp_path / "demo").exists()
+
+
+def test_a_stopped_data_set_says_that_it_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*of: object, **how: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ninedtact_train.dataset.generation.generate.generate_dataset", interrupted)
+    assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs")]) == 1
+    assert "again to continue where it stopped" in capsys.readouterr().err
