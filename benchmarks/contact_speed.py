@@ -122,11 +122,11 @@ def live_steps(grid: PeriodicGrid, tolerance: float) -> Callable[[int], Contact]
 def live_frames() -> Callable[[int], object]:
     """The same through the default twin, with its image."""
     twin = default_twin()
-    poses, contacts = cycle(live_poses()), [twin.model.initial_contact()]
+    poses, presses = cycle(live_poses()), [twin.hover(BALL, Pose())]
 
     def frame(call: int) -> object:
-        contacts[0] = twin.step(contacts[0], BALL, next(poses))
-        return twin.renderer(contacts[0], call)
+        presses[0] = twin.press(presses[0], BALL, next(poses))
+        return twin.renderer(presses[0].corrected, call)
 
     return frame
 

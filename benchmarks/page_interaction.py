@@ -25,7 +25,6 @@ from websockets.sync.client import ClientConnection, connect
 
 from ninedtact import CalibrationImages, SensorFolder, calibrate, read_image
 from ninedtact.calibration.save import save_sensor
-from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
 from ninedtact.force.estimator_loading import load_estimator
 from ninedtact.simulation.simulated_sources import demo_sources
@@ -93,7 +92,7 @@ def calibrated_sensor(name: str, path: Path) -> SensorFolder:
 
 def press_through_page(folder: SensorFolder, moves: int) -> tuple[list[float], float, dict[str, float]]:
     """The ms of each move, the updates per second, and the ms of each stage of the last reading."""
-    sources = demo_sources(build_twin_from_folder(folder))
+    sources = demo_sources(folder.twin())
     sensor, pollers = twin_sensor_and_true_wrench(folder.shape, sources)
     sensor.estimator = estimator = load_estimator("physics", folder)
     estimates = WrenchHistory("estimated", "by physics", estimator.notices, states_errors=True)

@@ -27,7 +27,6 @@ from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import Twin, default_twin
 from ninedtact_train.population.sensor_population import (
     MechanicsKind,
-    correct_for_mechanics_kind,
     gel_on_base_compliance,
     sample_transparent_layer,
 )
@@ -106,7 +105,7 @@ def twin_of(kind: MechanicsKind) -> Twin:
         default_twin(),
         compliance_of=gel_on_base_compliance(GEL, base),
         thickness_mm=yields,
-        correct_contact=lambda contact, indenter=None: correct_for_mechanics_kind(contact, kind, GEL, indenter),
+        finite_strain=1.0 if kind == "finite_strain" else 0.0,
     )
 
 

@@ -196,7 +196,7 @@ def weighed(set_up: Bench, who: SampledSensor, weight_n: float) -> Bench:
     twin, rng, ratios = who.twin(), np.random.default_rng(7), []
     eye = rectified_renderer(who, set_up.reader.reference.grey.shape[::-1])
     for x, y in ((0.0, 0.0), (2.0, 1.0), (-2.0, -1.0)):
-        contact = twin.correct_contact(twin.step(twin.model.initial_contact(), Ball(4.0), Pose(x, y, 0.8), weight_n))
+        contact = twin.press(None, Ball(4.0), Pose(x, y, 0.8), weight_n).corrected
         set_up.estimator.forget()
         read = set_up.estimator.estimate(set_up.reading(eye.render(contact, rng)))
         ratios.append(contact.wrench().force_n[2] / read.wrench.force_n[2])

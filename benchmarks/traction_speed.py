@@ -62,12 +62,12 @@ def traction_speed(frames: int = 60, json: bool = False) -> None:
 def stream(frames: int) -> Iterator[Reading]:
     """A press, a drag, and the way back."""
     twin, rng = default_twin(), np.random.default_rng(0)
-    contact = twin.model.initial_contact()
+    press = None
     before = Rectified(np.full(SHAPE, 150, np.float32), PX_MM)
     for part in np.linspace(0.1, 1, frames):
         pose = Pose(2 * part, -part, float(1.1 * np.sin(np.pi * min(part, 0.75)) + 0.05))
-        contact = twin.step(contact, Ball(4.0), pose)
-        true = true_height_map(contact, SHAPE, PX_MM)
+        press = twin.press(press, Ball(4.0), pose)
+        true = true_height_map(press.corrected, SHAPE, PX_MM)
         change = np.where(true.z_mm < 0, 0.15 * true.z_mm, 0.4 * true.z_mm)
         sigma = SCATTERING_MM / PX_MM
         seen = cv2.GaussianBlur(change, (0, 0), sigma) + rng.normal(0, 0.005, SHAPE)

@@ -26,5 +26,8 @@ def test_a_refined_field_goes_through_the_coarse_one(grid: PeriodicGrid) -> None
 
 def test_rows_and_columns_are_refined_alike() -> None:
     field = np.random.default_rng(0).standard_normal((10, 12)).astype(np.float32)
-    (fine,), (turned,) = refine_fields(PeriodicGrid(10, 12, 0.2), field), refine_fields(PeriodicGrid(12, 10, 0.2), field.T)
-    assert turned.T == pytest.approx(fine, abs=1e-5)
+    (fine,), (turned,) = (
+        refine_fields(PeriodicGrid(10, 12, 0.2), field),
+        refine_fields(PeriodicGrid(12, 10, 0.2), field.T),
+    )
+    assert pytest.approx(fine, abs=1e-5) == turned.T

@@ -22,9 +22,6 @@ import numpy as np
 
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.finite_strain import correct_for_finite_strain
-from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
 from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPressSettings
 from ninedtact.simulation.fitted_parameters import FITTED_PARAMETERS, sample_clipped_normal
@@ -120,16 +117,6 @@ def sample_transparent_layer(rng: np.random.Generator, gel: Gel) -> Gel:
 def gel_on_base_compliance(gel: Gel, base: Gel | None) -> ComplianceFunction:
     """Return the compliance of gel on a compliant base, or on a rigid one where the base is None."""
     return partial(bonded_layer_compliance, gel=gel) if base is None else layered_compliance((gel, base))
-
-
-def correct_for_mechanics_kind(
-    contact: Contact, kind: MechanicsKind, gel: Gel, indenter: Indenter | None = None
-) -> Contact:
-    """Return the contact that is rendered and measured, from the one that the linear model solved.
-
-    indenter: the object, where it is known; under a ball the heights of finite strain are those of finite elements.
-    """
-    return correct_for_finite_strain(contact, gel.thickness_mm, indenter) if kind == "finite_strain" else contact
 
 
 class InvalidPopulation(InputError):
@@ -252,12 +239,8 @@ class SampledSensor:
             area_mm=self.design.sensing_area.size_mm,
             thickness_mm=compliant_mm,
             gel_mm=self.design.sensing_area.gel_mm,
-            correct_contact=self.correct_contact,
+            finite_strain=1.0 if self.kind == "finite_strain" else 0.0,
         )
-
-    def correct_contact(self, contact: Contact, indenter: Indenter | None = None) -> Contact:
-        """Return the contact that is rendered and measured, from the one that the twin's linear solver found."""
-        return correct_for_mechanics_kind(contact, self.kind, self.gel, indenter)
 
     def to_json_dict(self) -> dict[str, Any]:
         """Return all parameters as plain numbers; `sampled_sensor_from_json` reads them."""

@@ -58,7 +58,8 @@ def correct_for_finite_strain(
         contact,
         pressure_mpa=finite_strain_traction_mpa(contact.pressure_mpa, height, thickness_mm, share),
         shear_mpa=finite_strain_traction_mpa(contact.shear_mpa, on_both_axes, thickness_mm, share),
-        height_mm=height + _height_change_mm(contact, thickness_mm, (None,) if indenter is None else indenter.balls, share),
+        height_mm=height
+        + _height_change_mm(contact, thickness_mm, (None,) if indenter is None else indenter.balls, share),
     )
 
 
@@ -69,7 +70,10 @@ def _height_change_mm(
     xp, height = array_namespace_of(contact.height_mm), contact.height_mm
     if not any(balls):
         return share * (finite_strain_height_mm(contact, thickness_mm) - height)
-    (x, y), depths_mm = contact.skin.grid.positions_mm, np.broadcast_to(contact.pose.depth_mm, height.shape[:-2] or (1,))
+    (x, y), depths_mm = (
+        contact.skin.grid.positions_mm,
+        np.broadcast_to(contact.pose.depth_mm, height.shape[:-2] or (1,)),
+    )
     tabled = np.zeros((len(depths_mm), *x.shape))
     each = balls * len(depths_mm) if len(balls) == 1 else balls
     for index, (ball, depth_mm) in enumerate(zip(each, depths_mm.tolist(), strict=True)):

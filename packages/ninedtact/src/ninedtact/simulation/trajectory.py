@@ -173,17 +173,17 @@ class ScriptedPress:
     def simulate(
         self, twin: Twin, indenter: Indenter, solver_settings: SolverSettings | None = PRESS_SOLVER_SETTINGS
     ) -> Contact:
-        """Return the contact at the end of the press; raises `InvalidPress` and what `Twin.step` raises.
+        """Return the contact at the end of the press; raises `InvalidPress` and what `Twin.press` raises.
 
         solver_settings: None keeps those of the twin.
         """
         self._require_within_gel(twin)
         twin = twin if solver_settings is None else replace(twin, solver_settings=solver_settings)
-        contact = twin.model.initial_contact()
+        press = twin.hover(indenter, Pose())
         for pose in self.poses():
-            deeper = pose if self.load_n is None else replace(pose, depth_mm=contact.pose.depth_mm)
-            contact = twin.step(contact, indenter, deeper, self.load_n)
-        return twin.correct_contact(contact, indenter)
+            deeper = pose if self.load_n is None else replace(pose, depth_mm=press.pose.depth_mm)
+            press = twin.press(press, indenter, deeper, self.load_n)
+        return press.corrected
 
     def _require_within_gel(self, twin: Twin) -> None:
         """Refuse a depth at which the object would go through the gel; raises `InvalidPress`."""

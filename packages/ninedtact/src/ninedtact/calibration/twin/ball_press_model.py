@@ -18,7 +18,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.finite_strain import finite_strain_ball_change_mm
+from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
@@ -270,13 +270,8 @@ class BallPressModel:
         gel's shear modulus.
         """
         linear = self._contact_after(press.thickness_mm, tuple(press.poses()))
-        distance_mm = np.hypot(*self.patch.positions_mm)  # the fields move with the ball
-        change_mm = finite_strain_ball_change_mm(
-            distance_mm, self.design.ball.radius_mm, press.depth_mm, press.thickness_mm
-        )
-        return replace(
-            linear, height_mm=linear.height_mm + np.float32(press.finite_strain) * change_mm.astype(np.float32)
-        )
+        ball = Ball(self.design.ball.radius_mm)
+        return correct_for_finite_strain(linear, press.thickness_mm, ball, press.finite_strain)
 
     def _contact_after(self, thickness_mm: float, trajectory: tuple[Pose, ...]) -> Contact:
         """Return the contact after this trajectory of the ball from the undeformed skin on."""

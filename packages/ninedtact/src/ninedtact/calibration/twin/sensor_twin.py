@@ -1,15 +1,14 @@
-"""The digital twin of a calibrated sensor: gel, light, lens, reference image and noise from its own calibration images. In: a
-sensor folder. Out: a `Twin` for simulation, from `build_twin_from_folder`; `make_twin_table` makes the folder's table of it from
-the fits.
+"""The digital twin of a calibrated sensor, from gel, light, lens, reference image and noise of its own calibration images
+(`assemble_twin`), and the table that a sensor folder keeps of it (`make_twin_table`, from the fits).
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from ninedtact.calibration.press_brightness import BgrImage
-from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import (
     BoardPressFitTable,
     FittedParameterTable,
@@ -18,11 +17,7 @@ from ninedtact.calibration.sensor_toml_schema import (
 )
 from ninedtact.calibration.twin.ball_press_fit import FitUncertainty, TwinFit
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit
-from ninedtact.design import Gel
-from ninedtact.errors import CalibrationError
-from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.finite_strain import correct_for_finite_strain
-from ninedtact.mechanics.indenter import Indenter
+from ninedtact.design import Gel, SensingArea
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.quantities import skin_grid_mm
 from ninedtact.shape.rectification import OUT_OF_VIEW_PX, Rectification
@@ -35,43 +30,26 @@ INVERSION_STRIDE_PX = 23
 """Distance in rows and columns of the points of the rectified grid through which the inverse is interpolated; lenses are smooth."""
 
 
-class TwinMissing(CalibrationError):
-    """The sensor's calibration contains no twin."""
-
-
-def build_twin_from_folder(folder: SensorFolder) -> Twin:
-    """Return the twin of a sensor folder, whose skin has the size of its design.
-
-    Raises `TwinMissing`, and `SensorFolderDamaged` where its images are missing.
-    """
-    table = folder.record.twin
-    if table is None:
-        raise TwinMissing(
-            f"expected {folder.path} to hold a twin, got a sensor without one; run: {folder.completion_command}"
-        )
-    reference = folder.stored_image("ball_reference").image
-    twin = assemble_twin(folder.id, table.gel, table.light, folder.rectification, reference, table.noise_grey_levels)
-    area = folder.record.design.sensing_area
-    return replace(twin, area_mm=area.size_mm, gel_mm=area.gel_mm)
-
-
 def assemble_twin(
-    name: str, gel: Gel, light: BrightnessModel, rectify: Rectification, reference: BgrImage, noise_grey_levels: float
+    name: str,
+    gel: Gel,
+    light: BrightnessModel,
+    rectify: Rectification,
+    reference: BgrImage,
+    noise_grey_levels: float,
+    area: SensingArea = SensingArea(),
 ) -> Twin:
-    """Return the twin with this gel, light, rectification, reference image and noise, and a skin of the published size."""
-
-    def correct_contact(contact: Contact, indenter: Indenter | None = None) -> Contact:
-        return correct_for_finite_strain(contact, gel.thickness_mm, indenter, gel.finite_strain)
-
+    """Return the twin with this gel, light, rectification, reference image, noise and sensing area."""
     noise = CameraNoise(noise_grey_levels, rectify.raw_shape)
-    renderer = Renderer(_invert_rectification(rectify), reference.astype(np.float32), light, noise)
-    linear = Twin(
+    return Twin(
         name,
-        lambda wave_number: bonded_layer_compliance(wave_number, gel),
-        renderer,
+        partial(bonded_layer_compliance, gel=gel),
+        Renderer(_invert_rectification(rectify), reference.astype(np.float32), light, noise),
+        area_mm=area.size_mm,
         thickness_mm=gel.thickness_mm,
+        gel_mm=area.gel_mm,
+        finite_strain=gel.finite_strain,
     )
-    return replace(linear, correct_contact=correct_contact) if gel.finite_strain else linear
 
 
 def _invert_rectification(rectify: Rectification) -> PixelToSkinMap:
