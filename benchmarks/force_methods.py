@@ -28,8 +28,9 @@ from ninedtact_train.dataset.generation.generate import generate_dataset
 from ninedtact_train.dataset.generation.settings import GenerationSettings
 from ninedtact_train.dataset.split import Kind, SplitKeys, SplitRows, SplitSettings, split_dataset
 from ninedtact_train.evaluation import WrenchPredictions, evaluate_predictions
+from ninedtact_train.training.compute_settings import ComputeSettings
 from ninedtact_train.training.examples import TrainingExamples
-from ninedtact_train.training.settings import CORRECTOR_TRAINING, DEFAULT_TRAINING, PAPER_TRAINING, ComputeSettings
+from ninedtact_train.training.settings import CORRECTOR_TRAINING, DEFAULT_TRAINING, PAPER_TRAINING
 from ninedtact_train.training.train import train_network
 from ninedtact_train.workflows.dataset_training import read_training_examples
 

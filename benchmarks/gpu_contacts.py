@@ -19,7 +19,6 @@ from tallied import Tally
 
 from ninedtact_train.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
 from ninedtact_train.batched.session_requests import (
-    ContactSummary,
     RenderRequest,
     SessionRequest,
     SimulatedSetup,
@@ -103,7 +102,7 @@ class Clock:
         kind, start = type(asked[0]), perf_counter()
         told = self.method(asked)
         self.seconds[kind] += perf_counter() - start
-        self.answered[kind] += sum(kind is RenderRequest or isinstance(one, ContactSummary) for one in told)
+        self.answered[kind] += sum(kind is RenderRequest or isinstance(one, Press) for one in told)
         self.batches += kind is StepRequest
         return told
 

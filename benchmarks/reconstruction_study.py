@@ -24,7 +24,8 @@ from ninedtact.shape.depth import DepthReader, Smoothing
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, GUIDED_PRESSES, simulate_calibration_images
 from ninedtact.simulation.ground_truth import true_height_map_like
 from ninedtact.simulation.trajectory import ScriptedPress
-from ninedtact_train.population.sensor_population import NonidealMechanicsShares, SampledSensor, sample_sensor
+from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
+from ninedtact_train.population.sensor_population import SampledSensor, sample_sensor
 
 READINGS = ("physics", "physics, fast", "ratio", "table")
 OTHER_BALL = Ball(5.0)

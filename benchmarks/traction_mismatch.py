@@ -25,8 +25,8 @@ from ninedtact.simulation.ground_truth import true_height_map
 from ninedtact.simulation.objects.catalogue import generate_object
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import Twin, default_twin
+from ninedtact_train.population.mechanics_shares import MechanicsKind
 from ninedtact_train.population.sensor_population import (
-    MechanicsKind,
     gel_on_base_compliance,
     sample_transparent_layer,
 )

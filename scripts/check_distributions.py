@@ -13,20 +13,6 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-NOT_CODE = (
-    "ninedtact/py.typed",
-    "ninedtact/__init__.pyi",
-    "ninedtact/recording/__init__.pyi",
-    "ninedtact/force/shipped.onnx",
-    "ninedtact/calibration/certificate/certificate.html.jinja",
-    "ninedtact/force/evaluation/evaluation.html.jinja",
-    "ninedtact/hardware/bill_of_materials.html.jinja",
-    "ninedtact/hardware/fabrication.md.jinja",
-    "ninedtact/hardware/led_board/led_board.kicad_pcb.jinja",
-    "ninedtact/studio/exported_moment.html.jinja",
-    "ninedtact/studio/page_cards.html.jinja",
-)
-"""Files of the package besides its Python source."""
 _FOREIGN = re.compile(r"(^|/)(tests|benchmarks|out|\.venv[^/]*|__pycache__)/|\.(mcap|png|jpg|pyc|onnx\.data)$")
 _LARGEST_BYTES = 4_000_000
 
@@ -45,9 +31,9 @@ def faults_of(path: Path) -> list[str]:
     """Return what is wrong with a distribution, one sentence each; empty where nothing is."""
     files = read_distribution(path)
     package = path.name.split("-")[0]
-    base = ROOT / "src" if (ROOT / "src" / package).is_dir() else ROOT / "plugins" / package / "src"
-    wanted = {str(file.relative_to(base)) for file in (base / package).rglob("*.py")}
-    wanted |= set(NOT_CODE) if package == "ninedtact" else {f"{package}/py.typed"}
+    (base,) = ROOT.glob(f"*/*/src/{package}")
+    sources = (file for file in base.rglob("*") if file.is_file() and "__pycache__" not in file.parts)
+    wanted = {str(file.relative_to(base.parent)) for file in sources}
     faults = [f"lacks {name}; see [tool.hatch.build] in pyproject.toml" for name in sorted(wanted - set(files))]
     faults += [f"holds {name}, which users do not need" for name in sorted(files) if _FOREIGN.search(name)]
     if path.stat().st_size > _LARGEST_BYTES:

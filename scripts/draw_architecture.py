@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / "src" / "ninedtact"
+PACKAGE = ROOT / "packages" / "ninedtact" / "src" / "ninedtact"
 DRAWING = ROOT / "docs" / "images" / "architecture.svg"
 HIDDEN = {"_version", "__main__", "errors", "atomic_write"}
 """Modules that nearly every package imports, or that have nothing to draw yet."""
@@ -56,7 +56,10 @@ def _imported_modules(tree: ast.Module) -> Iterator[str]:
 
 def box_positions() -> dict[str, tuple[float, float, float]]:
     """Return left edge, top edge and width of every package's box, the highest layer on top."""
-    layers = [sorted(name for name in layer if name not in HIDDEN and _exists(name)) for layer in reversed(LAYERS)]
+    layers = [
+        sorted(name for name in layer if name not in HIDDEN and _exists(name))
+        for layer in reversed(LAYERS["ninedtact"])
+    ]
     boxes = {}
     for row, names in enumerate(layer for layer in layers if layer):
         space = WIDTH / len(names)

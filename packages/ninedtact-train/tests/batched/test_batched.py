@@ -22,15 +22,15 @@ from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.objects.catalogue import generate_object
-from ninedtact.simulation.twin import PoseOutOfView
+from ninedtact.simulation.twin import PoseOutOfView, Press
 from ninedtact_train.batched import executor
 from ninedtact_train.batched.executor import BatchExecutor, Device, DeviceMissing, choose_compute_device
-from ninedtact_train.batched.session_requests import ContactSummary, RenderRequest, StepRequest
+from ninedtact_train.batched.session_requests import RenderRequest, StepRequest
 from ninedtact_train.dataset.folder import DatasetFolderTaken
 from ninedtact_train.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
 from ninedtact_train.dataset.generation.press_trajectory import PressSettings
 from ninedtact_train.dataset.generation.settings import GenerationImpossible, GenerationSettings, PairKindShares
-from ninedtact_train.population.sensor_population import NonidealMechanicsShares
+from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
 
 SMALL = GenerationSettings(
     pairs=18,
@@ -200,11 +200,11 @@ def test_one_of_a_batch_is_refused_as_it_would_be_alone(room: BatchExecutor) -> 
     told = room.execute(steps)
     for step, answer in zip(steps, told, strict=True):
         try:
-            alone: ContactSummary | NinedtactError = step.respond()
+            alone: Press | NinedtactError = step.respond()
         except NinedtactError as refusal:
             alone = refusal
         assert type(answer) is type(alone)
-        if isinstance(alone, ContactSummary):
+        if isinstance(alone, Press):
             assert answer.touches == alone.touches
             np.testing.assert_allclose(answer.wrench.six, alone.wrench.six, rtol=1e-4, atol=1e-6)
             assert answer.max_indentation_mm == pytest.approx(alone.max_indentation_mm, rel=1e-4)

@@ -30,7 +30,6 @@ from ninedtact.recording.topics_and_messages import RecordingEventKind
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 from ninedtact_train.cli.collect import (
-    CollectOptions,
     CollectTerminalDisplay,
     collect_progress_line,
     handle_collect_keys,
@@ -310,9 +309,8 @@ def test_clocks_that_drift_apart_are_noticed_within_their_jitter() -> None:
     assert not drifting.is_within_tolerance
 
 
-def test_options_and_settings_have_the_same_defaults_and_refuse_nonsense() -> None:
-    assert CollectOptions().settings() == CollectSettings()
-    assert CollectOptions(camera_delay_ms=-4.0).settings().camera_delay_ms == -4  # stamped as a long exposure begins
+def test_settings_refuse_nonsense() -> None:
+    assert CollectSettings(camera_delay_ms=-4.0).camera_delay_ms == -4  # stamped as a long exposure begins
     for wrong in (
         {"tolerance_ms": 0.0},
         {"tolerance_ms": np.inf},
@@ -320,10 +318,10 @@ def test_options_and_settings_have_the_same_defaults_and_refuse_nonsense() -> No
         {"reference_images": 0},
     ):
         with pytest.raises(CollectSettingsInvalid, match=r"expected .* got .*; correct"):
-            replace(CollectOptions(), **wrong).settings()
+            replace(CollectSettings(), **wrong)
     for limits in ((0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, np.nan)):
         with pytest.raises(SampleChecksInvalid, match=r"expected three ranges .* got .*; take them"):
-            CollectOptions(range_n=limits).settings()
+            SampleCheckSettings(range_n=limits)
 
 
 def test_a_simulated_collection_names_the_object_that_presses(tmp_path: Path) -> None:

@@ -122,19 +122,19 @@ def test_a_recording_without_its_sensor_needs_one_named(sensor: SensorFolder, tm
     episode(tmp_path / "in" / "bare.mcap")
     with pytest.raises(NoUsablePairs, match="1 unreadable"):
         built_from(tmp_path / "none", tmp_path / "in")
-    stated = SourceConventions(sensor_folder=sensor.path)
+    stated = SourceConventions(sensor=sensor.path)
     assert built_from(tmp_path / "out", tmp_path / "in" / "bare.mcap", stated).statistics.pairs == 2
 
 
 def test_the_folder_of_another_sensor_does_not_rectify_a_recording(sensor: SensorFolder, tmp_path: Path) -> None:
     attached = sensor_folder_attachments(sensor.path)
     episode(tmp_path / "in" / "monday.mcap", attached)
-    again = built_from(tmp_path / "again", tmp_path / "in", SourceConventions(sensor_folder=sensor.path))
+    again = built_from(tmp_path / "again", tmp_path / "in", SourceConventions(sensor=sensor.path))
     assert again.statistics.pairs == 2
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / SENSOR_FILE).write_bytes(to_sensor_toml(msgspec.structs.replace(sensor.record, id="other")))
     with pytest.raises(NoUsablePairs):
-        built_from(tmp_path / "out", tmp_path / "in", SourceConventions(sensor_folder=tmp_path / "other"))
+        built_from(tmp_path / "out", tmp_path / "in", SourceConventions(sensor=tmp_path / "other"))
     report = (tmp_path / "out" / "report.json").read_text()
     assert "expected the sensor folder of 'little'" in report and "got that of 'other'" in report
 

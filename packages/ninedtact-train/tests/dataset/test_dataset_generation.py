@@ -40,11 +40,8 @@ from ninedtact_train.dataset.statistics_and_card import (
     move_to_force_sensor,
     wrench_percentiles,
 )
-from ninedtact_train.population.sensor_population import (
-    NonidealMechanicsShares,
-    sample_sensor,
-    sampled_sensor_from_json,
-)
+from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
+from ninedtact_train.population.sensor_population import sample_sensor, sampled_sensor_from_json
 
 SMALL = GenerationSettings(
     pairs=24,

@@ -16,7 +16,7 @@ from ninedtact.errors import NinedtactError
 from ninedtact_train.dataset.fault_report import NoUsablePairs
 from ninedtact_train.dataset.folder import DatasetFolderTaken
 from ninedtact_train.dataset.schema import DatasetRow, RejectedItem
-from ninedtact_train.dataset.sources.source import SourceConventions, SourceUnknown, parse_axes
+from ninedtact_train.dataset.sources.source import SourceConventions, SourceUnknown
 
 
 def test_images_references_and_wrenches_are_the_stored_ones(tree: LittleTree, tmp_path: Path) -> None:
@@ -45,16 +45,16 @@ def test_torques_are_moved_from_the_force_sensor_to_the_skin(tree: LittleTree, t
 
 def test_another_origin_and_other_axes_may_be_stated(tree: LittleTree, tmp_path: Path) -> None:
     """-x -y -z: what the skin does to the object, turned around."""
-    stated = SourceConventions(origin_mm=(0.0, 0.0, 0.0), axes=("-x", "-y", "-z"), mm_per_px=0.05, sensor="ours")
+    stated = SourceConventions(origin_mm=(0.0, 0.0, 0.0), axes="-x,-y,-z", mm_per_px=0.05, sensor_name="ours")
     built_from(tmp_path / "out", tree.root, conventions=stated)
     (row, *_) = rows_in(tmp_path / "out")
     assert row["wrench"] == pytest.approx(-np.load(tree.root / "wrench/1/1.npy"), rel=1e-6)
     assert (row["sensor"], row["mm_per_px"]) == ("ours", pytest.approx(0.05))
     with pytest.raises(SourceUnknown, match="each letter once"):
-        SourceConventions(axes=("+x", "+x", "+z"))
+        SourceConventions(axes="+x,+x,+z")
     for wrong in ("x,y", "", "xyz", "x,y,z,z", "*x,y,z", "x,y,"):
         with pytest.raises(SourceUnknown, match="each letter once"):
-            parse_axes(wrong)
+            SourceConventions(axes=wrong)
 
 
 def test_a_mixed_image_alone_holds_image_and_reference_even_where_it_wrapped(tmp_path: Path) -> None:
@@ -75,7 +75,7 @@ def test_images_alone_have_no_reference_unless_one_is_named(tree: LittleTree, tm
         built_from(tmp_path / "none", tree.root)
     named = tmp_path / "skin.png"
     cv2.imwrite(str(named), tree.skin)
-    conventions = SourceConventions(reference=named, sensor="left finger")
+    conventions = SourceConventions(reference=named, sensor_name="left finger")
     built = built_from(tmp_path / "out", tree.root, conventions=conventions)
     assert built.report.findings == []
     (reference,) = pq.read_table(tmp_path / "out" / "references.parquet").to_pylist()

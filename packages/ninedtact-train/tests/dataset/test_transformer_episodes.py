@@ -15,7 +15,7 @@ from ninedtact_train.dataset.sources.source import SourceConventions
 def test_images_forces_and_references_are_the_stored_ones(tmp_path: Path) -> None:
     arrays = little_episode(tmp_path / "force" / "p3_static" / "0_press_10.npz")
     built = built_from(
-        tmp_path / "out", f"htt={tmp_path / 'force'}", conventions=SourceConventions(sensor="9dtact_nus")
+        tmp_path / "out", f"htt={tmp_path / 'force'}", conventions=SourceConventions(sensor_name="9dtact_nus")
     )
     assert built.report.findings == []
     rows = rows_in(tmp_path / "out")
@@ -48,7 +48,7 @@ def test_axes_that_are_turned_are_told_and_may_be_stated(tmp_path: Path) -> None
     little_episode(tmp_path / "e.npz", **{"6d_force": turned, "ref_force": None})
     built = built_from(tmp_path / "as_is", tmp_path / "e.npz")
     assert built.report.counts == {"pulling": 4}
-    stated = built_from(tmp_path / "stated", tmp_path / "e.npz", conventions=SourceConventions(axes=("+y", "+x", "-z")))
+    stated = built_from(tmp_path / "stated", tmp_path / "e.npz", conventions=SourceConventions(axes="+y,+x,-z"))
     assert stated.report.counts == {}
     assert rows_in(tmp_path / "stated")[-1]["wrench"][:3] == pytest.approx([0.4, 0, -4])
 

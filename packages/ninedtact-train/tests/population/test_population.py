@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ninedtact.design import Gel, SensingArea, SensorDesign, rectified_mm_per_px
-from ninedtact.mechanics.finite_strain import correct_for_finite_strain
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.fitted_parameters import FITTED_PARAMETERS, deviation_from_population
 from ninedtact.simulation.gel_brightness import BrightnessModel, GlarePatch
+from ninedtact_train.population.mechanics_shares import InvalidPopulation, NonidealMechanicsShares
 from ninedtact_train.population.real_sensor_twins import REAL_FITS
 from ninedtact_train.population.rectified_renderer import (
     misaligned_pixel_positions_mm,
@@ -24,8 +24,6 @@ from ninedtact_train.population.rectified_renderer import (
 )
 from ninedtact_train.population.sensor_population import (
     CalibrationMisalignment,
-    InvalidPopulation,
-    NonidealMechanicsShares,
     SampledSensor,
     sample_sensor,
     sample_sensors,
@@ -115,22 +113,21 @@ def test_a_base_that_yields_lets_a_ball_sink_deeper() -> None:
     depths = []
     for one in (rigid, based):
         twin = one.twin(0.3)
-        depths.append(twin.step(twin.model.initial_contact(), Ball(), Pose(depth_mm=0.8), 4.0).pose.depth_mm)
+        depths.append(twin.press(None, Ball(), Pose(depth_mm=0.8), 4.0).pose.depth_mm)
     assert 1.03 < depths[1] / depths[0] < 1.3
 
 
 def test_finite_strain_weighs_more_and_piles_up_higher() -> None:
     bonded = sample_sensor(3, kinds=ALL_BONDED)
     stiffens = replace(bonded, kind="finite_strain")
-    twin = bonded.twin(0.3)
-    solved = twin.step(twin.model.initial_contact(), Ball(), Pose(depth_mm=1.5))
-    assert bonded.correct_contact(solved) is solved
-    felt = stiffens.correct_contact(solved)
-    assert 1.1 < felt.wrench().force_n[2] / solved.wrench().force_n[2] < 1.5
-    assert felt.height_mm.max() > 1.05 * solved.height_mm.max()
-    assert felt.height_mm.min() == solved.height_mm.min()
-    light = twin.step(twin.model.initial_contact(), Ball(), Pose(depth_mm=0.05))
-    assert correct_for_finite_strain(light, 2.5).wrench().six == pytest.approx(light.wrench().six, rel=2e-3, abs=1e-6)
+    linear, stiff = (one.twin(0.3).press(None, FlatPunch(2.0), Pose(depth_mm=1.0)) for one in (bonded, stiffens))
+    assert linear.corrected is linear.solved and linear.stiffening == 1
+    assert 1.1 < stiff.load_n / linear.load_n < 1.5
+    assert stiff.stiffening == pytest.approx(stiff.load_n / stiff.linear_load_n, rel=1e-5)
+    assert stiff.corrected.height_mm.max() > 1.05 * linear.corrected.height_mm.max()
+    assert stiff.corrected.height_mm.min() == linear.corrected.height_mm.min()
+    light = stiffens.twin(0.3).press(None, Ball(), Pose(depth_mm=0.05))
+    assert light.wrench.six == pytest.approx(light.solved.wrench().six, rel=2e-3, abs=1e-6)
 
 
 def test_members_of_another_design_are_those_of_the_published_one_carried_to_it(members: list[SampledSensor]) -> None:
@@ -155,7 +152,7 @@ def test_members_of_another_design_are_those_of_the_published_one_carried_to_it(
 def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
     one = replace(sample_sensor(2, kinds=ALL_BONDED), misalignment=CalibrationMisalignment(), noise_grey_levels=1e-6)
     twin, eye = one.twin(), rectified_renderer(one, (460, 345))
-    contact = twin.step(twin.model.initial_contact(), Ball(), Pose(2.0, -1.0, 1.2))
+    contact = twin.press(None, Ball(), Pose(2.0, -1.0, 1.2)).corrected
     seen = eye.render(contact, np.random.default_rng(0)).astype(float)
     raw = cv2.cvtColor(twin.renderer.render_without_noise(contact), cv2.COLOR_BGR2GRAY)
     at = raw_pixels_seeing(

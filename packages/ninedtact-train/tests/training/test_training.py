@@ -17,6 +17,7 @@ from ninedtact.force.onnx_model import read_force_model
 from ninedtact_train.dataset.split import SplitRows
 from ninedtact_train.training import train as fitting
 from ninedtact_train.training.augmentation import NO_AUGMENTATION, GeometricAugmentation
+from ninedtact_train.training.compute_settings import ComputeSettings
 from ninedtact_train.training.error_scale_and_model_card import TrainedNetwork
 from ninedtact_train.training.examples import ExamplesUnusable, TrainingExamples, move_examples_to_torque_point
 from ninedtact_train.training.networks import WrenchNetwork
@@ -24,7 +25,6 @@ from ninedtact_train.training.onnx_export import rewrite_card
 from ninedtact_train.training.settings import (
     PAPER_TRAINING,
     TRAINING_PRESETS,
-    ComputeSettings,
     TrainingImpossible,
     TrainingSettings,
 )

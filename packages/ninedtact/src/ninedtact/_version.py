@@ -25,16 +25,26 @@ def find_incompatible_library(extra: str) -> str:
     return ""
 
 
-SIBLINGS = {"datasets": "ninedtact-train", "train": "ninedtact-train[training]", "hardware": "ninedtact-hardware"}
+SIBLINGS = {
+    "datasets": "ninedtact-train",
+    "train": "ninedtact-train[training]",
+    "environments": "ninedtact-train[environments]",
+    "hardware": "ninedtact-hardware",
+}
 """Extras that install another distribution of the repository, which in a checkout is installed from its own folder."""
 
 
 def installation_command(extras: str) -> str:
     """Return the command that installs extras, such as "train,studio": from the folders of a checkout, or by the name on PyPI."""
     package = Path(__file__).parents[2]
-    if not (package / "pyproject.toml").is_file():
+    if not _is_checkout(package):
         return f"pip install 'ninedtact[{extras}]'"
     own = ",".join(extra for extra in extras.split(",") if extra not in SIBLINGS)
     folders = [f"{package}[{own}]" if own else str(package)]
     folders += [str(package.parent / SIBLINGS[extra]) for extra in extras.split(",") if extra in SIBLINGS]
     return "pip install " + " ".join(f"-e '{folder}'" for folder in folders)
+
+
+def _is_checkout(folder: Path) -> bool:
+    """Return whether the package lies in a checkout of its repository, and not in the environment that runs it."""
+    return (folder / "pyproject.toml").is_file()

@@ -12,8 +12,9 @@
     ├── SimulationError        contact mechanics and simulated sensors
     └── DatasetError           recordings in progress and data sets: no usable pairs, faults found, work stopped
 
-Every package derives its concrete errors from these (`BoardNotFound`, `CameraLost`). Each message says what was expected, what was
-found, and what to do. The command line prints it as one line and ends with exit code 1.
+An error that a program may want to tell apart from the others of its group has a class of its own (`BoardNotFound`, `CameraLost`).
+The sentence of an error is data: what was expected, what was found (`got`), and what to do (`remedy`). The command line prints it
+as one line and ends with exit code 1.
 
 >>> try:
 ...     ninedtact.load_sensor("no_such_folder")
@@ -23,7 +24,16 @@ found, and what to do. The command line prints it as one line and ends with exit
 
 
 class NinedtactError(Exception):
-    """An error that the user can act on; the message says what was expected, what was found, and what to do."""
+    """An error that the user can act on; it says what was expected, what was found, and what to do.
+
+    >>> print(ninedtact.NinedtactError(expected="a load above 0 N", got="-1 N", remedy="give a larger one"))
+    expected a load above 0 N, got -1 N; give a larger one
+    """
+
+    def __init__(self, message: str = "", *, expected: str = "", got: str = "", remedy: str = "") -> None:
+        """message: the whole sentence, where it has another form than "expected …, got …; …"."""
+        self.expected, self.got, self.remedy = expected, got, remedy
+        super().__init__(message or f"expected {expected}, got {got}; {remedy}")
 
     def __reduce__(self) -> tuple[object, ...]:
         """Return message and attributes for pickling: an error of a worker process arrives as it was raised.

@@ -8,20 +8,19 @@ from typing import Any, Union, get_args, get_origin
 import pytest
 
 from ninedtact import __version__
-from ninedtact.cli import COMMANDS, command_union, main, parse_arguments
+from ninedtact.cli import COMMANDS, load_command, main, parse_arguments
 
 
-def command_names(commands: Any, group: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+def command_names() -> Iterator[tuple[str, ...]]:
     """The names of every command and of every group of commands."""
-    for member in get_args(commands):
-        command, *annotations = get_args(member)
-        name = next(each.name for each in annotations if hasattr(each, "name"))
-        yield (*group, name)
-        if get_origin(command) in (Union, UnionType):
-            yield from command_names(command, (*group, name))
+    for name in (name for name in COMMANDS if " " not in name):
+        yield (name,)
+        command, _ = load_command(name)
+        for member in get_args(command) if get_origin(command) in (Union, UnionType) else ():
+            yield (name, next(each.name for each in get_args(member)[1:] if hasattr(each, "name")))
 
 
-NAMES = [(), *command_names(command_union(COMMANDS))]
+NAMES = [(), *command_names()]
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ import pytest
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
 from ninedtact import CalibrationImages, calibrate, default_twin, save_sensor  # noqa: E402
-from ninedtact.design import Gel  # noqa: E402
 from ninedtact.errors import InputError  # noqa: E402
 from ninedtact.interop.mujoco import (  # noqa: E402
     BodyThroughBase,
@@ -20,9 +19,6 @@ from ninedtact.interop.mujoco import (  # noqa: E402
     TactileSensor,
 )
 from ninedtact.interop.mujoco_contacts import MujocoBodyUnusable  # noqa: E402
-from ninedtact.mechanics.contact_result import Contact  # noqa: E402
-from ninedtact.mechanics.finite_strain import correct_for_finite_strain  # noqa: E402
-from ninedtact.mechanics.indenter import Indenter  # noqa: E402
 from ninedtact.simulation.calibration_images import simulate_calibration_images  # noqa: E402
 from ninedtact.simulation.twin import Twin  # noqa: E402
 from ninedtact_train.environments.mujoco_batch import TactileSensorBatch  # noqa: E402
@@ -30,11 +26,7 @@ from ninedtact_train.environments.mujoco_batch import TactileSensorBatch  # noqa
 TWIN = default_twin()
 
 
-def at_finite_strain(contact: Contact, indenter: Indenter | None = None) -> Contact:
-    return correct_for_finite_strain(contact, Gel().thickness_mm, indenter)
-
-
-AT_FINITE_STRAIN = replace(TWIN, correct_contact=at_finite_strain)
+AT_FINITE_STRAIN = replace(TWIN, finite_strain=1.0)
 
 
 @pytest.fixture(autouse=True)

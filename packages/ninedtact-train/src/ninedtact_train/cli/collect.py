@@ -30,6 +30,7 @@ from ninedtact.open_sensor import (
     source_in_real_time,
 )
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
+from ninedtact_train.collecting.pair_selection import CollectSettings
 
 if TYPE_CHECKING:
     from numpy import ndarray as Array
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
     from ninedtact_train.collecting.collection_sources import CollectSetup
     from ninedtact_train.collecting.collector import Collector
-    from ninedtact_train.collecting.pair_selection import CollectSettings, SavedPairCounts
+    from ninedtact_train.collecting.pair_selection import SavedPairCounts
 
 _BAR_SYMBOLS = "·▁▂▃▄▅▆▇█"
 _KEY_HELP = "n next object   u undo last contact   t tare   q end"
@@ -47,63 +48,6 @@ _TERMINAL_PERIOD_S, _LOG_PERIOD_S = 0.2, 5.0
 _MISSING_SHOWN = 4
 _USUAL_COLUMNS = 80
 _READ_BYTES = 64
-
-
-@dataclass(frozen=True)
-class CollectOptions:
-    """Which moments become pairs, delays and limits; the defaults are those of the paper where it has any."""
-
-    tolerance_ms: float = 10.0
-    """Largest distance in time of the force/torque samples before and after an image; the wrench is interpolated."""
-    camera_delay_ms: CameraDelayOption = 0.0
-    no_contact: float = 0.03
-    """Fraction of pairs without contact."""
-    light_touch: float = 0.05
-    """Fraction of pairs whose load is below the start of the sampling rule."""
-    contact_below_n: float = -0.3
-    """F_z below which a contact begins for the sampling rule."""
-    first_below_n: tuple[float, float] = (-3.3, -0.3)
-    """The first pair of a contact is saved below a random F_z between these."""
-    ranges: tuple[float, float, float, float, float, float] = (6.0, 6.0, 12.0, 0.4, 0.4, 0.1)
-    """Width of the range of each axis, N and N·m."""
-    weights: tuple[float, float, float, float, float, float] = (1.0, 1.0, 1.0, 0.0, 0.0, 1.0)
-    """Weight of each axis when two wrenches are compared."""
-    min_difference: float = 0.25
-    """Smallest difference between saved wrenches, as a fraction of the ranges."""
-    range_n: tuple[float, float, float] | None = None
-    """Range of the force/torque sensor along each axis, N; samples near its end are not saved."""
-    range_nm: tuple[float, float, float] | None = None
-    """Range of the force/torque sensor about each axis, N·m."""
-    reference_images: int = 10
-    """Number of reference images (no contact) at every tare."""
-
-    def checks(self) -> "SampleCheckSettings":
-        """Return what the samples of the force/torque sensor are checked by."""
-        from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
-
-        return SampleCheckSettings(self.range_n, self.range_nm)
-
-    def settings(self, sensor: Path = Path(), camera: str = "") -> "CollectSettings":
-        """Return the settings of the collection with the sensor of this folder and the camera of this name.
-
-        Raises `SamplingRuleInvalid`, `CollectSettingsInvalid`, and what `resolve_camera_delay_ms` raises.
-        """
-        from ninedtact.capture.camera_delay import resolve_camera_delay_ms
-        from ninedtact_train.collecting.pair_selection import CollectSettings
-        from ninedtact_train.collecting.training_pair_rule import SamplingRuleSettings
-
-        rule = SamplingRuleSettings(
-            self.contact_below_n, self.first_below_n, self.ranges, self.weights, self.min_difference
-        )
-        return CollectSettings(
-            rule=rule,
-            checks=self.checks(),
-            tolerance_ms=self.tolerance_ms,
-            camera_delay_ms=resolve_camera_delay_ms(self.camera_delay_ms, sensor, camera),
-            no_contact=self.no_contact,
-            light_touch=self.light_touch,
-            reference_images=self.reference_images,
-        )
 
 
 class KeyReader:
@@ -249,7 +193,8 @@ class Collect:
     """Number of pairs after which to end."""
     seconds: float | None = None
     """Time after which to end; without it, key q, Ctrl-C or the end of the source ends the collection."""
-    options: Annotated[CollectOptions, tyro.conf.arg(name="")] = CollectOptions()
+    camera_delay_ms: CameraDelayOption = 0.0
+    settings: Annotated[CollectSettings, tyro.conf.arg(name="")] = CollectSettings()
     touches: int = 3
     """Number of times that the script presses each object; with sim only."""
     seed: int | None = None
@@ -266,8 +211,8 @@ class Collect:
         self._require_possible_counts()
         screen = CollectTerminalDisplay()
         with given_or_recorded_sensor(self.sensor, self.source) as folder:
-            setup = self._setup(folder, self.options.checks(), screen)
-            settings = self._options_for(setup).settings(folder.path, setup.camera_name)
+            setup = self._setup(folder, self.settings.checks, screen)
+            settings = replace(self.settings, camera_delay_ms=self._resolve_camera_delay_ms(folder, setup))
             collector = self._collect(folder, settings, setup, screen)
         return print_result(self.json, _to_json_dict(self.out, collector), _summary_lines(self.out, collector))
 
@@ -291,22 +236,22 @@ class Collect:
         device = force_torque_sensor_for(self.force_torque)
         return collection_setup_from_devices(camera, device, folder, checks, screen.show_message)
 
-    def _options_for(self, setup: "CollectSetup") -> CollectOptions:
-        """Return the options, without a delay that a recording's stamps have subtracted; raises `RecordingRefused`."""
-        from ninedtact.capture.camera_delay import SAVED
+    def _resolve_camera_delay_ms(self, folder: "SensorFolder", setup: "CollectSetup") -> float:
+        """Return the delay to subtract, which is zero where a recording's stamps have one subtracted; raises `RecordingRefused`."""
+        from ninedtact.capture.camera_delay import SAVED, resolve_camera_delay_ms
 
-        given, subtracted = self.options.camera_delay_ms, f"{setup.camera_delay_ms:g} ms subtracted"
+        given, subtracted = self.camera_delay_ms, f"{setup.camera_delay_ms:g} ms subtracted"
         if given == 0 or setup.camera_delay_ms == 0:
-            return self.options
+            return resolve_camera_delay_ms(given, folder.path, setup.camera_name)
         if given != SAVED:
             raise RecordingRefused(
                 f"expected no --camera-delay-ms for {self.source}, whose stamps already have {subtracted}, got {given}; drop it"
             )
         print_notice(f"the stamps of {self.source} already have {subtracted}; the saved delay is not subtracted again")
-        return replace(self.options, camera_delay_ms=0.0)
+        return 0.0
 
     def _collect(
-        self, folder: "SensorFolder", settings: "CollectSettings", setup: "CollectSetup", screen: CollectTerminalDisplay
+        self, folder: "SensorFolder", settings: CollectSettings, setup: "CollectSetup", screen: CollectTerminalDisplay
     ) -> "Collector":
         """Collect until the end and return the collector, its recording closed."""
         from ninedtact.recording.recorder import notify_partial_recording

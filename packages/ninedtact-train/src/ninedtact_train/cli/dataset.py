@@ -1,7 +1,7 @@
 """ninedtact dataset build, check and show: pairs of image and wrench from any source, for training."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,11 +10,11 @@ import tyro
 from ninedtact.cli.result_and_interrupt import print_notices, print_result
 from ninedtact.cli.shared_options import ClusterOption, JsonOption, WorkersOption
 from ninedtact.errors import DatasetError
+from ninedtact_train.dataset.build import BuildResult, BuildSettings, build_dataset
+from ninedtact_train.dataset.checks import PairCheckSettings
+from ninedtact_train.dataset.sources.source import SourceConventions
 
 if TYPE_CHECKING:
-    from ninedtact_train.dataset.build import BuildResult
-    from ninedtact_train.dataset.checks import PairCheckSettings
-    from ninedtact_train.dataset.sources.source import SourceConventions
     from ninedtact_train.dataset.statistics_and_card import DatasetStatistics
 
 _MOST_NAMES = 8
@@ -31,26 +31,6 @@ class DatasetStopped(DatasetError):
 
 
 @dataclass(frozen=True)
-class PairCheckLimits:
-    """The limits beyond which a pair is listed."""
-
-    max_wrench: tuple[float, float, float, float, float, float] = (6.0, 6.0, 24.0, 0.4, 0.4, 0.1)
-    """Largest forces (N) and torques (N·m) about the skin's centre; the default is twice what the paper collected."""
-    max_delay_ms: float = 20.0
-    """Largest time between image and wrench."""
-    min_darkening_levels: float = 0.6
-    """Grey levels by which the darkest place must be darker than in the reference image under 2 N or more."""
-    max_zero_force_darkening_levels: float = 6.0
-    """The same where the force is zero: with more, something touches."""
-
-    def to_check_settings(self) -> "PairCheckSettings":
-        """Return the settings of the checks."""
-        from ninedtact_train.dataset.checks import PairCheckSettings
-
-        return PairCheckSettings(**asdict(self))
-
-
-@dataclass(frozen=True)
 class BuildDatasetCommand:
     """Build one data set from any number of sources. After a stop, run the same command again to continue."""
 
@@ -58,42 +38,25 @@ class BuildDatasetCommand:
     """PATH or NAME=PATH: recordings (.mcap), the original project's Dataset folder, force episodes (.npz), a data set."""
     out: Path
     """Folder for the data set: new, empty, or begun with the same arguments."""
-    drop: bool = False
-    """Leave out the pairs that have faults."""
     strict: bool = False
     """Exit with 1 if any fault is found."""
-    licence: str | None = None
-    """Licence of the data, as Hugging Face names it: mit, cc-by-4.0."""
     workers: WorkersOption = 2
     cluster: ClusterOption = None
-    sensor: Path | None = None
-    """Sensor folder for recordings, in place of the one that they contain."""
-    sensor_name: str | None = None
-    """Name of the sensor that took the images of the original project or of the episodes."""
-    reference: Path | None = None
-    """Image without contact, for an image/ folder without mixed_image/."""
-    origin_mm: tuple[float, float, float] | None = None
-    """Point that the torques of the labels are about; 0 0 -35 for the original project, 0 0 0 for the centre of the skin."""
-    axes: str = "+x,+y,+z"
-    """Measured axes that are the sensor's x, y and z; --axes=-x,-y,-z reverses what the skin applies to the object."""
-    mm_per_px: float | None = None
-    """Scale of the images of the original project or of the episodes."""
-    limits: PairCheckLimits = PairCheckLimits()
+    conventions: Annotated[SourceConventions, tyro.conf.arg(name="")] = SourceConventions()
+    settings: Annotated[BuildSettings, tyro.conf.arg(name="")] = BuildSettings()
     json: JsonOption = False
 
     def run(self) -> int:
         """Build it and print what is in it; raises `DatasetStopped`, and `FaultsFound` with `--strict`."""
         from ninedtact.parallel_jobs import connect_workers
-        from ninedtact_train.dataset.build import BuildSettings, build_dataset
         from ninedtact_train.dataset.fault_report import PairFault, require_no_faults
         from ninedtact_train.dataset.folder import REPORT_FILE
         from ninedtact_train.dataset.sources.find_sources import find_sources
 
         try:
-            sources = find_sources(self.sources, self._conventions())
-            settings = BuildSettings(self.limits.to_check_settings(), self.drop, self.licence)
+            sources = find_sources(self.sources, self.conventions)
             with connect_workers(self.workers, self.cluster) as workers:
-                built = build_dataset(self.out, sources, settings, workers, progress=not self.json)
+                built = build_dataset(self.out, sources, self.settings, workers, progress=not self.json)
         except KeyboardInterrupt:
             raise DatasetStopped(self.out) from None
         print_result(self.json, _build_to_json_dict(built), _format_build(built))
@@ -101,19 +64,6 @@ class BuildDatasetCommand:
         if self.strict:
             require_no_faults(built.report, self.out / REPORT_FILE)
         return 0
-
-    def _conventions(self) -> "SourceConventions":
-        """Return what the options state about the sources; raises `SourceUnknown`."""
-        from ninedtact_train.dataset.sources.source import SourceConventions, parse_axes
-
-        return SourceConventions(
-            origin_mm=self.origin_mm,
-            axes=parse_axes(self.axes),
-            mm_per_px=self.mm_per_px,
-            sensor=self.sensor_name,
-            reference=self.reference,
-            sensor_folder=self.sensor,
-        )
 
 
 @dataclass(frozen=True)
@@ -127,7 +77,7 @@ class CheckDatasetCommand:
     strict: bool = False
     """Exit with 1 if any fault is found."""
     workers: WorkersOption = 2
-    limits: PairCheckLimits = PairCheckLimits()
+    limits: PairCheckSettings = PairCheckSettings()
     json: JsonOption = False
 
     def run(self) -> int:
@@ -143,7 +93,7 @@ class CheckDatasetCommand:
         path = self.report or self.folder / "check.json"
         if self.report is not None or self.folder.is_dir():  # a data set that is not there is said next
             require_place_for_file(path)
-        report = check_dataset(self.folder, self.limits.to_check_settings(), self.workers, progress=not self.json)
+        report = check_dataset(self.folder, self.limits, self.workers, progress=not self.json)
         write_quality_report(path, report)
         figures = {
             "folder": str(self.folder),

@@ -1,18 +1,21 @@
 """ninedtact evaluate: scores of predicted wrenches, from a file or of an estimator on a data set."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
 
 from ninedtact.cli.result_and_interrupt import print_notice, print_result
 from ninedtact.cli.shared_options import ClusterOption, JsonOption
 from ninedtact.errors import InputError
+from ninedtact_train.workflows.dataset_evaluation import DatasetEvaluationSettings
 
 if TYPE_CHECKING:
     from ninedtact_train.evaluation import WrenchPredictions
 
 _Point = tuple[float, float, float]
-_DATA_OPTIONS = ("force", "sensors", "modulus", "without_contact_detection", "every", "workers", "cluster")
+_DATA_OPTIONS = ("estimator", "workers", "cluster")
 """Options of the evaluation of an estimator on a data set."""
 _PREDICTIONS_OPTIONS = ("predictions_about_mm", "distribution", "trust_units")
 """Options of the evaluation of a file with predictions."""
@@ -32,18 +35,7 @@ class Evaluate:
     Optional columns: eFx … eTz (claimed standard deviations), object, sensor."""
     data: Path | None = None
     """Data set on which an estimator is evaluated, in place of --predictions."""
-    force: str = "physics"
-    """Estimator: physics, corrected, a force model (.onnx) or the original project's weights (.pt)."""
-    sensors: Path | None = None
-    """Folder with a sensor folder for each sensor of the data, by name.
-    By default the sensors of a simulated data set are calibrated from their own simulated images."""
-    modulus: Literal["true", "design", "calibrated"] = "true"
-    """Shear modulus assumed for simulated gels: true (the simulated one), design (the nominal one), or calibrated.
-    calibrated: force calibration with five simulated loads of 100 to 500 g, as `ninedtact adapt` does."""
-    without_contact_detection: bool = False
-    """Use a network's estimate also where no contact is detected; otherwise it is zero there."""
-    every: int = 1
-    """Evaluate one of every n pairs; which one varies."""
+    estimator: Annotated[DatasetEvaluationSettings, tyro.conf.arg(name="")] = DatasetEvaluationSettings()
     workers: int = 2
     """Processes that calibrate simulated sensors and estimate."""
     cluster: ClusterOption = None
@@ -89,34 +81,31 @@ class Evaluate:
     def _predict(self, data: Path) -> "WrenchPredictions":
         """Run the estimator on the data set, and keep its predictions beside the report."""
         from ninedtact_train.evaluation.predictions import write_predictions
-        from ninedtact_train.workflows.dataset_evaluation import DatasetEvaluationSettings, predict_dataset
+        from ninedtact_train.workflows.dataset_evaluation import predict_dataset
 
         if self.predictions is not None:
             raise InvalidEvaluateOption("expected --predictions or --data, got both; name one of them")
         self._refuse_given(_PREDICTIONS_OPTIONS, "--data")
-        if self.every < 1:
-            raise InvalidEvaluateOption(f"expected --every of at least 1, got {self.every}; drop it")
         from ninedtact.parallel_jobs import connect_workers
 
-        settings = DatasetEvaluationSettings(
-            force=self.force,
-            sensors=self.sensors,
-            modulus=self.modulus,
-            every=self.every,
-            contact_detection=not self.without_contact_detection,
-        )
         if self.out is not None:  # refused before the work rather than after it
             self.out.mkdir(parents=True, exist_ok=True)
         with connect_workers(self.workers, self.cluster) as workers:
-            predictions = predict_dataset(data, settings, workers, progress=not self.json, notify=print_notice)
+            predictions = predict_dataset(data, self.estimator, workers, progress=not self.json, notify=print_notice)
         if self.out is not None:
             write_predictions(self.out / "predictions.csv", predictions)
         return predictions
 
     def _refuse_given(self, options: tuple[str, ...], beside: str) -> None:
         """Raise `InvalidEvaluateOption` where one of the options that have no effect beside another has been given."""
-        defaults = {field.name: field.default for field in fields(self)}
-        given = [f"--{name.replace('_', '-')}" for name in options if getattr(self, name) != defaults[name]]
+        given = []
+        for one in fields(self):
+            value = getattr(self, one.name)
+            changed = [(one.name, one.default, value)]
+            if is_dataclass(value):
+                changed = [(part.name, part.default, getattr(value, part.name)) for part in fields(value)]
+            if one.name in options:
+                given += [f"--{name.replace('_', '-')}" for name, default, now in changed if now != default]
         if given:
             raise InvalidEvaluateOption(
                 f"expected options that have an effect with {beside}, got {' and '.join(given)}; drop what does not apply"

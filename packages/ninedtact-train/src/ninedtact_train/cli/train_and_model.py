@@ -13,9 +13,11 @@ from ninedtact._version import installation_command
 from ninedtact.cli.result_and_interrupt import print_notice, print_result
 from ninedtact.cli.shared_options import DesignFileOption, JsonOption, read_design_or_default
 from ninedtact.errors import ForceEstimationError, MissingLibraryError
+from ninedtact_train.dataset.held_out import HeldOutSettings
+from ninedtact_train.training.compute_settings import ComputeSettings
 
 if TYPE_CHECKING:
-    from ninedtact_train.training.settings import ComputeSettings, TrainingSettings
+    from ninedtact_train.training.settings import TrainingSettings
     from ninedtact_train.training.train import TrainingResult
     from ninedtact_train.workflows.force_model_from_simulation import ForceModelResult
 
@@ -24,33 +26,6 @@ _REQUIRED_PACKAGES = ("torch", "lightning", "onnx", "onnxscript", "onnxruntime",
 
 class TrainingPackagesMissing(MissingLibraryError):
     """Packages that training needs are not installed."""
-
-
-@dataclass(frozen=True)
-class _ComputeOptions:
-    """Lightning's own flags."""
-
-    accelerator: str = "auto"
-    """cpu, gpu, auto …"""
-    devices: str = "1"
-    """How many devices, or which: 2, auto, 0,3."""
-    nodes: int = 1
-    """Machines."""
-    strategy: str = "auto"
-    """Strategy for several devices, such as ddp."""
-    precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
-    """Numeric precision; bf16-mixed is faster on a GPU."""
-    loader_workers: int = 0
-    """Processes that load batches during training."""
-
-    def settings(self) -> "ComputeSettings":
-        """Return the options as settings of the training."""
-        from ninedtact_train.training.settings import ComputeSettings
-
-        devices = int(self.devices) if self.devices.isdigit() else self.devices
-        return ComputeSettings(
-            self.accelerator, devices, self.nodes, self.strategy, self.precision, self.loader_workers
-        )
 
 
 @dataclass(frozen=True)
@@ -82,39 +57,32 @@ class Train:
     """Pairs in a training step."""
     learning_rate: float | None = None
     """Learning rate; the highest one where the preset varies it."""
-    seed: int = 0
-    """Seed of the initial weights, the order, the augmentation and the held-out pairs."""
-    held_out: Literal["sensor_and_object", "object", "sensor", "standard"] | None = None
-    """What is held out to choose the best epoch by. By default sensors and objects, or objects alone for data of one sensor."""
-    held_out_fraction: float = 0.1
-    """Held-out part of the objects, of the sensors or of the pairs."""
-    split: Path | None = None
-    """Split file. Its test part is not used at all."""
+    held_out: Annotated[HeldOutSettings, tyro.conf.arg(name="")] = HeldOutSettings()
     name: str = "network"
     """Name of the model."""
     licence: str = "MIT"
     """Licence of the model."""
     workers: int = 1
     """Processes that compute heights from images."""
-    compute: tyro.conf.OmitArgPrefixes[_ComputeOptions] = _ComputeOptions()
+    compute: Annotated[ComputeSettings, tyro.conf.arg(name="")] = ComputeSettings()
     json: JsonOption = False
 
     def run(self) -> int:
         """Train, and print the scores on the held-out pairs."""
         _require_training_packages()
         self._require_inputs()  # at once: importing torch takes seconds
-        from ninedtact_train.workflows.dataset_training import HeldOutSettings, train_on_dataset
+        from ninedtact_train.workflows.dataset_training import train_on_dataset
 
         trained = train_on_dataset(
             self.data,
             self.out,
             self.settings(),
-            HeldOutSettings(self.held_out, self.held_out_fraction, self.split, self.seed),
+            self.held_out,
             sensors=self.sensors,
             workers=self.workers,
             name=self.name,
             licence=self.licence,
-            machine=self.compute.settings(),
+            machine=self.compute,
             progress=not self.json,
             notify=print_notice,
         )
@@ -131,8 +99,8 @@ class Train:
         from ninedtact_train.dataset.split import read_split
         from ninedtact_train.workflows.dataset_calibrations import require_sensor_calibrations
 
-        if self.split is not None:
-            read_split(self.split)
+        if self.held_out.split is not None:
+            read_split(self.held_out.split)
         find_pair_files(self.data)
         of_heights = InputChannels[self.channels.upper()].of_heights if self.channels else self.preset != "paper"
         if of_heights:
@@ -155,7 +123,7 @@ class Train:
             for name in ("network", "epochs", "batch", "learning_rate")
             if getattr(self, name) is not None
         }
-        settings = replace(preset, input=grid, seed=self.seed, **options)
+        settings = replace(preset, input=grid, seed=self.held_out.seed, **options)
         return match_input_width_to_dataset(settings, self.data, self.sensors)
 
 
@@ -167,7 +135,7 @@ def _require_training_packages() -> None:
     if missing:
         raise TrainingPackagesMissing(
             f"expected the packages {', '.join(_REQUIRED_PACKAGES)}, got none of {', '.join(missing)}; run "
-            f"{installation_command('train,datasets')}"
+            f"{installation_command('train')}"
         )
 
 

@@ -7,10 +7,12 @@ settings are stored in the recording.
 
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
+from tyro.conf import Suppress, arg
 
 from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
 from ninedtact.capture.force_torque.tare import TareSettings
@@ -92,21 +94,21 @@ class CollectSettingsInvalid(InputError):
 class CollectSettings:
     """Sampling rule, checks, tare and tolerances by which images and wrenches are saved as pairs."""
 
-    rule: SamplingRuleSettings = SamplingRuleSettings()
+    rule: Annotated[SamplingRuleSettings, arg(name="")] = SamplingRuleSettings()
     """The sampling rule of the paper for pairs within a contact."""
-    checks: SampleCheckSettings = SampleCheckSettings()
+    checks: Annotated[SampleCheckSettings, arg(name="")] = SampleCheckSettings()
     """Which samples of the force/torque sensor are rejected."""
-    tare: TareSettings = TareSettings()
+    tare: Annotated[TareSettings, Suppress] = TareSettings()
     """How the zero of the force/torque sensor is measured."""
     tolerance_ms: float = 10.0
-    """Largest distance of the samples before and after an image; the wrench is interpolated between them."""
-    camera_delay_ms: float = 0.0
+    """Largest distance in time of the force/torque samples before and after an image; the wrench is interpolated."""
+    camera_delay_ms: Annotated[float, Suppress] = 0.0
     """How long before its stamp an image shows the skin: half the exposure, and the transfer to the computer. It is negative for a
     camera that stamps the beginning of a long exposure."""
     no_contact: float = 0.03
     """Fraction of pairs without contact."""
     light_touch: float = 0.05
-    """Fraction of pairs with contact whose load is below the start of the sampling rule."""
+    """Fraction of pairs whose load is below the start of the sampling rule."""
     reference_images: int = 10
     """Number of reference images (no contact) before the first touch and at every tare."""
     rest: SixFloats = (0.2, 0.2, 0.2, 0.015, 0.015, 0.01)

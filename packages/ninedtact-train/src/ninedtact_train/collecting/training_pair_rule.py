@@ -28,14 +28,15 @@ class SamplingRuleSettings:
     """The parameters of the rule; the defaults are those of the paper."""
 
     contact_below_n: float = -0.3
-    """F_z below which a contact exists."""
+    """F_z below which a contact begins for the sampling rule."""
     first_below_n: tuple[float, float] = (-3.3, -0.3)
-    """F_z of the first pair of a contact is below a random number between these."""
+    """The first pair of a contact is saved below a random F_z between these."""
     ranges: SixFloats = (6.0, 6.0, 12.0, 0.4, 0.4, 0.1)
     """Width of the range of each axis, N and N·m."""
     weights: SixFloats = (1.0, 1.0, 1.0, 0.0, 0.0, 1.0)
+    """Weight of each axis when two wrenches are compared."""
     min_difference: float = 0.25
-    """Smallest difference between kept wrenches: the weighted sum of the differences as fractions of the ranges."""
+    """Smallest difference between saved wrenches: the weighted sum of the differences as fractions of the ranges."""
 
     def __post_init__(self) -> None:
         limits = self.contact_below_n, *self.first_below_n, self.min_difference

@@ -13,9 +13,10 @@ from importlib.metadata import version
 from itertools import count
 from pathlib import Path
 from socket import gethostname
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
+from tyro.conf import arg
 
 from ninedtact.atomic_write import write_file_atomically, write_files_atomically
 from ninedtact.calibration.sensor_folder import SENSOR_FILE
@@ -50,13 +51,13 @@ from ninedtact_train.dataset.statistics_and_card import (
 
 @dataclass(frozen=True)
 class BuildSettings:
-    """How a data set is built from its sources."""
+    """How a data set is built from its sources; raises `UnknownLicence`."""
 
-    checks: PairCheckSettings = PairCheckSettings()
+    checks: Annotated[PairCheckSettings, arg(name="limits")] = PairCheckSettings()
     drop: bool = False
     """Leave out the pairs that have faults."""
     licence: str | None = None
-    """Licence of the data, as Hugging Face names it; raises `UnknownLicence`."""
+    """Licence of the data, as Hugging Face names it: mit, cc-by-4.0."""
 
     def __post_init__(self) -> None:
         require_licence_name(self.licence)
@@ -198,7 +199,7 @@ class _PartReader:
 
 def _source_paths(source: Source) -> tuple[Path, ...]:
     """Return the paths that must exist to read a source."""
-    stated = (source.conventions.reference, source.conventions.sensor_folder)
+    stated = (source.conventions.reference, source.conventions.sensor)
     return (source.path, *(path for path in stated if path is not None))
 
 

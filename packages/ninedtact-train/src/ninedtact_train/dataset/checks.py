@@ -44,17 +44,19 @@ class PairCheckSettings:
     """The limits beyond which a pair is listed."""
 
     max_wrench: tuple[float, float, float, float, float, float] = (6.0, 6.0, 24.0, 0.4, 0.4, 0.1)
-    """Largest absolute values in N and N·m about the skin's centre: twice what the paper collected."""
+    """Largest forces (N) and torques (N·m) about the skin's centre; the default is twice what the paper collected."""
     pulling_above_n: float = 0.3
-    """Largest F_z."""
+    """Largest F_z, N, with which the object would pull at the skin."""
     max_delay_ms: float = 20.0
     """Largest time between image and wrench."""
     pressed_n: float = 2.0
-    """Load from which the image must be darker by `min_darkening_levels`."""
+    """Load from which the image must be darker than the reference image."""
     min_darkening_levels: float = 0.6
+    """Grey levels by which the darkest place must be darker than in the reference image under such a load."""
     zero_force_n: float = 0.05
-    """Force below which the darkening must be less than `max_zero_force_darkening_levels`."""
+    """Force that counts as zero."""
     max_zero_force_darkening_levels: float = 6.0
+    """Largest darkening in grey levels where the force is zero: with more, something touches."""
 
     def __post_init__(self) -> None:
         limits = (

@@ -15,13 +15,12 @@ is computed with the same model for simulation and for estimation.
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from ninedtact.design import Gel, SensorDesign
-from ninedtact.errors import InputError
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
 from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPressSettings
 from ninedtact.simulation.fitted_parameters import FITTED_PARAMETERS, sample_clipped_normal
@@ -36,6 +35,7 @@ from ninedtact.simulation.twin import (
     scale_brightness_to_design,
     scale_pixel_map_to_published,
 )
+from ninedtact_train.population.mechanics_shares import InvalidPopulation, MechanicsKind, NonidealMechanicsShares
 
 _SATURATION = 0.1, 6.0
 """Range of the saturation, whose logarithm is uniform."""
@@ -103,7 +103,6 @@ def _sample_lens(rng: Random, design: SensorDesign = PUBLISHED_DESIGN) -> WideAn
     )
 
 
-MechanicsKind = Literal["bonded", "compliant_base", "finite_strain"]
 BASE_STIFFNESS = 10.0
 """Ratio of the modulus of the transparent layer to that of the gel, about that of Shore A 45 to Shore A 5."""
 
@@ -117,31 +116,6 @@ def sample_transparent_layer(rng: np.random.Generator, gel: Gel) -> Gel:
 def gel_on_base_compliance(gel: Gel, base: Gel | None) -> ComplianceFunction:
     """Return the compliance of gel on a compliant base, or on a rigid one where the base is None."""
     return partial(bonded_layer_compliance, gel=gel) if base is None else layered_compliance((gel, base))
-
-
-class InvalidPopulation(InputError):
-    """Raised for settings of a population that admit no sensor."""
-
-
-@dataclass(frozen=True)
-class NonidealMechanicsShares:
-    """Shares of sensors whose mechanics differ from the gel on a rigid base that estimators assume."""
-
-    compliant_base: float = 0.15
-    finite_strain: float = 0.55
-
-    def __post_init__(self) -> None:
-        if not (min(self.compliant_base, self.finite_strain) >= 0 and self.compliant_base + self.finite_strain <= 1):
-            raise InvalidPopulation(
-                f"expected shares of sensors from 0 to 1, together at most 1, got {self.compliant_base} on a compliant base "
-                f"and {self.finite_strain} with finite strain; correct them"
-            )
-
-    def kind_at(self, quantile: float) -> MechanicsKind:
-        """Return the kind at a quantile, 0 to 1."""
-        if quantile < self.compliant_base:
-            return "compliant_base"
-        return "finite_strain" if quantile < self.compliant_base + self.finite_strain else "bonded"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Settings of a force model's training, the presets `default` and `paper`, and the settings of the hardware that it runs on.
+"""Settings of a force model's training, and the presets `default`, `corrector` and `paper`.
 
 The resolved training settings are stored beside the model and in its card.
 """
@@ -80,16 +80,3 @@ CORRECTOR_TRAINING = TrainingSettings(
 )
 """Training of a network that corrects the wrench by physics. Heights and tractions belong together, so they are not perturbed."""
 TRAINING_PRESETS = {"default": DEFAULT_TRAINING, "corrector": CORRECTOR_TRAINING, "paper": PAPER_TRAINING}
-
-
-@dataclass(frozen=True)
-class ComputeSettings:
-    """Lightning's flags for the hardware that a training runs on; they change its speed, not what is learnt."""
-
-    accelerator: str = "auto"
-    devices: int | str = 1
-    nodes: int = 1
-    strategy: str = "auto"
-    precision: Any = "32-true"
-    loader_workers: int = 0
-    """Processes that load batches; 0: the training's own process."""

@@ -30,6 +30,7 @@ from ninedtact.force.onnx_model import ForceModel
 from ninedtact_train.dataset.split import SplitRows
 from ninedtact_train.evaluation import WrenchEvaluation
 from ninedtact_train.evaluation.report import plot_training_curves
+from ninedtact_train.training.compute_settings import ComputeSettings
 from ninedtact_train.training.error_scale_and_model_card import TrainedNetwork
 from ninedtact_train.training.examples import (
     SeededBatchSampler,
@@ -40,7 +41,7 @@ from ninedtact_train.training.examples import (
     require_trainable_examples,
 )
 from ninedtact_train.training.onnx_export import export_model
-from ninedtact_train.training.settings import ComputeSettings, TrainingSettings
+from ninedtact_train.training.settings import TrainingSettings
 from ninedtact_train.training.training_module import (
     MONITORED_METRIC,
     AtomicCheckpointIO,

@@ -14,6 +14,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from tqdm import tqdm
 
+from ninedtact.errors import InputError
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file_of_spec, without_contact_detection
 from ninedtact.force.known_load_scale import ScaledForceEstimator, select_force_scale
@@ -48,15 +49,21 @@ class DatasetEvaluationSettings:
     """The estimator that is evaluated, and how its sensors are calibrated."""
 
     force: str = PHYSICS
-    """Name or path of the estimator, as for the option `--force`."""
+    """Estimator: physics, corrected, a force model (.onnx) or the original project's weights (.pt)."""
     sensors: Path | None = None
-    """Folder with a sensor folder for each sensor of the data, by name; where None, simulated sensors are calibrated."""
+    """Folder with a sensor folder for each sensor of the data, by name.
+    By default the sensors of a simulated data set are calibrated from their own simulated images."""
     modulus: Literal["true", "design", "calibrated"] = "true"
-    """Shear modulus assumed for simulated gels: the true one, the design's, or by force calibration with five simulated loads."""
+    """Shear modulus assumed for simulated gels: true (the simulated one), design (the nominal one), or calibrated.
+    calibrated: force calibration with five simulated loads of 100 to 500 g, as `ninedtact adapt` does."""
     every: int = 1
-    """Evaluate one of every n pairs."""
-    contact_detection: bool = True
-    """Whether a network's estimate is zero where no contact is detected."""
+    """Evaluate one of every n pairs; which one varies."""
+    without_contact_detection: bool = False
+    """Use a network's estimate also where no contact is detected; otherwise it is zero there."""
+
+    def __post_init__(self) -> None:
+        if self.every < 1:
+            raise InputError(expected="--every of at least 1", got=str(self.every), remedy="drop it")
 
 
 def predict_dataset(
@@ -191,7 +198,7 @@ def _build_estimator(
             copy = Path(folder) / path.name
             copy.write_bytes(model)
             estimator = build_estimator(str(copy), sensor.shape, sensor.gel)
-    if not settings.contact_detection:
+    if settings.without_contact_detection:
         estimator = without_contact_detection(estimator)
     if member is None:
         return ScaledForceEstimator(estimator, select_force_scale(estimator, dict(sensor.force_scales)))
@@ -218,7 +225,7 @@ def evaluate_per_mechanics_kind(
             tables[words + label] = _card_table(part)
     if corrects_physics:
         return tables
-    undetected = replace(settings, modulus="true", contact_detection=False)
+    undetected = replace(settings, modulus="true", without_contact_detection=True)
     without_detection = evaluate_predictions(predict_dataset(data, undetected, workers, progress=progress))
     tables["all"]["no_contact_without_detection"] = without_detection.to_json_dict()["no_contact"]
     return tables

@@ -4,77 +4,27 @@ A data set, training settings and a fraction to hold out go in; the folder of `t
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.design import Gel
 from ninedtact.force.network_input import NetworkInputSettings, scale_input_settings_to_width, sensor_features_of
-from ninedtact.quantities import NO_OBJECT
 from ninedtact_train.dataset.folder import DatasetFolder, find_sensor_folders
 from ninedtact_train.dataset.height_cache import load_height_pairs
+from ninedtact_train.dataset.held_out import HeldOutSettings
 from ninedtact_train.dataset.reader import load_dataset, read_pair_columns
-from ninedtact_train.dataset.split import (
-    SplitImpossible,
-    SplitKeys,
-    SplitRows,
-    SplitSettings,
-    read_split,
-    split_dataset,
-)
+from ninedtact_train.training.compute_settings import ComputeSettings
 from ninedtact_train.training.examples import TrainingExamples
-from ninedtact_train.training.settings import ComputeSettings, TrainingSettings
+from ninedtact_train.training.settings import TrainingSettings
 from ninedtact_train.training.train import TrainingResult, train_network
 from ninedtact_train.workflows.dataset_calibrations import (
     find_calibration_doubts,
     load_dataset_sensors,
     load_simulated_sensors,
 )
-
-
-@dataclass(frozen=True)
-class HeldOutSettings:
-    """Which pairs are held out of the training; the best epoch is chosen by them. Raises `SplitImpossible`."""
-
-    kind: Literal["sensor_and_object", "object", "sensor", "standard"] | None = None
-    """Kind of the split; None: by objects and sensors, or by objects alone where there is one sensor."""
-    fraction: float = 0.1
-    """Fraction of the objects, of the sensors or of the pairs that is held out."""
-    split: Path | None = None
-    """Split file whose training part is divided; its test part is not used at all."""
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.fraction < 1:
-            raise SplitImpossible(
-                f"expected a fraction between 0 and 1 to hold out, got {self.fraction:g}; hold out 0.1 of the objects or sensors"
-            )
-
-    def rows(self, ids: Sequence[str], examples: TrainingExamples, all_ids: Sequence[str] | None = None) -> SplitRows:
-        """Return the rows for training and for validation; raises `SplitImpossible`, `SplitFileUnusable`.
-
-        all_ids: ids of the whole data set, which a split file is of, where some of its pairs are no examples.
-        """
-        train = np.arange(len(ids))
-        if self.split is not None:
-            split = read_split(self.split)
-            split.rows(ids if all_ids is None else all_ids)
-            train = np.flatnonzero(np.isin(np.asarray(ids, dtype=str), split.train))
-        names, objects, sensors = (
-            np.asarray(column)[train].tolist() for column in (ids, examples.objects, examples.sensors)
-        )
-        settings = self._split_settings(set(objects), set(sensors), len(names))
-        inner = split_dataset(SplitKeys(names, objects, sensors), settings).rows(names)
-        return SplitRows(train[inner.train], train[inner.test])
-
-    def _split_settings(self, objects: set[str], sensors: set[str], pairs: int) -> SplitSettings:
-        """Return the settings of a split with this fraction of each, and one of each at least."""
-        kind = self.kind or ("sensor_and_object" if len(sensors) > 1 else "object")
-        counts = [max(1, round(self.fraction * count)) for count in (len(objects - {NO_OBJECT}), len(sensors), pairs)]
-        return SplitSettings(kind, objects=counts[0], sensors=counts[1], pairs=counts[2], seed=self.seed)
 
 
 def train_on_dataset(
@@ -100,7 +50,7 @@ def train_on_dataset(
     """
     examples, ids = read_training_examples(data, settings.input, sensors, workers, progress, notify)
     all_ids = ids if held_out.split is None else read_pair_columns(data)["id"].to_pylist()
-    rows = held_out.rows(ids, examples, all_ids)
+    rows = held_out.rows(ids, examples.objects, examples.sensors, all_ids)
     return train_network(examples, rows, settings, out, name=name, licence=licence, machine=machine, progress=progress)
 
 

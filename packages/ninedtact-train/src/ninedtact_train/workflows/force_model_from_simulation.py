@@ -32,9 +32,11 @@ from ninedtact_train.dataset.generation.generate import generate_dataset
 from ninedtact_train.dataset.generation.press_trajectory import PressSettings
 from ninedtact_train.dataset.generation.settings import GenerationSettings
 from ninedtact_train.evaluation.model_card_markdown import format_model_card
-from ninedtact_train.population.sensor_population import NonidealMechanicsShares, sample_sensor
+from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
+from ninedtact_train.population.sensor_population import sample_sensor
+from ninedtact_train.training.compute_settings import ComputeSettings
 from ninedtact_train.training.onnx_export import rewrite_card
-from ninedtact_train.training.settings import CORRECTOR_TRAINING, ComputeSettings
+from ninedtact_train.training.settings import CORRECTOR_TRAINING
 from ninedtact_train.training.train import MODEL_FILE
 from ninedtact_train.workflows.dataset_calibrations import calibrate_simulated_sensor
 from ninedtact_train.workflows.dataset_evaluation import evaluate_per_mechanics_kind

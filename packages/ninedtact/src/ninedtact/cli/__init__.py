@@ -7,15 +7,18 @@ tyro reads the fields. Its rules are extended here, once for all commands: defau
 empty list), an option that may be left out shows only its type, and the lines of a docstring are joined to sentences.
 """
 
+import ast
 import os
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, is_dataclass, make_dataclass, replace
+from dataclasses import is_dataclass, make_dataclass, replace
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import Annotated, Any, ClassVar, Union, get_args, get_origin
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated, Any, Union, get_args, get_origin
 
 import tyro
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
@@ -105,7 +108,8 @@ def parse_arguments(arguments: Sequence[str] | None) -> Any:
     if words and words[0] in COMMANDS:
         command, description = load_command(words[0])
         return _parse_command(command, description, words[1:], f"ninedtact {words[0]}")
-    return _parse_command(command_union(name for name in COMMANDS if " " not in name), DESCRIPTION, words, "ninedtact")
+    overview = Union[tuple(map(_overview_entry, (name for name in COMMANDS if " " not in name)))]  # noqa: UP007
+    return _parse_command(overview, DESCRIPTION, words, "ninedtact")
 
 
 def load_command(name: str) -> tuple[Any, str | None]:
@@ -113,54 +117,50 @@ def load_command(name: str) -> tuple[Any, str | None]:
 
     Raises `CommandNotInstalled` for a command of a distribution that is not installed.
     """
-    place = COMMANDS[name]
-    if place.startswith("["):
-        command, module = _load_command_of_sibling(name, place.strip("[]"))
-    else:
-        module_name, _, class_name = place.partition(":")
-        module = import_module(f"ninedtact.cli.{module_name}")
-        command = getattr(module, class_name)
-    joining = [other for other in COMMANDS if other.startswith(f"{name} ")]
-    if joining:
-        command = command | command_union(joining)
+    module_name, class_name = _command_place(name)
+    module = import_module(module_name)
+    command = getattr(module, class_name)
+    for other in COMMANDS:
+        if other.startswith(f"{name} "):
+            member, description = load_command(other)
+            command |= Annotated[member, tyro.conf.subcommand(other.split()[1], description=description)]
     return command, None if isinstance(command, type) else module.DESCRIPTION
 
 
-def _load_command_of_sibling(name: str, extra: str) -> tuple[Any, Any]:
-    """Return a command of another distribution and its module; raises `CommandNotInstalled`."""
+def _command_place(name: str) -> tuple[str, str]:
+    """Return module and class of a command; raises `CommandNotInstalled`."""
+    place = COMMANDS[name]
+    if not place.startswith("["):
+        module_name, _, class_name = place.partition(":")
+        return f"ninedtact.cli.{module_name}", class_name
     found = tuple(entry_points(group="ninedtact.commands", name=name))
     if not found:
         raise CommandNotInstalled(
-            f"expected the distribution that brings 'ninedtact {name}', got none; run {installation_command(extra)}"
+            f"expected the distribution that brings 'ninedtact {name}', got none; run {installation_command(place.strip('[]'))}"
         )
-    return found[0].load(), import_module(found[0].module)
+    return found[0].module, found[0].attr
 
 
-def command_union(names: Iterable[str]) -> Any:
-    """Return the union of commands from which tyro builds subcommands; one that is not installed says so in its description."""
-    members = []
-    for name in names:
-        try:
-            command, description = load_command(name)
-        except CommandNotInstalled as missing:
-            command = make_dataclass(
-                f"_Missing{len(members)}", (), bases=(_MissingCommand,), namespace={"reason": missing}
-            )
-            description = f"Not installed: {installation_command(COMMANDS[name].strip('[]'))}"
-        word = name.rpartition(" ")[2]
-        members.append(Annotated[command, tyro.conf.subcommand(word, description=description)])
-    return Union[tuple(members)]  # noqa: UP007 - the members are known only at run time
+def _overview_entry(name: str) -> Any:
+    """Return a command's line in `ninedtact --help`, made from its source, because importing all commands takes a second."""
+    try:
+        summary = _command_summary(*_command_place(name))
+    except CommandNotInstalled:
+        summary = f"Not installed; run {installation_command(COMMANDS[name].strip('[]'))}"
+    stub = make_dataclass(f"_{name}", ())
+    return Annotated[stub, tyro.conf.subcommand(name, description=summary)]
 
 
-@dataclass(frozen=True)
-class _MissingCommand:
-    """Stands in the list of commands for one whose distribution is not installed."""
-
-    reason: ClassVar[CommandNotInstalled]
-
-    def run(self) -> int:
-        """Raise `CommandNotInstalled`."""
-        raise self.reason
+def _command_summary(module_name: str, class_name: str) -> str:
+    """Return the first paragraph of a command's docstring, or the description of a group."""
+    spec = find_spec(module_name)
+    assert spec is not None and spec.origin is not None, f"{module_name} is a file of an installed distribution"
+    for node in ast.parse(Path(spec.origin).read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ClassDef) and node.name == class_name:
+            return " ".join((ast.get_docstring(node) or "").split("\n\n")[0].split())
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "DESCRIPTION":
+            return str(ast.literal_eval(node.value))
+    raise AssertionError(f"{module_name} has no {class_name} with a docstring and no DESCRIPTION")
 
 
 def _parse_command(commands: Any, description: str | None, arguments: Sequence[str], program: str) -> Any:

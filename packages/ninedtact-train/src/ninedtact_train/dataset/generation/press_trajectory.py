@@ -13,15 +13,14 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.design import SensingArea
 from ninedtact.mechanics.contact_result import ContactLeavesGrid, NonPositiveLoad
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.twin import ContactLeavesGel, PoseOutOfView, Press
 from ninedtact_train.batched.session_requests import RequestGenerator, SimulatedSetup, StepRequest
+from ninedtact_train.dataset.generation.settings import PressSettings, PressTarget
 
 _Pair = tuple[float, float]
-_PUBLISHED_AREA_MM = SensingArea().size_mm
 _CONTACT_LOST = (PoseOutOfView, NonPositiveLoad, ContactLeavesGrid, ContactLeavesGel)
 """Errors of a step where no contact is possible; they end the press."""
 _MAX_SIDEWAYS_STEP_MM = 0.5
@@ -31,56 +30,6 @@ _EDGE_MARGIN_MM = 0.5
 """Smallest distance between a contact and the edge of the sensing area."""
 _RESIDUAL_PART, _RESIDUAL_MM = 0.03, 0.002
 """Largest residual as a fraction of the maximum indentation, and in mm; a contact that is solved less accurately ends the press."""
-
-
-@dataclass(frozen=True)
-class PressTarget:
-    """What one step of a press aims at."""
-
-    load_n: float
-    shear_n: Float64[Array, "2"]
-    twist_rad: float
-    """Twist relative to the angle at which the object came down."""
-    tilt_rad: Float64[Array, "2"]
-
-
-@dataclass(frozen=True)
-class PressSettings:
-    """The distributions that press targets are sampled from: means and standard deviations."""
-
-    load_n: _Pair = (6.7, 2.8)
-    load_range_n: _Pair = (0.5, 11.5)
-    shear_mean: _Pair = (0.03, -0.085)
-    """Mean of shear over load along x and y, as measured with hand-held objects."""
-    shear_spread: _Pair = (0.125, 0.145)
-    twist_deg: float = 3.0
-    max_twist_deg: float = 20.0
-    tilt_deg: float = 3.0
-    max_tilt_deg: float = 10.0
-    position_spread_mm: _Pair = (4.5, 3.2)
-    """Of the object's middle on the published sensing area; proportionally wider on a wider one."""
-    targets: tuple[int, int] = (4, 8)
-    """Fewest and most in one press."""
-    steps: int = 2
-    """From one target to the next."""
-    max_depth: float = 0.75
-    """Part of the gel's thickness at which a press stops: a hand feels the base there."""
-
-    def sample_target(self, rng: np.random.Generator) -> PressTarget:
-        """Sample the next target of a press."""
-        load = float(np.clip(rng.normal(*self.load_n), *self.load_range_n))
-        shear = load * rng.normal(self.shear_mean, self.shear_spread)
-        limits = np.array([self.max_twist_deg, self.max_tilt_deg, self.max_tilt_deg])
-        angles = np.clip(rng.normal(0, (self.twist_deg, self.tilt_deg, self.tilt_deg)), -limits, limits)
-        return PressTarget(load, shear, float(np.radians(angles[0])), np.radians(angles[1:]))
-
-    def sample_position(
-        self, rng: np.random.Generator, max_offset_mm: Float64[Array, "2"], area_mm: _Pair = _PUBLISHED_AREA_MM
-    ) -> _Pair:
-        """Sample x and y in mm where the object comes down on a sensing area of this size."""
-        scale = np.divide(area_mm, _PUBLISHED_AREA_MM)
-        x, y = np.clip(rng.normal(0, self.position_spread_mm * scale), -max_offset_mm, max_offset_mm).tolist()
-        return x, y
 
 
 @dataclass

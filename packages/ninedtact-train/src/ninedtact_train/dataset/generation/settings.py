@@ -1,21 +1,81 @@
-"""The settings of a generated data set. They are stored with it; the same settings and version generate the same data set again."""
+"""The settings of a generated data set and of its presses, which are stored with it.
+
+The same settings and version generate the same data set again.
+"""
 
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from ninedtact.design import SensorDesign
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray as Array
+from tyro.conf import Suppress, arg
+
+from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names
-from ninedtact.simulation.twin import PITCH_MM
 from ninedtact_train.collecting.training_pair_rule import SamplingRuleSettings
-from ninedtact_train.dataset.generation.press_trajectory import PressSettings
-from ninedtact_train.population.sensor_population import NonidealMechanicsShares, SampledSensor, sample_sensor
+from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
+
+if TYPE_CHECKING:
+    from ninedtact_train.population.sensor_population import SampledSensor
 
 _SMALLEST_PX = 16
+_PUBLISHED_AREA_MM = SensingArea().size_mm
+_Pair = tuple[float, float]
 
 
 class GenerationImpossible(InputError):
     """Raised for a data set that cannot be generated."""
+
+
+@dataclass(frozen=True)
+class PressTarget:
+    """What one step of a press aims at."""
+
+    load_n: float
+    shear_n: Float64[Array, "2"]
+    twist_rad: float
+    """Twist relative to the angle at which the object came down."""
+    tilt_rad: Float64[Array, "2"]
+
+
+@dataclass(frozen=True)
+class PressSettings:
+    """The distributions that press targets are sampled from: means and standard deviations."""
+
+    load_n: _Pair = (6.7, 2.8)
+    load_range_n: _Pair = (0.5, 11.5)
+    shear_mean: _Pair = (0.03, -0.085)
+    """Mean of shear over load along x and y, as measured with hand-held objects."""
+    shear_spread: _Pair = (0.125, 0.145)
+    twist_deg: float = 3.0
+    max_twist_deg: float = 20.0
+    tilt_deg: float = 3.0
+    max_tilt_deg: float = 10.0
+    position_spread_mm: _Pair = (4.5, 3.2)
+    """Of the object's middle on the published sensing area; proportionally wider on a wider one."""
+    targets: tuple[int, int] = (4, 8)
+    """Fewest and most in one press."""
+    steps: int = 2
+    """From one target to the next."""
+    max_depth: float = 0.75
+    """Part of the gel's thickness at which a press stops: a hand feels the base there."""
+
+    def sample_target(self, rng: np.random.Generator) -> PressTarget:
+        """Sample the next target of a press."""
+        load = float(np.clip(rng.normal(*self.load_n), *self.load_range_n))
+        shear = load * rng.normal(self.shear_mean, self.shear_spread)
+        limits = np.array([self.max_twist_deg, self.max_tilt_deg, self.max_tilt_deg])
+        angles = np.clip(rng.normal(0, (self.twist_deg, self.tilt_deg, self.tilt_deg)), -limits, limits)
+        return PressTarget(load, shear, float(np.radians(angles[0])), np.radians(angles[1:]))
+
+    def sample_position(
+        self, rng: np.random.Generator, max_offset_mm: Float64[Array, "2"], area_mm: _Pair = _PUBLISHED_AREA_MM
+    ) -> _Pair:
+        """Sample x and y in mm where the object comes down on a sensing area of this size."""
+        scale = np.divide(area_mm, _PUBLISHED_AREA_MM)
+        x, y = np.clip(rng.normal(0, self.position_spread_mm * scale), -max_offset_mm, max_offset_mm).tolist()
+        return x, y
 
 
 @dataclass(frozen=True)
@@ -25,7 +85,7 @@ class PairKindShares:
     no_contact: float = 0.03
     """Share of pairs in which nothing touches and the wrench is zero."""
     light_touch: float = 0.05
-    """Share of pairs whose load is below `GenerationSettings.light_below_n`."""
+    """Share of pairs whose load is below that of a light touch."""
 
     def __post_init__(self) -> None:
         if not (min(self.no_contact, self.light_touch) >= 0 and self.no_contact + self.light_touch <= 1):
@@ -40,31 +100,34 @@ class GenerationSettings:
     """Everything that decides about the bytes of a generated data set."""
 
     pairs: int = 10_000
+    """Number of images with their wrenches."""
     size: tuple[int, int] = (460, 345)
     """Columns and rows of the rectified images; images of every size show the width of the sensing area."""
     sensors: int = 20
     """Number of different sensors, which take turns."""
-    objects: int = PAPER_COUNT
-    """Number of generated objects; ignored if objects are named."""
+    objects: int = 175
+    """Number of generated objects that are pressed; 175, as in the paper, unless objects are named."""
     object_names: tuple[str, ...] = ()
-    """Names of objects to use in place of the first `objects` generated ones."""
+    """Objects by name in place of generated ones (ball:4, gear_07, part.stl)."""
     seed: int = 0
-    """Of sensors, presses and noise."""
+    """Seed of sensors, presses and noise."""
     objects_seed: int = 0
-    """Of generated objects: a name and a seed are one shape in every data set."""
-    shares: PairKindShares = PairKindShares()
-    mechanics: NonidealMechanicsShares = NonidealMechanicsShares()
+    """Seed of generated objects: a name and a seed are one shape in every data set."""
+    shares: Annotated[PairKindShares, arg(name="")] = PairKindShares()
+    mechanics: Annotated[NonidealMechanicsShares, arg(name="")] = NonidealMechanicsShares()
     """Shares of sensors whose gel is not linear on a rigid base."""
     light_below_n: float = 0.3
-    pitch_mm: float = PITCH_MM
-    """Pitch of the grid on which contacts are solved."""
+    """Load below which a pair counts as a light touch."""
+    pitch_mm: float = 0.2
+    """Pitch of the grid on which contacts are solved; a coarser one is faster."""
     session_pairs: int = 50
     """Pairs with one sensor before the next one's turn; fewer if otherwise not all sensors would have one."""
     sessions_per_file: int = 5
-    design: SensorDesign = SensorDesign()
+    """Sessions whose pairs are in one Parquet file."""
+    design: Annotated[SensorDesign, Suppress] = SensorDesign()
     """The design that all sensors vary about."""
-    rule: SamplingRuleSettings = SamplingRuleSettings()
-    press: PressSettings = field(default_factory=PressSettings)
+    rule: Annotated[SamplingRuleSettings, Suppress] = SamplingRuleSettings()
+    press: Annotated[PressSettings, Suppress] = field(default_factory=PressSettings)
 
     def __post_init__(self) -> None:
         for name in ("pairs", "sensors", "objects", "session_pairs", "sessions_per_file"):
@@ -89,6 +152,8 @@ class GenerationSettings:
     @property
     def selected_objects(self) -> tuple[str, ...]:
         """Names of all objects that press."""
+        from ninedtact.simulation.objects.catalogue import generated_object_names
+
         return self.object_names or tuple(generated_object_names(self.objects))
 
     @property
@@ -111,8 +176,10 @@ class GenerationSettings:
         """Number of sessions in all files."""
         return -(-self.pairs // self.pairs_per_session)
 
-    def sensor_parameters(self, number: int) -> SampledSensor:
+    def sensor_parameters(self, number: int) -> "SampledSensor":
         """Return all parameters of the sensor of this number."""
+        from ninedtact_train.population.sensor_population import sample_sensor
+
         return sample_sensor(number, self.seed, self.mechanics, self.design)
 
     def sessions_of_file(self, file: int) -> range:

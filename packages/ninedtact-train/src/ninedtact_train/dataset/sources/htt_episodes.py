@@ -186,7 +186,7 @@ class _EpisodePart(SourcePart):
             scale = 255.0 if np.nanmax(image) <= 1.0 else 1.0
             image = np.rint(np.nan_to_num(image) * scale)
         grey = _rgb_to_grey(np.clip(image, 0, 255).astype(np.uint8))
-        sensor = self.conventions.sensor or self.source
+        sensor = self.conventions.sensor_name or self.source
         return ReferenceImage(f"{self.source}/{self.name}", encode_png(grey), sensor)
 
     def _read_forces(self, episode: _NpzArchive) -> Float64[Array, "steps 6"]:

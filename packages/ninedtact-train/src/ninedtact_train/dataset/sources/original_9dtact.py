@@ -89,7 +89,7 @@ class _PairFiles:
         faults: _Faults = []
         measured = self._read_wrench(faults)
         grey, reference_grey = self._read_images(faults)
-        sensor = conventions.sensor or source
+        sensor = conventions.sensor_name or source
         reference = given if reference_grey is None else _make_reference(reference_grey, source, sensor)
         if reference:
             yield reference
@@ -179,7 +179,7 @@ class _PairsPart(SourcePart):
     def items(self) -> Iterator[SourceItem]:
         """Yield the pairs, and every reference image once before the first pair that names it."""
         known: set[str] = set()
-        path, sensor = self.conventions.reference, self.conventions.sensor or self.source
+        path, sensor = self.conventions.reference, self.conventions.sensor_name or self.source
         given = _make_reference(_read_grey_image(path), self.source, sensor) if path else None
         for pair in self.pairs:
             for item in pair.items(self.source, self.conventions, given):

@@ -148,14 +148,14 @@ class RecordingsSource(Source):
         """Yield the sensor of each recording with its attached folder, or with the one that was given in its place."""
         from ninedtact.recording.reader import Recording, read_folder_files
 
-        given = self.conventions.sensor_folder
+        given = self.conventions.sensor
         for file in self.files():
             with suppress(NinedtactError), Recording(file) as recording:  # one that cannot be read is in the report
                 yield recording.sensor, recording.sensor_files() if given is None else read_folder_files(given)
 
     def parts(self) -> list[SourcePart]:
         """Return one part for each recording."""
-        folder = self.conventions.sensor_folder
+        folder = self.conventions.sensor
         return [
             _RecordingPart(self.name, file, relative_path_without_suffix(file, self.root), folder)
             for file in self.files()

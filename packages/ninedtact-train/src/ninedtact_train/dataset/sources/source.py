@@ -3,7 +3,7 @@
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any, ClassVar
@@ -18,8 +18,7 @@ from ninedtact.quantities import Wrench
 from ninedtact_train.dataset.schema import SourceItem
 
 Point = tuple[float, float, float]
-_Axes = tuple[str, str, str]
-_AS_MEASURED: _Axes = ("+x", "+y", "+z")
+_AS_MEASURED = "+x,+y,+z"
 
 
 class SourceUnknown(InputError):
@@ -34,20 +33,20 @@ class SourceConventions:
     """
 
     origin_mm: Point | None = None
-    """The point that the torques of the labels are about, in the sensor's frame; None: as usual for the kind of source."""
-    axes: _Axes = _AS_MEASURED
-    """Which of the measured axes, with which sign, are the sensor's x, y and z."""
+    """Point that the torques of the labels are about; 0 0 -35 for the original project, 0 0 0 for the centre of the skin."""
+    axes: str = _AS_MEASURED
+    """Measured axes that are the sensor's x, y and z; --axes=-x,-y,-z reverses what the skin applies to the object."""
     mm_per_px: float | None = None
-    """Scale of the images."""
-    sensor: str | None = None
-    """Name of the sensor that took the images; None: the name of the source."""
+    """Scale of the images of the original project or of the episodes."""
+    sensor_name: str | None = None
+    """Name of the sensor that took the images of the original project or of the episodes; by default that of the source."""
     reference: Path | None = None
-    """Rectified image without contact, for a source that stores none."""
-    sensor_folder: Path | None = None
-    """Sensor folder to use in place of those in the recordings."""
+    """Rectified image without contact, for an image/ folder without mixed_image/."""
+    sensor: Path | None = None
+    """Sensor folder for recordings, in place of the one that they contain."""
 
     def __post_init__(self) -> None:
-        _require_axes(self.axes)
+        _parse_axes(self.axes)
         if self.mm_per_px is not None and not 0 < self.mm_per_px < 1:
             raise SourceUnknown(f"expected a scale of about 0.05 mm per pixel, got {self.mm_per_px}; correct it")
         if self.origin_mm is not None and not np.isfinite(self.origin_mm).all():
@@ -58,8 +57,9 @@ class SourceConventions:
 
         Axes that mirror mean that the label is the wrench of the skin on the object: force and torque are both reactions.
         """
-        order = ["xyz".index(axis[1]) for axis in self.axes]
-        signs = np.array([-1.0 if axis[0] == "-" else 1.0 for axis in self.axes])
+        axes = _parse_axes(self.axes)
+        order = ["xyz".index(axis[1]) for axis in axes]
+        signs = np.array([-1.0 if axis[0] == "-" else 1.0 for axis in axes])
         force_n, torque_nm = (signs * vector[order] for vector in (measured[:3], measured[3:]))
         about_mm = np.array(self.origin_mm or usual_origin_mm)
         with np.errstate(invalid="ignore"):  # values that are not finite stay so, and the checks list them
@@ -67,44 +67,31 @@ class SourceConventions:
 
     def stated_options(self) -> Iterator[str]:
         """Yield the options of `ninedtact dataset build` that differ from their defaults."""
-        options = {
-            "--sensor": self.sensor_folder,
-            "--sensor-name": self.sensor,
-            "--reference": self.reference,
-            "--origin-mm": self.origin_mm,
-            "--axes": None if self.axes == _AS_MEASURED else self.axes,
-            "--mm-per-px": self.mm_per_px,
-        }
-        return (option for option, value in options.items() if value is not None)
+        return (f"--{one.name.replace('_', '-')}" for one in fields(self) if getattr(self, one.name) != one.default)
 
     def statement_lines(self) -> Iterator[str]:
         """Yield what was stated as phrases for the card."""
         if self.origin_mm is not None:
             yield f"torques of its labels were about ({', '.join(f'{mm:g}' for mm in self.origin_mm)}) mm"
         if self.axes != _AS_MEASURED:
-            yield f"the sensor's x, y, z are the measured {', '.join(self.axes)}"
+            yield f"the sensor's x, y, z are the measured {self.axes}"
 
     def files(self) -> list[Path]:
         """Return the files that were stated: the reference image, and those of the sensor folder."""
         reference = [] if self.reference is None else [self.reference]
-        folder = [] if self.sensor_folder is None else sorted(self.sensor_folder.rglob("*"))
+        folder = [] if self.sensor is None else sorted(self.sensor.rglob("*"))
         return [path for path in (*reference, *folder) if path.is_file()]
 
 
-def parse_axes(text: str) -> _Axes:
+def _parse_axes(text: str) -> list[str]:
     """Return the axes in a text such as "+y,-x,z"; raises `SourceUnknown`."""
     words = [word.strip() for word in text.split(",")]
-    axes = tuple(word if word[:1] in "+-" else f"+{word}" for word in words)
-    _require_axes(axes)
-    return axes[0], axes[1], axes[2]
-
-
-def _require_axes(axes: tuple[str, ...]) -> None:
-    """Refuse axes that are not each letter once with a sign."""
-    if sorted(axis[1:] for axis in axes) != ["x", "y", "z"] or not all(axis[0] in "+-" for axis in axes):
+    axes = [word if word[:1] in "+-" else f"+{word}" for word in words]
+    if sorted(axis[1:] for axis in axes) != ["x", "y", "z"]:
         raise SourceUnknown(
             f"expected three axes such as +x,+y,+z or +y,-x,+z, each letter once, got {','.join(axes)}; correct them"
         )
+    return axes
 
 
 @dataclass(frozen=True)

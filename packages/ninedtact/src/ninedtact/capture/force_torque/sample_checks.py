@@ -39,17 +39,19 @@ class SampleCheckSettings:
     """When a sample is rejected; all values are in the frame of the device, before any tare."""
 
     range_n: tuple[float, float, float] | None = None
-    """Largest force along each axis, from the data sheet of the device; None: only the flag of the device itself counts."""
+    """Range of the force/torque sensor along each axis, N, from its data sheet; samples near its end are not saved."""
     range_nm: tuple[float, float, float] | None = None
-    """Largest torque about each axis."""
+    """Range of the force/torque sensor about each axis, N·m."""
     saturated_fraction: float = 0.98
     """Fraction of the range from which a sample counts as saturated."""
     frozen_ms: float = 200.0
     """How long a device may repeat one sample (at least five times) before it counts as frozen; six noisy numbers never repeat."""
     jump_n: float = 10.0
-    """Largest change from one sample to the next, if they are no more than `jump_within_ms` apart."""
+    """Largest change from one sample to the next."""
     jump_nm: float = 0.5
+    """The same for the torque."""
     jump_within_ms: float = 20.0
+    """Largest time between two samples whose change is judged."""
     jump_settles_ms: float = 50.0
     """After this long at the new level it counts as the load. What moved the reading may also have moved its zero."""
 
