@@ -17,6 +17,7 @@ import tyro
 from figures import Figure, answer, at_least
 from tallied import Tally
 
+from ninedtact.simulation.twin import Press
 from ninedtact_train.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
 from ninedtact_train.batched.session_requests import (
     RenderRequest,

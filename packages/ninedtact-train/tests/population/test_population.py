@@ -124,7 +124,7 @@ def test_finite_strain_weighs_more_and_piles_up_higher() -> None:
     assert linear.corrected is linear.solved and linear.stiffening == 1
     assert 1.1 < stiff.load_n / linear.load_n < 1.5
     assert stiff.stiffening == pytest.approx(stiff.load_n / stiff.linear_load_n, rel=1e-5)
-    assert stiff.corrected.height_mm.max() > 1.05 * linear.corrected.height_mm.max()
+    assert stiff.corrected.height_mm.max() > 1.03 * linear.corrected.height_mm.max()
     assert stiff.corrected.height_mm.min() == linear.corrected.height_mm.min()
     light = stiffens.twin(0.3).press(None, Ball(), Pose(depth_mm=0.05))
     assert light.wrench.six == pytest.approx(light.solved.wrench().six, rel=2e-3, abs=1e-6)
@@ -169,7 +169,7 @@ def test_light_of_reflections_stays_as_it_is_under_a_contact() -> None:
     glare = (GlarePatch((0.3, -0.2), 0.1, 0.06), GlarePatch((-0.8, 0.7), 0.05, 0.03))
     shiny = replace(sample_sensor(2, kinds=ALL_BONDED), glare=glare)
     plain, reflecting = replace(shiny, glare=()).twin(), shiny.twin()
-    contact = plain.step(plain.model.initial_contact(), Ball(), Pose(2.0, -1.0, 1.2))
+    contact = plain.press(None, Ball(), Pose(2.0, -1.0, 1.2)).corrected
     added = [
         (lit.astype(float) - dull).mean(axis=-1)
         for lit, dull in (
