@@ -17,7 +17,7 @@ import torch
 from ninedtact._version import installation_command
 from ninedtact.cli import main
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics import surface_displacement
+from ninedtact.mechanics import skin
 from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
@@ -133,7 +133,7 @@ class FullMemory:
     """BatchExecutor for the fields of so many contacts."""
 
     def __init__(self, contacts: int, trouble: Exception) -> None:
-        self.contacts, self.trouble, self.spectrum = contacts, trouble, surface_displacement.forward_transform
+        self.contacts, self.trouble, self.spectrum = contacts, trouble, skin.forward_transform
 
     def __call__(self, field: Any, shape: tuple[int, int]) -> Any:
         if field.shape[0] > self.contacts:
@@ -149,7 +149,7 @@ class FullMemory:
 def test_a_full_memory_halves_the_batch_and_is_told(
     tmp_path: Path, together: GenerationResult, monkeypatch: pytest.MonkeyPatch, trouble: Exception
 ) -> None:
-    monkeypatch.setattr(surface_displacement, "forward_transform", FullMemory(2, trouble))
+    monkeypatch.setattr(skin, "forward_transform", FullMemory(2, trouble))
     said: list[str] = []
     generate_dataset(tmp_path / "pairs", SMALL, device="torch-cpu", notify=said.append)
     assert said == [
@@ -162,9 +162,7 @@ def test_a_full_memory_halves_the_batch_and_is_told(
 def test_a_memory_too_small_for_one_contact_ends_in_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(
-        surface_displacement, "forward_transform", FullMemory(0, torch.OutOfMemoryError("CUDA out of memory."))
-    )
+    monkeypatch.setattr(skin, "forward_transform", FullMemory(0, torch.OutOfMemoryError("CUDA out of memory.")))
     options = "--pairs 2 --sensors 2 --size 32 24 --object-names ball:3 --pitch-mm 0.5 --device torch-cpu"
     assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), *options.split()]) == 1
     told = capsys.readouterr().err
@@ -176,9 +174,7 @@ def test_a_memory_too_small_for_one_contact_ends_in_a_sentence(
 
 
 def test_other_trouble_is_not_taken_for_a_full_memory(room: BatchExecutor, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        surface_displacement, "forward_transform", FullMemory(0, RuntimeError("CUDA error: an illegal memory access"))
-    )
+    monkeypatch.setattr(skin, "forward_transform", FullMemory(0, RuntimeError("CUDA error: an illegal memory access")))
     with pytest.raises(RuntimeError, match="illegal"):
         room.execute([StepRequest(room.setup(0), None, Ball(), Pose(depth_mm=0.5))])
 

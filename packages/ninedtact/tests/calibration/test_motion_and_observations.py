@@ -16,8 +16,7 @@ from ninedtact.calibration.drift.drift_measurement import (
     _undo_motion,
 )
 from ninedtact.calibration.twin.ball_press_fit import _autocorrelation_sums, effective_observation_count
-from ninedtact.calibration.twin.ball_press_model import REACH_MM, ObservedBallPress
-from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
+from ninedtact.calibration.twin.observed_presses import REACH_MM, ObservedBallPress, ObservedBoardPress
 from ninedtact.design import PinBoard
 from ninedtact.quantities import Rectified, skin_grid_mm
 from ninedtact.shape.lens import LensModel

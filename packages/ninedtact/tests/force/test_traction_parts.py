@@ -30,8 +30,7 @@ from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, solve_nonnega
 from ninedtact.force.traction.observation import _EXTENSION_FACTOR, BrightnessObservationModel, brightness_law_of_curve
 from ninedtact.force.traction.traction_from_brightness import UncertaintyModel, _count_peaks, _wrench_operator
 from ninedtact.mechanics.layer_compliance import layered_compliance
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
-from ninedtact.mechanics.surface_displacement import Skin, gel_skin
+from ninedtact.mechanics.skin import PeriodicGrid, Skin, gel_skin
 from ninedtact.quantities import Rectified, Traction, centred_axis_mm
 from ninedtact.shape.depth import DepthCurve, GlobalDimmingModel
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from ninedtact.mechanics.array_namespace import forward_transform, inverse_transform
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
+from ninedtact.mechanics.contact_arrays import forward_transform, inverse_transform
+from ninedtact.mechanics.skin import PeriodicGrid
 from ninedtact.simulation.pixel_to_skin_map import REFINEMENT, refine_fields, zero_pad_spectrum
 
 GRIDS = [PeriodicGrid(rows, cols, 0.2) for rows, cols in product((9, 10, 12), (11, 12, 15))]

@@ -23,9 +23,19 @@ from ninedtact.mechanics.active_region import (
     points_inside_rectangles,
     whole_grid_rectangle,
 )
-from ninedtact.mechanics.alternating_solver import SolverSettings
-from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
-from ninedtact.mechanics.contact_model import ContactModel, ContactProblem, build_contact_problem_at_pose
+from ninedtact.mechanics.contact_arrays import (
+    array_namespace_of,
+    drop_grid_axes,
+    expand_over_grid,
+    max_over_grid,
+    to_numpy,
+)
+from ninedtact.mechanics.contact_model import (
+    ContactModel,
+    ContactProblem,
+    SolverSettings,
+    build_contact_problem_at_pose,
+)
 from ninedtact.mechanics.contact_result import (
     Contact,
     ContactLeavesGrid,
@@ -36,8 +46,7 @@ from ninedtact.mechanics.contact_result import (
 from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.normal_contact import ContactConstraint
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.shrinking_batch import drop_grid_axes, expand_over_grid, max_over_grid
-from ninedtact.mechanics.surface_displacement import DisplacementOperators, PointMask, ScalarField, Skin
+from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, Skin
 from ninedtact.simulation.twin import Press
 from ninedtact_train.batched.session_requests import (
     SimulatedSetup,

@@ -20,7 +20,7 @@ from ninedtact.interop.mujoco import ContactSolveRequest, TactileReading, Tactil
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import BallUnderside, Heights, Indenter, PosedHeights
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.surface_displacement import Skin
+from ninedtact.mechanics.skin import Skin
 from ninedtact.simulation.renderer import BatchRenderer
 from ninedtact.simulation.twin import Press, Twin
 

@@ -15,18 +15,18 @@ from jaxtyping import Float, Float64
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError, SimulationError
-from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
-from ninedtact.mechanics.friction import slip_mask
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
-from ninedtact.mechanics.pose import InvalidPose, Pose
-from ninedtact.mechanics.shrinking_batch import (
+from ninedtact.mechanics.contact_arrays import (
     CountPerContact,
     PerContact,
     ScalarPerContact,
+    array_namespace_of,
     expand_over_grid,
     sum_over_grid,
+    to_numpy,
 )
-from ninedtact.mechanics.surface_displacement import PointMask, ScalarField, Skin, VectorField
+from ninedtact.mechanics.friction import slip_mask
+from ninedtact.mechanics.pose import InvalidPose, Pose
+from ninedtact.mechanics.skin import PeriodicGrid, PointMask, ScalarField, Skin, VectorField
 from ninedtact.quantities import Wrench
 
 

@@ -21,10 +21,10 @@ from array_api_compat import device
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.array_namespace import array_namespace_of, forward_transform, inverse_transform
+from ninedtact.mechanics.contact_arrays import array_namespace_of, forward_transform, inverse_transform
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import BallUnderside, Indenter
-from ninedtact.mechanics.surface_displacement import ScalarField
+from ninedtact.mechanics.skin import ScalarField
 
 LOAD_STIFFENING = 0.81
 PRESSURE_STIFFENING = 2.0

@@ -18,9 +18,8 @@ from numpy import ndarray as Array
 
 from ninedtact.design import require_positive
 from ninedtact.errors import InputError
-from ninedtact.mechanics.array_namespace import array_namespace_of
+from ninedtact.mechanics.contact_arrays import array_namespace_of, expand_over_grid
 from ninedtact.mechanics.indenter import NO_OBJECT_MM, BallUnderside, Heights, Indenter
-from ninedtact.mechanics.shrinking_batch import expand_over_grid
 
 _MAX_STORED_GRIDS = 512
 """Largest number of height grids kept on a device; when there are more, all are dropped."""

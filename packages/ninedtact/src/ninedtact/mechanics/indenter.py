@@ -16,8 +16,8 @@ from numpy import ndarray as Array
 
 from ninedtact.design import require_positive
 from ninedtact.errors import InputError
+from ninedtact.mechanics.contact_arrays import ScalarPerContact, expand_over_grid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.shrinking_batch import ScalarPerContact, expand_over_grid
 
 Heights = Float[Any, "*batch rows cols"]
 PosedHeights = Float[Any, "*posed rows cols"]

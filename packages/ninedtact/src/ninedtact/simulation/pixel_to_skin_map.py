@@ -19,8 +19,8 @@ from array_api_compat import device
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.array_namespace import array_namespace_of
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
+from ninedtact.mechanics.contact_arrays import array_namespace_of
+from ninedtact.mechanics.skin import PeriodicGrid
 
 STEP_PX = 8
 """Spacing of the pixels at which positions are computed. Lenses are smooth: cubic interpolation between them errs by less than 1

@@ -11,7 +11,7 @@ from itertools import accumulate
 import numpy as np
 
 from ninedtact.errors import InputError
-from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose

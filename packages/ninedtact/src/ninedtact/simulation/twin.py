@@ -21,17 +21,14 @@ from numpy import ndarray as Array
 
 from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX, Gel, SensorDesign
 from ninedtact.errors import SimulationError
-from ninedtact.mechanics.alternating_solver import SolverSettings
-from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
-from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.contact_arrays import ScalarPerContact, array_namespace_of, sum_over_grid, to_numpy
+from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
 from ninedtact.mechanics.contact_result import Contact, ContactLeavesGrid
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance
-from ninedtact.mechanics.periodic_grid import padded_grid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.shrinking_batch import ScalarPerContact, sum_over_grid
-from ninedtact.mechanics.surface_displacement import Skin
+from ninedtact.mechanics.skin import Skin, padded_grid
 from ninedtact.quantities import Wrench
 from ninedtact.simulation.gel_brightness import BrightnessModel, synthetic_reference_image
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, WideAngleLens

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Float16, Float32, Int32, UInt8, UInt32
 from numpy import ndarray as Array
 
 from ninedtact.force.brightness_channels import compute_image_deformation, render_deformation
-from ninedtact.mechanics.array_namespace import to_numpy
+from ninedtact.mechanics.contact_arrays import to_numpy
 from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights

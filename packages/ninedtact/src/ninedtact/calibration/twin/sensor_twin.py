@@ -1,8 +1,5 @@
-"""The digital twin of a calibrated sensor, from gel, light, lens, reference image and noise of its own calibration images
-(`assemble_twin`), and the table that a sensor folder keeps of it (`make_twin_table`, from the fits).
-"""
+"""The digital twin of a calibrated sensor, from gel, light, lens, reference image and noise of its own calibration images."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -62,67 +59,3 @@ def _invert_rectification(rectify: Rectification) -> PixelToSkinMap:
     unit_px = max(rectify.raw_shape) / 2
     inverse = RBFInterpolator(raw_px[is_in_view] / unit_px, skin_mm[is_in_view], kernel="cubic", degree=2)
     return interpolate_pixel_map(inverse(coarse_pixel_grid(rectify.raw_shape) / unit_px), rectify.raw_shape)
-
-
-def make_twin_table(fit: TwinFit, noise_grey_levels: float, board_press_fit: BoardPressFit | None) -> TwinTable:
-    """Return the twin from the ball press, and from the board where its image agrees with the prediction."""
-    return TwinTable(
-        fitted_gel(fit),
-        fit.light,
-        noise_grey_levels,
-        _twin_fit_quality(fit),
-        None if board_press_fit is None else _board_press_table(board_press_fit, fit),
-    )
-
-
-def fitted_gel(fit: TwinFit) -> Gel:
-    """Return the design's gel with the fitted thickness and share of finite strain."""
-    return replace(
-        fit.forward.design.gel,
-        thickness_mm=fit.press.thickness_mm,
-        finite_strain=fit.press.finite_strain,
-    )
-
-
-def _twin_fit_quality(fit: TwinFit) -> TwinFitQuality:
-    """Return how the twin was fitted, and how well it explains the press."""
-    uncertainty = fit.uncertainty
-    return TwinFitQuality(
-        radial_rmse_grey_levels=fit.radial_rmse_grey_levels,
-        image_rmse_grey_levels=fit.image_rmse_grey_levels,
-        depth_mm=fit.press.depth_mm,
-        drag_mm=fit.press.drag_mm,
-        effective_observations=uncertainty.effective_observations,
-        duration_s=fit.duration_s,
-        parameters={
-            name: FittedParameterTable(
-                value, uncertainty.standard_deviations.get(name), *_strongest_correlation(uncertainty, name)
-            )
-            for name, value in fit.parameters.items()
-        },
-    )
-
-
-def _board_press_table(board_press_fit: BoardPressFit, fit: TwinFit) -> BoardPressFitTable:
-    """Return the fit to the board image. The depth of the imprints is as uncertain as that of the ball, on which the brightness
-    model rests.
-    """
-    press = board_press_fit.press
-    standard_deviations = board_press_fit.standard_deviations
-    return BoardPressFitTable(
-        accepted=board_press_fit.accepted,
-        depth_mm=press.depth_mm,
-        depth_std_mm=float(np.hypot(standard_deviations.depth_mm, fit.relative_depth_std * press.depth_mm)),
-        inverse_distance_per_mm=press.inverse_distance_per_mm,
-        inverse_distance_std_per_mm=standard_deviations.inverse_distance_per_mm,
-        point_spread_mm=press.point_spread_mm,
-        residual_rms_grey_levels=board_press_fit.residual_rms_grey_levels,
-        contrast_grey_levels=board_press_fit.contrast_grey_levels,
-    )
-
-
-def _strongest_correlation(uncertainty: FitUncertainty, name: str) -> tuple[str | None, float | None]:
-    """Return the parameter with which a searched parameter is most correlated, and their correlation."""
-    if name not in uncertainty.standard_deviations:
-        return None, None
-    return uncertainty.most_correlated_parameter(name)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
+from ninedtact.mechanics.skin import PeriodicGrid
 from ninedtact.quantities import centred_axis_mm
 
 MARGIN_CELLS = 1
