@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from itertools import islice
 
 import cv2
 import numpy as np
@@ -26,7 +25,6 @@ from ninedtact_train.population.sensor_population import (
     CalibrationMisalignment,
     SampledSensor,
     sample_sensor,
-    sample_sensors,
     sampled_sensor_from_json,
 )
 
@@ -36,7 +34,7 @@ ALL_BONDED, ALL_BASED = NonidealMechanicsShares(0, 0), NonidealMechanicsShares(1
 
 @pytest.fixture(scope="module")
 def members() -> list[SampledSensor]:
-    return list(islice(sample_sensors(), MANY))
+    return [sample_sensor(number) for number in range(MANY)]
 
 
 def test_a_member_does_not_depend_on_who_else_is_asked_for(members: list[SampledSensor]) -> None:

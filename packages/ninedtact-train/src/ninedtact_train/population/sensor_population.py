@@ -12,7 +12,6 @@ Mechanics: two of the three kinds differ from the model with which shape and for
 is computed with the same model for simulation and for estimation.
 """
 
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -254,13 +253,3 @@ def sample_sensor(
         presses=_sample_presses(rng, gel, design),
         glare=_sample_glare(rng),
     )
-
-
-def sample_sensors(
-    seed: int = 0, kinds: NonidealMechanicsShares = NonidealMechanicsShares()
-) -> Iterator[SampledSensor]:
-    """Sample all sensors of a seed, without end."""
-    number = 0
-    while True:
-        yield sample_sensor(number, seed, kinds)
-        number += 1

@@ -70,13 +70,6 @@ class Trajectory:
         part = 1 - (self.ends_s[number] - at_s) / segment.seconds
         return before.interpolate(segment.to, _smoothstep(part))
 
-    def sample_poses(self, hz: float) -> Iterator[Pose]:
-        """Yield all poses at this rate, the last one included; raises `InvalidTrajectory` for a rate that is not above zero."""
-        if not 0 < hz < np.inf:
-            raise InvalidTrajectory(f"expected a rate of poses above zero, got {hz:g} Hz; give another")
-        for number in range(int(np.ceil(self.duration_s * hz)) + 1):
-            yield self.pose_at(number / hz)
-
 
 def _smoothstep(part: float) -> float:
     """Return 3t² − 2t³, which starts and stops with zero slope."""

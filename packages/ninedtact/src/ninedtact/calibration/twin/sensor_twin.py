@@ -6,14 +6,6 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from ninedtact.calibration.press_brightness import BgrImage
-from ninedtact.calibration.sensor_toml_schema import (
-    BoardPressFitTable,
-    FittedParameterTable,
-    TwinFitQuality,
-    TwinTable,
-)
-from ninedtact.calibration.twin.ball_press_fit import FitUncertainty, TwinFit
-from ninedtact.calibration.twin.lens_refinement import BoardPressFit
 from ninedtact.design import Gel, SensingArea
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.quantities import skin_grid_mm
