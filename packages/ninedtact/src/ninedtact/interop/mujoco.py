@@ -299,8 +299,8 @@ class TactileSensor(FrameSource):
 def _move_origin(last: _PressStep, centre_mm: Float64[Array, "2"]) -> Press:
     """Return the last press with its grid over the point of the object where the centre of the contacts is now.
 
-    The grid moves by whole pitches, so that no field is interpolated. The object is without rotation, because the solids stand
-    turned as they are, and the angles of the next pose are those by which they have turned since.
+    The grid moves by whole pitches, so that no field is interpolated. The object is without twist, because the solids stand turned
+    as they are, and the twist of the next pose is that by which they have turned since.
     """
     press = last.press
     away = centre_mm + last.lag_mm[:2] - (press.pose.x_mm, press.pose.y_mm)
@@ -311,11 +311,12 @@ def _move_origin(last: _PressStep, centre_mm: Float64[Array, "2"]) -> Press:
 
 
 def _move_grid(contact: Contact, cols: int, rows: int) -> Contact:
-    """Return a contact with its grid moved by whole pitches, under an object without rotation."""
+    """Return a contact with its grid moved by whole pitches, under an object without twist."""
     pitch, names = contact.skin.grid.pitch_mm, ("pressure_mpa", "shear_mpa", "height_mm", "tangential_mm")
     fields = {name: np.roll(getattr(contact, name), (-rows, -cols), axis=(-2, -1)) for name in names}
     x_mm, y_mm = contact.pose.x_mm + cols * pitch, contact.pose.y_mm + rows * pitch
-    return replace(contact, pose=Pose(x_mm, y_mm, contact.pose.depth_mm), **fields)
+    # Tilts stay: skin under a body that rolls on creeps, which skin of MuJoCo does not.
+    return replace(contact, pose=replace(contact.pose, x_mm=x_mm, y_mm=y_mm, twist_rad=0.0), **fields)
 
 
 def _pose_now(

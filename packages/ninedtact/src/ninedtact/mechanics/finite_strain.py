@@ -79,8 +79,8 @@ def _height_change_mm(
     for index, (ball, depth_mm) in enumerate(zip(each, depths_mm.tolist(), strict=True)):
         if ball is not None:
             distance_mm = np.hypot(x - ball.x_mm, y - ball.y_mm)
-            tabled[index] = share * finite_strain_ball_change_mm(distance_mm, ball.radius_mm, depth_mm, thickness_mm)
-    change = xp.asarray(tabled.reshape(height.shape), dtype=height.dtype, device=device(height))
+            tabled[index] = finite_strain_ball_change_mm(distance_mm, ball.radius_mm, depth_mm, thickness_mm)
+    change = share * xp.asarray(tabled.reshape(height.shape), dtype=height.dtype, device=device(height))
     if all(balls):
         return change
     is_ball = xp.asarray(np.array([ball is not None for ball in balls])[:, None, None], device=device(height))
