@@ -9,7 +9,7 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 # Tests and benchmarks start commands hundreds of times; these shall load compiled modules, as they do for a user.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo real test test-core test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs docs-images gallery tour dist benchmarks clean
+.PHONY: demo real test test-core test-lowest test-pythons test-cluster test-interop chaos soak damaged mutants lock licences lint types coverage docs docs-images gallery tour dist benchmarks clean
 
 .venv/bin/uv:
 	$(PYTHON) -m venv .venv
@@ -109,9 +109,15 @@ chaos: .venv/ready
 soak: .venv/ready
 	.venv/bin/python benchmarks/soak.py
 
-# Do the tests of a package notice a changed operator? `benchmarks/mutants.py --package shape --per-package 40` tries more of one.
+# Damaged and edited files of every kind, a hundred cases each: about an hour.
+damaged: .venv/ready
+	NINEDTACT_DAMAGED_CASES=$(or $(CASES),100) JAXTYPING_DISABLE=1 .venv/bin/python -m pytest tests/test_damaged_files.py
+
+# Do the tests notice a changed operator? [tool.mutmut] of the core's pyproject.toml says which files are changed; MUTANTS chooses some
+# of them by name. `mutmut results` and `mutmut show NAME` in that folder show the survivors.
 mutants: .venv/ready
-	.venv/bin/python benchmarks/mutants.py
+	$(UV) pip install -q mutmut
+	cd $(CORE) && JAXTYPING_DISABLE=1 $(CURDIR)/.venv/bin/mutmut run $(MUTANTS)
 
 lint: .venv/ready
 	.venv/bin/ruff check .
@@ -120,10 +126,9 @@ lint: .venv/ready
 types: .venv/ready
 	.venv/bin/mypy
 
-# Line coverage of the whole test suite, and the page of the ten least covered files.
+# Line coverage of the whole test suite; each line that no test runs is marked in out/coverage/index.html.
 coverage: .venv/ready
-	$(PYTEST) --cov=ninedtact --cov=ninedtact_train --cov=ninedtact_hardware --cov-report=json:out/coverage.json
-	.venv/bin/python scripts/write_coverage_page.py out/coverage.json
+	$(PYTEST) --cov=ninedtact --cov=ninedtact_train --cov=ninedtact_hardware --cov-report=html:out/coverage
 
 # The documentation site, in out/site, which works without a network. Warnings, broken links and files from elsewhere are errors.
 docs: .venv/ready-docs
@@ -179,7 +184,8 @@ CALIBRATE_A = .venv/bin/ninedtact calibrate --out out/demo/sensor_a \
 	--ball-reference $(REAL)/sensor_a/ball_reference.png --ball $(REAL)/sensor_a/ball.png
 
 # Measured figures beside those of their peers; docs/figures.md holds the latest. One alone: make benchmarks/board_accuracy
-BENCHMARKS := start_up ros2_loopback mujoco_speed peg_insertion page_clients page_updates page_interaction force_on_real_fits force_methods fe_presses board_accuracy ball_accuracy frame_speed board_robustness memory finite_strain finite_strain_calibration contact_speed gpu_contacts dataset_percentiles dataset_speed dataset_reading force_speed recording_speed reconstruction_study traction_skill traction_mismatch traction_speed mutated_files
+SHARED_BY_BENCHMARKS := altered_images ball_in_layer figures live_page neo_hookean original real_images turns
+BENCHMARKS := $(filter-out $(SHARED_BY_BENCHMARKS) chaos soak,$(basename $(notdir $(wildcard benchmarks/*.py))))
 .PHONY: $(addprefix benchmarks/,$(BENCHMARKS))
 
 benchmarks: $(addprefix benchmarks/,$(BENCHMARKS))

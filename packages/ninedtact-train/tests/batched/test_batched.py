@@ -28,8 +28,12 @@ from ninedtact_train.batched.executor import BatchExecutor, Device, DeviceMissin
 from ninedtact_train.batched.session_requests import RenderRequest, StepRequest
 from ninedtact_train.dataset.folder import DatasetFolderTaken
 from ninedtact_train.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
-from ninedtact_train.dataset.generation.press_trajectory import PressSettings
-from ninedtact_train.dataset.generation.settings import GenerationImpossible, GenerationSettings, PairKindShares
+from ninedtact_train.dataset.generation.settings import (
+    GenerationImpossible,
+    GenerationSettings,
+    PairKindShares,
+    PressSettings,
+)
 from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
 
 SMALL = GenerationSettings(

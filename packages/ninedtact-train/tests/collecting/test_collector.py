@@ -21,8 +21,8 @@ from ninedtact.capture.force_torque.sample_checks import (
 from ninedtact.capture.wrench_source import WrenchSaturated
 from ninedtact.design import ForceTorqueMount
 from ninedtact.quantities import NO_OBJECT, Frame, Wrench
+from ninedtact.recording.background_reader import Arrival
 from ninedtact.recording.errors import WrenchSourceMismatched
-from ninedtact.recording.merge_streams import Arrival, MergedArrival, merge_recorded_streams
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedFrameSource, RecordedWrenchSource
@@ -41,6 +41,7 @@ from ninedtact_train.collecting.collection_sources import (
     collection_setup_from_recordings,
 )
 from ninedtact_train.collecting.collector import COLLECTED_TOPICS, Collector
+from ninedtact_train.collecting.merge_streams import MergedArrival, merge_recorded_streams
 from ninedtact_train.collecting.pair_selection import CollectSettings, CollectSettingsInvalid
 from ninedtact_train.collecting.training_pair_rule import SamplingRuleSettings
 

@@ -23,8 +23,7 @@ from ninedtact.cli import main
 from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.missing_end import RecordingCutShort
-from ninedtact.recording.reader import sensor_folder_attachments
+from ninedtact.recording.reader import RecordingCutShort, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import PairLabel, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.depth import DepthCurve, Smoothing

@@ -31,8 +31,14 @@ from ninedtact_train.dataset.generation.generate import (
     generate_dataset,
     make_simulated_sensor,
 )
-from ninedtact_train.dataset.generation.press_trajectory import PressSettings, PressTarget, RandomPress
-from ninedtact_train.dataset.generation.settings import GenerationImpossible, GenerationSettings, PairKindShares
+from ninedtact_train.dataset.generation.press_trajectory import RandomPress
+from ninedtact_train.dataset.generation.settings import (
+    GenerationImpossible,
+    GenerationSettings,
+    PairKindShares,
+    PressSettings,
+    PressTarget,
+)
 from ninedtact_train.dataset.schema import arrow_schema
 from ninedtact_train.dataset.statistics_and_card import (
     REAL_PERCENTILES,

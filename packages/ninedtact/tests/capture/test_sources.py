@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from pathlib import Path
 
 import cv2
@@ -35,9 +35,8 @@ from ninedtact.capture.source_from_address import camera_or_file_source
 from ninedtact.capture.strict_image_reading import ImageSizeWrong, ImageUnreadable
 from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.capture.video_decoding import MissingImageCounter, VideoFileDecoder
-from ninedtact.capture.wrench_source import WrenchSource
-from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording import merge_streams
+from ninedtact.quantities import Frame
+from ninedtact.recording import background_reader
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedFrameSource
@@ -342,35 +341,14 @@ class Hanging(FrameSource):
         self._closed.set()
 
 
-class SteadyWrenches(WrenchSource):
-    """A hundred samples a second."""
-
-    name = "a force/torque sensor"
-
-    def open(self) -> None: ...
-
-    def read(self) -> Wrench:
-        time.sleep(0.01)
-        return Wrench(np.zeros(3), np.zeros(3), stamp_ns=time.monotonic_ns())
-
-    def close(self) -> None: ...
-
-
 def test_a_driver_that_hangs_is_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In `record` and in `collect`."""
-    assert merge_streams.STALL_S <= 4
-    monkeypatch.setattr(merge_streams, "STALL_S", 0.3)
+    assert background_reader.STALL_S <= 4
+    monkeypatch.setattr(background_reader, "STALL_S", 0.3)
     told: list[str] = []
     began = time.monotonic()
     with RecordingWriter(tmp_path / "hung.mcap", RecordingMetadata("hung")) as episode:
         Recorder(episode, Hanging(), notify=told.append).run(lambda: time.monotonic() - began > 1.0)
     assert told == ["nothing has arrived from a camera that hangs for 0.3 s; check it and its cable"]
-    began = time.monotonic()
-    with closing(merge_streams.merge_live_streams(Hanging(), SteadyWrenches(), told.append)) as arrivals:
-        for _ in arrivals:
-            if time.monotonic() - began > 1.0:
-                break
-    assert told == 2 * told[:1]
 
 
 def test_a_page_that_is_no_stream_and_a_file_that_is_no_video_are_refused(tmp_path: Path) -> None:

@@ -130,6 +130,21 @@ def test_an_export_that_is_refused_or_fails_leaves_no_file(
     assert installation_command("rerun") in capsys.readouterr().err
 
 
+def test_a_recording_of_too_few_images_for_a_reference_is_refused_and_leaves_no_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, path, out = load_sensor(sensor_folder(tmp_path / "small")), tmp_path / "short.mcap", tmp_path / "short.rrd"
+    attachments = sensor_folder_attachments(folder.path)
+    with (
+        RecordingWriter(path, RecordingMetadata(folder.id), {Topic.IMAGES}, attachments) as writer,
+        SkinCamera() as camera,
+    ):
+        for _ in range(6):
+            writer.write_image(camera.read())
+    assert main(["export", str(path), "--out", str(out), "--to", "rerun"]) == 1
+    assert "got 6 images alone; record longer" in capsys.readouterr().err and not out.exists()
+
+
 @pytest.mark.parametrize("limit_bytes", [0, 30_000, 150_000])
 def test_a_disk_that_fills_is_one_sentence_and_leaves_no_file(recorded: Path, tmp_path: Path, limit_bytes: int) -> None:
     out = tmp_path / "full" / "press.rrd"

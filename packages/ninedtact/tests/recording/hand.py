@@ -2,12 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, Wrench
+from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.reader import sensor_folder_attachments
+from ninedtact.recording.writer import RecordingWriter
 
 BEGAN_NS = 7_000_000_000
 UNTOUCHED_S, TOUCH_S, TOUCHES, LOAD_N = 1.5, 1.6, 3, 8.0
@@ -85,3 +89,15 @@ def stamp_ns(at_s: float) -> int:
 
 def at_s(stamp: int) -> float:
     return (stamp - BEGAN_NS) / 1e9
+
+
+def record_hand(path: Path, sensor: Path, seconds: float, delay_ms: float = 0.0) -> None:
+    """Write everything that the devices of the hand deliver, and a sensor folder."""
+    camera, force_torque, next_sample = Camera(seconds), ForceTorque(), None
+    metadata = RecordingMetadata("twin", camera_delay_ms=delay_ms)
+    with RecordingWriter(path, metadata, attachments=sensor_folder_attachments(sensor)) as episode, camera:
+        for frame in camera:
+            while next_sample is None or next_sample.stamp_ns <= frame.stamp_ns + 300_000_000:
+                next_sample = force_torque.read()
+                episode.write_measured(next_sample)
+            episode.write_image(frame)

@@ -35,7 +35,7 @@ from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
-from ninedtact.recording.mcap_repair import save_labelled_spans
+from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
@@ -301,13 +301,13 @@ def test_labels_that_cannot_be_written_leave_the_file_as_it_was(recorded: tuple[
     resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) // 2, limit[1]))
     try:
         with pytest.raises(NinedtactError, match="expected to write"):
-            save_labelled_spans(path, [LabelledSpan(0, 1, "x")])
+            edit_labelled_spans(path, lambda _: [LabelledSpan(0, 1, "x")])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
     assert path.read_bytes() == before and len(list(path.parent.iterdir())) == 1
     path.write_bytes(before[:-300])
-    with pytest.raises(RecordingRefused, match="another computer may be writing"):
-        save_labelled_spans(path, [])
+    with pytest.raises(RecordingRefused, match="still being written, or was until 5 s ago"):
+        edit_labelled_spans(path, lambda _: [LabelledSpan(0, 1, "x")])
     assert path.read_bytes() == before[:-300]
 
 

@@ -53,7 +53,6 @@ def read_recorded_pairs(recording: Path | str) -> Iterator[RecordedPair]:
     Raises `CameraNotFound` where there is no file, `RecordingUnreadable`, and `RecordingCutShort` after the last pair of a
     recording that has no end.
     """
-    from ninedtact.recording.missing_end import missing_end_error
     from ninedtact.recording.reader import Recording
     from ninedtact.recording.topics_and_messages import Topic
 
@@ -86,7 +85,7 @@ def read_recorded_pairs(recording: Path | str) -> Iterator[RecordedPair]:
                 reference=references[label.reference],
             )
         if not opened.is_finished:
-            raise missing_end_error(opened, opened.duration_s, len(labels))
+            raise opened.missing_end_error(pairs=len(labels))
 
 
 def _read_only(image: Array) -> Array:

@@ -23,7 +23,6 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.recording.errors import WrenchSourceMismatched
-from ninedtact.recording.merge_streams import MergedArrival, merge_live_streams, merge_recorded_streams
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedFrameSource, RecordedWrenchSource
 from ninedtact.simulation.objects.catalogue import indenter_from_name
@@ -38,6 +37,7 @@ from ninedtact.simulation.trajectory import (
     press_trajectory,
 )
 from ninedtact.simulation.twin import Twin
+from ninedtact_train.collecting.merge_streams import MergedArrival, merge_live_streams, merge_recorded_streams
 
 _DEFAULT_OBJECTS = ("ball:4", "cylinder:3,11", "ring_02", "letter_03", "key_01")
 _UNTOUCHED_S = 1.5

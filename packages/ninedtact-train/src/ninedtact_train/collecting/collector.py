@@ -27,13 +27,14 @@ from ninedtact.capture.force_torque.sample_checks import (
 from ninedtact.capture.frame_source import SourceIncomplete
 from ninedtact.capture.wrench_source import WrenchSampleRejected
 from ninedtact.quantities import NO_OBJECT, Frame, Wrench
-from ninedtact.recording.merge_streams import Arrival, MergedArrival
+from ninedtact.recording.background_reader import Arrival
 from ninedtact.recording.metadata import RecordingMetadata, wall_minus_monotonic_ns
 from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import PairLabel, RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import FindReferenceFaults
 from ninedtact_train.collecting.collection_sources import CollectSetup
+from ninedtact_train.collecting.merge_streams import MergedArrival
 from ninedtact_train.collecting.pair_selection import (
     CollectSettings,
     ImageWrenchCandidate,

@@ -29,8 +29,8 @@ from ninedtact.simulation.simulated_sources import SimulatedCamera
 from ninedtact.simulation.trajectory import press_trajectory
 from ninedtact.simulation.twin import Twin
 from ninedtact_train.dataset.generation.generate import generate_dataset
-from ninedtact_train.dataset.generation.press_trajectory import PressSettings
-from ninedtact_train.dataset.generation.settings import GenerationSettings
+from ninedtact_train.dataset.generation.settings import GenerationSettings, PressSettings
+from ninedtact_train.dataset.held_out import HeldOutSettings
 from ninedtact_train.evaluation.model_card_markdown import format_model_card
 from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
 from ninedtact_train.population.sensor_population import sample_sensor
@@ -40,7 +40,7 @@ from ninedtact_train.training.settings import CORRECTOR_TRAINING
 from ninedtact_train.training.train import MODEL_FILE
 from ninedtact_train.workflows.dataset_calibrations import calibrate_simulated_sensor
 from ninedtact_train.workflows.dataset_evaluation import evaluate_per_mechanics_kind
-from ninedtact_train.workflows.dataset_training import HeldOutSettings, match_input_width_to_dataset, train_on_dataset
+from ninedtact_train.workflows.dataset_training import match_input_width_to_dataset, train_on_dataset
 
 _HELD_OUT_FAMILIES = frozenset(
     (
@@ -74,7 +74,7 @@ class ForceModelRecipe:
     validation_sensors: int
     held_out: Literal["sensor_and_object", "object", "sensor", "standard"] | None = None
     """Kind of held-out pairs by which the best epoch is chosen; None: sensors and objects that are not trained on."""
-    precision: str = "32-true"
+    precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
     pitch_mm: float = 0.2
     validation_pitch_mm: float = 0.2
     """Pitch of the grids on which contacts are solved."""

@@ -108,7 +108,7 @@ def parse_arguments(arguments: Sequence[str] | None) -> Any:
     if words and words[0] in COMMANDS:
         command, description = load_command(words[0])
         return _parse_command(command, description, words[1:], f"ninedtact {words[0]}")
-    overview = Union[tuple(map(_overview_entry, (name for name in COMMANDS if " " not in name)))]  # noqa: UP007
+    overview: Any = Union[tuple(map(_overview_entry, (name for name in COMMANDS if " " not in name)))]  # noqa: UP007
     return _parse_command(overview, DESCRIPTION, words, "ninedtact")
 
 

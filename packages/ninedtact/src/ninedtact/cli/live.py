@@ -139,12 +139,12 @@ class Play:
             raise RecordingUnreadable(
                 f"expected a recording ({RECORDING_SUFFIX}), got {self.recording}; check the path"
             )
-        from ninedtact.recording.missing_end import notify_of_missing_end
         from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 
         addresses = recorded_sensor_addresses(self.recording)
         with Recording(addresses[0]) as recording:
-            notify_of_missing_end(recording, print_notice)
+            if not recording.is_finished:
+                print_notice(str(recording.missing_end_error()))
         with ExitStack() as opened:
             folders = {
                 address: opened.enter_context(given_or_recorded_sensor(self.sensor, address)) for address in addresses

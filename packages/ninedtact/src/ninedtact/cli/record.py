@@ -91,13 +91,17 @@ class Record:
         require_duration(self.seconds)
         if self.height_bits == 16 and not self.heights:
             raise RecordingRefused(
-                "expected --height-bits with --heights, got it alone; give --heights as well, or leave it out"
+                expected="--height-bits with --heights",
+                got="it alone",
+                remedy="give --heights as well, or leave it out",
             )
         named = parse_named_sources(self.source, self.sensor)
         if "" in named:
             require_matching_force_source(named[""][0], self.force_torque, is_twin_address)
         elif self.force_torque is not None:
-            raise RecordingRefused("expected one --source with --force-torque, got several; record them one by one")
+            raise RecordingRefused(
+                expected="one --source with --force-torque", got="several", remedy="record them one by one"
+            )
         with ExitStack() as opened:
             parts = {}
             for name, (address, sensor) in named.items():
@@ -114,33 +118,20 @@ class Record:
         from tqdm import tqdm
 
         from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM
-        from ninedtact.recording.recorder import record, record_several
+        from ninedtact.recording.recorder import record_several
 
         with stop_on_signal(self.seconds) as until, _progress_bar(self.seconds, quiet=self.json) as show:
-            options: dict[str, Any] = {
-                "heights": self.heights,
-                "settings": json.dumps(asdict(self), default=str),
-                "images": self.images,
-                "height_step_mm": HEIGHT_STEP_16_BIT_MM if self.height_bits == 16 else 0.0,
-                "should_stop": lambda: until.now,
-                "notify": lambda sentence: tqdm.write(f"ninedtact: {sentence}", sys.stderr),  # on a line of its own
-            }
-            if "" not in parts:
-                return record_several(
-                    parts, self.out, on_progress=lambda writers: show(until.elapsed_s, writers), **options
-                )
-            part = parts[""]
-            writer = record(
-                part.source,
+            return record_several(
+                parts,
                 self.out,
-                part.sensor,
-                part.force_torque,
-                estimator=part.estimator,
-                camera_delay_ms=part.camera_delay_ms,
-                on_progress=lambda writer: show(until.elapsed_s, [writer]),
-                **options,
+                heights=self.heights,
+                settings=json.dumps(asdict(self), default=str),
+                images=self.images,
+                height_step_mm=HEIGHT_STEP_16_BIT_MM if self.height_bits == 16 else 0.0,
+                should_stop=lambda: until.now,
+                notify=lambda sentence: tqdm.write(f"ninedtact: {sentence}", sys.stderr),  # on a line of its own
+                on_progress=lambda writers: show(until.elapsed_s, writers),
             )
-            return {"": writer}, {}
 
     def _print_result(self, writers: "dict[str, RecordingWriter]", errors: "dict[str, NinedtactError]") -> None:
         """Print how many messages were written, how many images were dropped or have which warning, and which sensors were lost."""
@@ -183,7 +174,7 @@ class Record:
     def _sources(self, folder: "SensorFolder", address: str, name: str) -> "tuple[FrameSource, WrenchSource | None]":
         """Return camera and force/torque sensor, not yet opened."""
         if is_twin_address(address):
-            return _twin_sources(folder, self.force_torque is not None, name)
+            return twin_sources(folder, self.force_torque is not None, name)
         camera = source_in_real_time(address, camera_settings(self.automatic))
         if self.force_torque is None:
             return camera, None
@@ -193,7 +184,7 @@ class Record:
         return camera, untared_wrench_source_for(self.force_torque, mount, print_notice)
 
 
-def _twin_sources(
+def twin_sources(
     folder: "SensorFolder", force_torque: bool, name: str = ""
 ) -> "tuple[FrameSource, WrenchSource | None]":
     """Return camera and force/torque sensor of the twin of a sensor, pressed by several objects in turn.
@@ -206,12 +197,12 @@ def _twin_sources(
     return sources.camera, SimulatedForceTorque(sources.simulation) if force_torque else None
 
 
-def require_new_recording_path(out: Path) -> None:
+def require_new_recording_path(out: Path, option: str = "--out") -> None:
     """Raise `RecordingRefused` for a name without .mcap, which other programs would not know, and for one that exists."""
     if out.suffix.lower() != RECORDING_SUFFIX:
-        raise RecordingRefused(f"expected --out to end in {RECORDING_SUFFIX}, got {out}; add it")
+        raise RecordingRefused(expected=f"{option} to end in {RECORDING_SUFFIX}", got=str(out), remedy="add it")
     if out.exists():
-        raise RecordingRefused(f"expected --out to be a new file, got {out}; choose another name")
+        raise RecordingRefused(expected=f"{option} to be a new file", got=str(out), remedy="choose another name")
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from ninedtact.cli.record import require_new_recording_path
 from ninedtact.cli.result_and_interrupt import print_notices, print_result
 from ninedtact.cli.serve_sensor_page import require_rerun
 from ninedtact.cli.shared_options import JsonOption
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 
 _MISSING_REST = "The rest is missing. If the recording program crashed, that is about half a second."
-_REPAIRED = f"The file was cut short and completed later. {_MISSING_REST}"
+_REPAIRED = f"This is the whole copy of a file that was cut short. {_MISSING_REST}"
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,8 @@ class Info:
 
     recording: Annotated[Path, tyro.conf.Positional]
     """File that `ninedtact record` or `ninedtact collect` wrote, finished or cut short."""
-    repair: bool = False
-    """Finish a file that was cut short, so that other programs read it too; not while it is being recorded."""
+    whole_copy: Path | None = None
+    """Write what is whole of a file that was cut short to this new file (.mcap), which other programs read too."""
     json: JsonOption = False
 
     def run(self) -> int:
@@ -42,32 +43,30 @@ class Info:
         require_recording_libraries()
         from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 
-        addresses = recorded_sensor_addresses(self.recording)
-        if self.repair:
-            with ExitStack() as opened:
-                _repair([opened.enter_context(Recording(address)) for address in addresses])
         with ExitStack() as opened:
+            addresses = recorded_sensor_addresses(self.recording)
             recordings = [opened.enter_context(Recording(address)) for address in addresses]
+            if self.whole_copy is not None:
+                _write_whole_copy(recordings, self.whole_copy)
             summaries = [recording.summary() for recording in recordings]
             lines = [line for summary in summaries for line in _summary_lines(recordings[0].path, summary)]
             lines += _ending_lines(recordings, max(summary.seconds for summary in summaries))
+            lines += [] if self.whole_copy is None else [f"  {self.whole_copy} holds what is whole."]
         figures = [asdict(summary) for summary in summaries]
         return print_result(self.json, figures[0] if len(figures) == 1 else {"sensors": figures}, lines)
 
 
-def _repair(recordings: "list[Recording]") -> None:
-    """Finish the file of some sensors' recordings.
+def _write_whole_copy(recordings: "list[Recording]", out: Path) -> None:
+    """Write what is whole of some sensors' recordings, which are one file, to a new file.
 
-    Raises `RecordingRefused` where it is still being written, and `RecordingUnreadable` where it has no image, because as a
-    finished file it would pass for a whole one.
+    Raises `RecordingUnreadable` where it has no image, because as a finished file it would pass for a whole one.
     """
     from ninedtact.recording.export import require_exportable
-    from ninedtact.recording.mcap_repair import repair_recording
-    from ninedtact.recording.missing_end import require_ended_recording
+    from ninedtact.recording.labels_and_whole_copy import write_whole_copy
 
-    require_ended_recording(recordings[0], "repair it")
+    require_new_recording_path(out, "--whole-copy")
     require_exportable(recordings)
-    repair_recording(recordings[0].path)
+    write_whole_copy(recordings[0].path, out)
 
 
 def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
@@ -96,15 +95,14 @@ def _ending_lines(recordings: "list[Recording]", seconds: float) -> Iterator[str
     """Yield how far the file of some sensors' recordings can be used; seconds: duration of what is there."""
     from ninedtact.recording.errors import RecordingUnreadable
     from ninedtact.recording.export import require_exportable
-    from ninedtact.recording.missing_end import is_being_written
 
-    if is_being_written(recordings[0]):
+    if recordings[0].is_being_written:
         yield f"  The file is still being written: {seconds:.1f} s so far."
     elif not recordings[0].is_finished:
         yield f"  The file was cut short: it ends after {seconds:.1f} s. {_MISSING_REST}"
         try:
             require_exportable(recordings)
-            yield "  It can be read as it is; 'ninedtact info --repair' finishes it for other programs."
+            yield "  It can be read as it is; 'ninedtact info --whole-copy FILE' writes a whole one for other programs."
         except RecordingUnreadable as refusal:
             yield f"  It cannot be exported: {refusal}."
     elif recordings[0].is_repaired:
@@ -114,21 +112,15 @@ def _ending_lines(recordings: "list[Recording]", seconds: float) -> Iterator[str
 
 def _ending_notices(recordings: "list[Recording]") -> dict[Path, str]:
     """Return what is to be known about the end of every file; the sensors of one file have one end, that of the longest."""
-    from ninedtact.recording.missing_end import missing_end_error
-
     notices, seconds = dict[Path, str](), dict[Path, float]()
     for recording in recordings:
         path = recording.path
         seconds[path] = max(recording.duration_s, seconds.get(path, 0.0))
         if not recording.is_finished:
-            notices[path] = str(missing_end_error(recording, seconds[path]))
+            notices[path] = str(recording.missing_end_error(seconds[path]))
         elif recording.is_repaired:
             notices[path] = f"{path}: {_REPAIRED}"
     return notices
-
-
-class NotOneRecording(InputError):
-    """Raised where no recording is given, or several for a format that holds one."""
 
 
 @dataclass(frozen=True)
@@ -191,11 +183,12 @@ class Export:
         return 0 if is_finished else 1
 
     def _require_one_recording_unless_episodes(self) -> None:
-        """Raise `NotOneRecording` unless the format holds as many recordings as are given."""
+        """Raise `InputError` unless the format holds as many recordings as are given."""
         if not self.recordings:
-            raise NotOneRecording("expected a recording, got none; name it after the options")
+            raise InputError(expected="a recording", got="none", remedy="name it after the options")
         if len(self.recordings) > 1 and self.to != "lerobot":
-            raise NotOneRecording(
-                f"expected one recording, or several with --to lerobot, got {len(self.recordings)} with --to {self.to}; export "
-                "each into a folder or file of its own"
+            raise InputError(
+                expected="one recording, or several with --to lerobot",
+                got=f"{len(self.recordings)} with --to {self.to}",
+                remedy="export each into a folder or file of its own",
             )

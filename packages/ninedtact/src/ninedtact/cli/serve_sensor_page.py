@@ -17,7 +17,7 @@ from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
 from ninedtact.cli.shared_options import InvalidLiveOption
 from ninedtact.errors import MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
-from ninedtact.recording.errors import RecordingLibrariesMissing, require_recording_libraries
+from ninedtact.recording.errors import require_recording_libraries
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -177,7 +177,7 @@ def connect_recordings_panel(
     """
     try:
         require_recording_libraries()
-    except RecordingLibrariesMissing as missing:
+    except MissingLibraryError as missing:
         print_notice(f"the page cannot record; {missing}")
         return []
     from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord

@@ -62,7 +62,7 @@ def export_lerobot(
 ) -> dict[str, int]:
     """Write recordings as the episodes of one data set into a new or empty folder; return its episodes, frames and features.
 
-    task: what is done in them, in words. Wrenches are interpolated linearly at the times of the images. Raises `ExportTargetTaken`,
+    task: what is done in them, in words. Wrenches are interpolated linearly at the times of the images. Raises `OutputError`,
     `RecordingsDiffer`, `PyArrowMissing`, and `RecordingUnreadable` for a damaged recording; the folder is then as it was before.
     """
     if find_spec("pyarrow") is None:

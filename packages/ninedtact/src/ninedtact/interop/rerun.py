@@ -31,10 +31,9 @@ from jaxtyping import Float64, Int64
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import open_atomic_file
-from ninedtact.errors import DeviceError
+from ninedtact.errors import DeviceError, OutputError
 from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
-from ninedtact.recording.errors import ExportTargetTaken
 from ninedtact.recording.export import require_exportable
 from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.recording.reader import Recording
@@ -151,11 +150,11 @@ def export_rerun(
 ) -> dict[str, int]:
     """Write a recording as one new Rerun file (.rrd); return how much of each kind it has.
 
-    Heights are computed from the images by the sensor of the recording. Raises `ExportTargetTaken`, `FileNotWritten`, and
+    Heights are computed from the images by the sensor of the recording. Raises `OutputError`, `FileNotWritten`, and
     `RecordingUnreadable` for a damaged recording or one without its sensor; no file is left then.
     """
     if out.suffix != SUFFIX or out.exists():
-        raise ExportTargetTaken(f"expected --out to be a new file ending in {SUFFIX}, got {out}; choose another name")
+        raise OutputError(f"expected --out to be a new file ending in {SUFFIX}, got {out}; choose another name")
     require_exportable([recording])
     out.parent.mkdir(parents=True, exist_ok=True)
     stream = rr.RecordingStream("ninedtact", recording_id=recording.metadata.id)

@@ -1,9 +1,12 @@
 """Recordings: what a sensor delivers, as one MCAP file of ROS 2 messages with the sensor folder attached.
 
-In go a `FrameSource`, a `WrenchSource` and a sensor folder (`record`), or a person's presses (`collecting`). Out comes a file,
-which `Recording` reads again, `RecordedFrameSource` plays as a camera, `export_recording` writes out as images and tables,
-and `read_recorded_pairs` turns into training pairs. The public names are listed in `__init__.pyi`; each is loaded when it is
-first used, because they need the libraries of the extra `recording`.
+    recorder         FrameSource, WrenchSource, sensor folder ──▶ file        (`record`; the file itself: `RecordingWriter`)
+    reader           file ──▶ `Recording`: frames, wrenches, heights, labels, readings
+    recorded_source  file ──▶ `RecordedFrameSource`, `RecordedWrenchSource`: a camera and a force/torque sensor that replay it
+    summary          what `ninedtact info` prints of it
+
+`export_recording` writes it out as images and tables, `write_whole_copy` what is whole of one that was cut short. The public names
+are listed in `__init__.pyi`; each is loaded when it is first used, because they need the libraries of the extra `recording`.
 """
 
 import lazy_loader

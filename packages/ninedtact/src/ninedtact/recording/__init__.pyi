@@ -1,6 +1,5 @@
-from .collected_pairs import RecordedPair, read_recorded_pairs
 from .export import export_recording
-from .mcap_repair import repair_recording
+from .labels_and_whole_copy import write_whole_copy
 from .metadata import RecordingMetadata
 from .reader import Recording, recorded_sensor_addresses
 from .recorded_source import RecordedFrameSource, RecordedWrenchSource
@@ -11,7 +10,6 @@ from .writer import RecordingWriter
 
 __all__ = [
     "RecordedFrameSource",
-    "RecordedPair",
     "RecordedWrenchSource",
     "Recording",
     "RecordingMetadata",
@@ -20,9 +18,8 @@ __all__ = [
     "SensorToRecord",
     "Topic",
     "export_recording",
-    "read_recorded_pairs",
     "record",
     "record_several",
     "recorded_sensor_addresses",
-    "repair_recording",
+    "write_whole_copy",
 ]

@@ -18,31 +18,24 @@ class RecordingStopped(DatasetError):
     """Raised where nothing more can be written; the messages written before are kept."""
 
 
-class RecordingLibrariesMissing(MissingLibraryError):
-    """Raised where the libraries that read and write recordings are not installed."""
-
-
-class ExportTargetTaken(OutputError):
-    """Raised where files exist already at the path to export to."""
-
-
 class WrenchSourceMismatched(InputError):
     """Raised for a camera and a force/torque sensor that cannot belong together."""
-
-
-class ReferenceMomentRefused(InputError):
-    """Raised for a moment that is not in the recording, or at which its images cannot be a reference (no contact)."""
 
 
 class SensorNotGiven(InputError):
     """Raised where neither a sensor folder nor a recording that carries one was given."""
 
 
+class ReferenceMomentRefused(InputError):
+    """Raised for a moment that is not in the recording, or at which its images cannot be a reference (no contact)."""
+
+
 def require_recording_libraries() -> None:
-    """Raise `RecordingLibrariesMissing` where recordings can be neither read nor written."""
+    """Raise `MissingLibraryError` where recordings can be neither read nor written."""
     absent = [name for name in ("rosbags", "mcap") if find_spec(name) is None]
     if absent:
-        raise RecordingLibrariesMissing(
-            f"expected rosbags and mcap, which read and write recordings, got no {' and no '.join(absent)}; run "
-            f"{installation_command('recording')}"
+        raise MissingLibraryError(
+            expected="rosbags and mcap, which read and write recordings",
+            got=f"no {' and no '.join(absent)}",
+            remedy=f"run {installation_command('recording')}",
         )

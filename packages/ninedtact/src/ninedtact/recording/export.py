@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 
 from ninedtact.atomic_write import create_folder_atomically, write_file_atomically
-from ninedtact.recording.errors import ExportTargetTaken, RecordingUnreadable
+from ninedtact.errors import OutputError
+from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.reader import SENSOR_FOLDER, Recording
 from ninedtact.recording.topics_and_messages import Topic
 
@@ -28,7 +29,7 @@ def export_recording(recording: Recording, out: Path, on_image: Callable[[], Non
     """Write everything into a new or empty folder and return how many rows or files of each kind were written.
 
     Images are PNG, wrenches, times and warnings CSV, heights .npy in mm. `on_image` is called after every image. Raises
-    `ExportTargetTaken`, and `RecordingUnreadable` for a damaged recording or one that was cut short before its first image; the
+    `OutputError`, and `RecordingUnreadable` for a damaged recording or one that was cut short before its first image; the
     folder is then as it was before.
 
         with Recording("press.mcap") as recording:
@@ -53,9 +54,9 @@ def export_each_sensor(
 
 
 def require_empty_folder(out: Path) -> None:
-    """Raise `ExportTargetTaken` for a path at which there is more than an empty folder."""
+    """Raise `OutputError` for a path at which there is more than an empty folder."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise ExportTargetTaken(f"expected --out to be a new or empty folder, got {out}; choose another name")
+        raise OutputError(expected="--out to be a new or empty folder", got=str(out), remedy="choose another name")
 
 
 def require_exportable(recordings: Sequence[Recording]) -> None:
@@ -63,7 +64,9 @@ def require_exportable(recordings: Sequence[Recording]) -> None:
     if any(one.is_finished or len(one.positions(Topic.IMAGES)) for one in recordings):
         return
     raise RecordingUnreadable(
-        f"expected images in {recordings[0].path}, got a file that was cut short before its first image; copy it again whole"
+        expected=f"images in {recordings[0].path}",
+        got="a file that was cut short before its first image",
+        remedy="copy it again whole",
     )
 
 
@@ -79,8 +82,10 @@ def _export_into(recording: Recording, out: Path, on_image: Callable[[], None]) 
         "pairs": _export_pairs(recording, out / "pairs.csv"),
         "events": _export_events(recording, out / "events.csv"),
         "spans": _export_spans(recording, out / "spans.csv"),
-        "sensor": recording.write_sensor_files(out / SENSOR_FOLDER),
+        "sensor": len(files := recording.sensor_files()),
     }
+    if files:
+        recording.save_sensor_folder(out / SENSOR_FOLDER)
     summary = json.dumps(asdict(recording.summary()), indent=2, ensure_ascii=False)
     write_file_atomically(out / "recording.json", summary.encode())
     return written

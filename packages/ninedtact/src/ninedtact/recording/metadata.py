@@ -4,14 +4,17 @@ Stamps in the package and the log times of the messages are those of the monoton
 other programs expect. The difference of the two clocks is stored once per recording.
 """
 
-import re
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
-from math import isfinite
+from pathlib import Path
 from secrets import token_hex
-from typing import Any, Literal, get_args
+from typing import Annotated, Literal
+
+import msgspec
+from mcap.records import Metadata
+from msgspec import Meta
 
 from ninedtact._version import __version__
 from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
@@ -27,10 +30,6 @@ ImageStorage = Literal["zstd", "png"]
 """How images are stored, both without loss: raw in chunks that zstd compresses, or each as a PNG."""
 HEIGHT_STEP_16_BIT_MM = 0.001
 """Quantisation step of heights of 16 bits: a twentieth of the noise of one pixel; they reach ±32 mm."""
-
-
-_NUMBERS = ("mm_per_px", "height_step_mm", "camera_delay_ms")
-"""Fields that are floating point numbers."""
 
 
 def wall_minus_monotonic_ns() -> int:
@@ -61,14 +60,14 @@ class RecordingMetadata:
     """Where the measured wrenches came from, in words."""
     settings: str = "{}"
     """The resolved settings of the command, JSON."""
-    mm_per_px: float = 0.0
+    mm_per_px: Annotated[float, Meta(ge=0, le=1e3)] = 0.0
     """Scale of the height maps, where there are any."""
     images: ImageStorage = "zstd"
-    height_step_mm: float = 0.0
+    height_step_mm: Annotated[float, Meta(ge=0, le=1e3)] = 0.0
     """Quantisation step of heights that are stored as integers of 16 bits; 0 for 32-bit floating point."""
-    camera_delay_ms: float = 0.0
+    camera_delay_ms: Annotated[float, Meta(ge=-1e6, le=1e6)] = 0.0
     """Delay of the camera that was subtracted from the arrival times of its images; their stamps are times of exposure then."""
-    name: str = ""
+    name: Annotated[str, Meta(pattern=r"^\w*$")] = ""
     """Name of the sensor among several of one recording, such as left; empty in a recording of one sensor."""
     software: str = __version__
     """Version of the package that made the recording."""
@@ -96,33 +95,62 @@ def parse_recording_metadata(metadata: Mapping[str, str], name: str) -> Recordin
     try:
         version = int(metadata["format"])
     except (KeyError, ValueError) as error:
-        raise RecordingUnreadable(f"expected {name} to state its format, got {error}; record it again") from error
+        raise RecordingUnreadable(
+            expected=f"{name} to state its format", got=str(error), remedy="record it again"
+        ) from error
     if version != RECORDING_FORMAT:
         remedy = "update ninedtact" if version > RECORDING_FORMAT else "record it again"
         age = "a newer" if version > RECORDING_FORMAT else "an older"
         raise RecordingUnreadable(
-            f"expected {name} in format {RECORDING_FORMAT}, got format {version} from {age} ninedtact; {remedy}"
+            expected=f"{name} in format {RECORDING_FORMAT}",
+            got=f"format {version} from {age} ninedtact",
+            remedy=remedy,
         )
     if metadata.get(CHECKSUM_KEY) not in (None, mapping_checksum(metadata)):
         raise RecordingUnreadable(
-            f"expected the description of {name} as it was written, got other values than its checksum; restore it from a copy"
+            expected=f"the description of {name} as it was written",
+            got="other values than its checksum",
+            remedy="restore it from a copy",
         )
+    stated = {"name": "", **metadata}
+    missing = [entry.name for entry in fields(RecordingMetadata) if entry.name not in stated]
     try:
-        stated = {"name": "", **metadata}
-        values: dict[str, Any] = {entry.name: stated[entry.name] for entry in fields(RecordingMetadata)}
-        values |= {name: _finite_float(values[name]) for name in _NUMBERS}
-        values["wall_minus_monotonic_ns"] = int(values["wall_minus_monotonic_ns"])
-        if values["images"] not in get_args(ImageStorage):
-            raise ValueError(f"images stored as {values['images']!r}")
-        if values["height_step_mm"] < 0:
-            raise ValueError(f"heights in steps of {values['height_step_mm']:g} mm")
-        if re.fullmatch(r"\w*", values["name"]) is None:
-            raise ValueError(f"a sensor of the name {values['name']!r}")
-    except (KeyError, ValueError) as error:
+        if missing:
+            raise ValueError(f"no {', no '.join(missing)}")
+        return msgspec.convert(stated, RecordingMetadata, strict=False)
+    except ValueError as error:
         raise RecordingUnreadable(
-            f"expected {name} to state what was recorded, got {error}; record it again"
+            expected=f"{name} to state what was recorded", got=str(error), remedy="record it again"
         ) from error
-    return RecordingMetadata(**values)
+
+
+def parse_sensor_metadata(records: Sequence[Metadata], path: Path) -> tuple[RecordingMetadata, ...]:
+    """Return the metadata of every sensor from the metadata records of a file; raises `RecordingUnreadable`."""
+    found = tuple(parse_recording_metadata(one.metadata, str(path)) for one in records if one.name == METADATA_RECORD)
+    if not found:
+        raise RecordingUnreadable(
+            expected=f"a recording of ninedtact in {path}",
+            got="an MCAP file of another program, or one that was cut short before it began",
+            remedy="record with 'ninedtact record'",
+        )
+    if len({one.name for one in found}) < len(found):
+        raise RecordingUnreadable(
+            expected=f"a name of its own for each sensor in {path}",
+            got="two sensors of the same name",
+            remedy="restore it from a copy",
+        )
+    return found
+
+
+def choose_sensor_metadata(found: tuple[RecordingMetadata, ...], name: str, path: Path) -> RecordingMetadata:
+    """Return the metadata of the sensor that is named, or of the only one; raises `RecordingUnreadable`."""
+    chosen = [one for one in found if one.name == name or (not name and len(found) == 1)]
+    if not chosen:
+        names = ", ".join(one.name for one in found if one.name)
+        has = f"one of the sensors {names} of {path}" if names else f"no name of a sensor with {path}, which holds one"
+        remedy = f"name it as {path}#{found[0].name}" if names else "drop it"
+        raise RecordingUnreadable(expected=has, got=repr(name) if name else "none", remedy=remedy)
+    return chosen[0]
 
 
 def require_recordable_metadata(metadata: RecordingMetadata) -> None:
@@ -131,13 +159,5 @@ def require_recordable_metadata(metadata: RecordingMetadata) -> None:
         parse_recording_metadata(metadata.to_mcap_metadata(), "the recording")
     except RecordingUnreadable as unreadable:
         raise RecordingRefused(
-            f"expected options with which a recording can be read, got {unreadable.__cause__}; correct them"
+            expected="options with which a recording can be read", got=str(unreadable.__cause__), remedy="correct them"
         ) from unreadable
-
-
-def _finite_float(text: str) -> float:
-    """Return the number; raises `ValueError`, also for one that is not finite."""
-    number = float(text)
-    if not isfinite(number):
-        raise ValueError(f"the number {text}")
-    return number

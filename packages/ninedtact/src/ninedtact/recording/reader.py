@@ -1,60 +1,60 @@
-"""Reads a recording, complete or truncated: frames, wrenches, heights, labels, and a summary of its content."""
+"""Reads a recording, whole or cut short: frames, wrenches, heights, labels, readings, and a summary of its content."""
 
 import json
 import re
-import struct
+from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
+from datetime import UTC, datetime
 from functools import cached_property
+from itertools import islice
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from types import TracebackType
-from typing import BinaryIO
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64
-from mcap.exceptions import McapError
-from mcap.records import Attachment, Metadata
+from jaxtyping import Float32, Int64
+from mcap.records import Attachment, Message
 from numpy import ndarray as Array
 
-from ninedtact.capture.frame_source import CameraNotFound
-from ninedtact.quantities import Frame, Wrench, WrenchEstimate
-from ninedtact.reading import Reading
-from ninedtact.recording.errors import RecordingUnreadable
-from ninedtact.recording.mcap_index_recovery import (
-    MESSAGE_POSITION,
-    McapIndex,
-    StoredMessage,
-    complete_mcap_index,
-    damage_error,
-    index_mcap_records,
-    open_record_content,
-    parse_message_record,
-    read_attachment,
-    read_mcap_chunk,
+from ninedtact.capture.frame_source import SourceIncomplete
+from ninedtact.quantities import Frame, Rectified, Wrench, WrenchEstimate
+from ninedtact.reading import Reading, read_frame
+from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefused
+from ninedtact.recording.mcap_file import McapFile, is_being_written
+from ninedtact.recording.metadata import (
+    REPAIR_RECORD,
+    choose_sensor_metadata,
+    parse_sensor_metadata,
 )
-from ninedtact.recording.metadata import METADATA_RECORD, REPAIR_RECORD, RecordingMetadata, parse_recording_metadata
-from ninedtact.recording.summary import RecordingSummary, summarise_recording
+from ninedtact.recording.summary import PERIODIC_TOPICS, RecordingSummary, TopicSummary, summarise_topic
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
     PairLabel,
     RecordingEvent,
     RecordingEventKind,
     Topic,
-    decode_covariance,
     decode_estimate_warnings,
     decode_event,
     decode_height_map,
     decode_image,
     decode_labelled_span,
     decode_pair_label,
+    decode_reference_grey,
     decode_wrench,
     decode_wrench_estimate,
 )
+from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, FindReferenceFaults
+from ninedtact.shape.depth import DepthReader
 
 SENSOR_FOLDER, SEVERAL_FOLDERS = "sensor", "sensors"
 """First part of the names of the attachments that hold the sensor folder; among several sensors, their name is the second."""
 SPANS_ATTACHMENT = "spans.json"
 """Name of the attached list of labelled spans that were edited after the recording; the last one counts."""
+
+
+class RecordingCutShort(SourceIncomplete):
+    """Raised, once, after the last image of a recording that has no end; what followed is missing."""
 
 
 class Recording:
@@ -67,18 +67,17 @@ class Recording:
     """
 
     def __init__(self, path: Path | str) -> None:
-        """Open the file and index its records; raises `CameraNotFound` or `RecordingUnreadable`.
+        """Open the file and find its messages; raises `CameraNotFound` or `RecordingUnreadable`.
 
         path: of a recording of several sensors, with the name of one of them: `grasp.mcap#left`.
         """
         self.path, name = _split_address(str(path))
-        self._file = _open_file(self.path)
-        self._chunk: tuple[int, bytes] = (-1, b"")
+        self.file = McapFile(self.path)
         try:
-            self.index, self.all_metadata = _read_structure(self._file, str(self.path))
-            self.metadata = _choose_metadata(self.all_metadata, name, self.path)
+            self.all_metadata = parse_sensor_metadata(self.file.metadata, self.path)
+            self.metadata = choose_sensor_metadata(self.all_metadata, name, self.path)
         except BaseException:
-            self._file.close()
+            self.close()
             raise
 
     @property
@@ -89,13 +88,17 @@ class Recording:
     @property
     def is_finished(self) -> bool:
         """Whether the file was closed properly; if not, what followed its last whole part is missing."""
-        return self.index.finished
+        return self.file.is_finished
 
-    @cached_property
+    @property
     def is_repaired(self) -> bool:
-        """Whether the file was cut short and completed later; what followed its last whole part is missing."""
-        records = (Metadata.read(open_record_content(self._file, span)) for span in self.index.metadata)
-        return any(record.name == REPAIR_RECORD for record in records)
+        """Whether this is the whole copy of a file that was cut short; what followed its last whole part is missing."""
+        return any(record.name == REPAIR_RECORD for record in self.file.metadata)
+
+    @property
+    def is_being_written(self) -> bool:
+        """Whether a program of this computer still writes the file."""
+        return not self.is_finished and is_being_written(self.path)
 
     @property
     def topics(self) -> list[str]:
@@ -119,48 +122,36 @@ class Recording:
         return sum(int(event.subject) for event in self.events() if event.kind is RecordingEventKind.DROPPED)
 
     @cached_property
-    def _channels(self) -> dict[str, int]:
-        return {channel.topic: number for number, channel in self.index.channels.items()}
-
-    @cached_property
     def _time_span_ns(self) -> tuple[int, int]:
         stamps_ns = [stamps for topic in Topic if len(stamps := self.stamps_ns(topic))]
         if not stamps_ns:
             return 0, 0
         return int(min(map(np.min, stamps_ns))), int(max(map(np.max, stamps_ns)))
 
-    def _path(self, topic: Topic) -> str:
-        return topic.path(self.metadata.topic_name, self.metadata.images)
-
     def positions(self, topic: Topic) -> Array:
         """Return `MESSAGE_POSITION` of the messages of a topic, in the order of writing."""
-        return self._positions_on(self._path(topic))
-
-    def _positions_on(self, path: str) -> Array:
-        parts = self.index.positions.get(self._channels.get(path, -1), [])
-        return np.concatenate(parts) if parts else np.empty(0, MESSAGE_POSITION)
+        return self.file.positions(self._path(topic))
 
     def stamps_ns(self, topic: Topic) -> Int64[Array, " n"]:
         """Return the stamps of the messages of a topic, ns of the monotonic clock."""
         return np.asarray(self.positions(topic)["stamp_ns"])
 
-    def message(self, position: np.void) -> StoredMessage:
+    def message(self, position: np.void) -> Message:
         """Return the message at one `MESSAGE_POSITION`; raises `RecordingUnreadable` where the file is damaged."""
-        number = int(position["chunk"])
-        span = self.index.chunks[number]
-        if self._chunk[0] != number:
-            self._chunk = number, read_mcap_chunk(self._file, span, str(self.path)).data
-        try:
-            message = parse_message_record(self._chunk[1], int(position["offset"]))
-        except (ValueError, IndexError, struct.error) as error:
-            raise damage_error(str(self.path), span.end) from error
-        if message.stamp_ns != position["stamp_ns"] or message.channel != position["channel"]:
-            raise damage_error(str(self.path), span.end)
-        return message
+        return self.file.message(position)
 
-    def messages(self, topic: Topic) -> Iterator[StoredMessage]:
+    def messages(self, topic: Topic) -> Iterator[Message]:
         """Yield the messages of a topic, undecoded, in the order of writing."""
         return map(self.message, self.positions(topic))
+
+    def message_of_image(self, topic: Topic, image: Frame | Message) -> Message | None:
+        """Return the message of a topic with the stamp and the number of an image; None where the image has none."""
+        stamp_ns, index = (
+            (image.stamp_ns, image.index) if isinstance(image, Frame) else (image.log_time, image.sequence)
+        )
+        positions = self.positions(topic)
+        messages = map(self.message, positions[positions["stamp_ns"] == stamp_ns])
+        return next((message for message in messages if message.sequence == index), None)
 
     def frame(self, position: np.void) -> Frame:
         """Return one frame as it was read, its stamp and index included; raises `RecordingUnreadable` where the file is damaged."""
@@ -168,8 +159,8 @@ class Recording:
         try:
             image = decode_image(message.data, self.metadata.images)
         except ValueError as error:
-            raise damage_error(str(self.path), self.index.chunks[int(position["chunk"])].end) from error
-        return Frame(image, message.stamp_ns, message.sequence)
+            raise self.file.damage_error(position) from error
+        return Frame(image, message.log_time, message.sequence)
 
     def frames(self, topic: Topic = Topic.IMAGES) -> Iterator[Frame]:
         """Yield all frames, or the reference images with `Topic.REFERENCE`."""
@@ -179,34 +170,30 @@ class Recording:
         """Yield what the recorded sensor measures in every frame: its calibration is applied to the images.
 
         The first ten frames are taken as reference images (no contact), unless the recording has its own (page, ROS, `collect`).
-        Raises `RecordingUnreadable` where the recording carries no sensor folder.
+        Raises `RecordingUnreadable` where the recording carries no sensor folder, and `ReferenceMomentRefused` where it has neither
+        reference images nor ten frames.
         """
         from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
         from ninedtact.calibration.sensor_folder import load_sensor
-        from ninedtact.recording.recorded_source import RecordedReferences
-        from ninedtact.recording.recorder import ReadingComputer
 
         with TemporaryDirectory(prefix="ninedtact_") as folder:
             sensor = load_sensor(self.save_sensor_folder(Path(folder) / "sensor"))
             find_faults = load_reference_image_checker(sensor).find_faults
             references = RecordedReferences(self, sensor.shape, find_faults)
-            computer = ReadingComputer(sensor.shape, find_faults)
+            first = references.depth_reader_of_first_images() if references.topic is None else None
             for frame in self.frames():
-                computer.depth_reader = references.depth_reader_at(frame.stamp_ns) or computer.depth_reader
-                yield from computer.readings(frame)
+                depth_reader = first or references.depth_reader_at(frame.stamp_ns)
+                assert depth_reader is not None
+                yield read_frame(frame, sensor.shape, depth_reader)
 
     def wrench(self, position: np.void) -> Wrench:
         """Return one wrench about the skin centre."""
         message = self.message(position)
-        return decode_wrench(message.data, message.stamp_ns)
+        return decode_wrench(message.data, message.log_time)
 
     def wrenches(self, topic: Topic = Topic.MEASURED) -> Iterator[Wrench]:
         """Yield all measured wrenches, or the estimated ones with `Topic.ESTIMATED`."""
         return map(self.wrench, self.positions(topic))
-
-    def covariances(self) -> Iterator[Float64[Array, "6 6"]]:
-        """Yield the covariance of every estimated wrench, in the order of `Wrench.six`, N and N·m."""
-        return (decode_covariance(message.data) for message in self.messages(Topic.COVARIANCE))
 
     def warnings(self) -> Iterator[tuple[int, list[str]]]:
         """Yield the image index and the warnings of every image whose heights or estimate have any."""
@@ -214,12 +201,13 @@ class Recording:
 
     def estimates(self) -> Iterator[WrenchEstimate]:
         """Yield all estimated wrenches with their errors and warnings."""
-        errors, warned = (
-            {message.stamp_ns: message.data for message in self.messages(topic)}
-            for topic in (Topic.COVARIANCE, Topic.WARNINGS)
-        )
-        for wrench in self.wrenches(Topic.ESTIMATED):
-            yield decode_wrench_estimate(wrench, errors.get(wrench.stamp_ns), warned.get(wrench.stamp_ns))
+        return map(self.estimate, self.messages(Topic.ESTIMATED))
+
+    def estimate(self, message: Message) -> WrenchEstimate:
+        """Return the estimate of one message on `Topic.ESTIMATED` with its errors and warnings."""
+        others = (self.message_of_image(topic, message) for topic in (Topic.COVARIANCE, Topic.WARNINGS))
+        errors, warned = (None if other is None else other.data for other in others)
+        return decode_wrench_estimate(decode_wrench(message.data, message.log_time), errors, warned)
 
     def heights(self) -> Iterator[tuple[int, Float32[Array, "rows cols"]]]:
         """Yield the image index and the heights in mm, NaN out of view."""
@@ -230,7 +218,7 @@ class Recording:
 
     def labels(self) -> Iterator[PairLabel]:
         """Yield the labels of all saved pairs, undone contacts included."""
-        return (decode_pair_label(message.data, message.stamp_ns) for message in self.messages(Topic.LABELS))
+        return (decode_pair_label(message.data, message.log_time) for message in self.messages(Topic.LABELS))
 
     def kept_labels(self) -> list[PairLabel]:
         """Return the labels of all saved pairs, undone contacts excluded."""
@@ -239,7 +227,7 @@ class Recording:
 
     def events(self) -> list[RecordingEvent]:
         """Return all events: everything that happened besides images and wrenches."""
-        return [decode_event(message.data, message.stamp_ns) for message in self.messages(Topic.EVENTS)]
+        return [decode_event(message.data, message.log_time) for message in self.messages(Topic.EVENTS)]
 
     def spans(self) -> list[LabelledSpan]:
         """Return the labelled spans in the order of their beginnings, as they were last edited; several sensors share them.
@@ -252,34 +240,34 @@ class Recording:
                 spans = [LabelledSpan(**one) for one in json.loads(attached[-1].data)]
             else:
                 paths = [Topic.SPANS.path(metadata.topic_name) for metadata in self.all_metadata]
-                positions = np.concatenate([self._positions_on(path) for path in paths])
+                positions = np.concatenate([self.file.positions(path) for path in paths])
                 spans = [decode_labelled_span(message.data) for message in map(self.message, positions)]
             return sorted(spans, key=lambda span: (span.begin_ns, span.end_ns))
         except (ValueError, TypeError) as error:
             raise RecordingUnreadable(
-                f"expected the labelled spans of {self.path} as they were written, got: {error}; restore the file from a copy"
+                expected=f"the labelled spans of {self.path} as they were written",
+                got=str(error),
+                remedy="restore the file from a copy",
             ) from error
 
     def attachments(self) -> Iterator[Attachment]:
         """Yield the attached files with their names; raises `RecordingUnreadable` where one is damaged."""
-        return (read_attachment(self._file, span, str(self.path)) for span in self.index.attachments)
+        return self.file.attachments()
 
     def save_sensor_folder(self, into: Path) -> Path:
         """Write the attached sensor folder; raises `RecordingUnreadable` where the recording carries none."""
-        if self.write_sensor_files(into) == 0:
-            raise RecordingUnreadable(
-                f"expected {self.path} to carry its sensor's folder, got a recording without; name one with --sensor"
-            )
-        return into
-
-    def write_sensor_files(self, into: Path) -> int:
-        """Write the files of the attached sensor folder and return their number."""
         files = self.sensor_files()
+        if not files:
+            raise RecordingUnreadable(
+                expected=f"{self.path} to carry its sensor's folder",
+                got="a recording without",
+                remedy="name one with --sensor",
+            )
         for name, content in files.items():
             path = into / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        return len(files)
+        return into
 
     def sensor_files(self) -> dict[str, bytes]:
         """Return the content of the attached sensor folder's files by their paths in it; paths leading elsewhere are skipped."""
@@ -292,17 +280,134 @@ class Recording:
 
     def summary(self) -> RecordingSummary:
         """Return sensor, duration, topics with rates and gaps, drops, pairs and events."""
-        return summarise_recording(self)
+        metadata = self.metadata
+        began = datetime.fromtimestamp(metadata.wall_ns(self.began_ns) / 1e9, UTC)
+        return RecordingSummary(
+            sensor=metadata.sensor,
+            name=metadata.name,
+            source=metadata.source,
+            force_torque=metadata.force_torque,
+            purpose=metadata.purpose,
+            id=metadata.id,
+            began=began.isoformat(timespec="milliseconds"),
+            seconds=self.duration_s,
+            finished=self.is_finished,
+            repaired=self.is_repaired,
+            dropped=self.dropped_count,
+            height_step_mm=metadata.height_step_mm,
+            camera_delay_ms=metadata.camera_delay_ms,
+            topics=[self._topic_summary(topic) for topic in Topic if len(self.positions(topic))],
+            pairs=dict(Counter(label.kind for label in self.kept_labels())),
+            events=dict(Counter(event.kind.value for event in self.events())),
+            spans=self.spans(),
+        )
+
+    def missing_end_error(self, seconds: float | None = None, pairs: int | None = None) -> RecordingCutShort:
+        """Return the error for the end that an unfinished recording lacks.
+
+        seconds: duration of what is there, where it is not that of this sensor. pairs: number of training pairs in it, where they
+        are read.
+        """
+        if self.is_being_written:
+            state, remedy = "that is still being written", "read it again after its end"
+        else:
+            state, remedy = "that was cut short, so that the rest is missing", "copy it again whole"
+        counted = "" if pairs is None else f" and {pairs} {'pair' if pairs == 1 else 'pairs'}"
+        seconds = self.duration_s if seconds is None else seconds
+        return RecordingCutShort(
+            f"expected all of {self.path}, got {seconds:.1f} s{counted} of a recording {state}; use what was read, or {remedy}"
+        )
+
+    def _path(self, topic: Topic) -> str:
+        return topic.path(self.metadata.topic_name, self.metadata.images)
+
+    def _topic_summary(self, topic: Topic) -> TopicSummary:
+        is_periodic = topic in PERIODIC_TOPICS and (topic is not Topic.IMAGES or self.metadata.purpose == "record")
+        return summarise_topic(
+            self._path(topic), topic.message_type(self.metadata.images), self.stamps_ns(topic), is_periodic
+        )
 
     def close(self) -> None:
         """Close the file of the recording."""
-        self._file.close()
+        self.file.close()
 
     def __enter__(self) -> "Recording":
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
+
+
+class RecordedReferences:
+    """The reference images of a recording: rectified ones (live page, ROS), or raw ones (`collect`), of which those with one index
+    belong together. Each holds from its stamp on, the first one before it, too."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        shape: CalibratedShape,
+        find_faults: FindReferenceFaults = lambda _: (),
+        rectified_faults: tuple[str, ...] = (),
+    ) -> None:
+        """rectified_faults: why images that were recorded rectified cannot be reference images of the calibrated sensor."""
+        self.recording, self._shape = recording, shape
+        self._find_faults, self._rectified_faults = find_faults, rectified_faults
+        kinds = (Topic.REFERENCE_GREY, Topic.REFERENCE)
+        self.topic = next((topic for topic in kinds if len(recording.positions(topic))), None)
+        """The topic of the reference images; None where the recording has none."""
+        self._positions = recording.positions(self.topic or Topic.REFERENCE)
+        self._last: tuple[int, DepthReader] | None = None
+
+    def depth_reader_at(self, stamp_ns: int) -> DepthReader | None:
+        """Return a depth reader for the reference image that held at a stamp, the same object until it changes; None without one.
+
+        Raises what reading a recording raises, and `RecordingUnreadable` where the image is not that of the sensor.
+        """
+        if self.topic is None:
+            return None
+        number = max(int(np.searchsorted(self._positions["stamp_ns"], stamp_ns, side="right")) - 1, 0)
+        if self._last is None or self._last[0] != number:
+            self._last = number, self._read(number)
+        return self._last[1]
+
+    def depth_reader_of_first_images(self) -> DepthReader:
+        """Return a depth reader for the first ten images; raises `ReferenceMomentRefused` where there are fewer."""
+        frames = list(islice(self.recording.frames(), REFERENCE_FRAMES))
+        if len(frames) < REFERENCE_FRAMES:
+            raise ReferenceMomentRefused(
+                expected=(
+                    f"reference images in {self.recording.path}, or at least {REFERENCE_FRAMES} images of which the "
+                    "first are taken as such"
+                ),
+                got=f"{len(frames)} images alone",
+                remedy="record longer",
+            )
+        return self._shape.depth_reader(*frames, find_faults=self._find_faults)
+
+    def _frames_at(self, number: int) -> list[Frame]:
+        """Return all raw reference images that belong to one of them."""
+        frames = [self.recording.frame(self._positions[number])]
+        for numbers in (range(number - 1, -1, -1), range(number + 1, len(self._positions))):
+            for other in numbers:
+                frame = self.recording.frame(self._positions[other])
+                if frame.index != frames[0].index:
+                    break
+                frames.append(frame)
+        return frames
+
+    def _read(self, number: int) -> DepthReader:
+        if self.topic is not Topic.REFERENCE_GREY:
+            return self._shape.depth_reader(*self._frames_at(number), find_faults=self._find_faults)
+        message, wanted = self.recording.message(self._positions[number]), self._shape.rectify.height_source.shape
+        grey = decode_reference_grey(message.data)
+        if grey.shape != wanted:
+            raise RecordingUnreadable(
+                expected=f"a reference image of {wanted[1]} x {wanted[0]} pixels in {self.recording.path}, as the sensor has",
+                got=f"{grey.shape[1]} x {grey.shape[0]}",
+                remedy="name the recorded sensor, or none",
+            )
+        reference = Rectified(grey, self._shape.rectify.mm_per_px, message.log_time)
+        return self._shape.reader_against(reference, self._rectified_faults)
 
 
 def sensor_folder_attachments(folder: Path, name: str = "") -> dict[str, bytes]:
@@ -325,8 +430,8 @@ def recorded_sensor_addresses(path: Path | str) -> list[str]:
     plain, name = _split_address(str(path))
     if name:
         return [str(path)]
-    with _open_file(plain) as file:
-        names = [metadata.name for metadata in _read_structure(file, str(plain))[1]]
+    with closing(McapFile(plain)) as file:
+        names = [metadata.name for metadata in parse_sensor_metadata(file.metadata, plain)]
     return [f"{plain}#{name}" if name else str(plain) for name in names]
 
 
@@ -334,17 +439,6 @@ def _split_address(text: str) -> tuple[Path, str]:
     """Return the path of a recording and the name of one of its sensors, which is empty where none is named."""
     match = None if Path(text).exists() else re.fullmatch(r"(.*)#(\w+)", text, re.DOTALL)
     return (Path(text), "") if match is None else (Path(match[1]), match[2])
-
-
-def _choose_metadata(found: tuple[RecordingMetadata, ...], name: str, path: Path) -> RecordingMetadata:
-    """Return the metadata of the sensor that is named, or of the only one; raises `RecordingUnreadable`."""
-    chosen = [one for one in found if one.name == name or (not name and len(found) == 1)]
-    if not chosen:
-        names = ", ".join(one.name for one in found if one.name)
-        has = f"one of the sensors {names} of {path}" if names else f"no name of a sensor with {path}, which holds one"
-        remedy = f"name it as {path}#{found[0].name}" if names else "drop it"
-        raise RecordingUnreadable(f"expected {has}, got {f'{name!r}' if name else 'none'}; {remedy}")
-    return chosen[0]
 
 
 def read_folder_files(folder: Path) -> dict[str, bytes]:
@@ -357,44 +451,3 @@ def extract_sensor_folder(recording: Path | str, into: Path) -> Path:
     """Write the sensor folder that a recording carries; raises `RecordingUnreadable` where it carries none."""
     with Recording(recording) as opened:
         return opened.save_sensor_folder(into)
-
-
-def _open_file(path: Path) -> BinaryIO:
-    """Open the file; raises `CameraNotFound` where there is none, and `RecordingUnreadable`."""
-    if not path.exists():
-        raise CameraNotFound(f"expected a recording at {path}, got no such file; check the path")
-    if not path.is_file():
-        kind = "a folder" if path.is_dir() else "a pipe or device"
-        raise CameraNotFound(
-            f"expected a recording at {path}, got {kind}; give a file, because it is read more than once"
-        )
-    try:
-        return path.open("rb")
-    except OSError as error:
-        raise RecordingUnreadable(f"expected to read {path}, got: {error.strerror}; check its permissions") from error
-
-
-def _read_structure(file: BinaryIO, name: str) -> tuple[McapIndex, tuple[RecordingMetadata, ...]]:
-    """Return the index of a file, and the metadata of every sensor in it; raises `RecordingUnreadable`."""
-    try:
-        index = index_mcap_records(file, name)
-        metadata = _read_metadata(index, file, name)
-        complete_mcap_index(index, file, name)
-    except (McapError, ValueError, IndexError, MemoryError, struct.error) as error:
-        raise RecordingUnreadable(
-            f"expected a recording in {name}, got a damaged file ({error}); restore it from a copy"
-        ) from error
-    return index, metadata
-
-
-def _read_metadata(index: McapIndex, file: BinaryIO, name: str) -> tuple[RecordingMetadata, ...]:
-    records = [Metadata.read(open_record_content(file, span)) for span in index.metadata]
-    found = [parse_recording_metadata(one.metadata, name) for one in records if one.name == METADATA_RECORD]
-    if len({one.name for one in found}) < len(found):
-        raise ValueError("two sensors of the same name")
-    if found:
-        return tuple(found)
-    raise RecordingUnreadable(
-        f"expected a recording of ninedtact in {name}, got an MCAP file of another program, or one that was cut short "
-        "before it began; record with 'ninedtact record'"
-    )

@@ -18,10 +18,9 @@ from ninedtact.capture.frame_source import FrameSource, Openable, SourceEnded, S
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, HeightSource, Rectified, Wrench
 from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefused
-from ninedtact.recording.missing_end import missing_end_error
-from ninedtact.recording.reader import Recording
+from ninedtact.recording.reader import RecordedReferences, Recording
 from ninedtact.recording.summary import median_rate_hz
-from ninedtact.recording.topics_and_messages import Topic, decode_reference_grey
+from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.shape.calibrated_shape import (
     REFERENCE_FRAMES,
     CalibratedShape,
@@ -56,7 +55,7 @@ class _RecordedTopic(Openable):
                 recording.close()
                 topic = self.topic.path(recording.metadata.topic_name)
                 raise RecordingUnreadable(
-                    f"expected messages on {topic} in {self.path}, got none; take another recording"
+                    expected=f"messages on {topic} in {self.path}", got="none", remedy="take another recording"
                 )
             self._recording = recording
 
@@ -75,7 +74,7 @@ class _RecordedTopic(Openable):
             if self._next == len(self._positions):
                 self._require_end(self._recording)
                 raise SourceEnded(
-                    f"expected more {self.topic}, got the end of {self.name} after {self._next}; stop here"
+                    expected=f"more {self.topic}", got=f"the end of {self.name} after {self._next}", remedy="stop here"
                 )
             self._next += 1
             return decode(self._recording, self._positions[self._next - 1])
@@ -94,7 +93,7 @@ class RecordedFrameSource(_RecordedTopic, FrameSource):
 
     topic = Topic.IMAGES
     is_live = False
-    _references: "RecordedReferences | None" = None
+    _references: RecordedReferences | None = None
     _has_told_end = False
 
     def __init__(self, path: Path | str) -> None:
@@ -133,7 +132,7 @@ class RecordedFrameSource(_RecordedTopic, FrameSource):
     def _require_end(self, recording: Recording) -> None:
         if not recording.is_finished and not self._has_told_end:
             self._has_told_end = True
-            raise missing_end_error(recording, recording.duration_s)
+            raise recording.missing_end_error()
 
 
 class RecordedWrenchSource(_RecordedTopic, WrenchSource):
@@ -144,62 +143,6 @@ class RecordedWrenchSource(_RecordedTopic, WrenchSource):
     def read(self) -> Wrench:
         """Return the next sample; raises `SourceEnded` after the last."""
         return self._read_next(Recording.wrench)
-
-
-class RecordedReferences:
-    """The reference images of a recording: rectified ones (live page, ROS), or raw ones (`collect`), of which those with one index
-    belong together. Each holds from its stamp on, the first one before it, too."""
-
-    def __init__(
-        self,
-        recording: Recording,
-        shape: CalibratedShape,
-        find_faults: FindReferenceFaults = lambda _: (),
-        rectified_faults: tuple[str, ...] = (),
-    ) -> None:
-        """rectified_faults: why images that were recorded rectified cannot be reference images of the calibrated sensor."""
-        self.recording, self._shape = recording, shape
-        self._find_faults, self._rectified_faults = find_faults, rectified_faults
-        positions = {topic: recording.positions(topic) for topic in (Topic.REFERENCE_GREY, Topic.REFERENCE)}
-        self._topic = next((topic for topic, found in positions.items() if len(found)), None)
-        self._positions = positions[self._topic or Topic.REFERENCE]
-        self._last: tuple[int, DepthReader] | None = None
-
-    def depth_reader_at(self, stamp_ns: int) -> DepthReader | None:
-        """Return a depth reader for the reference image that held at a stamp, the same object until it changes; None without one.
-
-        Raises what reading a recording raises, and `RecordingUnreadable` where the image is not that of the sensor.
-        """
-        if self._topic is None:
-            return None
-        number = max(int(np.searchsorted(self._positions["stamp_ns"], stamp_ns, side="right")) - 1, 0)
-        if self._last is None or self._last[0] != number:
-            self._last = number, self._read(number)
-        return self._last[1]
-
-    def _frames_at(self, number: int) -> list[Frame]:
-        """Return all raw reference images that belong to one of them."""
-        frames = [self.recording.frame(self._positions[number])]
-        for numbers in (range(number - 1, -1, -1), range(number + 1, len(self._positions))):
-            for other in numbers:
-                frame = self.recording.frame(self._positions[other])
-                if frame.index != frames[0].index:
-                    break
-                frames.append(frame)
-        return frames
-
-    def _read(self, number: int) -> DepthReader:
-        if self._topic is not Topic.REFERENCE_GREY:
-            return self._shape.depth_reader(*self._frames_at(number), find_faults=self._find_faults)
-        message, wanted = self.recording.message(self._positions[number]), self._shape.rectify.height_source.shape
-        grey = decode_reference_grey(message.data)
-        if grey.shape != wanted:
-            raise RecordingUnreadable(
-                f"expected a reference image of {wanted[1]} x {wanted[0]} pixels in {self.recording.path}, as the sensor has, got "
-                f"{grey.shape[1]} x {grey.shape[0]}; name the recorded sensor, or none"
-            )
-        reference = Rectified(grey, self._shape.rectify.mm_per_px, message.stamp_ns)
-        return self._shape.reader_against(reference, self._rectified_faults)
 
 
 def read_first_reference(path: Path | str, sensor: SensorFolder, check: ReferenceImageChecker) -> DepthReader | None:
@@ -257,8 +200,9 @@ def _first_image_at(recording: Recording, positions: Array, at_s: float) -> int:
     if last < 0 or not at_s >= 0 or first > last:
         room = f"between 0 and {seconds[last]:.2f} s" if last >= 0 else f"in a recording of {REFERENCE_FRAMES} images"
         raise ReferenceMomentRefused(
-            f"expected a moment {room} for a reference of {REFERENCE_FRAMES} images, got {at_s:g} s of {recording.path}, which "
-            f"has {len(seconds)} images; name a moment within the recording"
+            expected=f"a moment {room} for a reference of {REFERENCE_FRAMES} images",
+            got=f"{at_s:g} s of {recording.path}, which has {len(seconds)} images",
+            remedy="name a moment within the recording",
         )
     return first
 
@@ -279,6 +223,7 @@ def _require_no_contact(
             return mean
         fault = f"something touches the gel: {contact}"
     raise ReferenceMomentRefused(
-        f"expected the {len(frames)} images of {where} to show the skin without contact, got a fault; {fault}; name a "
-        "moment at which nothing touches"
+        expected=f"the {len(frames)} images of {where} to show the skin without contact",
+        got=f"a fault; {fault}",
+        remedy="name a moment at which nothing touches",
     )

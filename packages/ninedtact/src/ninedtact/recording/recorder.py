@@ -18,9 +18,9 @@ from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_interface import ForceEstimator, NoForceEstimator
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.reading import Reading, read_frame
+from ninedtact.reading import read_frame
+from ninedtact.recording.background_reader import BackgroundReader
 from ninedtact.recording.errors import RecordingStopped, ReferenceMomentRefused
-from ninedtact.recording.merge_streams import BackgroundReader
 from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import ESTIMATE_TOPICS, RecordingEvent, RecordingEventKind, Topic
@@ -70,17 +70,19 @@ def record(
     ...     recording.metadata.sensor
     'my_sensor'
     """
-    stored = RecordingMetadata(
-        sensor.id, settings=settings, images=images, height_step_mm=height_step_mm if heights else 0.0
-    )
-    part = SensorToRecord(source, sensor, force_torque, estimator, camera_delay_ms)
-    recorder = _new_recorder("", part, out, stored, heights, notify)
     end_at = float("inf") if seconds is None else monotonic() + seconds
-    with notify_partial_recording(Path(out), notify):
-        with recorder.writer as writer:
-            recorder.run(lambda: should_stop() or monotonic() >= end_at, lambda: on_progress(writer))
-        recorder.require_reference()
-    return writer
+    writers, _ = record_several(
+        {"": SensorToRecord(source, sensor, force_torque, estimator, camera_delay_ms)},
+        out,
+        heights,
+        settings,
+        images,
+        height_step_mm,
+        should_stop=lambda: should_stop() or monotonic() >= end_at,
+        notify=notify,
+        on_progress=lambda writers: on_progress(*writers),
+    )
+    return writers[""]
 
 
 @dataclass(frozen=True)
@@ -108,17 +110,17 @@ def record_several(
     """Record several sensors, by their names, into one new MCAP file, until all sources have ended or `should_stop` is true.
 
     All sources are opened, or none. A sensor that fails later is reported through `notify` and marked in the file, and the others
-    go on; where the file itself can no longer be written (a full disk), all of them end, and what was written before is kept.
-    Returns the closed writers, and the errors of those that failed. Raises what `record` raises where nothing is recorded.
+    go on; where the file itself can no longer be written (a full disk), all of them end, and what was written before is kept. The
+    only sensor of a file may have an empty name; what it raises is raised. Returns the closed writers, and the errors of those that
+    failed. Raises what `record` raises where nothing is recorded.
     """
     first = RecordingMetadata("", settings=settings, images=images, height_step_mm=height_step_mm if heights else 0.0)
     recorders: dict[str, Recorder] = {}
     for name, part in sensors.items():
         beside = next((one.writer for one in recorders.values()), None)
         said = partial(_notify_of, name, notify)
-        recorders[name] = _new_recorder(name, part, out, replace(first, name=name), heights, said, beside)
+        recorders[name] = _new_recorder(part, out, replace(first, name=name), heights, said, beside)
     writers, errors = {name: recorder.writer for name, recorder in recorders.items()}, dict[str, NinedtactError]()
-
     ending = Event()
 
     def write(name: str, streams: "_Streams") -> None:
@@ -127,6 +129,8 @@ def record_several(
             recorder.write(streams, lambda: ending.is_set() or should_stop())
             recorder.require_reference()
         except NinedtactError as error:
+            if not name:
+                raise
             errors[name] = error
             recorder.notify(str(error) if isinstance(error, RecordingStopped) else f"{error}; the others go on")
             with suppress(NinedtactError):
@@ -149,12 +153,11 @@ def record_several(
 
 
 def _notify_of(name: str, notify: Callable[[str], None], sentence: str) -> None:
-    """Report a sentence about one of several sensors."""
-    notify(f"{name}: {sentence}")
+    """Report a sentence about a sensor, with its name among several."""
+    notify(f"{name}: {sentence}" if name else sentence)
 
 
 def _new_recorder(
-    name: str,
     part: SensorToRecord,
     out: Path | str,
     stored: RecordingMetadata,
@@ -176,7 +179,7 @@ def _new_recorder(
         mm_per_px=sensor.shape.rectify.mm_per_px if estimates else 0.0,
         camera_delay_ms=part.camera_delay_ms,
     )
-    attachments = sensor_folder_attachments(sensor.path, name)
+    attachments = sensor_folder_attachments(sensor.path, metadata.name)
     writer = RecordingWriter(out, metadata, topics, attachments, notify, beside)
     camera = DelayCorrectedSource(part.source, part.camera_delay_ms) if part.camera_delay_ms else part.source
     return Recorder(writer, camera, force_torque, estimates, notify)
@@ -221,42 +224,8 @@ def notify_partial_recording(path: Path, notify: Callable[[str], None]) -> Itera
 
 
 @dataclass
-class ReadingComputer:
-    """Computes readings from frames, against a known reference image (no contact) or that of the first ten frames."""
-
-    shape: CalibratedShape
-    find_reference_faults: FindReferenceFaults = lambda _: ()
-    depth_reader: DepthReader | None = None
-    """Computes heights against a reference image that is known; None takes that of the first ten frames."""
-    _first: list[Frame] = field(default_factory=list, init=False)
-
-    def require_reference(self) -> None:
-        """Raise `ReferenceMomentRefused` where the frames so far were too few for reference images."""
-        if self.depth_reader is None:
-            raise ReferenceMomentRefused(
-                f"expected at least {REFERENCE_FRAMES} images for the reference of heights and forces, got {len(self._first)}, "
-                "so that neither was computed; record longer"
-            )
-
-    def readings(self, frame: Frame) -> Iterator[Reading]:
-        """Yield the readings that this frame completes: none for the first nine frames, ten for the tenth, then one."""
-        for waiting, depth_reader in self._readable(frame):
-            yield read_frame(waiting, self.shape, depth_reader)
-
-    def _readable(self, frame: Frame) -> Iterator[tuple[Frame, DepthReader]]:
-        if self.depth_reader is not None:
-            yield frame, self.depth_reader
-            return
-        self._first.append(frame)
-        if len(self._first) == REFERENCE_FRAMES:
-            reader = self.depth_reader = self.shape.depth_reader(*self._first, find_faults=self.find_reference_faults)
-            yield from ((waiting, reader) for waiting in self._first)
-            self._first.clear()
-
-
-@dataclass
 class EstimateRecorder:
-    """Computes heights and wrenches of frames and writes them beside the images."""
+    """Computes heights and wrenches of frames, against the reference of the first ten, and writes them beside the images."""
 
     shape: CalibratedShape
     estimator: ForceEstimator = field(default_factory=NoForceEstimator)
@@ -264,11 +233,8 @@ class EstimateRecorder:
     find_reference_faults: FindReferenceFaults = lambda _: ()
     notify: Callable[[str], None] = lambda sentence: None
     """Receives a sentence about every fault of the reference."""
-
-    def __post_init__(self) -> None:
-        self._computer = ReadingComputer(self.shape, self.find_reference_faults)
-        self._has_reported = False
-        self._estimates_force = not isinstance(self.estimator, NoForceEstimator)
+    _first: list[Frame] = field(default_factory=list, init=False)
+    _depth_reader: DepthReader | None = field(default=None, init=False)
 
     @property
     def topics(self) -> set[Topic]:
@@ -276,23 +242,37 @@ class EstimateRecorder:
         return {*(ESTIMATE_TOPICS if self._estimates_force else ()), *([Topic.HEIGHTS] if self.heights else ())}
 
     def require_reference(self) -> None:
-        """Raise `ReferenceMomentRefused` where nothing could be written for lack of reference images."""
-        self._computer.require_reference()
+        """Raise `ReferenceMomentRefused` where the frames were too few for reference images, so that nothing was written."""
+        if self._depth_reader is None:
+            raise ReferenceMomentRefused(
+                expected=f"at least {REFERENCE_FRAMES} images for the reference of heights and forces",
+                got=f"{len(self._first)}, so that neither was computed",
+                remedy="record longer",
+            )
 
     def write(self, frame: Frame, writer: RecordingWriter) -> None:
         """Write heights and estimate of a frame, and of the first frames once the reference is known."""
-        for reading in self._computer.readings(frame):
-            self._report_faults(reading.stamp_ns, writer)
+        self._first.append(frame)
+        if self._depth_reader is None:
+            if len(self._first) < REFERENCE_FRAMES:
+                return
+            self._depth_reader = self.shape.depth_reader(*self._first, find_faults=self.find_reference_faults)
+            self._report_faults(self._depth_reader, writer)
+        for waiting in self._first:
+            reading = read_frame(waiting, self.shape, self._depth_reader)
             if self._estimates_force:
                 reading = reading.with_force(self.estimator.estimate(reading))
             writer.write_measurements(reading)
+        self._first.clear()
 
-    def _report_faults(self, stamp_ns: int, writer: RecordingWriter) -> None:
-        """Report the faults of the reference once, as remarks in the recording and to the person who records."""
-        if self._has_reported or self._computer.depth_reader is None:
-            return
-        self._has_reported = True
-        for fault in self._computer.depth_reader.reference_faults:
+    @property
+    def _estimates_force(self) -> bool:
+        return not isinstance(self.estimator, NoForceEstimator)
+
+    def _report_faults(self, depth_reader: DepthReader, writer: RecordingWriter) -> None:
+        """Report the faults of the reference, as remarks in the recording and to the person who records."""
+        for fault in depth_reader.reference_faults:
+            stamp_ns = self._first[0].stamp_ns
             writer.write_event(RecordingEvent(stamp_ns, RecordingEventKind.REMARK, "reference image", fault))
             self.notify(f"the reference image is doubtful; {fault}")
 
@@ -315,10 +295,10 @@ class Recorder:
     notify: Callable[[str], None] = lambda sentence: None
     """Receives a sentence each time that a device has delivered nothing for a while."""
 
-    def run(self, should_stop: Callable[[], bool], on_progress: Callable[[], None] = lambda: None) -> None:
+    def run(self, should_stop: Callable[[], bool]) -> None:
         """Open the devices and `write`."""
         with self.opened() as streams:
-            self.write(streams, should_stop, on_progress)
+            self.write(streams, should_stop)
 
     @contextmanager
     def opened(self) -> Iterator["_Streams"]:
@@ -331,9 +311,7 @@ class Recorder:
             frames = BackgroundReader[Frame](self.camera, _BUFFERED_IMAGES, on_stall=self.notify)
             yield _Streams(opened.enter_context(frames), samples)
 
-    def write(
-        self, streams: "_Streams", should_stop: Callable[[], bool], on_progress: Callable[[], None] = lambda: None
-    ) -> None:
+    def write(self, streams: "_Streams", should_stop: Callable[[], bool]) -> None:
         """Record until `should_stop` is true or the source ends, all that was read until then.
 
         Raises what a live source raises, and `SourceIncomplete` for a damaged file, whose last images are then counted as dropped.
@@ -341,7 +319,6 @@ class Recorder:
         try:
             while not should_stop():
                 self._write_arrivals(*streams)
-                on_progress()
             for _ in range(streams.images.waiting):  # what was read before the end, while writing was slow
                 self._write_arrivals(*streams)
         except SourceEnded:

@@ -3,7 +3,7 @@
 import os
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from threading import RLock
@@ -12,18 +12,16 @@ from types import TracebackType
 
 from mcap.writer import CompressionType, Writer
 
-from ninedtact.errors import NinedtactError
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingRefused, RecordingStopped
-from ninedtact.recording.mcap_repair import repair_recording
+from ninedtact.recording.mcap_file import lock_while_writing
 from ninedtact.recording.metadata import (
     METADATA_RECORD,
     RecordingMetadata,
     require_recordable_metadata,
     wall_minus_monotonic_ns,
 )
-from ninedtact.recording.missing_end import lock_while_writing
 from ninedtact.recording.topics_and_messages import (
     CAMERA_FRAME,
     SKIN_FRAME,
@@ -268,7 +266,10 @@ class RecordingWriter:
         }
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        """Finish the file, whatever ended the block; delete it where the block failed before any message."""
+        """Finish the file, whatever ended the block; delete it where the block failed before any message.
+
+        Where a write has failed, as on a full disk, the file stays without an end: it is read as far as it goes.
+        """
         opened = self._open_file
         try:
             if opened.is_between_records:
@@ -278,9 +279,6 @@ class RecordingWriter:
             opened.records.close()
             if error is not None and not any(writer.written for writer in opened.writers):
                 self.path.unlink()
-            elif not opened.is_between_records:
-                with suppress(OSError, NinedtactError):  # no room for a summary: it can be read without one
-                    repair_recording(self.path)
 
 
 class _SharedFile:
@@ -304,8 +302,9 @@ class _SharedFile:
         with self._lock:
             if not self.is_between_records:
                 raise RecordingStopped(
-                    f"expected to continue writing {self.records.path}, got an earlier write that failed; free the disk, and "
-                    "record on under another name"
+                    expected=f"to continue writing {self.records.path}",
+                    got="an earlier write that failed",
+                    remedy="free the disk, and record on under another name",
                 )
             self.is_between_records = False
             yield self.mcap
@@ -324,10 +323,12 @@ class _RecordFile:
         try:
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         except FileExistsError as error:
-            raise RecordingRefused(f"expected a new file to record to, got {path}; choose another name") from error
+            raise RecordingRefused(
+                expected="a new file to record to", got=str(path), remedy="choose another name"
+            ) from error
         except OSError as error:
             raise RecordingRefused(
-                f"expected to create {path}, got: {error.strerror}; correct the path and its permissions"
+                expected=f"to create {path}", got=str(error.strerror), remedy="correct the path and its permissions"
             ) from error
         lock_while_writing(self._file)
 
@@ -342,8 +343,9 @@ class _RecordFile:
             os.lseek(self._file, self._end, os.SEEK_SET)
             if isinstance(error, OSError):
                 raise RecordingStopped(
-                    f"expected to continue writing {self.path}, got: {error.strerror}; free the disk, and record "
-                    "on under another name"
+                    expected=f"to continue writing {self.path}",
+                    got=str(error.strerror),
+                    remedy="free the disk, and record on under another name",
                 ) from error
             raise
         self._end += len(records)

@@ -24,7 +24,7 @@ from ninedtact.errors import InputError, NinedtactError
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingUnreadable
-from ninedtact.recording.mcap_repair import edit_labelled_spans
+from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedReferences
 from ninedtact.recording.summary import median_rate_hz

@@ -18,9 +18,9 @@ from jaxtyping import Float32
 from numpy import ndarray as Array
 
 from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.capture.frame_source import SourceIncomplete
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import NO_OBJECT, Frame
-from ninedtact.recording.missing_end import RecordingCutShort
 from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.rectification import Rectification
 from ninedtact_train.collecting.collected_pairs import RecordedPair, TareReferenceImages
@@ -66,7 +66,7 @@ class _RecordingPart(SourcePart):
         """Yield the saved pairs and, before each stretch of them, their reference image; last, what is wrong with the file."""
         try:
             yield from self._pairs()
-        except RecordingCutShort as error:
+        except SourceIncomplete as error:
             yield RejectedItem(PairFault.MISSING_END, f"{self.source}/{self.name}", str(error))
         except NinedtactError as error:
             yield RejectedItem(PairFault.UNREADABLE, f"{self.source}/{self.name}", str(error))
