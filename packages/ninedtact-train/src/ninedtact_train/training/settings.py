@@ -23,7 +23,7 @@ class TrainingImpossible(InputError):
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """All settings that determine the trained model; raises `TrainingImpossible`, `NetworkUnknown`."""
+    """All settings that determine the trained model; raises `TrainingImpossible`, `InputError`."""
 
     network: str = "moments"
     input: NetworkInputSettings = NetworkInputSettings(InputChannels.HEIGHTS_AND_SENSOR)

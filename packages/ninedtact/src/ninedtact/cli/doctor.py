@@ -18,7 +18,7 @@ EXTRAS = {
     "force": (("onnxruntime",), "force by a network: --force corrected or a model (.onnx)"),
     "recording": (("rosbags", "mcap"), "recordings: record, collect, info, export"),
     "force-torque": (("bota_driver", "pynetft", "serial"), "force/torque sensors: Bota, ATI and OnRobot, serial"),
-    "datasets": (("ninedtact_train", "joblib", "pyarrow"), "data sets: collect, dataset, simulate dataset, evaluate"),
+    "datasets": (("ninedtact_train", "loky", "pyarrow"), "data sets: collect, dataset, simulate dataset, evaluate"),
     "ros2": (("cyclonedds", "rosbags", "mcap"), "ROS 2 topics without ROS: ninedtact ros2"),
     "stream": (("websockets",), "readings for programs in any language: ninedtact serve"),
     "foxglove": (("foxglove", "websockets", "rosbags"), "a sensor in Foxglove: ninedtact foxglove"),
@@ -34,11 +34,11 @@ EXTRAS = {
     ),
     "objects": (("trimesh", "thingi10k"), "mesh files as objects of the twin"),
     "hardware": (
-        ("ninedtact_hardware", "build123d", "ezdxf", "shapely"),
+        ("ninedtact_hardware", "build123d", "ezdxf"),
         "parts, moulds, drawings, circuit board: hardware",
     ),
     "raspberry-pi": (("picamera2",), "a camera on a Raspberry Pi's ribbon cable"),
-    "cluster": (("dask", "distributed", "joblib", "ray"), "work on clusters of Dask and Ray: --cluster"),
+    "cluster": (("dask", "distributed"), "work on Dask clusters: --cluster"),
 }
 """The modules of each extra, and what it brings."""
 
@@ -85,7 +85,7 @@ class Doctor:
         from ninedtact.capture.camera_check import check_camera
         from ninedtact.capture.source_from_address import camera_or_file_source
         from ninedtact.capture.uvc_camera import list_cameras
-        from ninedtact.open_sensor import source_for
+        from ninedtact.source_addresses import source_for
 
         with StepLine() as line:
             if self.source is not None:
