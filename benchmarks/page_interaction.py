@@ -24,7 +24,6 @@ from websockets.sync.client import ClientConnection, connect
 
 from ninedtact import SensorFolder
 from ninedtact.calibration.save import save_sensor
-from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
 from ninedtact.live.sensor_poller import SensorPoller
 from ninedtact.live.wrench_history import WrenchHistory
@@ -85,7 +84,7 @@ def page_interaction(moves: int = 60, quick: bool = False, json: bool = False) -
 
 def press_through_page(folder: SensorFolder, moves: int, watch_s: float) -> tuple[list[float], float, dict[str, float]]:
     """Return the ms of each move, the updates per second, and the ms of each stage of the last reading."""
-    sources = demo_sources(build_twin_from_folder(folder))
+    sources = demo_sources(folder.twin())
     sensor, pollers = twin_sensor_and_true_wrench(folder.shape, sources)
     sensor.estimator = estimator = folder.estimator("physics")
     estimates = WrenchHistory("estimated", "by physics", estimator.notices, states_errors=True)

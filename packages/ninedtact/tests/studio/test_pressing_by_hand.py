@@ -77,7 +77,7 @@ class PressedTwin:
         if not self.page.viewers or self.page.viewers[0].moment is None:
             return False
         view = self.moment.sensors[0].view
-        return view is not None and view.press is not None and abs(view.press.contact.pose.depth_mm - depth_mm) < 1e-6
+        return view is not None and view.press is not None and abs(view.press.corrected.pose.depth_mm - depth_mm) < 1e-6
 
 
 def keep_reading(
@@ -168,21 +168,21 @@ def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
             if not twin.rests_at(1.2) or "1.20 mm deep" not in (text := tab.inner_text("body")):
                 return False
             press = twin.moment.sensors[0].view.press  # type: ignore[union-attr]
-            return f_z_on_page(text) == pytest.approx(press.contact.wrench().force_n[2], abs=0.02)  # type: ignore[union-attr]
+            return f_z_on_page(text) == pytest.approx(press.corrected.wrench().force_n[2], abs=0.02)  # type: ignore[union-attr]
 
         wait_until(the_page_shows_the_true_wrench, PATIENCE_S, 0.05)
         said, (moment,) = tab.inner_text("body"), twin.moment.sensors
         view = moment.view
         assert view is not None and view.press is not None and moment.reading is not None
         true = true_height_map_like(
-            view.press.contact, moment.reading.height, TWIN.renderer.light.inverse_distance_per_mm
+            view.press.corrected, moment.reading.height, TWIN.renderer.light.inverse_distance_per_mm
         )
         # This sensor is calibrated by the method that is done soonest, which reads deep presses too deep.
         assert moment.reading.max_indentation_mm == pytest.approx(-true.z_mm.min(), abs=0.25)
         assert np.corrcoef(moment.reading.height.z_mm.ravel(), true.z_mm.ravel())[0, 1] > 0.97
         shown = re.search(r"maximum indentation\s*([\d.]+)", said)
         assert shown is not None and float(shown[1]) == pytest.approx(moment.reading.max_indentation_mm, abs=0.03)
-        force_n = float(view.press.contact.wrench().force_n[2])
+        force_n = float(view.press.corrected.wrench().force_n[2])
         assert f_z_on_page(said) == pytest.approx(force_n, abs=0.02)
         estimate, std = re.findall(r"[\d.]+", f_z_row(said)[2])
         # Its force is off by a third, which the stated error, that of a sensor calibrated by physics, does not include.
@@ -320,7 +320,7 @@ def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor
             twin.studio.refresh(twin.page)
             assert viewer.moment is not None
             views = [one.view for one in viewer.moment.sensors]
-            poses = [None if view is None or view.press is None else view.press.contact.pose for view in views]
+            poses = [None if view is None or view.press is None else view.press.corrected.pose for view in views]
             return len(poses) == 2 and all(
                 pose is not None and pose.depth_mm == pytest.approx(0.9) and pose.x_mm == pytest.approx(1.5)
                 for pose in poses
@@ -345,7 +345,7 @@ def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor
             twin.studio.refresh(twin.page)
             assert viewer.moment is not None
             presses = [one.view.press for one in viewer.moment.sensors if one.view is not None and one.view.press]
-            return [round(press.contact.pose.depth_mm, 3) for press in presses] == [0.9, 0.4]
+            return [round(press.corrected.pose.depth_mm, 3) for press in presses] == [0.9, 0.4]
 
         wait_until(only_the_right_is_pressed_less, PATIENCE_S, 0.01)
 
@@ -353,7 +353,7 @@ def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor
 def shows_the_true_wrench(moment: SensorMoment) -> bool:
     if moment.view is None or moment.view.press is None or moment.wrenches[0].sample is None:
         return False
-    true = moment.view.press.contact.wrench().six
+    true = moment.view.press.corrected.wrench().six
     return bool(moment.wrenches[0].sample.wrench.six == pytest.approx(true, rel=0.02, abs=0.02))
 
 
@@ -380,7 +380,7 @@ def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_v
         wait_until(lambda: twin.rests_at(0.9) and shows_the_true_wrench(first.moment.sensors[0]), PATIENCE_S, 0.01)
         (moment,) = first.moment.sensors
         assert moment.view is not None and moment.view.press is not None
-        pose = moment.view.press.contact.pose
+        pose = moment.view.press.corrected.pose
         assert (pose.x_mm, pose.y_mm, pose.twist_rad) == pytest.approx((1.5, -1.0, 0.1), abs=1e-3)
         (frozen,) = second.moment.sensors
         assert frozen.reading is kept.reading and frozen.wrenches is kept.wrenches

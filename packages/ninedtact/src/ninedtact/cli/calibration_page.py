@@ -229,11 +229,10 @@ def simulated_loaded_camera(folder: "SensorFolder") -> "tuple[SimulatedCalibrati
 
     The factor is drawn anew each time, so that the person who calibrates does not know it. Raises `TwinMissing`.
     """
-    from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
     from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
     from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
 
     stiffness = uniform(*_STIFFNESS_RANGE)
     gel = replace(folder.gel, shear_modulus_mpa=folder.gel.shear_modulus_mpa * stiffness)
-    twin = replace(build_twin_from_folder(folder), compliance_of=partial(bonded_layer_compliance, gel=gel))
+    twin = replace(folder.twin(), compliance_of=partial(bonded_layer_compliance, gel=gel))
     return SimulatedCalibrationCamera(twin, folder.record.design), stiffness

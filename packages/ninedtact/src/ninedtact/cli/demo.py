@@ -107,9 +107,7 @@ class Demo:
     def twin(self) -> "Twin":
         """The twin that is pressed."""
         if self.sensor is not None:
-            from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
-
-            return build_twin_from_folder(self.folder)
+            return self.folder.twin()
         from ninedtact.simulation.twin import twin_from_design
 
         return twin_from_design(self.design)

@@ -27,8 +27,9 @@ from ninedtact.simulation.objects.mesh_objects import (
     MeshUnusable,
     load_mesh_object,
 )
-from ninedtact.simulation.press_sequence import PressSequence, PressStep
+from ninedtact.simulation.press_sequence import PressSequence
 from ninedtact.simulation.trajectory import HOVER_MM
+from ninedtact.simulation.twin import Press
 
 OBJECTS_BY_KIND: dict[str, tuple[str, ...]] = {"primitives": tuple(PRIMITIVES)} | {
     kind: tuple(families) for kind, families in FAMILIES_BY_KIND.items()
@@ -108,7 +109,7 @@ class TwinPressController:
         with self._lock:
             return None if self._own_mesh is None else self._own_mesh.relief
 
-    def press_at(self, stamp_ns: int) -> PressStep | None:
+    def press_at(self, stamp_ns: int) -> Press | None:
         """Return the object and the contact at the stamp of an image."""
         return self.simulation.press_at(stamp_ns)
 

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Float16, Float32, Int32, UInt8, UInt32
 from numpy import ndarray as Array
 
 from ninedtact.force.brightness_channels import compute_image_deformation, render_deformation
-from ninedtact.mechanics.array_namespace import to_numpy
+from ninedtact.mechanics.contact_arrays import to_numpy
 from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
@@ -23,7 +23,7 @@ from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.shape.surface import point_cloud, triangulate_view
 from ninedtact.simulation.pixel_to_skin_map import grid_indices_at_positions, sample_periodic
-from ninedtact.simulation.press_sequence import PressStep
+from ninedtact.simulation.twin import Press
 from ninedtact.studio.skin_fields import SkinTractions, colourise_magnitudes, estimated_tractions, true_tractions
 
 MAX_SURFACE_POINTS = 40_000
@@ -160,7 +160,7 @@ class ReadingView:
     reading: Reading
     scale: ColourScale
     """The colours of the heights."""
-    press: PressStep | None = None
+    press: Press | None = None
     """The object and the contact of the twin; None for a sensor that is no twin, or where it is no longer known."""
     is_past: bool = False
     """Whether the view is dimmed because it is not current."""
@@ -322,9 +322,9 @@ def _heights_at(height: HeightMap, x_mm: Float[Array, " n"], y_mm: Float[Array, 
     return np.where(inside, z_mm, np.nan)
 
 
-def _true_heights_at(press: PressStep, x_mm: Float[Array, " n"], y_mm: Float[Array, " n"]) -> Float[Array, " n"]:
+def _true_heights_at(press: Press, x_mm: Float[Array, " n"], y_mm: Float[Array, " n"]) -> Float[Array, " n"]:
     """Return the heights of the simulated skin at positions."""
-    contact = press.contact
+    contact = press.corrected
     at = grid_indices_at_positions(
         contact.skin.grid, contact.centre_mm, x_mm[None].astype(np.float32), y_mm[None].astype(np.float32)
     )

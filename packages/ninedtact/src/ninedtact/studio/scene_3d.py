@@ -19,7 +19,7 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.quantities import Wrench
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.surface import triangulate_view
-from ninedtact.simulation.press_sequence import PressStep
+from ninedtact.simulation.twin import Press
 from ninedtact.studio.reading_view import LIGHT_DIRECTION, SkinSurface
 
 Point = tuple[float, float, float]
@@ -254,7 +254,7 @@ class SkinScene:
             self._tractions.points = arrows_mm
         self._tractions.visible = arrows_mm is not None and len(arrows_mm) > 0
 
-    def show_object(self, press: PressStep | None) -> None:
+    def show_object(self, press: Press | None) -> None:
         """Draw the object of a twin where it is; it is hidden while heights are exaggerated, because it is rigid."""
         if press is None or self._exaggeration != 1.0:
             self._object.visible = False
@@ -265,8 +265,8 @@ class SkinScene:
             self._object = self._scene.add_mesh_simple(
                 f"{self._at}/object", vertices, faces, color=OBJECT, wireframe=True, opacity=0.35, side="double"
             )
-        self._object.position = tuple(press.contact.pose.origin_mm.tolist())
-        self._object.wxyz = SO3.from_matrix(np.asarray(press.contact.pose.rotation)).wxyz
+        self._object.position = tuple(press.pose.origin_mm.tolist())
+        self._object.wxyz = SO3.from_matrix(np.asarray(press.pose.rotation)).wxyz
         self._object.visible = True
 
     def exaggerate(self, exaggeration: float) -> None:

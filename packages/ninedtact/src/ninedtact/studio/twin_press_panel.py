@@ -142,7 +142,7 @@ class TwinPressPanel:
     def _show_handle(self, state: HandPressState, moment: SensorMoment) -> None:
         """Put the handle where the object is held, unless this viewer is dragging it."""
         press = None if moment.view is None else moment.view.press
-        pose = press.contact.pose if press is not None and (state.is_playing or state.by_load) else state.target.pose
+        pose = press.pose if press is not None and (state.is_playing or state.by_load) else state.target.pose
         x, y, z = (float(part) for part in pose.origin_mm + np.array(self._place_mm))
         with self._noting:
             if not self._is_dragged and not self._dragged_to:
@@ -262,7 +262,7 @@ def _contact_html(moment: SensorMoment, control: TwinPressController) -> str:
     press = None if moment.view is None else moment.view.press
     if press is None:
         return ""
-    words, slip = [f"{press.indenter.name}, {float(press.contact.pose.depth_mm):.2f} mm deep"], press.slip_share
+    words, slip = [f"{press.indenter.name}, {float(press.pose.depth_mm):.2f} mm deep"], press.slip_share
     if slip is not None:
         words.append("sticks" if slip == 0 else "slips" if slip == 1 else f"slips on {slip:.0%} of the contact")
     return card_html("held_object", said=" · ".join(words), refusal=control.simulation.hand.refusal)
