@@ -24,7 +24,7 @@ from ninedtact.calibration.ball.contact_circle import BallPressUnusable
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.press_limits import MAX_ASYMMETRY
 from ninedtact.shape.depth import DepthMethod
-from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.lens_and_rectification import Rectification
 
 METHODS: tuple[DepthMethod, ...] = ("ratio", "table")
 ON_OTHER_HALF_MM = 0.02

@@ -31,8 +31,8 @@ from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
-from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.depth import DepthReader, GlobalDimmingModel
+from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
+from ninedtact.shape.depth import GlobalDimmingModel
 from ninedtact.shape.image_plausibility import ImageImplausible, require_plausible_image
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel

@@ -18,8 +18,8 @@ from ninedtact import CalibrationImages, CalibrationSettings, Frame, Rectified, 
 from ninedtact.calibration.ball.ball_fit import fit_ball
 from ninedtact.calibration.procedure import Calibration
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.shape.calibrated_shape import mean_rectified_image
-from ninedtact.shape.depth import DepthMethod, DepthReader, Smoothing
+from ninedtact.shape.calibrated_shape import DepthReader, mean_rectified_image
+from ninedtact.shape.depth import DepthMethod, Smoothing
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, GUIDED_PRESSES, simulate_calibration_images
 from ninedtact.simulation.ground_truth import true_height_map_like
 from ninedtact.simulation.trajectory import ScriptedPress

@@ -7,9 +7,8 @@ from typing import Annotated, Any, Literal
 import pytest
 from msgspec import Meta, ValidationError
 
-from ninedtact.checked_reading import convert_tables_to_class
+from ninedtact.bounds_and_checked_reading import convert_tables_to_class, require_within_bounds
 from ninedtact.errors import CalibrationError, InputError
-from ninedtact.field_bounds import require_within_bounds
 
 _Weight = Annotated[float, Meta(ge=0, le=1)]
 

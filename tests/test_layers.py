@@ -18,7 +18,7 @@ SOURCES = {path.name: path for path in PACKAGES.glob("*/src/*") if (path / "__in
 LAYERS = {
     "ninedtact": [
         {"_version", "errors"},
-        {"atomic_write", "checked_reading", "field_bounds"},
+        {"atomic_write", "bounds_and_checked_reading"},
         {"parallel_jobs"},
         {"quantities", "design"},
         {"mechanics", "capture", "shape"},

@@ -11,8 +11,8 @@ from itertools import product
 from math import hypot, sqrt
 from typing import Literal
 
+from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.design import DesignImpossible, SensorDesign
-from ninedtact.field_bounds import require_within_bounds
 from ninedtact_hardware.part_dimensions import (
     ORIGINAL_BASE,
     ORIGINAL_BOARD,

@@ -18,7 +18,7 @@ from built_sets import built_from, listed, references_in, rows_in, sources_at
 from little_sources import LittleTree, little_episode, little_tree
 
 from ninedtact.atomic_write import FileNotWritten
-from ninedtact.checked_reading import mapping_checksum
+from ninedtact.bounds_and_checked_reading import mapping_checksum
 from ninedtact.design import rectified_mm_per_px
 from ninedtact.errors import InputError
 from ninedtact_train.dataset.build import BuildSettings, build_dataset

@@ -16,7 +16,7 @@ import pytest
 import trimesh
 import tyro
 
-from ninedtact.checked_reading import mapping_checksum
+from ninedtact.bounds_and_checked_reading import mapping_checksum
 from ninedtact.errors import InputError, NinedtactError
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.objects.catalogue import UnknownObject

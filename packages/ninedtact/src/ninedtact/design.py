@@ -11,8 +11,7 @@ import msgspec
 import tomli_w
 from msgspec import Meta
 
-from ninedtact import field_bounds
-from ninedtact.checked_reading import convert_tables_to_class, read_text_file
+from ninedtact.bounds_and_checked_reading import convert_tables_to_class, read_text_file, require_within_bounds
 from ninedtact.errors import FileFormatError, InputError
 
 ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX = 1.49, 1.41
@@ -90,7 +89,7 @@ class RectifiedImageSize:
     """A raw image of another size is rectified to the same number of mm, in the same number of pixels."""
 
     def __post_init__(self) -> None:
-        field_bounds.require_within_bounds(self, "field_of_view", DesignImpossible)
+        require_within_bounds(self, "field_of_view", DesignImpossible)
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ class CameraGeometry:
     """Angle that the lens sees in air, from side to side along the image's diagonal."""
 
     def __post_init__(self) -> None:
-        field_bounds.require_within_bounds(self, "camera", DesignImpossible)
+        require_within_bounds(self, "camera", DesignImpossible)
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ class SensingArea:
     """How far the pressed gel lies on the rim around the opening, on each side."""
 
     def __post_init__(self) -> None:
-        field_bounds.require_within_bounds(self, "sensing_area", DesignImpossible)
+        require_within_bounds(self, "sensing_area", DesignImpossible)
 
     @property
     def area_mm2(self) -> float:
@@ -154,7 +153,7 @@ class PinBoard:
     pin_diameter_mm: Annotated[float, Meta(ge=0.2, le=15.0)] = 1.2
 
     def __post_init__(self) -> None:
-        field_bounds.require_within_bounds(self, "pin_board", DesignImpossible)
+        require_within_bounds(self, "pin_board", DesignImpossible)
 
     @property
     def count(self) -> int:
@@ -169,7 +168,7 @@ class BallGauge:
     radius_mm: Annotated[float, Meta(ge=0.5, le=60.0)] = 4.0
 
     def __post_init__(self) -> None:
-        field_bounds.require_within_bounds(self, "ball", DesignImpossible)
+        require_within_bounds(self, "ball", DesignImpossible)
 
 
 @dataclass(frozen=True)
@@ -186,7 +185,7 @@ class ForceTorqueMount:
     reaction."""
 
     def __post_init__(self) -> None:
-        field_bounds.require_within_bounds(self, "force_torque", DesignImpossible)
+        require_within_bounds(self, "force_torque", DesignImpossible)
 
 
 @dataclass(frozen=True)
@@ -202,7 +201,7 @@ class SensorDesign:
     force_torque: ForceTorqueMount = ForceTorqueMount()
 
     def __post_init__(self) -> None:
-        field_bounds.require_within_bounds(self.gel, "gel", DesignImpossible)
+        require_within_bounds(self.gel, "gel", DesignImpossible)
 
 
 HARDWARE_TABLE = "hardware"

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from ninedtact.capture.wrench_source import WrenchSource
     from ninedtact.force.estimator_interface import ForceEstimator
     from ninedtact.sensor import Sensor
-    from ninedtact.shape.calibrated_shape import CalibratedShape
-    from ninedtact.shape.depth import DepthReader
+    from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
     from ninedtact.simulation.press_sequence import PressSequence
 
 PathLike = Path | str

@@ -9,8 +9,7 @@ from jaxtyping import Bool, Float64, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, PointCloud, Rectified, Wrench, WrenchEstimate
-from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.depth import DepthReader
+from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
 from ninedtact.shape.image_plausibility import find_image_warnings
 from ninedtact.shape.measures import ShapeSummary, contact_mask, summarise_shape
 from ninedtact.shape.surface import point_cloud

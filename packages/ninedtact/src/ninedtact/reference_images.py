@@ -21,8 +21,7 @@ from ninedtact.capture.frame_source import FrameSource
 from ninedtact.force.contact_detection import measure_darkening_and_limit
 from ninedtact.quantities import Frame, Rectified, WrenchEstimate, diagonal_covariance
 from ninedtact.reading import Reading
-from ninedtact.shape.calibrated_shape import CalibratedShape, FindReferenceFaults
-from ninedtact.shape.depth import DepthReader
+from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader, FindReferenceFaults
 
 _LOG = logging.getLogger(__name__)
 _NS_PER_S = 1e9

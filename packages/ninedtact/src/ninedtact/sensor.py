@@ -16,8 +16,7 @@ from ninedtact.force.estimator_interface import ForceEstimator, NoForceEstimator
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, Stopwatch, read_frame
 from ninedtact.reference_images import ReferenceImages
-from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape
-from ninedtact.shape.depth import DepthReader
+from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader
 
 
 class ReferenceMissing(CalibrationError):

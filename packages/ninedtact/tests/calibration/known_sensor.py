@@ -10,7 +10,7 @@ from scipy.interpolate import RectBivariateSpline
 from ninedtact.calibration.ball.ball_press import intersect_rays_with_sphere
 from ninedtact.calibration.procedure import CalibrationImages
 from ninedtact.design import PinBoard, SensorDesign
-from ninedtact.shape.lens import LensModel
+from ninedtact.shape.lens_and_rectification import LensModel
 
 LENS = LensModel(
     homography=(0.059, -0.0003, 0.025, 0.0002, 0.059, 0.0005, 0.0005, -0.0008),

@@ -27,9 +27,8 @@ from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.cli.calibration_result import format_calibration
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.quantities import Frame
-from ninedtact.shape.depth import DepthReader
-from ninedtact.shape.lens import central_mm_per_px
-from ninedtact.shape.rectification import Rectification, rectification_of_projection
+from ninedtact.shape.calibrated_shape import DepthReader
+from ninedtact.shape.lens_and_rectification import Rectification, central_mm_per_px, rectification_of_projection
 
 DESIGN = SensorDesign()
 

@@ -28,7 +28,7 @@ from ninedtact.calibration.board.detection import (
 )
 from ninedtact.calibration.board.lens_fit import LensFit, fit_lens_with_terms
 from ninedtact.design import PinBoard
-from ninedtact.shape.lens import LensModel
+from ninedtact.shape.lens_and_rectification import LensModel
 
 SMALL = PinBoard(4, 5, 2.5)
 NODES = np.array([(column, row) for row in range(4) for column in range(5)])

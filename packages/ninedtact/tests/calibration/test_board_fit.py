@@ -19,7 +19,7 @@ from ninedtact.calibration.board.board_fit import (
 from ninedtact.calibration.board.detection import BoardCandidate, BoardNotFound, PinLattice, lattice_to_skin_mm
 from ninedtact.calibration.board.lens_fit import LensCorrectionFit, LensFit, fit_lens_with_terms
 from ninedtact.design import PinBoard, SensorDesign
-from ninedtact.shape.lens import CorrectedLensModel, LensModel, LensModelCorrection
+from ninedtact.shape.lens_and_rectification import CorrectedLensModel, LensModel, LensModelCorrection
 
 BOARD = PinBoard()
 NODES = np.array([(column, row) for row in range(7) for column in range(9)])

@@ -31,7 +31,7 @@ from ninedtact.calibration.board.pin_imprint_centres import (
     measure_pins,
 )
 from ninedtact.design import PinBoard
-from ninedtact.shape.lens import LensModel, central_mm_per_px
+from ninedtact.shape.lens_and_rectification import LensModel, central_mm_per_px
 
 RNG = np.random.default_rng(0)
 BOARD = PinBoard()

@@ -12,7 +12,7 @@ from ninedtact.calibration.twin.lens_refinement import _invert_lens_projection, 
 from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame, skin_grid_mm
-from ninedtact.shape.lens import PixelNotOnSkin
+from ninedtact.shape.lens_and_rectification import PixelNotOnSkin
 from ninedtact.simulation.calibration_images import CalibrationPressSettings, simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.twin import Twin, default_twin

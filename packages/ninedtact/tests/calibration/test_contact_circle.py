@@ -26,8 +26,9 @@ from ninedtact.calibration.press_brightness import (
 from ninedtact.calibration.press_limits import MAX_ASYMMETRY
 from ninedtact.design import BallGauge
 from ninedtact.quantities import Rectified, skin_grid_mm
-from ninedtact.shape.depth import DepthCurve, DepthReader, Smoothing
-from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.calibrated_shape import DepthReader
+from ninedtact.shape.depth import DepthCurve, Smoothing
+from ninedtact.shape.lens_and_rectification import Rectification
 
 SHAPE, RADIUS_PX = (160, 200), 30.0
 ROW, COL = np.indices(SHAPE).astype(float)

@@ -28,7 +28,7 @@ from ninedtact.cli.check import CheckCommand
 from ninedtact.design import RectifiedImageSize
 from ninedtact.errors import InputError
 from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.rectification import rectification_of_projection
+from ninedtact.shape.lens_and_rectification import rectification_of_projection
 
 SENSORS = ("sensor_a", "sensor_i", "sensor_j")
 

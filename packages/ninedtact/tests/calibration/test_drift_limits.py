@@ -27,8 +27,7 @@ from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.quantities import Frame, Rectified, centred_axis_mm
 from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.lens import LensModel
-from ninedtact.shape.rectification import rectification_of_projection
+from ninedtact.shape.lens_and_rectification import LensModel, rectification_of_projection
 
 SIZE = RectifiedImageSize(150, 200, 64)
 MM_PER_PX, RAW_PX_PER_MM = 0.1, 16.0

@@ -25,8 +25,7 @@ from ninedtact.calibration.guidance import (
 from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.design import RectifiedImageSize, SensorDesign
-from ninedtact.shape.lens import LensModel
-from ninedtact.shape.rectification import rectification_of_projection
+from ninedtact.shape.lens_and_rectification import LensModel, rectification_of_projection
 
 DESIGN, SETTINGS = SensorDesign(), CalibrationSettings()
 Watch = Callable[[BgrImage], CalibrationStepAdvice]

@@ -10,7 +10,7 @@ from ninedtact.calibration.twin.ball_press_fit import _autocorrelation_sums, eff
 from ninedtact.calibration.twin.observed_presses import REACH_MM, ObservedBallPress, ObservedBoardPress
 from ninedtact.design import PinBoard
 from ninedtact.quantities import Rectified, skin_grid_mm
-from ninedtact.shape.lens import LensModel
+from ninedtact.shape.lens_and_rectification import LensModel
 
 RNG = np.random.default_rng(0)
 STRAIGHT = LensModel((0.0625, 0.0, 0.0, 0.0, 0.0625, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0), (480, 640))

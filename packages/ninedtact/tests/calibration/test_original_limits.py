@@ -15,7 +15,7 @@ from ninedtact.calibration.original_9dtact.folder_format import (
     write_original_calibration,
 )
 from ninedtact.design import RectifiedImageSize
-from ninedtact.shape.rectification import OUT_OF_VIEW_PX
+from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX
 
 VIEW = RectifiedImageSize(30, 40)
 ROWS, COLS = np.mgrid[:60, :80].astype(np.int32)

@@ -39,8 +39,7 @@ from ninedtact.calibration.twin.twin_table import make_twin_table
 from ninedtact.design import Gel, PinBoard, SensorDesign
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Rectified, skin_grid_mm
-from ninedtact.shape.lens import LensModel
-from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.lens_and_rectification import LensModel, Rectification
 from ninedtact.simulation.calibration_press_models import (
     COARSE_PATCH,
     BallPressModel,

@@ -15,11 +15,11 @@ from ninedtact.capture.frame_source import (
     CameraLost,
     CameraSettingRefused,
     CameraSettings,
+    ImageFileList,
     SourceNotOpen,
 )
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.shared_video_capture import ThreadSafeVideoCapture
-from ninedtact.capture.strict_image_reading import ImageFileList
 from ninedtact.capture.uvc_camera import UvcCamera
 
 

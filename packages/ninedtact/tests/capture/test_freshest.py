@@ -11,8 +11,7 @@ import pytest
 from hand_fed import HandFed
 
 from ninedtact.capture.frame_pacing import LatestFrameSource, LivePlayback, NoRecentFrame
-from ninedtact.capture.frame_source import CameraLost, SourceEnded, SourceNotOpen
-from ninedtact.capture.strict_image_reading import ImageFolder
+from ninedtact.capture.frame_source import CameraLost, ImageFolder, SourceEnded, SourceNotOpen
 from ninedtact.quantities import Frame
 
 LONG_MS = 20_000.0

@@ -24,6 +24,7 @@ from ninedtact.capture.frame_source import (
     CameraNotFound,
     ExposureWithLimits,
     FrameSource,
+    ImageFolder,
     SourceEnded,
     SourceIncomplete,
     SourceNotOpen,
@@ -33,7 +34,7 @@ from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.source_from_address import camera_or_file_source
-from ninedtact.capture.strict_image_reading import ImageFolder, ImageSizeWrong, ImageUnreadable
+from ninedtact.capture.strict_image_reading import ImageSizeWrong, ImageUnreadable
 from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.capture.video_file import VideoFile
 from ninedtact.quantities import Frame

@@ -29,8 +29,7 @@ from ninedtact.mechanics.skin import Skin, gel_skin, padded_grid
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified, centred_axis_mm
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.deblurring import Deblurring
-from ninedtact.shape.depth import DepthCurve, GlobalDimmingModel
+from ninedtact.shape.depth import Deblurring, DepthCurve, GlobalDimmingModel
 from ninedtact.simulation.ground_truth import true_height_map
 
 GEL = Gel()

@@ -9,16 +9,18 @@ import pytest
 
 from ninedtact.errors import InputError
 from ninedtact.quantities import HeightSource, Rectified
-from ninedtact.shape.calibrated_shape import ReferenceUnusable, mean_rectified_image
-from ninedtact.shape.deblurring import Deblurring, deconvolve_gaussian_blur, upsample, wiener_deconvolution_filter
+from ninedtact.shape.calibrated_shape import DepthReader, ReferenceUnusable, mean_rectified_image
 from ninedtact.shape.depth import (
     FINE_SMOOTHING,
     CurveContinuation,
+    Deblurring,
     DepthCurve,
-    DepthReader,
     GlobalDimmingModel,
     Smoothing,
+    deconvolve_gaussian_blur,
     mean_view_darkening,
+    upsample,
+    wiener_deconvolution_filter,
 )
 
 BEYOND = CurveContinuation((0.35, 0.6), (1.3, 1.8), (0.06, 0.16))

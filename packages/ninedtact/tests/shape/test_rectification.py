@@ -10,8 +10,13 @@ from scipy import ndimage
 from ninedtact.design import RectifiedImageSize
 from ninedtact.errors import FileFormatError
 from ninedtact.quantities import Frame, HeightSource
-from ninedtact.shape.lens import LensModel, PixelNotOnSkin, central_mm_per_px
-from ninedtact.shape.rectification import Rectification, rectification_of_projection
+from ninedtact.shape.lens_and_rectification import (
+    LensModel,
+    PixelNotOnSkin,
+    Rectification,
+    central_mm_per_px,
+    rectification_of_projection,
+)
 
 LENS = LensModel(
     (0.059, -0.0003, 0.025, 0.0002, 0.059, 0.0005, 0.0005, -0.0008),
@@ -69,7 +74,7 @@ OTHER_IMAGES = """
 import numpy as np
 from ninedtact.quantities import Frame
 from ninedtact.errors import FileFormatError
-from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.lens_and_rectification import Rectification
 rectify = Rectification(np.zeros((4, 4, 2), np.float32), 0.1, (6, 8), (-1.0, 1.0, -1.0, 1.0))
 rectify(Frame(np.zeros((6, 8, 3), np.uint8)))
 for image in (np.zeros((6, 8), np.uint8), np.zeros((6, 8, 3), np.uint16), np.zeros((6, 8, 3), np.float32)):

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from ninedtact.quantities import HeightSource, Rectified
 from ninedtact.shape import depth
-from ninedtact.shape.depth import BrightnessSignal, DepthCurve, DepthReader
-from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.calibrated_shape import DepthReader
+from ninedtact.shape.depth import BrightnessSignal, DepthCurve
+from ninedtact.shape.lens_and_rectification import Rectification
 
 SIZES = st.tuples(st.integers(2, 40), st.integers(2, 40))
 

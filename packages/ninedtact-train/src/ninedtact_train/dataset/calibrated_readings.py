@@ -16,8 +16,7 @@ from ninedtact.errors import CalibrationError
 from ninedtact.force.known_load_scale import ForceScale
 from ninedtact.quantities import NO_OBJECT, Frame, Rectified
 from ninedtact.reading import Reading
-from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.depth import DepthReader
+from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
 from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact_train.dataset.parquet_files import (
     DatasetDamaged,

@@ -20,7 +20,7 @@ from numpy import ndarray as Array
 
 from ninedtact._version import __version__
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.checked_reading import NPY_READ_ERRORS
+from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
 from ninedtact.design import Gel
 from ninedtact.force.network_input import tractions_over_shear_modulus
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force

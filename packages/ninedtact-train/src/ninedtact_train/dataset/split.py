@@ -27,7 +27,7 @@ from jaxtyping import Bool, Int, Shaped
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.checked_reading import read_regular_file
+from ninedtact.bounds_and_checked_reading import read_regular_file
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact.quantities import NO_OBJECT
 

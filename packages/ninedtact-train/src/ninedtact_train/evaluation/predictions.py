@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float64
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.checked_reading import read_text_file
+from ninedtact.bounds_and_checked_reading import read_text_file
 from ninedtact.errors import FileFormatError
 from ninedtact.quantities import NO_OBJECT, WRENCH_AXES
 

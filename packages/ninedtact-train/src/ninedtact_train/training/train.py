@@ -24,7 +24,7 @@ from numpy import ndarray as Array
 from torch.utils.data import DataLoader
 
 from ninedtact.atomic_write import FileNotWritten, is_partial_file, write_file_atomically
-from ninedtact.checked_reading import read_json_object
+from ninedtact.bounds_and_checked_reading import read_json_object
 from ninedtact.errors import OutputError
 from ninedtact.force.onnx_model import ForceModel
 from ninedtact_train.dataset.split import SplitRows

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.strict_image_reading import ImageFileList, read_image
+from ninedtact.capture.frame_source import ImageFileList
+from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.estimator_loading import CORRECTED, NONE, PHYSICS
@@ -21,7 +22,7 @@ from ninedtact.force.known_load_scale import (
 )
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, read_frame
-from ninedtact.shape.depth import DepthReader
+from ninedtact.shape.calibrated_shape import DepthReader
 from ninedtact.shape.image_plausibility import require_plausible_image
 
 

@@ -31,7 +31,7 @@ from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
-from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.lens_and_rectification import Rectification
 
 AVERAGED = 8
 """Number of images that are averaged, which reduces their noise to a third."""

@@ -54,7 +54,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.quantities import Frame
 from ninedtact.shape.depth import DepthMethod, Smoothing
-from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.lens_and_rectification import Rectification
 from ninedtact.simulation.fitted_parameters import deviation_from_population
 
 _MAX_ALTERNATIONS = 2

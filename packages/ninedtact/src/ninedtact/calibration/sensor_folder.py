@@ -14,6 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ninedtact.bounds_and_checked_reading import (
+    CHECKSUM_KEY,
+    convert_tables_to_class,
+    mapping_checksum,
+    read_regular_file,
+    read_text_file,
+)
 from ninedtact.calibration.sensor_toml_schema import (
     NOT_CALIBRATED,
     SENSOR_FORMAT,
@@ -24,19 +31,19 @@ from ninedtact.calibration.sensor_toml_schema import (
     SensorTomlRecord,
 )
 from ninedtact.capture.strict_image_reading import read_image
-from ninedtact.checked_reading import (
-    CHECKSUM_KEY,
-    convert_tables_to_class,
-    mapping_checksum,
-    read_regular_file,
-    read_text_file,
-)
 from ninedtact.design import Gel
 from ninedtact.errors import CalibrationError, FileFormatError, NinedtactError
 from ninedtact.quantities import EstimateWarning, Frame, HeightSource
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.lens import CorrectedLensModel, LensModel, LensModelCorrection, Projection, RadialBasisProjection
-from ninedtact.shape.rectification import Rectification, rectification_of_projection
+from ninedtact.shape.lens_and_rectification import (
+    CorrectedLensModel,
+    LensModel,
+    LensModelCorrection,
+    Projection,
+    RadialBasisProjection,
+    Rectification,
+    rectification_of_projection,
+)
 
 if TYPE_CHECKING:
     from ninedtact.force.estimator_interface import ForceEstimator

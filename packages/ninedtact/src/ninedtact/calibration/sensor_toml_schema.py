@@ -10,13 +10,17 @@ from typing import Annotated
 
 from msgspec import Meta, Struct, field
 
+from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.field_bounds import require_within_bounds
-from ninedtact.shape.deblurring import Deblurring
-from ninedtact.shape.depth import DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
-from ninedtact.shape.lens import LensModel, LensModelCorrection, Points, RadialBasisProjection
-from ninedtact.shape.rectification import CameraRotation
+from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
+from ninedtact.shape.lens_and_rectification import (
+    CameraRotation,
+    LensModel,
+    LensModelCorrection,
+    Points,
+    RadialBasisProjection,
+)
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
 SENSOR_FORMAT = 4
@@ -46,7 +50,7 @@ _RawPx = Annotated[float, Meta(ge=-20_000, le=20_000)]
 
 
 class LensCorrectionTable(Struct, frozen=True, forbid_unknown_fields=True):
-    """A smooth correction on top of the lens model (`shape.lens.LensModelCorrection`)."""
+    """A smooth correction on top of the lens model (`shape.lens_and_rectification.LensModelCorrection`)."""
 
     width_mm: Annotated[float, Meta(ge=0.1, le=100)]
     points_mm: Annotated[list[tuple[_SkinMm, _SkinMm]], Meta(min_length=1)]
@@ -62,7 +66,7 @@ class LensCorrectionTable(Struct, frozen=True, forbid_unknown_fields=True):
 class LensModelTable(
     Struct, tag_field="kind", tag="model", frozen=True, forbid_unknown_fields=True, omit_defaults=True
 ):
-    """The parameters of `shape.lens.LensModel`: homography, distortion centre, radial and tangential terms, in image units."""
+    """The parameters of `shape.lens_and_rectification.LensModel`: homography, distortion centre, radial and tangential terms, in image units."""
 
     homography: tuple[_Entry, _Entry, _Entry, _Entry, _Entry, _Entry, _Entry, _Entry]
     centre: tuple[_Centre, _Centre]
@@ -73,7 +77,7 @@ class LensModelTable(
 
 
 class PinMapTable(Struct, tag_field="kind", tag="paper", frozen=True, forbid_unknown_fields=True):
-    """The pins through which the paper's map goes (`shape.lens.RadialBasisProjection`): on the skin and in the raw image."""
+    """The pins through which the paper's map goes (`shape.lens_and_rectification.RadialBasisProjection`): on the skin and in the raw image."""
 
     points_mm: Annotated[list[tuple[_SkinMm, _SkinMm]], Meta(min_length=9)]
     points_px: list[tuple[_RawPx, _RawPx]]

@@ -1,15 +1,21 @@
-"""The `FrameSource` interface of every camera, stream and file: it is opened, read and closed; its errors and camera settings.
+"""The `FrameSource` interface of every camera, stream and file: it is opened, read and closed; its errors and camera settings; and
+the simplest sources, image files by a list or a folder.
 
 A source stamps each frame on arrival (monotonic clock) and counts its own frames. Reading blocks; the longest wait is a setting
 of each source, because only its driver can enforce a limit. `frame_pacing.LatestFrameSource` enforces a limit over any source.
 """
 
+import re
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from threading import Lock
 from types import TracebackType
 from typing import Any, ClassVar, Generic, TypeVar
 
+from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, read_image, require_image_size
 from ninedtact.errors import CameraError, FileFormatError, InputError
 from ninedtact.quantities import Frame
 
@@ -223,3 +229,85 @@ class AddressedFrameSource(FrameSource):
     @abstractmethod
     def from_address(cls, address: str, settings: CameraSettings) -> "AddressedFrameSource | None":
         """Return the source that the address names, not yet opened; None if the address belongs to another backend."""
+
+
+class ImageFileList(FrameSource):
+    """A frame source of the given image files in this order, all of one size."""
+
+    is_live = False
+
+    def __init__(self, images: Sequence[Path], name: str = "images", recorded_hz: float | None = 10.0) -> None:
+        self.images = tuple(images)
+        self.name = name
+        self.recorded_hz = recorded_hz
+        self._lock = Lock()
+        self._next_index: int | None = None
+        self._size: tuple[int, int] | None = None
+
+    def open(self) -> None:
+        """Start with the first image."""
+        if self._next_index is None:
+            self._next_index, self._size = 0, None
+
+    def read(self) -> Frame:
+        """Return the next image; raises `SourceEnded`, or `ImageUnreadable` or `ImageSizeWrong` for a bad file.
+
+        A bad image is reported once and counts as read, so that the next call continues after it.
+        """
+        with self._lock:
+            if self._next_index is None:
+                raise SourceNotOpen(self.name)
+            index = self._next_index
+            if index == len(self.images):
+                raise source_ended(self.name, index)
+            self._next_index += 1
+            path = self.images[index]
+            image = read_image(path)
+            self._size = self._size or image.shape[:2]
+            require_image_size(image, *self._size, str(path))
+            return Frame(image, time.monotonic_ns(), index)
+
+    def close(self) -> None:
+        """Close the list; opening it again starts from the first image."""
+        with self._lock:
+            self._next_index = None
+
+
+class ImageFolder(ImageFileList, AddressedFrameSource):
+    """A frame source of the images of a folder in the order of their names (2 before 10), all of one size."""
+
+    address_help = "a folder of images"
+    is_live = False
+
+    def __init__(self, folder: str | Path, recorded_hz: float = 10.0) -> None:
+        super().__init__((), f"folder {folder}", recorded_hz)
+        self.folder = Path(folder)
+
+    @classmethod
+    def from_address(cls, address: str, settings: CameraSettings) -> "ImageFolder | None":
+        """Return the source of a folder that exists; camera settings do not apply to it."""
+        folder = Path(address).expanduser()
+        return cls(folder) if address and folder.is_dir() else None
+
+    def open(self) -> None:
+        """List the images, anew at every opening; raises `CameraNotFound` where there are none."""
+        if self._next_index is not None:
+            return
+        self.images = tuple(_list_images(self.folder))
+        if not self.images:
+            kinds = ", ".join(IMAGE_SUFFIXES)
+            raise CameraNotFound(f"expected a folder of images ({kinds}), got none in {self.folder}; check the path")
+        super().open()
+
+
+def _list_images(folder: Path) -> list[Path]:
+    """Return the image files of a folder without hidden ones, numbers in their names in counting order."""
+    if not folder.is_dir():
+        return []
+    images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    return sorted((path for path in images if not path.name.startswith(".")), key=natural_sort_key)
+
+
+def natural_sort_key(path: Path) -> list[tuple[int, str]]:
+    """Return a sorting key that puts img_2 before img_10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

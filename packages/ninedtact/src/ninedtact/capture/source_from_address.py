@@ -7,11 +7,12 @@ from ninedtact.capture.frame_source import (
     AddressedFrameSource,
     CameraSettings,
     FrameSource,
+    ImageFolder,
     SourceUnknown,
 )
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
-from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, ImageFolder
+from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES
 from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.capture.video_file import VideoFile
 

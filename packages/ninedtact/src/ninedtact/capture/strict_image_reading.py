@@ -1,19 +1,15 @@
-"""Image files: one of them, or a list or a folder of them as a source of frames. They are read strictly, because an incomplete
-image would be measured as if it were complete.
+"""Reading of image files. They are read strictly, because an incomplete image would be measured as if it were complete.
 
 Pillow decodes; it raises an error for data that end early. What decoders pass over is checked before: the checksums of a PNG file
 (https://www.w3.org/TR/png-3/ section 5), and the marker that ends a JPEG file (ITU-T T.81 annex B). A JPEG file has no checksum, so
 that flipped bits which leave it decodable are not found.
 """
 
-import re
 import struct
-import time
 import zlib
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
-from threading import Lock
 
 import cv2
 import numpy as np
@@ -21,16 +17,7 @@ from jaxtyping import Shaped, UInt8
 from numpy import ndarray as Array
 from PIL import Image, UnidentifiedImageError
 
-from ninedtact.capture.frame_source import (
-    AddressedFrameSource,
-    CameraNotFound,
-    CameraSettings,
-    FrameSource,
-    SourceNotOpen,
-    source_ended,
-)
 from ninedtact.errors import FileFormatError
-from ninedtact.quantities import Frame
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 
@@ -171,85 +158,3 @@ def average_images(images: Sequence[UInt8[Array, "_ _ 3"]]) -> UInt8[Array, "row
         require_image_size(image, rows, cols, f"image {number} of {len(images)}")
         total += image
     return ((total + len(images) // 2) // len(images)).astype(np.uint8)
-
-
-class ImageFileList(FrameSource):
-    """A frame source of the given image files in this order, all of one size."""
-
-    is_live = False
-
-    def __init__(self, images: Sequence[Path], name: str = "images", recorded_hz: float | None = 10.0) -> None:
-        self.images = tuple(images)
-        self.name = name
-        self.recorded_hz = recorded_hz
-        self._lock = Lock()
-        self._next_index: int | None = None
-        self._size: tuple[int, int] | None = None
-
-    def open(self) -> None:
-        """Start with the first image."""
-        if self._next_index is None:
-            self._next_index, self._size = 0, None
-
-    def read(self) -> Frame:
-        """Return the next image; raises `SourceEnded`, or `ImageUnreadable` or `ImageSizeWrong` for a bad file.
-
-        A bad image is reported once and counts as read, so that the next call continues after it.
-        """
-        with self._lock:
-            if self._next_index is None:
-                raise SourceNotOpen(self.name)
-            index = self._next_index
-            if index == len(self.images):
-                raise source_ended(self.name, index)
-            self._next_index += 1
-            path = self.images[index]
-            image = read_image(path)
-            self._size = self._size or image.shape[:2]
-            require_image_size(image, *self._size, str(path))
-            return Frame(image, time.monotonic_ns(), index)
-
-    def close(self) -> None:
-        """Close the list; opening it again starts from the first image."""
-        with self._lock:
-            self._next_index = None
-
-
-class ImageFolder(ImageFileList, AddressedFrameSource):
-    """A frame source of the images of a folder in the order of their names (2 before 10), all of one size."""
-
-    address_help = "a folder of images"
-    is_live = False
-
-    def __init__(self, folder: str | Path, recorded_hz: float = 10.0) -> None:
-        super().__init__((), f"folder {folder}", recorded_hz)
-        self.folder = Path(folder)
-
-    @classmethod
-    def from_address(cls, address: str, settings: CameraSettings) -> "ImageFolder | None":
-        """Return the source of a folder that exists; camera settings do not apply to it."""
-        folder = Path(address).expanduser()
-        return cls(folder) if address and folder.is_dir() else None
-
-    def open(self) -> None:
-        """List the images, anew at every opening; raises `CameraNotFound` where there are none."""
-        if self._next_index is not None:
-            return
-        self.images = tuple(_list_images(self.folder))
-        if not self.images:
-            kinds = ", ".join(IMAGE_SUFFIXES)
-            raise CameraNotFound(f"expected a folder of images ({kinds}), got none in {self.folder}; check the path")
-        super().open()
-
-
-def _list_images(folder: Path) -> list[Path]:
-    """Return the image files of a folder without hidden ones, numbers in their names in counting order."""
-    if not folder.is_dir():
-        return []
-    images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
-    return sorted((path for path in images if not path.name.startswith(".")), key=natural_sort_key)
-
-
-def natural_sort_key(path: Path) -> list[tuple[int, str]]:
-    """Return a sorting key that puts img_2 before img_10."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

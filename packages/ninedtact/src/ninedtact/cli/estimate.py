@@ -130,7 +130,7 @@ class Estimate:
 
     def _name_of(self, index: int, source: "FrameSource") -> str:
         """Return the file of an image, also of one in a folder, or the number of a frame."""
-        from ninedtact.capture.strict_image_reading import ImageFolder
+        from ninedtact.capture.frame_source import ImageFolder
 
         if _is_image(self.source[0]):
             return self.source[index]
@@ -150,7 +150,7 @@ class Estimate:
                 raise InputError(
                     "expected --reference with single images, got none; name a reference image (no contact)"
                 )
-            from ninedtact.capture.strict_image_reading import ImageFileList
+            from ninedtact.capture.frame_source import ImageFileList
 
             return ImageFileList([Path(text).expanduser() for text in self.source])
         if len(self.source) > 1:

@@ -15,7 +15,7 @@ from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
     from ninedtact.quantities import HeightMap
-    from ninedtact.shape.depth import DepthReader
+    from ninedtact.shape.calibrated_shape import DepthReader
 
 _HeightFormat = Literal["npy", "png", "ply", "stl", "obj"]
 

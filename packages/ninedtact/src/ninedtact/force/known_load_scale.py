@@ -23,7 +23,7 @@ from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import open_atomic_file
-from ninedtact.checked_reading import CHECKSUM_KEY, convert_tables_to_class, mapping_checksum, read_text_file
+from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, convert_tables_to_class, mapping_checksum, read_text_file
 from ninedtact.errors import FileFormatError, ForceEstimationError
 from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate
 from ninedtact.quantities import EstimateWarning, Traction, Wrench, WrenchEstimate

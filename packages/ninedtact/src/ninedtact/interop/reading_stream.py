@@ -397,7 +397,7 @@ def _asked_images(path: str) -> ImageFormat | None:
     """Return the images that the query of an address asks for; None for a query that is not understood."""
     query = parse_qs(urlsplit(path).query, keep_blank_values=True)
     images = query.pop("images", ["none"])[-1]
-    return None if query or images not in get_args(ImageFormat) else cast(ImageFormat, images)
+    return None if query or images not in get_args(ImageFormat) else cast("ImageFormat", images)
 
 
 @asynccontextmanager

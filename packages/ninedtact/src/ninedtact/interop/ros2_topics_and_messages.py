@@ -41,7 +41,7 @@ from ninedtact.recording.topics_and_messages import (
     ros_name,
     type_store,
 )
-from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.lens_and_rectification import Rectification
 from ninedtact.shape.surface import point_cloud
 
 TF_STATIC = "/tf_static"

@@ -17,7 +17,7 @@ from mcap.records import Metadata
 from msgspec import Meta
 
 from ninedtact._version import __version__
-from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
+from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
 
 REPAIR_RECORD = "ninedtact_repair"

@@ -44,8 +44,7 @@ from ninedtact.recording.topics_and_messages import (
     decode_wrench,
     decode_wrench_estimate,
 )
-from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, FindReferenceFaults
-from ninedtact.shape.depth import DepthReader
+from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader, FindReferenceFaults
 
 SENSOR_FOLDER, SEVERAL_FOLDERS = "sensor", "sensors"
 """First part of the names of the attachments that hold the sensor folder; among several sensors, their name is the second."""

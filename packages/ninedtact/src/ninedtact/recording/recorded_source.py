@@ -24,10 +24,10 @@ from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.shape.calibrated_shape import (
     REFERENCE_FRAMES,
     CalibratedShape,
+    DepthReader,
     FindReferenceFaults,
     mean_rectified_image,
 )
-from ninedtact.shape.depth import DepthReader
 
 Item = TypeVar("Item")
 

@@ -25,8 +25,7 @@ from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import ESTIMATE_TOPICS, RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, FindReferenceFaults
-from ninedtact.shape.depth import DepthReader
+from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader, FindReferenceFaults
 
 _BUFFERED_IMAGES = 128
 """Images that wait to be written at most: about 120 MB."""

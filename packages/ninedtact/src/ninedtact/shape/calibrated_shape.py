@@ -1,18 +1,32 @@
-"""The calibrated shape path of one sensor: rectification, depth curve and their errors, from a camera frame to a height map. The
-only other input is the reference image of the session (no contact), which `CalibratedShape.depth_reader` binds.
+"""The calibrated shape path of one sensor: rectification, depth curve and their errors, from a camera frame to a height map.
+
+The only other input is the reference image of the session (no contact), to which `CalibratedShape.depth_reader` binds the depth
+curve: a `DepthReader` turns rectified images into height maps.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
+from jaxtyping import Float32, Shaped, UInt8, UInt16
+from numpy import ndarray as Array
 
 from ninedtact.errors import CalibrationError
-from ninedtact.quantities import EstimateWarning, Frame, Rectified
-from ninedtact.shape.deblurring import Deblurring
-from ninedtact.shape.depth import FINE_SMOOTHING, DepthCurve, DepthReader, GlobalDimmingModel, Smoothing
-from ninedtact.shape.rectification import Rectification
+from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified
+from ninedtact.shape.depth import (
+    DIMMEST_REFERENCE,
+    FINE_SMOOTHING,
+    TABLE_STEPS,
+    ZERO_INDEX,
+    Deblurring,
+    DepthCurve,
+    GlobalDimmingModel,
+    Smoothing,
+    upsample,
+)
+from ninedtact.shape.lens_and_rectification import Rectification
 
 REFERENCE_FRAMES = 10
 """Number of images without contact whose mean is a reference image; it brings their noise below that of a reading."""
@@ -30,6 +44,116 @@ FindReferenceFaults = Callable[[Sequence[Frame]], Sequence[str]]
 
 class ReferenceUnusable(CalibrationError):
     """The reference images of a session (no contact) are missing, too dark, or differ in brightness."""
+
+
+@dataclass(frozen=True)
+class DepthReader:
+    """A depth curve bound to the reference image of this session."""
+
+    curve: DepthCurve
+    reference: Rectified
+    lens_source: UInt8[Array, "rows cols"]
+    smoothing: Smoothing = Smoothing()
+    noise_mm: float = 0.0
+    camera_distance_mm: float = np.inf
+    loss: GlobalDimmingModel = GlobalDimmingModel()
+    deblurring: Deblurring | None = None
+    """Given for `fine` reading; without it, reading is `fast`."""
+    reference_faults: tuple[str, ...] = ()
+    """Why the reference image cannot be that of the calibrated sensor; empty where it can, or where this was not checked."""
+
+    def __call__(self, rectified: Rectified) -> HeightMap:
+        """Return the signed height of the skin, with the `HeightSource` of every pixel.
+
+        After deblurring, heights are looked up and smoothed on the coarser grid, and only then brought to that of the image.
+        """
+        index = self._index_on_computed_grid(rectified.grey)
+        z_mm = self._on_image_grid(self.smoothing.on_grid(1 / self._coarseness)(self.curve.look_up_mm(index)))
+        if not self.curve.knows_bulges:
+            cv2.threshold(z_mm, 0, 0, cv2.THRESH_TRUNC, dst=z_mm)
+        if not self.all_in_view:
+            z_mm[self.lens_source == HeightSource.OUT_OF_VIEW] = 0
+        source = self.height_source(index)
+        return HeightMap(
+            z_mm,
+            source,
+            rectified.mm_per_px,
+            self.noise_mm,
+            self.camera_distance_mm,
+            rectified.stamp_ns,
+            self._is_clipped(index),
+        )
+
+    def _is_clipped(self, index: UInt16[Array, "few_rows few_cols"]) -> bool:
+        """Return whether skin is darker than the end of the curve, its continuation included, by more than its error explains.
+
+        index: on the grid on which heights are looked up. It is smoothed as these are, because noise darkens single pixels.
+        """
+        if index.min() >= self.curve.clipped_index:
+            return False
+        smoothed = self.smoothing.on_grid(1 / self._coarseness)(index.astype(np.float32))
+        return bool(smoothed.min() < self.curve.clipped_index)
+
+    def index(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
+        """Return the table index of every pixel; lost and scattered light is restored first where it is calibrated."""
+        return self._on_image_grid(self._index_on_computed_grid(grey))
+
+    def _index_on_computed_grid(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "few_rows few_cols"]:
+        """Return the table index on the grid on which heights are looked up: after deblurring a coarser one."""
+        lost = self.loss(grey, self.reference.grey)
+        if self.deblurring is None:
+            return self.quantise(grey if lost == 0 else grey * np.float32(1 / (1 + lost)))
+        ratio = np.asarray(cv2.multiply(grey, self.per_reference, scale=1 / (1 + lost)))
+        change = self.deblurring.on_coarser_grid(ratio, self.reference.mm_per_px)
+        steps = TABLE_STEPS["ratio"]
+        return np.asarray(cv2.addWeighted(change, steps, change, 0, ZERO_INDEX - steps, dtype=cv2.CV_16U))
+
+    def _on_image_grid(self, field: Shaped[Array, "few_rows few_cols"]) -> Shaped[Array, "rows cols"]:
+        """Return a field of the grid on which heights are looked up on the grid of the image."""
+        return field if self._coarseness == 1 else upsample(field, self.lens_source.shape, self._coarseness)
+
+    @cached_property
+    def _coarseness(self) -> int:
+        """Pixels along one side of a point of the grid on which heights are looked up."""
+        return 1 if self.deblurring is None else self.deblurring.coarseness(self.reference.mm_per_px)
+
+    @cached_property
+    def per_reference(self) -> Float32[Array, "rows cols"]:
+        """The reciprocal of the reference image, whose darkest pixels are raised to `DIMMEST_REFERENCE`."""
+        return 1 / np.maximum(self.reference.grey, np.float32(DIMMEST_REFERENCE))
+
+    def error_mm(self, indentation_mm: float) -> float:
+        """Return the standard deviation of one pixel's indentation: scatter of the calibration and noise of the camera."""
+        _, knots_mm, error_mm = self.curve.pressed
+        scatter = np.interp(indentation_mm, knots_mm, error_mm)
+        return float(np.hypot(scatter, self.noise_mm))
+
+    def quantise(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
+        """Return the signed signal as an index into the curve's table, rounded and saturated at its ends."""
+        steps = TABLE_STEPS[self.curve.signal]
+        if self.curve.signal == "difference":
+            return np.asarray(cv2.addWeighted(grey, steps, self.index_offset, 1, 0, dtype=cv2.CV_16U))
+        return np.asarray(cv2.multiply(grey, self.per_reference, scale=steps, dtype=cv2.CV_16U))
+
+    @cached_property
+    def index_offset(self) -> Float32[Array, "rows cols"]:
+        """The offset for the difference signal: index = grey · steps + offset."""
+        return ZERO_INDEX - np.float32(TABLE_STEPS["difference"]) * self.reference.grey
+
+    def height_source(self, index: UInt16[Array, "few_rows few_cols"]) -> UInt8[Array, "rows cols"]:
+        """Return the `HeightSource` of every pixel; the height of a pixel darker than the calibrated range is extrapolated.
+
+        index: on the grid on which heights are looked up.
+        """
+        if index.min() >= self.curve.darkest_index:
+            return self.lens_source.copy()
+        beyond = (self._on_image_grid(index) < self.curve.darkest_index).view(np.uint8)
+        return np.minimum(self.lens_source, np.uint8(HeightSource.MEASURED) - beyond)
+
+    @cached_property
+    def all_in_view(self) -> bool:
+        """Whether the camera sees every pixel of the grid."""
+        return bool((self.lens_source != HeightSource.OUT_OF_VIEW).all())
 
 
 @dataclass(frozen=True)

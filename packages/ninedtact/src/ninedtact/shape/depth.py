@@ -6,22 +6,100 @@ quantised finely and converted to height by one look-up table.
 
 Where the calibration provides them, two corrections precede the look-up. `GlobalDimmingModel` estimates, from the image itself,
 the light that the whole image loses when a part of the skin is dark, and adds it back. `Deblurring` sharpens the brightness field
-by the known point spread (Wiener 1949, docs/references.md).
+by the known point spread of scattered light, by Wiener deconvolution (Wiener 1949, docs/references.md) on a grid that is no finer.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Annotated, Literal
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Shaped, UInt8, UInt16
+from jaxtyping import Float, Float32, Shaped, UInt16
 from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError
-from ninedtact.quantities import HeightMap, HeightSource, Rectified
-from ninedtact.shape.deblurring import Deblurring, upsample
+
+_DFT_SIDE_FACTOR = 8
+"""Sides of transformed fields are multiples of it, for which the transform is fastest."""
+_MIN_POINTS_PER_SPREAD = 2.5
+"""Smallest number of points of the coarser grid in one standard deviation of the point spread."""
+_MAX_COARSENESS = 3
+
+
+@dataclass(frozen=True)
+class Deblurring:
+    """Wiener deconvolution of the brightness by its Gaussian point spread."""
+
+    point_spread_mm: Annotated[float, Meta(ge=0.01, le=5)]
+    """Standard deviation of the point spread."""
+    floor: Annotated[float, Meta(ge=1e-4, le=1)] = 0.03
+    """Power of noise relative to signal; detail that scattering has attenuated below this level is not restored."""
+
+    def coarseness(self, mm_per_px: float) -> int:
+        """Return the pixels along one side of a point of the coarser grid; it resolves the point spread, and nothing is finer."""
+        return int(np.clip(self.point_spread_mm / mm_per_px / _MIN_POINTS_PER_SPREAD, 1, _MAX_COARSENESS))
+
+    def on_coarser_grid(
+        self, field: Float32[Array, "rows cols"], mm_per_px: float
+    ) -> Float32[Array, "few_rows few_cols"]:
+        """Return the field as it was before scattering, on the coarser grid. Its last row and column may reach beyond the field;
+        beyond its border the field is taken as mirrored.
+        """
+        coarseness = self.coarseness(mm_per_px)
+        few = _block_means(field, coarseness)
+        return deconvolve_gaussian_blur(few, self.point_spread_mm / mm_per_px / coarseness, self.floor)
+
+
+def _block_means(field: Float32[Array, "rows cols"], side: int) -> Float32[Array, "few_rows few_cols"]:
+    """Return the means of square blocks; rows and columns that are missing in the last ones repeat the border."""
+    rows, cols = field.shape
+    whole = cv2.copyMakeBorder(field, 0, -rows % side, 0, -cols % side, cv2.BORDER_REPLICATE)
+    # With whole blocks, OpenCV computes these means ten times faster than with parts of pixels.
+    return np.asarray(cv2.resize(whole, (whole.shape[1] // side, whole.shape[0] // side), interpolation=cv2.INTER_AREA))
+
+
+def upsample(
+    field: Shaped[Array, "few_rows few_cols"], shape: tuple[int, ...], fineness: int
+) -> Shaped[Array, "rows cols"]:
+    """Return a field on a grid of this shape that is finer by a whole factor, by cubic interpolation."""
+    rows, cols = field.shape
+    fine = cv2.resize(field, (cols * fineness, rows * fineness), interpolation=cv2.INTER_CUBIC)
+    return np.ascontiguousarray(fine[: shape[0], : shape[1]])
+
+
+def deconvolve_gaussian_blur(
+    field: Float32[Array, "rows cols"], sigma_px: float, floor: float
+) -> Float32[Array, "rows cols"]:
+    """Return the field deblurred on its own grid."""
+    rows, cols = field.shape
+    gain = wiener_deconvolution_filter(rows, cols, round(sigma_px, 6), floor)
+    down, right = gain.shape[0] - rows, gain.shape[1] - cols
+    padded = cv2.copyMakeBorder(field, down // 2, down - down // 2, right // 2, right - right // 2, cv2.BORDER_REFLECT)
+    transform = cv2.dft(padded, dst=padded)
+    transform *= gain
+    sharp = cv2.dft(transform, dst=transform, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT)
+    return np.ascontiguousarray(sharp[down // 2 : down // 2 + rows, right // 2 : right // 2 + cols])
+
+
+@lru_cache(maxsize=8)
+def wiener_deconvolution_filter(rows: int, cols: int, sigma_px: float, floor: float) -> Float32[Array, "tall wide"]:
+    """Return the factor of the padded field's transform, G/(G² + floor), normalised to one for the mean.
+
+    It is arranged as `cv2.dft` packs the transform of a real field, whose size is even here. Real and imaginary parts of one
+    frequency are neighbours in a row, and in the first and last columns, which hold the frequencies 0 and 1/2, in the column.
+    """
+    reach = int(np.ceil(3 * sigma_px))
+    tall, wide = (
+        _DFT_SIDE_FACTOR * cv2.getOptimalDFTSize(-(-(side + reach) // _DFT_SIDE_FACTOR)) for side in (rows, cols)
+    )
+    ky = np.repeat(np.abs(np.fft.fftfreq(tall))[:, None], wide, axis=1)
+    ky[:, [0, -1]] = ((np.arange(tall) + 1) // 2 / tall)[:, None]
+    kx = (np.arange(wide) + 1) // 2 / wide
+    spread = np.exp(-2 * (np.pi * sigma_px) ** 2 * (kx**2 + ky**2))
+    return np.asarray(spread * (1 + floor) / (spread**2 + floor), np.float32)
+
 
 TYPICAL_GLOBAL_DIMMING = 0.7
 """Relative light lost everywhere per mean darkening of the view, from eight real sensors of five laboratories."""
@@ -231,113 +309,3 @@ class Smoothing:
 
 FINE_SMOOTHING = Smoothing(2.5, 2.5)
 """Smoothing after deblurring, which raises the noise; 0.18 mm, still far narrower than the point spread that was removed."""
-
-
-@dataclass(frozen=True)
-class DepthReader:
-    """A depth curve bound to the reference image of this session."""
-
-    curve: DepthCurve
-    reference: Rectified
-    lens_source: UInt8[Array, "rows cols"]
-    smoothing: Smoothing = Smoothing()
-    noise_mm: float = 0.0
-    camera_distance_mm: float = np.inf
-    loss: GlobalDimmingModel = GlobalDimmingModel()
-    deblurring: Deblurring | None = None
-    """Given for `fine` reading; without it, reading is `fast`."""
-    reference_faults: tuple[str, ...] = ()
-    """Why the reference image cannot be that of the calibrated sensor; empty where it can, or where this was not checked."""
-
-    def __call__(self, rectified: Rectified) -> HeightMap:
-        """Return the signed height of the skin, with the `HeightSource` of every pixel.
-
-        After deblurring, heights are looked up and smoothed on the coarser grid, and only then brought to that of the image.
-        """
-        index = self._index_on_computed_grid(rectified.grey)
-        z_mm = self._on_image_grid(self.smoothing.on_grid(1 / self._coarseness)(self.curve.look_up_mm(index)))
-        if not self.curve.knows_bulges:
-            cv2.threshold(z_mm, 0, 0, cv2.THRESH_TRUNC, dst=z_mm)
-        if not self.all_in_view:
-            z_mm[self.lens_source == HeightSource.OUT_OF_VIEW] = 0
-        source = self.height_source(index)
-        return HeightMap(
-            z_mm,
-            source,
-            rectified.mm_per_px,
-            self.noise_mm,
-            self.camera_distance_mm,
-            rectified.stamp_ns,
-            self._is_clipped(index),
-        )
-
-    def _is_clipped(self, index: UInt16[Array, "few_rows few_cols"]) -> bool:
-        """Return whether skin is darker than the end of the curve, its continuation included, by more than its error explains.
-
-        index: on the grid on which heights are looked up. It is smoothed as these are, because noise darkens single pixels.
-        """
-        if index.min() >= self.curve.clipped_index:
-            return False
-        smoothed = self.smoothing.on_grid(1 / self._coarseness)(index.astype(np.float32))
-        return bool(smoothed.min() < self.curve.clipped_index)
-
-    def index(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
-        """Return the table index of every pixel; lost and scattered light is restored first where it is calibrated."""
-        return self._on_image_grid(self._index_on_computed_grid(grey))
-
-    def _index_on_computed_grid(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "few_rows few_cols"]:
-        """Return the table index on the grid on which heights are looked up: after deblurring a coarser one."""
-        lost = self.loss(grey, self.reference.grey)
-        if self.deblurring is None:
-            return self.quantise(grey if lost == 0 else grey * np.float32(1 / (1 + lost)))
-        ratio = np.asarray(cv2.multiply(grey, self.per_reference, scale=1 / (1 + lost)))
-        change = self.deblurring.on_coarser_grid(ratio, self.reference.mm_per_px)
-        steps = TABLE_STEPS["ratio"]
-        return np.asarray(cv2.addWeighted(change, steps, change, 0, ZERO_INDEX - steps, dtype=cv2.CV_16U))
-
-    def _on_image_grid(self, field: Shaped[Array, "few_rows few_cols"]) -> Shaped[Array, "rows cols"]:
-        """Return a field of the grid on which heights are looked up on the grid of the image."""
-        return field if self._coarseness == 1 else upsample(field, self.lens_source.shape, self._coarseness)
-
-    @cached_property
-    def _coarseness(self) -> int:
-        """Pixels along one side of a point of the grid on which heights are looked up."""
-        return 1 if self.deblurring is None else self.deblurring.coarseness(self.reference.mm_per_px)
-
-    @cached_property
-    def per_reference(self) -> Float32[Array, "rows cols"]:
-        """The reciprocal of the reference image, whose darkest pixels are raised to `DIMMEST_REFERENCE`."""
-        return 1 / np.maximum(self.reference.grey, np.float32(DIMMEST_REFERENCE))
-
-    def error_mm(self, indentation_mm: float) -> float:
-        """Return the standard deviation of one pixel's indentation: scatter of the calibration and noise of the camera."""
-        _, knots_mm, error_mm = self.curve.pressed
-        scatter = np.interp(indentation_mm, knots_mm, error_mm)
-        return float(np.hypot(scatter, self.noise_mm))
-
-    def quantise(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
-        """Return the signed signal as an index into the curve's table, rounded and saturated at its ends."""
-        steps = TABLE_STEPS[self.curve.signal]
-        if self.curve.signal == "difference":
-            return np.asarray(cv2.addWeighted(grey, steps, self.index_offset, 1, 0, dtype=cv2.CV_16U))
-        return np.asarray(cv2.multiply(grey, self.per_reference, scale=steps, dtype=cv2.CV_16U))
-
-    @cached_property
-    def index_offset(self) -> Float32[Array, "rows cols"]:
-        """The offset for the difference signal: index = grey · steps + offset."""
-        return ZERO_INDEX - np.float32(TABLE_STEPS["difference"]) * self.reference.grey
-
-    def height_source(self, index: UInt16[Array, "few_rows few_cols"]) -> UInt8[Array, "rows cols"]:
-        """Return the `HeightSource` of every pixel; the height of a pixel darker than the calibrated range is extrapolated.
-
-        index: on the grid on which heights are looked up.
-        """
-        if index.min() >= self.curve.darkest_index:
-            return self.lens_source.copy()
-        beyond = (self._on_image_grid(index) < self.curve.darkest_index).view(np.uint8)
-        return np.minimum(self.lens_source, np.uint8(HeightSource.MEASURED) - beyond)
-
-    @cached_property
-    def all_in_view(self) -> bool:
-        """Whether the camera sees every pixel of the grid."""
-        return bool((self.lens_source != HeightSource.OUT_OF_VIEW).all())

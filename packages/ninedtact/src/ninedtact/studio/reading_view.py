@@ -241,7 +241,7 @@ class ReadingView:
         """Return what was drawn under a key, drawn now if it was not."""
         if key not in self._drawn:
             self._drawn[key] = draw()
-        return cast(T, self._drawn[key])
+        return cast("T", self._drawn[key])
 
     def _draw_image(self, kind: ImageKind, with_outline: bool, source: ShownTraction) -> Image:
         height = self.reading.height

@@ -44,9 +44,8 @@ from ninedtact.recording.topics_and_messages import (
     Topic,
     decode_height_map,
 )
-from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape
+from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader
 from ninedtact.shape.coloured_height_map import ColourScale
-from ninedtact.shape.depth import DepthReader
 from ninedtact.shape.measures import max_indentation_mm
 from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
 from ninedtact.studio.page_controller import SILENT_AFTER_MS, PageMoment, SensorMoment, SensorStatusMessage

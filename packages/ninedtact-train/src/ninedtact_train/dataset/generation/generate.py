@@ -24,7 +24,7 @@ from warnings import warn
 import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
+from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.design import rectified_mm_per_px
 from ninedtact.errors import InputError
 from ninedtact.mechanics.indenter import Indenter

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float64, Shaped, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.checked_reading import NPY_READ_ERRORS
+from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
 from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact_train.dataset.fault_report import PairFault
 from ninedtact_train.dataset.parquet_files import encode_png

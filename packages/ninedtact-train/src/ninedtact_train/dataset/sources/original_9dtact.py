@@ -18,8 +18,9 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, natural_sort_key, read_image
-from ninedtact.checked_reading import NPY_READ_ERRORS
+from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
+from ninedtact.capture.frame_source import natural_sort_key
+from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, read_image
 from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact.force.brightness_channels import NotAMixedImage, deformation_from_mixed_image, to_whole_grey_levels
 from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM

@@ -22,7 +22,7 @@ from ninedtact.capture.frame_source import SourceIncomplete
 from ninedtact.errors import NinedtactError
 from ninedtact.quantities import NO_OBJECT, Frame
 from ninedtact.shape.calibrated_shape import mean_rectified_image
-from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.lens_and_rectification import Rectification
 from ninedtact_train.collecting.collected_pairs import RecordedPair, TareReferenceImages
 from ninedtact_train.dataset.fault_report import PairFault
 from ninedtact_train.dataset.folder import (

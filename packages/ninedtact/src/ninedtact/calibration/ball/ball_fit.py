@@ -29,18 +29,18 @@ from ninedtact.calibration.ball.contact_circle import require_explained_by_ball,
 from ninedtact.calibration.press_brightness import BgrImage, relative_brightness, smooth_gaussian
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin_to_ball_press
 from ninedtact.design import SensorDesign
-from ninedtact.shape.deblurring import Deblurring
 from ninedtact.shape.depth import (
     FINE_SMOOTHING,
     TABLE_STEPS,
     BrightnessSignal,
     CurveContinuation,
+    Deblurring,
     DepthCurve,
     DepthMethod,
     GlobalDimmingModel,
     Smoothing,
 )
-from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.lens_and_rectification import Rectification
 from ninedtact.simulation.calibration_press_models import PATCH, BallPressParameters
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 

@@ -30,16 +30,9 @@ from ninedtact.calibration.press_brightness import (
 )
 from ninedtact.design import BallGauge
 from ninedtact.quantities import Frame, HeightSource, Rectified, skin_grid_mm
-from ninedtact.shape.deblurring import Deblurring
-from ninedtact.shape.depth import (
-    BrightnessSignal,
-    DepthCurve,
-    DepthMethod,
-    DepthReader,
-    GlobalDimmingModel,
-    Smoothing,
-)
-from ninedtact.shape.rectification import Rectification
+from ninedtact.shape.calibrated_shape import DepthReader
+from ninedtact.shape.depth import BrightnessSignal, Deblurring, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
+from ninedtact.shape.lens_and_rectification import Rectification
 
 
 @dataclass(frozen=True)

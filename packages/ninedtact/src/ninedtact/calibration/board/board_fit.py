@@ -46,15 +46,18 @@ from ninedtact.calibration.press_limits import MAX_MISSING_FRACTION
 from ninedtact.calibration.settings import LensKind
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.shape.lens import (
+from ninedtact.shape.lens_and_rectification import (
+    Area,
+    CameraRotation,
     CorrectedLensModel,
     LensModel,
     Points,
     Projection,
     RadialBasisProjection,
+    Rectification,
     central_mm_per_px,
+    rectification_of_projection,
 )
-from ninedtact.shape.rectification import Area, CameraRotation, Rectification, rectification_of_projection
 
 """The lens model, or the paper's map through the pins."""
 

@@ -27,8 +27,7 @@ from ninedtact.calibration.board.lens_fit import LensFit, fit_lens_with_terms
 from ninedtact.calibration.press_brightness import estimate_pixel_noise, smooth_gaussian
 from ninedtact.design import PinBoard
 from ninedtact.errors import CalibrationError
-from ninedtact.shape.lens import Points
-from ninedtact.shape.rectification import CameraRotation
+from ninedtact.shape.lens_and_rectification import CameraRotation, Points
 
 CAMERA_ROTATIONS: dict[CameraRotation | Literal["auto"], tuple[CameraRotation, ...]] = {
     "auto": (0, 90),

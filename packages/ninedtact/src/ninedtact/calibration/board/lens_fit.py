@@ -8,7 +8,13 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from scipy.optimize import least_squares
 
-from ninedtact.shape.lens import LensModel, LensModelCorrection, Points, central_mm_per_px, gaussian_basis_matrix
+from ninedtact.shape.lens_and_rectification import (
+    LensModel,
+    LensModelCorrection,
+    Points,
+    central_mm_per_px,
+    gaussian_basis_matrix,
+)
 
 _RADIAL_TERM_COUNTS = (1, 2, 3)
 _HUBER_SCALE_PX = 1.5

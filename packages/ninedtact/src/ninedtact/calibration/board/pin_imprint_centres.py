@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.board.lens_fit import LensFit
 from ninedtact.design import PinBoard
-from ninedtact.shape.lens import LensModel, Points, Projection, central_mm_per_px
+from ninedtact.shape.lens_and_rectification import LensModel, Points, Projection, central_mm_per_px
 
 _PATCH_SAMPLES = 41
 """Number of samples across a patch."""

@@ -23,7 +23,7 @@ from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.sensor_toml_schema import PinMapTable
 from ninedtact.quantities import centred_axis_mm
 from ninedtact.shape.coloured_height_map import figure_to_png
-from ninedtact.shape.lens import Points
+from ninedtact.shape.lens_and_rectification import Points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

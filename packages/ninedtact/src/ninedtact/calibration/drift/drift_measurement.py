@@ -35,7 +35,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import require_image_size
 from ninedtact.quantities import Frame, HeightSource, Rectified
 from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.rectification import OUT_OF_VIEW_PX, Rectification
+from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX, Rectification
 from ninedtact.shape.skin_texture import (
     FAINTEST_STRUCTURE,
     Field,

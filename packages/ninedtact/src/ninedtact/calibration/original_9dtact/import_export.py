@@ -56,8 +56,9 @@ from ninedtact.calibration.sensor_toml_schema import (
 from ninedtact.design import SensorDesign
 from ninedtact.errors import OutputError
 from ninedtact.quantities import HeightSource
-from ninedtact.shape.depth import DepthCurve, DepthReader, Smoothing
-from ninedtact.shape.rectification import OUT_OF_VIEW_PX, Area, Rectification
+from ninedtact.shape.calibrated_shape import DepthReader
+from ninedtact.shape.depth import DepthCurve, Smoothing
+from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX, Area, Rectification
 
 PUBLISHED_SCATTER_MM = 0.0304
 """Standard deviation of the scatter about the list. The folder does not contain it; this is the paper's value on balls."""

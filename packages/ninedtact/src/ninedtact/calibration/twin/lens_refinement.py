@@ -28,7 +28,7 @@ from ninedtact.calibration.twin.ball_press_fit import (
     parameter_covariance,
 )
 from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
-from ninedtact.shape.lens import (
+from ninedtact.shape.lens_and_rectification import (
     LensModel,
     PixelNotOnSkin,
     Points,

@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.press_brightness import relative_brightness, smooth_gaussian
 from ninedtact.quantities import Rectified, skin_grid_mm
-from ninedtact.shape.lens import Points, determinant_at_each_point
+from ninedtact.shape.lens_and_rectification import Points, determinant_at_each_point
 
 _SMOOTHING_PX = 1.5
 

@@ -9,7 +9,7 @@ from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.design import Gel, SensingArea
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.quantities import skin_grid_mm
-from ninedtact.shape.rectification import OUT_OF_VIEW_PX, Rectification
+from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX, Rectification
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, coarse_pixel_grid, interpolate_pixel_map
 from ninedtact.simulation.renderer import CameraNoise, Renderer
