@@ -36,6 +36,10 @@ class HeightSource(IntEnum):
     """The camera sees this point, and it is inside the calibrated range."""
 
 
+BgrImage = UInt8[Array, "_ _ 3"]
+"""A colour image as OpenCV and the cameras give it."""
+
+
 @dataclass(frozen=True)
 class Frame:
     """One image from the camera."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ninedtact.calibration.drift.brightness_change import BrightnessChange, separate_brightness_change
+from ninedtact.calibration.brightness_change import BrightnessChange, separate_brightness_change
 from ninedtact.quantities import Rectified, centred_axis_mm
 
 SHAPE, MM_PER_PX = (172, 230), 0.104

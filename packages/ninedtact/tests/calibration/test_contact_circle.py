@@ -17,7 +17,7 @@ from ninedtact.calibration.ball.contact_circle import (
     require_usable_depth,
     spherical_cap_height_mm,
 )
-from ninedtact.calibration.press_brightness import (
+from ninedtact.calibration.brightness_change import (
     estimate_camera_noise,
     estimate_pixel_noise,
     find_exposure_fault,

@@ -12,23 +12,24 @@ from known_sensor import KnownSensor
 from upstream_folder import UpstreamFolder
 
 from ninedtact.calibration.board.board_fit import calibrated_area_mm
+from ninedtact.calibration.brightness_change import ImageUnusable
 from ninedtact.calibration.drift.diagnosis_and_reference_check import diagnose_drift
 from ninedtact.calibration.drift.drift_measurement import (
     CalibratedReference,
     DriftMeasurement,
     load_calibrated_reference,
     measure_drift,
-    measure_skin_motion,
 )
 from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
-from ninedtact.calibration.press_brightness import BgrImage, ImageUnusable
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
 from ninedtact.capture.strict_image_reading import ImageSizeWrong, read_image
 from ninedtact.cli.check import CheckCommand
 from ninedtact.design import RectifiedImageSize
 from ninedtact.errors import InputError
+from ninedtact.quantities import BgrImage
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.lens_and_rectification import rectification_of_projection
+from ninedtact.shape.skin_recognition import measure_skin_motion
 
 SENSORS = ("sensor_a", "sensor_i", "sensor_j")
 

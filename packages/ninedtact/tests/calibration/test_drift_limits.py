@@ -8,26 +8,23 @@ import numpy as np
 import pytest
 
 from ninedtact.calibration.board.board_fit import calibrated_area_mm
-from ninedtact.calibration.drift.brightness_change import BrightnessChange, separate_brightness_change
+from ninedtact.calibration.brightness_change import (
+    BrightnessChange,
+    different_skin_warnings,
+    separate_brightness_change,
+)
 from ninedtact.calibration.drift.diagnosis_and_reference_check import (
     ReferenceImageChecker,
     ReferenceImplausible,
     describe_new_contact,
     diagnose_drift,
-    different_skin_warnings,
 )
-from ninedtact.calibration.drift.drift_measurement import (
-    CalibratedReference,
-    DriftMeasurement,
-    SkinMotion,
-    measure_drift,
-    measure_skin_motion,
-)
-from ninedtact.calibration.press_brightness import BgrImage
+from ninedtact.calibration.drift.drift_measurement import CalibratedReference, DriftMeasurement, measure_drift
 from ninedtact.design import RectifiedImageSize, SensorDesign
-from ninedtact.quantities import Frame, Rectified, centred_axis_mm
+from ninedtact.quantities import BgrImage, Frame, Rectified, centred_axis_mm
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.lens_and_rectification import LensModel, rectification_of_projection
+from ninedtact.shape.skin_recognition import SkinMotion, measure_skin_motion
 
 SIZE = RectifiedImageSize(150, 200, 64)
 MM_PER_PX, RAW_PX_PER_MM = 0.1, 16.0

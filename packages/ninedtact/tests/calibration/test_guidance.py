@@ -22,9 +22,9 @@ from ninedtact.calibration.guidance import (
     peak_local_brightness_change,
     search_board_pins,
 )
-from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.design import RectifiedImageSize, SensorDesign
+from ninedtact.quantities import BgrImage
 from ninedtact.shape.lens_and_rectification import LensModel, rectification_of_projection
 
 DESIGN, SETTINGS = SensorDesign(), CalibrationSettings()

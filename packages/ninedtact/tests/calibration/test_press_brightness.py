@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ninedtact.calibration.press_brightness import (
+from ninedtact.calibration.brightness_change import (
     ImageUnusable,
     estimate_camera_noise,
     estimate_pixel_noise,
@@ -13,9 +13,9 @@ from ninedtact.calibration.press_brightness import (
     require_same_image_size,
     require_usable_exposure,
     smooth_gaussian,
-    to_grey_float,
 )
 from ninedtact.quantities import Rectified
+from ninedtact.shape.lens_and_rectification import to_grey_float
 
 
 def columns(*levels: float) -> np.ndarray:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImplausible, load_reference_image_checker
-from ninedtact.calibration.press_brightness import to_grey_float
 from ninedtact.calibration.procedure import CalibrationImages
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import read_image
@@ -16,7 +15,8 @@ from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.quantities import EstimateWarning, Frame
 from ninedtact.reading import Reading
 from ninedtact.shape.image_plausibility import ImageImplausible, find_image_warnings, require_plausible_image
-from ninedtact.shape.skin_texture import shows_another_skin
+from ninedtact.shape.lens_and_rectification import to_grey_float
+from ninedtact.shape.skin_recognition import shows_another_skin
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin
 

@@ -14,5 +14,5 @@ certificate/         checks, plots and the page that a person reads
 guidance.py          advice to a person who calibrates with a camera
 drift/               today's reference image against the calibrated one
 original_9dtact/     import and export of the original project's calibration folders
-press_brightness.py  relative brightness changes, pixel noise, unusable images
+brightness_change.py  change by a press or since the calibration, pixel noise, unusable images
 """

@@ -18,20 +18,14 @@ from ninedtact.calibration.ball.ball_press import find_usable_contact_circle
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, spherical_cap_height_mm
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.board.detection import BoardNotFound
+from ninedtact.calibration.brightness_change import OVEREXPOSED, flat_fielded_brightness_change, smooth_gaussian
 from ninedtact.calibration.certificate.checks import CONTRAST_TO_NOISE
-from ninedtact.calibration.press_brightness import (
-    OVEREXPOSED,
-    BgrImage,
-    flat_fielded_brightness_change,
-    smooth_gaussian,
-    to_grey_float,
-)
 from ninedtact.calibration.press_limits import MAX_ASYMMETRY
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.design import SensorDesign
-from ninedtact.quantities import Frame
+from ninedtact.quantities import BgrImage, Frame
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
-from ninedtact.shape.lens_and_rectification import Rectification
+from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
 
 AVERAGED = 8
 """Number of images that are averaged, which reduces their noise to a third."""

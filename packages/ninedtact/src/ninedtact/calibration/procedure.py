@@ -20,15 +20,13 @@ from ninedtact.calibration.ball.ball_press import BallFit, find_ball_press, simu
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
 from ninedtact.calibration.board.board_fit import BoardFit, build_rectification, fit_board
 from ninedtact.calibration.board.lens_fit import rms_vector_length
-from ninedtact.calibration.certificate.checks import press_through_gel_warnings, unusual_fit_warnings
-from ninedtact.calibration.drift.diagnosis_and_reference_check import different_skin_warnings
-from ninedtact.calibration.press_brightness import (
+from ninedtact.calibration.brightness_change import (
     OVEREXPOSED,
-    BgrImage,
+    different_skin_warnings,
     estimate_camera_noise,
     flat_fielded_brightness_change,
-    to_grey_float,
 )
+from ninedtact.calibration.certificate.checks import press_through_gel_warnings, unusual_fit_warnings
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import (
     SENSOR_FORMAT,
@@ -52,9 +50,9 @@ from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
 from ninedtact.calibration.twin.twin_table import make_twin_table
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.quantities import Frame
+from ninedtact.quantities import BgrImage, Frame
 from ninedtact.shape.depth import DepthMethod, Smoothing
-from ninedtact.shape.lens_and_rectification import Rectification
+from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
 from ninedtact.simulation.fitted_parameters import deviation_from_population
 
 _MAX_ALTERNATIONS = 2

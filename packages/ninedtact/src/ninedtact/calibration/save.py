@@ -22,11 +22,11 @@ from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.calibration.certificate.checks import has_failed_checks
 from ninedtact.calibration.certificate.html_page import render_certificate_html
 from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
-from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, SensorFolderDamaged, load_sensor
 from ninedtact.calibration.sensor_toml_schema import NOT_CALIBRATED, SensorTomlRecord, StoredCalibrationImage
 from ninedtact.errors import OutputError
+from ninedtact.quantities import BgrImage
 
 CERTIFICATE_FILE = "certificate.html"
 IMAGE_FOLDER = "images"

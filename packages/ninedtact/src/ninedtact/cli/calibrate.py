@@ -45,10 +45,10 @@ from ninedtact.source_addresses import is_twin_address, source_for
 
 if TYPE_CHECKING:
     from ninedtact.calibration.guidance import CaptureStep
-    from ninedtact.calibration.press_brightness import BgrImage
     from ninedtact.calibration.procedure import Calibration, CalibrationImages
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
+    from ninedtact.quantities import BgrImage
 
 _IMAGE_NAMES = ("board_reference", "board", "ball_reference", "ball")
 _IMAGE_OPTIONS = ", ".join("--" + name.replace("_", "-") for name in _IMAGE_NAMES)

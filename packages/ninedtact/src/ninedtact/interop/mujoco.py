@@ -26,9 +26,8 @@ from ninedtact.interop.geom_undersides import CompoundIndenter, Solid, Vector
 from ninedtact.interop.mujoco_contacts import BodyContact, MujocoScene
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.pose import Pose
-from ninedtact.quantities import Frame, HeightMap, Wrench
+from ninedtact.quantities import BgrImage, Frame, HeightMap, Wrench
 from ninedtact.simulation.ground_truth import true_height_map
-from ninedtact.simulation.renderer import BgrImage
 from ninedtact.simulation.twin import Press, Twin
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import RectifiedImageSize
 from ninedtact.errors import CalibrationError, FileFormatError
-from ninedtact.quantities import Frame, HeightSource, Rectified, skin_grid_mm
+from ninedtact.quantities import BgrImage, Frame, HeightSource, Rectified, skin_grid_mm
 
 if TYPE_CHECKING:
     from scipy.interpolate import RBFInterpolator
@@ -336,3 +336,8 @@ def rectification_of_projection(
     points_mm = np.column_stack([axis.ravel() for axis in skin_grid_mm(shape, mm_per_px)]).astype(float)
     source = projection.to_px(points_mm).astype(np.float32).reshape(*shape, 2)
     return Rectification(source, mm_per_px, raw_shape, calibrated_area_mm)
+
+
+def to_grey_float(image: BgrImage) -> Float32[Array, "rows cols"]:
+    """Convert a BGR image to grey levels as float32."""
+    return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)

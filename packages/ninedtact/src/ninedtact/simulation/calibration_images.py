@@ -11,7 +11,7 @@ from ninedtact.design import Gel, PinBoard, SensorDesign
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.simulation.renderer import BgrImage
+from ninedtact.quantities import BgrImage
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import Twin
 

@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.quantities import HeightMap, Wrench
+from ninedtact.quantities import BgrImage, HeightMap, Wrench
 from ninedtact.simulation.ground_truth import (
     mean_height_error_mm,
     resample_skin_field,
@@ -23,7 +23,6 @@ from ninedtact.simulation.ground_truth import (
     true_pressure_map_mpa,
     true_shear_map_mpa,
 )
-from ninedtact.simulation.renderer import BgrImage
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -20,6 +20,7 @@ from ninedtact.mechanics.contact_arrays import (
 )
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.skin import PeriodicGrid, padded_grid
+from ninedtact.quantities import BgrImage
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import (
     FIXED_POINT_STEPS,
@@ -37,8 +38,6 @@ PLANE_PITCH_MM = 0.2
 """Pitch of the grid on which brightness is computed; scattering has smoothed all that is finer."""
 SENSING_SHARE = 0.92
 """Share of the raw image's extent, along each axis, that the rectified image shows."""
-
-BgrImage = UInt8[Array, "raw_rows raw_cols 3"]
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from time import monotonic
 
 import numpy as np
 
+from ninedtact.calibration.brightness_change import require_same_image_size
 from ninedtact.calibration.guidance import (
     TOUCHED_LEVELS,
     CaptureStep,
@@ -27,13 +28,13 @@ from ninedtact.calibration.guidance import (
     peak_local_brightness_change,
     search_board_pins,
 )
-from ninedtact.calibration.press_brightness import BgrImage, require_same_image_size
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError, OutputError
+from ninedtact.quantities import BgrImage
 from ninedtact.studio.guided_session import GuidedSession, GuidedState
 
 _PIN_COUNT_PAUSE = 1.0

@@ -22,7 +22,6 @@ from ninedtact.calibration.guidance import (
     make_still_press_watcher,
     make_untouched_skin_watcher,
 )
-from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.errors import NinedtactError
 from ninedtact.force.known_load_scale import (
     FEWEST,
@@ -34,7 +33,7 @@ from ninedtact.force.known_load_scale import (
     weight_of_grams_n,
     write_force_scale,
 )
-from ninedtact.quantities import Frame
+from ninedtact.quantities import BgrImage, Frame
 from ninedtact.reading import Reading
 from ninedtact.studio.guided_session import GuidedSession, GuidedState
 

@@ -13,11 +13,13 @@ from typing import Generic, TypeVar
 
 import cv2
 
+from ninedtact.calibration.brightness_change import OVEREXPOSED
 from ninedtact.calibration.guidance import exposure_advice
-from ninedtact.calibration.press_brightness import OVEREXPOSED, BgrImage, to_grey_float
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import ExposureWithLimits, FrameSource, SourceEnded
 from ninedtact.errors import NinedtactError
+from ninedtact.quantities import BgrImage
+from ninedtact.shape.lens_and_rectification import to_grey_float
 
 MAX_AGE_MS = 2000.0
 """Greatest age of an image that is used; still images need not be recent."""

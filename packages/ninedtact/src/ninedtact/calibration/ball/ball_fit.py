@@ -26,9 +26,10 @@ from scipy.optimize import isotonic_regression, minimize
 
 from ninedtact.calibration.ball.ball_press import BallFit, BallPress, find_ball_press
 from ninedtact.calibration.ball.contact_circle import require_explained_by_ball, spherical_cap_height_mm
-from ninedtact.calibration.press_brightness import BgrImage, relative_brightness, smooth_gaussian
+from ninedtact.calibration.brightness_change import relative_brightness, smooth_gaussian
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin_to_ball_press
 from ninedtact.design import SensorDesign
+from ninedtact.quantities import BgrImage
 from ninedtact.shape.depth import (
     FINE_SMOOTHING,
     TABLE_STEPS,

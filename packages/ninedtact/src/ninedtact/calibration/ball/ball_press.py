@@ -21,18 +21,16 @@ from ninedtact.calibration.ball.contact_circle import (
     require_disc_above_black,
     require_usable_depth,
 )
-from ninedtact.calibration.press_brightness import (
-    BgrImage,
+from ninedtact.calibration.brightness_change import (
     relative_brightness,
     require_same_image_size,
     require_usable_exposure,
-    to_grey_float,
 )
 from ninedtact.design import BallGauge
-from ninedtact.quantities import Frame, HeightSource, Rectified, skin_grid_mm
+from ninedtact.quantities import BgrImage, Frame, HeightSource, Rectified, skin_grid_mm
 from ninedtact.shape.calibrated_shape import DepthReader
 from ninedtact.shape.depth import BrightnessSignal, Deblurring, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
-from ninedtact.shape.lens_and_rectification import Rectification
+from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,10 @@ from numpy import ndarray as Array
 from scipy import ndimage
 from scipy.optimize import least_squares
 
-from ninedtact.calibration.press_brightness import BgrImage, estimate_pixel_noise, smooth_gaussian
+from ninedtact.calibration.brightness_change import estimate_pixel_noise, smooth_gaussian
 from ninedtact.design import BallGauge
 from ninedtact.errors import CalibrationError
+from ninedtact.quantities import BgrImage
 
 _SMOOTHING_PX = 2.0
 _EDGE_SMOOTHING_PX = 1.0

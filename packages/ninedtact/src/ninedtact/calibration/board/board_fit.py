@@ -34,8 +34,7 @@ from ninedtact.calibration.board.lens_fit import (
     rms_vector_length,
 )
 from ninedtact.calibration.board.pin_imprint_centres import find_stray_pins, measure_pins
-from ninedtact.calibration.press_brightness import (
-    BgrImage,
+from ninedtact.calibration.brightness_change import (
     estimate_pixel_noise,
     flat_fielded_brightness_change,
     require_same_image_size,
@@ -46,6 +45,7 @@ from ninedtact.calibration.press_limits import MAX_MISSING_FRACTION
 from ninedtact.calibration.settings import LensKind
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.errors import InputError
+from ninedtact.quantities import BgrImage
 from ninedtact.shape.lens_and_rectification import (
     Area,
     CameraRotation,

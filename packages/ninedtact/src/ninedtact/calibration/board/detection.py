@@ -24,7 +24,7 @@ from numpy import ndarray as Array
 from scipy import ndimage
 
 from ninedtact.calibration.board.lens_fit import LensFit, fit_lens_with_terms
-from ninedtact.calibration.press_brightness import estimate_pixel_noise, smooth_gaussian
+from ninedtact.calibration.brightness_change import estimate_pixel_noise, smooth_gaussian
 from ninedtact.design import PinBoard
 from ninedtact.errors import CalibrationError
 from ninedtact.shape.lens_and_rectification import CameraRotation, Points

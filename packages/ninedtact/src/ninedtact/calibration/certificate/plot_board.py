@@ -9,6 +9,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.calibration.board.board_fit import SMOOTHING_PX, BoardFit
+from ninedtact.calibration.brightness_change import smooth_gaussian
 from ninedtact.calibration.certificate.checks import LEAVE_ONE_OUT_RMS_MM
 from ninedtact.calibration.certificate.plot_style import (
     INK,
@@ -18,7 +19,6 @@ from ninedtact.calibration.certificate.plot_style import (
     new_certificate_figure,
     stretch_contrast,
 )
-from ninedtact.calibration.press_brightness import smooth_gaussian
 from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.sensor_toml_schema import PinMapTable
 from ninedtact.quantities import centred_axis_mm

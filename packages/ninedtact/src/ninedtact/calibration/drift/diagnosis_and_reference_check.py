@@ -19,16 +19,19 @@ import numpy as np
 from jaxtyping import Bool
 from numpy import ndarray as Array
 
-from ninedtact.calibration.drift.brightness_change import MAX_UNEVENNESS, ChangedSkinRegion, separate_brightness_change
+from ninedtact.calibration.brightness_change import (
+    MAX_UNEVENNESS,
+    ChangedSkinRegion,
+    estimate_pixel_noise,
+    find_exposure_fault,
+    separate_brightness_change,
+)
 from ninedtact.calibration.drift.drift_measurement import (
     CalibratedReference,
     DriftMeasurement,
-    SkinMotion,
     load_calibrated_reference,
     measure_drift,
-    measure_skin_motion,
 )
-from ninedtact.calibration.press_brightness import BgrImage, estimate_pixel_noise, find_exposure_fault
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import average_images, read_image
 from ninedtact.errors import InputError
@@ -51,12 +54,6 @@ _MIN_PRESSED_SHARE = 0.2
 _MIN_FOREIGN_UNEVENNESS = 0.07
 """Change of the light across the view above which such a skin counts as that of another sensor. It is at most 0.066 where boards
 and objects press their own sensor, and 0.07 to 0.5 between most sensors."""
-_MAX_SHIFT_PX = 0.6
-"""Largest shift, 0.03 mm on the skin. Real skins are displaced by up to 0.45 px after the board has been pressed on them."""
-_MAX_TURN_DEG = 0.3
-"""Largest rotation, 1.7 px at the image's border; real skins rotate by up to 0.1°."""
-_SUBTRACTED_STANDARD_ERRORS = 2.0
-"""Number of standard errors that are subtracted from a motion before it is compared with its limit."""
 _MAX_BRIGHTNESS_CHANGE = 0.03
 """Largest change of the whole brightness; 0.011 between two sessions of a real sensor."""
 _MAX_COLOUR_CHANGE = 0.03
@@ -132,17 +129,10 @@ def _find_mirrored_image(drift: DriftMeasurement) -> DriftFinding | None:
     return DriftFinding("camera moved", sentence, drift.height_mm)
 
 
-def _has_moved(skin: SkinMotion) -> bool:
-    """Return whether a skin that was recognised is displaced or rotated by more than the limits, beyond the error."""
-    shifted = skin.distance_px - _SUBTRACTED_STANDARD_ERRORS * skin.shift_error_px > _MAX_SHIFT_PX
-    turned = abs(skin.turn_deg) - _SUBTRACTED_STANDARD_ERRORS * skin.turn_error_deg > _MAX_TURN_DEG
-    return skin.is_same_skin and (shifted or turned)
-
-
 def _find_camera_motion(drift: DriftMeasurement) -> DriftFinding | None:
     """Return a finding where the camera has moved."""
     skin = drift.moved
-    if not _has_moved(skin):
+    if not skin.is_displaced:
         return None
     return DriftFinding(
         "camera moved",
@@ -279,25 +269,6 @@ class ReferenceImageChecker:
         if frames:
             self.require_faultless(frames)
         return frames
-
-
-def different_skin_warnings(board_reference: BgrImage, ball_reference: BgrImage) -> tuple[str, ...]:
-    """Return a warning where the images before the board and before the ball show two skins, or one skin at two places."""
-    if board_reference.shape != ball_reference.shape:
-        return ()
-    skin = measure_skin_motion(board_reference, ball_reference)
-    if skin.observable and not skin.is_same_skin:
-        return (
-            "the image before the ball does not show the skin of the image before the board (correlation "
-            f"{skin.correlation:.2f}): board and ball were pressed on two sensors, or the gel was changed or the camera rotated "
-            "in between; take all four images of one sensor, and calibrate again",
-        )
-    if not _has_moved(skin):
-        return ()
-    return (
-        f"the camera or the gel moved by {skin.distance_px:.1f} px and {abs(skin.turn_deg):.1f}° between the presses of board and "
-        "ball: positions are off by that; fix both in their housing, and calibrate again",
-    )
 
 
 def describe_new_contact(before: Rectified, now: Rectified, seen: Bool[Array, "rows cols"]) -> str | None:

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.calibration.board.board_fit import BoardFit
-from ninedtact.calibration.press_brightness import relative_brightness, smooth_gaussian
+from ninedtact.calibration.brightness_change import relative_brightness, smooth_gaussian
 from ninedtact.quantities import Rectified, skin_grid_mm
 from ninedtact.shape.lens_and_rectification import Points, determinant_at_each_point
 

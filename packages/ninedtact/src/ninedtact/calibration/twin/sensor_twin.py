@@ -5,10 +5,9 @@ from functools import partial
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
-from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.design import Gel, SensingArea
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
-from ninedtact.quantities import skin_grid_mm
+from ninedtact.quantities import BgrImage, skin_grid_mm
 from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX, Rectification
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, coarse_pixel_grid, interpolate_pixel_map
