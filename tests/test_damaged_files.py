@@ -41,7 +41,7 @@ from ninedtact.capture.camera_delay import CameraDelay, read_camera_delay, write
 from ninedtact.cli import main as run_command
 from ninedtact.design import design_to_toml, read_design_file
 from ninedtact.errors import NinedtactError
-from ninedtact.force.known_load_scale import ForceScale, write_force_scale
+from ninedtact.force.estimator_and_scale import ForceScale, write_force_scale
 from ninedtact.force.onnx_model import (
     CHECKSUM_METADATA_KEY,
     CHECKSUM_PLACEHOLDER,

@@ -85,7 +85,7 @@ HEAVY = {
 
 
 def module_name(path: Path) -> str:
-    """`ninedtact.force.traction.cell_grid` of a file."""
+    """`ninedtact.force.traction.observation` of a file."""
     (root,) = (root for root in SOURCES.values() if path.is_relative_to(root))
     return ".".join(path.relative_to(root.parent).with_suffix("").parts).removesuffix(".__init__")
 

@@ -13,7 +13,7 @@ import torch
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli import main
 from ninedtact.design import read_design_file
-from ninedtact.force.estimator_interface import NoForceEstimator, WrenchEstimate
+from ninedtact.force.estimator_and_scale import NoForceEstimator, WrenchEstimate
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain

@@ -22,8 +22,8 @@ from ninedtact.design import (
 )
 from ninedtact.errors import InputError
 from ninedtact.simulation.calibration_images import SimulatedCalibrationImages, simulate_calibration_images
-from ninedtact.simulation.gel_brightness import BrightnessModel
-from ninedtact.simulation.twin import brightness_model_for_design, default_twin, twin_from_design
+from ninedtact.simulation.gel_brightness import BrightnessModel, brightness_model_for_design
+from ninedtact.simulation.twin import default_twin, twin_from_design
 
 OURS = SensorDesign(gel=Gel(2.0), sensing_area=SensingArea(20, 15))
 

@@ -10,14 +10,14 @@ import cv2
 import numpy as np
 import pytest
 
-from ninedtact.calibration.force_calibration import UnscaledForceReader
+from ninedtact.calibration.force_calibration import STANDARD_GRAVITY, UnscaledForceReader
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.cli.calibration_page import simulated_loaded_camera
 from ninedtact.cli.estimate import COLUMNS, format_estimates
-from ninedtact.force.known_load_scale import STANDARD_GRAVITY, read_force_scales
+from ninedtact.force.estimator_and_scale import read_force_scales
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.trajectory import ScriptedPress

@@ -26,7 +26,7 @@ from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.cli import main
 from ninedtact.cli.estimate import Estimate
 from ninedtact.force.contact_detection import detect_contact
-from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate
+from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate
 from ninedtact.force.traction.estimator import _on_one_blas_thread
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.open_sensor import assemble_live_sensor

@@ -12,8 +12,12 @@ from hypothesis import strategies as st
 from ninedtact.design import Gel, SensingArea, SensorDesign, rectified_mm_per_px
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.fitted_parameters import FITTED_PARAMETERS, deviation_from_population
-from ninedtact.simulation.gel_brightness import BrightnessModel, GlarePatch
+from ninedtact.simulation.gel_brightness import (
+    FITTED_PARAMETERS,
+    BrightnessModel,
+    GlarePatch,
+    deviation_from_population,
+)
 from ninedtact_train.population.mechanics_shares import InvalidPopulation, NonidealMechanicsShares
 from ninedtact_train.population.real_sensor_twins import REAL_FITS
 from ninedtact_train.population.rectified_renderer import (

@@ -24,8 +24,8 @@ from ninedtact.cli import main
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
 from ninedtact.force.brightness_channels import to_whole_grey_levels
+from ninedtact.force.estimator_and_scale import ForceScale, write_force_scale
 from ninedtact.force.estimator_loading import build_estimator
-from ninedtact.force.known_load_scale import ForceScale, write_force_scale
 from ninedtact.force.network_input import (
     InputChannels,
     NetworkInputBuilder,

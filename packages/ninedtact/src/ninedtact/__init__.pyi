@@ -9,7 +9,7 @@ from .capture.strict_image_reading import read_image
 from .capture.wrench_source import WrenchSource
 from .design import SensorDesign
 from .errors import NinedtactError
-from .force.estimator_interface import ForceEstimator
+from .force.estimator_and_scale import ForceEstimator
 from .mechanics.pose import Pose
 from .open_sensor import open  # noqa: A004
 from .quantities import (

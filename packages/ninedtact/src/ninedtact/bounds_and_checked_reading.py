@@ -9,8 +9,8 @@
         def __post_init__(self) -> None:
             require_within_bounds(self)
 
-`Meta` is that of msgspec, so that the same declaration is checked where a file is read (`convert_tables_to_class`) and shown where a
-command line is made. Not-a-number is within no bounds. None is within all, where the type allows it.
+`Meta` is that of msgspec, so that the same declaration is checked where a file is read (`convert_tables_to_class`) and shown where
+a command line is made. Not-a-number is within no bounds. None is within all, where the type allows it.
 
 A person may have edited a file, and a disk may have damaged it: only regular files are read, and a checksum over the values tells
 whether they are still those that the program wrote.

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import CameraSettings, FrameSource
     from ninedtact.capture.wrench_source import WrenchSource
-    from ninedtact.force.estimator_interface import ForceEstimator
+    from ninedtact.force.estimator_and_scale import ForceEstimator
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
     from ninedtact.simulation.press_sequence import PressSequence

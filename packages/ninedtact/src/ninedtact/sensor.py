@@ -12,7 +12,7 @@ from types import TracebackType
 
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.errors import CalibrationError
-from ninedtact.force.estimator_interface import ForceEstimator, NoForceEstimator
+from ninedtact.force.estimator_and_scale import ForceEstimator, NoForceEstimator
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, Stopwatch, read_frame
 from ninedtact.reference_images import ReferenceImages

@@ -45,8 +45,7 @@ from ninedtact.cli.demo import Demo
 from ninedtact.cli.original_calibration import ImportCalibrationCommand
 from ninedtact.design import BallGauge, Gel, SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.force.estimator_interface import NoForceEstimator
-from ninedtact.force.known_load_scale import ForceScale, write_force_scale
+from ninedtact.force.estimator_and_scale import ForceScale, NoForceEstimator, write_force_scale
 from ninedtact.force.traction.observation import TractionImpossible
 from ninedtact.quantities import Frame
 

@@ -12,7 +12,7 @@ from linear_model import a_card, linear_model
 from ninedtact.design import Gel
 from ninedtact.errors import NinedtactError
 from ninedtact.force.corrected_force import NetworkCorrectedForce, apply_network_correction
-from ninedtact.force.estimator_interface import zero_wrench
+from ninedtact.force.estimator_and_scale import zero_wrench
 from ninedtact.force.network_force import NetworkForce
 from ninedtact.force.network_input import (
     TYPICAL_FEATURES,

@@ -5,19 +5,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ninedtact.errors import FileFormatError
-from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.force.known_load_scale import (
-    FORCE_SCALE_FILE,
-    UNCALIBRATED,
-    ForceScale,
+from ninedtact.calibration.force_calibration import (
     ForceScaleImpossible,
     KnownLoadPress,
+    fit_force_scale,
+    weight_of_grams_n,
+)
+from ninedtact.errors import FileFormatError
+from ninedtact.force.estimator_and_scale import (
+    FORCE_SCALE_FILE,
+    UNCALIBRATED,
+    ForceEstimator,
+    ForceScale,
     ScaledForceEstimator,
     apply_sensor_force_scale,
-    fit_force_scale,
     read_force_scales,
-    weight_of_grams_n,
     write_force_scale,
 )
 from ninedtact.quantities import Frame, HeightMap, Rectified, Traction, Wrench, WrenchEstimate

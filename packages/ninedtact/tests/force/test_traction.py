@@ -10,13 +10,13 @@ import pytest
 
 from ninedtact.design import Gel
 from ninedtact.force.traction.brightness_from_traction import COMPLIANT_BASE
-from ninedtact.force.traction.cell_grid import cell_grid_over_image
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force
 from ninedtact.force.traction.observation import (
     BrightnessObservationModel,
     HeightObservationModel,
     TractionImpossible,
     build_brightness_observation_model,
+    cell_grid_over_image,
 )
 from ninedtact.force.traction.traction_from_brightness import SolverSettings
 from ninedtact.mechanics.contact_model import ContactModel

@@ -18,16 +18,22 @@ from ninedtact.force.traction.brightness_from_traction import (
     influence_window_indices,
     influence_windows,
 )
-from ninedtact.force.traction.cell_grid import CellGrid, cell_grid_over_image
-from ninedtact.force.traction.linearisation import (
+from ninedtact.force.traction.linearisation_and_qp import (
     DiscretePrior,
     LinearisedBrightnessProblem,
+    NonNegativeQP,
     TractionPrior,
     Whitener,
     pressure_precision_spectrum,
+    solve_nonnegative_qp,
 )
-from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, solve_nonnegative_qp
-from ninedtact.force.traction.observation import _EXTENSION_FACTOR, BrightnessObservationModel, brightness_law_of_curve
+from ninedtact.force.traction.observation import (
+    _EXTENSION_FACTOR,
+    BrightnessObservationModel,
+    CellGrid,
+    brightness_law_of_curve,
+    cell_grid_over_image,
+)
 from ninedtact.force.traction.traction_from_brightness import UncertaintyModel
 from ninedtact.mechanics.layer_compliance import layered_compliance
 from ninedtact.mechanics.skin import PeriodicGrid, Skin, gel_skin

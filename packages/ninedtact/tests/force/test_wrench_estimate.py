@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ninedtact.force.known_load_scale import UNCALIBRATED, ForceScale
+from ninedtact.force.estimator_and_scale import UNCALIBRATED, ForceScale
 from ninedtact.quantities import Wrench, WrenchEstimate, diagonal_covariance
 
 SIX = np.array([1.0, -0.5, -6.0, 0.01, 0.02, 0.003])

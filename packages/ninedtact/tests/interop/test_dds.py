@@ -23,7 +23,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.wrench_source import WrenchSource
-from ninedtact.force.estimator_interface import ForceEstimator, NoForceEstimator
+from ninedtact.force.estimator_and_scale import ForceEstimator, NoForceEstimator
 
 pytestmark = pytest.mark.interop
 pytest.importorskip("cyclonedds", reason="expected cyclonedds, got none; pip install 'ninedtact[ros2]'")

@@ -25,7 +25,7 @@ from websockets.sync.client import ClientConnection, connect
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.errors import DeviceError
-from ninedtact.force.estimator_interface import ForceEstimator
+from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.interop.ros2_topics_and_messages import POINT_FIELDS, SensorMessages
 from ninedtact.interop.sensor_sharing import watch_sensor
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate

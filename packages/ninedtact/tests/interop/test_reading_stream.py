@@ -26,7 +26,7 @@ from websockets.sync.client import connect
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.errors import DeviceError
-from ninedtact.force.estimator_interface import ForceEstimator
+from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.interop.reading_stream import ReadingServer, StreamedReading, StreamedStatus, reading_stream_json_schema
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading

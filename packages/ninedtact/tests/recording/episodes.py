@@ -9,7 +9,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from ninedtact.force.estimator_interface import unknown_wrench_estimate
+from ninedtact.force.estimator_and_scale import unknown_wrench_estimate
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording

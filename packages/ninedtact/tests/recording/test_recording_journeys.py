@@ -26,7 +26,7 @@ from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, SourceNotOpen
 from ninedtact.cli import main
 from ninedtact.cli.record import twin_sources
-from ninedtact.force.estimator_interface import ForceEstimator
+from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading

@@ -11,7 +11,8 @@ from ninedtact.design import PinBoard
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.quantities import HeightSource
-from ninedtact.simulation.calibration_images import pin_board_indenter, simulate_calibration_images
+from ninedtact.simulation.calibration_images import simulate_calibration_images
+from ninedtact.simulation.calibration_press_models import pin_board_indenter
 from ninedtact.simulation.ground_truth import (
     mean_height_error_mm,
     true_height_map,

@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Page
 from reading_clients import page_errors
 from small_sensor import wait_until
 
-from ninedtact.calibration.force_calibration import UnscaledForceReader
+from ninedtact.calibration.force_calibration import ForceScaleImpossible, UnscaledForceReader
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.frame_source import CameraLost
 from ninedtact.cli import main
@@ -24,7 +24,7 @@ from ninedtact.cli.calibration_page import CalibrationPageOptions, ForceCalibrat
 from ninedtact.cli.serve_sensor_page import PageSettings
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import NinedtactError
-from ninedtact.force.known_load_scale import ForceScaleImpossible, read_force_scales
+from ninedtact.force.estimator_and_scale import read_force_scales
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance

@@ -31,7 +31,7 @@ import ninedtact
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.errors import InputError, NinedtactError
-from ninedtact.force.estimator_interface import ForceEstimator
+from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.live.wrench_history import MOST_HZ, WrenchHistory, WrenchWithUncertainty
 from ninedtact.open_sensor import assemble_live_sensor

@@ -5,7 +5,7 @@ import pytest
 from small_sensor import MM_PER_PX, PRESSED_PX, SHAPE, UNTOUCHED, SkinCamera, skin
 
 from ninedtact.capture.frame_source import CameraLost
-from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate
+from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.reference_images import ReferenceImages

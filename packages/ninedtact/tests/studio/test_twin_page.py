@@ -10,7 +10,7 @@ from small_sensor import wait_until
 
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource
-from ninedtact.force.estimator_interface import unknown_wrench_estimate
+from ninedtact.force.estimator_and_scale import unknown_wrench_estimate
 from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller, WrenchWithUncertainty
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.studio.page_cards import explained_wrench_table_html, wrench_table_html

@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel, SensingArea
 from ninedtact.errors import CalibrationError
-from ninedtact.force.known_load_scale import ForceScale
+from ninedtact.force.estimator_and_scale import ForceScale
 from ninedtact.quantities import NO_OBJECT, Frame, Rectified
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader

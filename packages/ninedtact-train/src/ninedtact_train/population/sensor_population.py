@@ -22,18 +22,19 @@ import numpy as np
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
 from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPressSettings
-from ninedtact.simulation.fitted_parameters import FITTED_PARAMETERS, sample_clipped_normal
-from ninedtact.simulation.gel_brightness import BrightnessModel, GlarePatch, add_glare, synthetic_reference_image
+from ninedtact.simulation.gel_brightness import (
+    FITTED_PARAMETERS,
+    PUBLISHED_DESIGN,
+    BrightnessModel,
+    GlarePatch,
+    add_glare,
+    sample_clipped_normal,
+    scale_brightness_to_design,
+    synthetic_reference_image,
+)
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
-from ninedtact.simulation.twin import (
-    PITCH_MM,
-    PUBLISHED_DESIGN,
-    Twin,
-    lens_for_design,
-    scale_brightness_to_design,
-    scale_pixel_map_to_published,
-)
+from ninedtact.simulation.twin import PITCH_MM, Twin, lens_for_design, scale_pixel_map_to_published
 from ninedtact_train.population.mechanics_shares import InvalidPopulation, MechanicsKind, NonidealMechanicsShares
 
 _SATURATION = 0.1, 6.0

@@ -20,7 +20,7 @@ from torch import Tensor
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import FileFormatError
 from ninedtact.force.contact_detection import ContactTest, detect_contact
-from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate, zero_wrench
+from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate, zero_wrench
 from ninedtact.force.network_input import InputChannels, NetworkInputBuilder, full_resolution_input_settings
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
 from ninedtact.reading import Reading

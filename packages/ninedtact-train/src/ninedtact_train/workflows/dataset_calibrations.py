@@ -22,7 +22,7 @@ from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 from ninedtact.errors import NinedtactError
-from ninedtact.force.known_load_scale import read_force_scales
+from ninedtact.force.estimator_and_scale import read_force_scales
 from ninedtact.parallel_jobs import Workers, run_writing_jobs
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, simulate_calibration_images

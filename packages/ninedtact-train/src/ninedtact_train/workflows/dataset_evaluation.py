@@ -15,9 +15,8 @@ import numpy as np
 from tqdm import tqdm
 
 from ninedtact.errors import InputError
-from ninedtact.force.estimator_interface import ForceEstimator
+from ninedtact.force.estimator_and_scale import ForceEstimator, ScaledForceEstimator, select_force_scale
 from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file_of_spec, without_contact_detection
-from ninedtact.force.known_load_scale import ScaledForceEstimator, select_force_scale
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact.parallel_jobs import Cluster, Workers, run_jobs
 from ninedtact_train.dataset.calibrated_readings import (

@@ -2,14 +2,13 @@
 
 from collections.abc import Iterator
 
-from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.force.known_load_scale import (
+from ninedtact.calibration.force_calibration import (
     ForceScaleImpossible,
     KnownLoadPress,
-    ScaledForceEstimator,
     estimated_load_n,
     fit_force_scale,
 )
+from ninedtact.force.estimator_and_scale import ForceEstimator, ScaledForceEstimator
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame

@@ -53,7 +53,7 @@ from ninedtact.errors import InputError
 from ninedtact.quantities import BgrImage, Frame
 from ninedtact.shape.depth import DepthMethod, Smoothing
 from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
-from ninedtact.simulation.fitted_parameters import deviation_from_population
+from ninedtact.simulation.gel_brightness import deviation_from_population
 
 _MAX_ALTERNATIONS = 2
 """Number of alternations between board and ball. The first starts from the light of a preliminary lens and viewing distance; the

@@ -37,7 +37,7 @@ _MEASURED_LATER = {
     "force.toml": ("the force calibration with known loads", "ninedtact adapt"),
     "camera.toml": ("the delay of the camera", "ninedtact camera-delay"),
 }
-"""What is measured after a calibration, by its file in the folder (`force.known_load_scale`, `capture.camera_delay`), and the
+"""What is measured after a calibration, by its file in the folder (`force.estimator_and_scale`, `capture.camera_delay`), and the
 command that measures it."""
 
 

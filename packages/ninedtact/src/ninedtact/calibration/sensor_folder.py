@@ -46,7 +46,7 @@ from ninedtact.shape.lens_and_rectification import (
 )
 
 if TYPE_CHECKING:
-    from ninedtact.force.estimator_interface import ForceEstimator
+    from ninedtact.force.estimator_and_scale import ForceEstimator
     from ninedtact.simulation.twin import Twin
 
 SENSOR_FILE = "sensor.toml"
@@ -234,8 +234,8 @@ class SensorFolder:
         >>> estimator.name
         'force by physics'
         """
+        from ninedtact.force.estimator_and_scale import apply_sensor_force_scale
         from ninedtact.force.estimator_loading import CORRECTED, NONE, PHYSICS, build_estimator
-        from ninedtact.force.known_load_scale import apply_sensor_force_scale
 
         if spec in (PHYSICS, CORRECTED) and self.shape.deblurring is None:
             from ninedtact.force.traction.observation import TractionImpossible

@@ -66,7 +66,7 @@ class LensCorrectionTable(Struct, frozen=True, forbid_unknown_fields=True):
 class LensModelTable(
     Struct, tag_field="kind", tag="model", frozen=True, forbid_unknown_fields=True, omit_defaults=True
 ):
-    """The parameters of `shape.lens_and_rectification.LensModel`: homography, distortion centre, radial and tangential terms, in image units."""
+    """The parameters of `LensModel`: homography, distortion centre, radial and tangential terms, in image units."""
 
     homography: tuple[_Entry, _Entry, _Entry, _Entry, _Entry, _Entry, _Entry, _Entry]
     centre: tuple[_Centre, _Centre]
@@ -77,7 +77,7 @@ class LensModelTable(
 
 
 class PinMapTable(Struct, tag_field="kind", tag="paper", frozen=True, forbid_unknown_fields=True):
-    """The pins through which the paper's map goes (`shape.lens_and_rectification.RadialBasisProjection`): on the skin and in the raw image."""
+    """The pins through which the paper's map goes (`RadialBasisProjection`): on the skin and in the raw image."""
 
     points_mm: Annotated[list[tuple[_SkinMm, _SkinMm]], Meta(min_length=9)]
     points_px: list[tuple[_RawPx, _RawPx]]

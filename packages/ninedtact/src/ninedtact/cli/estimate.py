@@ -164,7 +164,7 @@ class Estimate:
         """Return the estimate of one image as plain numbers: forces in N, torques in N·m."""
         import numpy as np
 
-        from ninedtact.force.estimator_interface import unknown_wrench_estimate
+        from ninedtact.force.estimator_and_scale import unknown_wrench_estimate
 
         force = (reading.force or unknown_wrench_estimate(reading.stamp_ns)).about(np.array(self.about_mm, float))
         return {

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
-    from ninedtact.force.estimator_interface import ForceEstimator
+    from ninedtact.force.estimator_and_scale import ForceEstimator
 
 _HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 """What a process gets when its terminal closes; None on systems without it."""

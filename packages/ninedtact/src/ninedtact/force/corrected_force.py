@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.force.estimator_interface import ForceEstimator
+from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.force.network_force import (
     STD_PER_LAPLACE_SCALE,
     is_wrench_beyond_training,

@@ -13,7 +13,7 @@ from ninedtact.errors import ForceEstimationError, InputError, MissingLibraryErr
 
 if TYPE_CHECKING:
     from ninedtact.design import Gel
-    from ninedtact.force.estimator_interface import ForceEstimator
+    from ninedtact.force.estimator_and_scale import ForceEstimator
     from ninedtact.shape.calibrated_shape import CalibratedShape
 
 CORRECTED, PHYSICS, NONE = "corrected", "physics", "none"
@@ -28,7 +28,7 @@ def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEs
     `TractionImpossible` for a calibration that does not know how the gel scatters light.
     """
     if spec == NONE:
-        from ninedtact.force.estimator_interface import NoForceEstimator
+        from ninedtact.force.estimator_and_scale import NoForceEstimator
 
         return NoForceEstimator()
     if spec == PHYSICS:

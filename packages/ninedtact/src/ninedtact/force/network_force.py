@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 from ninedtact.design import Gel
 from ninedtact.errors import ForceEstimationError
 from ninedtact.force.contact_detection import ContactTest, detect_contact
-from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate, zero_wrench
+from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate, zero_wrench
 from ninedtact.force.network_input import NetworkInputBuilder, SensorFeatures
 from ninedtact.force.onnx_model import ForceModel, ModelCard, WrenchPrediction
 from ninedtact.force.out_of_distribution import is_out_of_distribution

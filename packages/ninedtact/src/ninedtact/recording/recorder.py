@@ -16,7 +16,7 @@ from ninedtact.capture.frame_pacing import DelayCorrectedSource
 from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceIncomplete
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import NinedtactError
-from ninedtact.force.estimator_interface import ForceEstimator, NoForceEstimator
+from ninedtact.force.estimator_and_scale import ForceEstimator, NoForceEstimator
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.reading import read_frame
 from ninedtact.recording.background_reader import BackgroundReader

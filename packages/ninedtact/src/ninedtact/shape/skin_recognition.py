@@ -87,7 +87,7 @@ def structure_similarity(earlier: Field, later: Field) -> float:
 def structure_contrast(earlier: Field, later: Field) -> float:
     """Return the contrast of the fine structure of the earlier of two images, the median over its tiles, corrected for noise."""
     second = np.abs(np.diff(later - earlier, n=2, axis=1))
-    # 0.6745 and √6 as in `calibration.brightness_change.estimate_pixel_noise`; √2 because the difference contains the noise of two images.
+    # 0.6745 and √6 as in `estimate_pixel_noise`; √2 because the difference contains the noise of two images.
     noise = _BAND_NOISE * float(np.median(second)) / 0.6745 / np.sqrt(6) / np.sqrt(2)
     strength = float(np.median([tile.std() for tile in split_into_tiles(fine_structure(earlier))]))
     return float(np.sqrt(max(strength**2 - noise**2, 0.0)))

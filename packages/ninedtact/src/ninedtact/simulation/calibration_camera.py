@@ -22,9 +22,9 @@ from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_images import (
     CALIBRATION_SOLVER_SETTINGS,
     GUIDED_PRESSES,
-    pin_board_indenter,
     refine_twin_grid_for_board,
 )
+from ninedtact.simulation.calibration_press_models import pin_board_indenter
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import Twin
 

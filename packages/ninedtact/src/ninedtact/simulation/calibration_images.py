@@ -3,23 +3,16 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
-from numpy import ndarray as Array
 
 from ninedtact.capture.strict_image_reading import average_images
-from ninedtact.design import Gel, PinBoard, SensorDesign
+from ninedtact.design import Gel, SensorDesign
 from ninedtact.mechanics.contact_model import SolverSettings
-from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.quantities import BgrImage
+from ninedtact.simulation.calibration_press_models import GRID_POINTS_PER_PIN_PITCH, pin_board_indenter
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import Twin
 
-BOARD_GRID_PITCH_MM = 0.05
-GRID_POINTS_PER_PIN_PITCH = 20
-"""Grid points per pitch of the pins; an integer, so that all pins lie alike on the grid."""
-PIN_HEIGHT_MM = 1.5
-"""Height of the pins over the floor of the published board."""
 GUIDED_FRAMES, GUIDED_BOARD_MM = 8, 0.85
 """Number of frames that a guided calibration averages, and the depth at which imprints of the board are as dark as real ones."""
 CALIBRATION_SOLVER_SETTINGS = SolverSettings(tolerance=5e-3)
@@ -93,22 +86,3 @@ def simulate_calibration_images(
 def refine_twin_grid_for_board(twin: Twin, design: SensorDesign) -> Twin:
     """Return the twin on a grid that is fine enough for the pins of the board."""
     return replace(twin, pitch_mm=design.pin_board.pitch_mm / GRID_POINTS_PER_PIN_PITCH)
-
-
-def pin_board_indenter(board: PinBoard) -> HeightGridIndenter:
-    """Return the underside of a pin board: hemispheres on cylinders on a floor."""
-    half = [(count - 1) / 2 * board.pitch_mm + board.pitch_mm / 2 for count in (board.cols, board.rows)]
-    x, y = np.meshgrid(*(np.linspace(-reach, reach, round(2 * reach / BOARD_GRID_PITCH_MM) + 1) for reach in half))
-    from_pin_x = _distance_to_nearest_pin_mm(x, board.cols, board.pitch_mm)
-    from_pin = np.hypot(from_pin_x, _distance_to_nearest_pin_mm(y, board.rows, board.pitch_mm))
-    radius = board.pin_diameter_mm / 2
-    tip = radius - np.sqrt(np.maximum(radius**2 - from_pin**2, 0))
-    return indenter_from_heights("pin_board", np.where(from_pin < radius, tip, PIN_HEIGHT_MM), BOARD_GRID_PITCH_MM)
-
-
-def _distance_to_nearest_pin_mm(
-    position_mm: Float[Array, "rows cols"], pins: int, pitch_mm: float
-) -> Float[Array, "rows cols"]:
-    """Return the distance from the nearest pin along one axis."""
-    index = np.clip(np.rint(position_mm / pitch_mm + (pins - 1) / 2), 0, pins - 1)
-    return np.abs(position_mm - (index - (pins - 1) / 2) * pitch_mm)

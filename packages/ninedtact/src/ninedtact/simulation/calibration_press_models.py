@@ -15,12 +15,12 @@ from ninedtact.design import Gel, PinBoard, SensorDesign
 from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
-from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter
+from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import PeriodicGrid, Skin, padded_grid
-from ninedtact.simulation.calibration_images import GRID_POINTS_PER_PIN_PITCH, pin_board_indenter
+from ninedtact.simulation.calibration_press_models import GRID_POINTS_PER_PIN_PITCH
 from ninedtact.simulation.gel_brightness import BrightnessModel, darkening_equivalent_height_mm
 from ninedtact.simulation.pixel_to_skin_map import (
     REFINEMENT,
@@ -279,3 +279,33 @@ class BoardPressModel:
         change = self.light.brightness_change(seen_mm).astype(np.float32)
         (field,) = blur_and_refine_fields(self.patch, press.point_spread_mm, change)
         return PredictedBrightnessField(self.patch, field)
+
+
+BOARD_GRID_PITCH_MM = 0.05
+
+
+GRID_POINTS_PER_PIN_PITCH = 20
+"""Grid points per pitch of the pins; an integer, so that all pins lie alike on the grid."""
+
+
+PIN_HEIGHT_MM = 1.5
+"""Height of the pins over the floor of the published board."""
+
+
+def pin_board_indenter(board: PinBoard) -> HeightGridIndenter:
+    """Return the underside of a pin board: hemispheres on cylinders on a floor."""
+    half = [(count - 1) / 2 * board.pitch_mm + board.pitch_mm / 2 for count in (board.cols, board.rows)]
+    x, y = np.meshgrid(*(np.linspace(-reach, reach, round(2 * reach / BOARD_GRID_PITCH_MM) + 1) for reach in half))
+    from_pin_x = _distance_to_nearest_pin_mm(x, board.cols, board.pitch_mm)
+    from_pin = np.hypot(from_pin_x, _distance_to_nearest_pin_mm(y, board.rows, board.pitch_mm))
+    radius = board.pin_diameter_mm / 2
+    tip = radius - np.sqrt(np.maximum(radius**2 - from_pin**2, 0))
+    return indenter_from_heights("pin_board", np.where(from_pin < radius, tip, PIN_HEIGHT_MM), BOARD_GRID_PITCH_MM)
+
+
+def _distance_to_nearest_pin_mm(
+    position_mm: Float[Array, "rows cols"], pins: int, pitch_mm: float
+) -> Float[Array, "rows cols"]:
+    """Return the distance from the nearest pin along one axis."""
+    index = np.clip(np.rint(position_mm / pitch_mm + (pins - 1) / 2), 0, pins - 1)
+    return np.abs(position_mm - (index - (pins - 1) / 2) * pitch_mm)

@@ -12,9 +12,12 @@ whose slope is fitted for each sensor.
 
 A twin that has no reference image gets a synthetic one: eight white LEDs around a rectangle, with faint clouds. Reflections of the
 LEDs may lie over it (`GlarePatch`); their light does not come through the gel and stays the same under a contact.
+
+`FITTED_PARAMETERS` are the distributions of the parameters that a calibration fits to real sensors; `deviation_from_population` tells
+how far a fitted sensor is from their middle.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import cv2
@@ -24,7 +27,7 @@ from jaxtyping import Float, Float32
 from msgspec import Meta
 from numpy import ndarray as Array
 
-from ninedtact.design import require_positive
+from ninedtact.design import Gel, SensorDesign, require_positive
 from ninedtact.errors import InputError
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap
 
@@ -169,3 +172,85 @@ def _smooth_random_field(
     coarse = rng.normal(size=tuple(int(side / WAVE_PX) + 3 for side in shape))
     field = cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_CUBIC)
     return np.asarray(field * (strength / field.std()))
+
+
+PUBLISHED_DESIGN = SensorDesign()
+"""The design of the sensors from which the default brightness model and lens were fitted."""
+
+
+def brightness_model_for_design(design: SensorDesign) -> BrightnessModel:
+    """Return the average brightness model, scaled to a design."""
+    return scale_brightness_to_design(BrightnessModel(), design)
+
+
+def scale_brightness_to_design(
+    model: BrightnessModel, design: SensorDesign, measured_on: SensorDesign = PUBLISHED_DESIGN
+) -> BrightnessModel:
+    """Scale the brightness model of a sensor of one design to the gel and the camera distance of another."""
+    thickness_mm, measured_mm = design.gel.thickness_mm, measured_on.gel.thickness_mm
+    thicker = thickness_mm / measured_mm
+    steeper = _reflectance_slope_per_mm(thickness_mm, model) / _reflectance_slope_per_mm(measured_mm, model)
+    nearer = measured_on.camera.distance_mm / design.camera.distance_mm
+    return replace(
+        model,
+        darkening_per_mm=model.darkening_per_mm * steeper,
+        brightening_per_mm=model.brightening_per_mm * steeper,
+        saturation=model.saturation * thicker,
+        point_spread_mm=model.point_spread_mm * thicker,
+        inverse_distance_per_mm=model.inverse_distance_per_mm * nearer,
+        thickness_mm=model.thickness_mm * thicker,
+    )
+
+
+def _reflectance_slope_per_mm(thickness_mm: float, model: BrightnessModel) -> float:
+    """Return the relative change per mm of the reflectance St/(1 + St) with the thickness t."""
+    scattered = model.saturation / model.thickness_mm * thickness_mm
+    return 1 / (thickness_mm * (1 + scattered))
+
+
+REACH = 2.0
+"""Standard deviations at which normal distributions are cut off, because the real sensors behind them are few."""
+
+
+@dataclass(frozen=True)
+class LogNormal:
+    """A log-normal distribution of a positive parameter."""
+
+    median: float
+    spread: float
+    """Standard deviation of the natural logarithm."""
+
+    def deviation(self, value: float) -> float:
+        """Return how many standard deviations a value is from the median."""
+        return float(np.log(max(value, 1e-9) / self.median)) / self.spread
+
+    def sample(self, rng: np.random.Generator) -> float:
+        """Sample a value, at most `REACH` standard deviations from the median."""
+        return float(self.median * np.exp(self.spread * sample_clipped_normal(rng, 1)[0]))
+
+
+FITTED_PARAMETERS = {
+    "darkening_per_mm": LogNormal(0.118, 0.30),
+    "brightening_per_mm": LogNormal(0.39, 0.26),
+    "point_spread_mm": LogNormal(0.48, 0.17),
+    "global_dimming": LogNormal(1.05, 0.5),
+    "relative_thickness": LogNormal(0.92, 0.22),
+}
+"""Distributions of the parameters that `ninedtact calibrate` fits to sensors of the published design; the last is the thickness
+with which the gel acts over the designed one."""
+
+
+def sample_clipped_normal(rng: np.random.Generator, count: int) -> Float[Array, " count"]:
+    """Sample standard normal numbers, clipped at `REACH`."""
+    return np.clip(rng.standard_normal(count), -REACH, REACH)
+
+
+def deviation_from_population(light: BrightnessModel, gel: Gel, design: SensorDesign = PUBLISHED_DESIGN) -> float:
+    """Return how far a fitted sensor is from the middle of the population: the root of the summed squares of the deviations of its
+    parameters, each in standard deviations.
+
+    Half of the sensors of the population are within 2.1, and 98 of 100 within 3.2.
+    """
+    published = scale_brightness_to_design(light, PUBLISHED_DESIGN, measured_on=design)
+    found = {**vars(published), "relative_thickness": gel.thickness_mm / design.gel.thickness_mm}
+    return float(np.linalg.norm([one.deviation(found[name]) for name, one in FITTED_PARAMETERS.items()]))

@@ -30,7 +30,12 @@ from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_laye
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin, padded_grid
 from ninedtact.quantities import Wrench
-from ninedtact.simulation.gel_brightness import BrightnessModel, synthetic_reference_image
+from ninedtact.simulation.gel_brightness import (
+    PUBLISHED_DESIGN,
+    BrightnessModel,
+    brightness_model_for_design,
+    synthetic_reference_image,
+)
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 
@@ -303,8 +308,6 @@ def default_twin(seed: int = 0, gel: Gel = Gel()) -> Twin:
     return Twin("default", compliance_of, renderer, thickness_mm=gel.thickness_mm, finite_strain=gel.finite_strain)
 
 
-PUBLISHED_DESIGN = SensorDesign()
-"""The design of the sensors from which the default brightness model and lens were fitted."""
 AIR_MM, ACRYLIC_MM = 0.35, 2.0
 """Lengths of the optical path in air and acrylic in the published sensor; the rest is silicone."""
 
@@ -325,36 +328,6 @@ def twin_from_design(design: SensorDesign, seed: int = 0) -> Twin:
         gel_mm=area.gel_mm,
         finite_strain=design.gel.finite_strain,
     )
-
-
-def brightness_model_for_design(design: SensorDesign) -> BrightnessModel:
-    """Return the average brightness model, scaled to a design."""
-    return scale_brightness_to_design(BrightnessModel(), design)
-
-
-def scale_brightness_to_design(
-    model: BrightnessModel, design: SensorDesign, measured_on: SensorDesign = PUBLISHED_DESIGN
-) -> BrightnessModel:
-    """Scale the brightness model of a sensor of one design to the gel and the camera distance of another."""
-    thickness_mm, measured_mm = design.gel.thickness_mm, measured_on.gel.thickness_mm
-    thicker = thickness_mm / measured_mm
-    steeper = _reflectance_slope_per_mm(thickness_mm, model) / _reflectance_slope_per_mm(measured_mm, model)
-    nearer = measured_on.camera.distance_mm / design.camera.distance_mm
-    return replace(
-        model,
-        darkening_per_mm=model.darkening_per_mm * steeper,
-        brightening_per_mm=model.brightening_per_mm * steeper,
-        saturation=model.saturation * thicker,
-        point_spread_mm=model.point_spread_mm * thicker,
-        inverse_distance_per_mm=model.inverse_distance_per_mm * nearer,
-        thickness_mm=model.thickness_mm * thicker,
-    )
-
-
-def _reflectance_slope_per_mm(thickness_mm: float, model: BrightnessModel) -> float:
-    """Return the relative change per mm of the reflectance St/(1 + St) with the thickness t."""
-    scattered = model.saturation / model.thickness_mm * thickness_mm
-    return 1 / (thickness_mm * (1 + scattered))
 
 
 def lens_for_design(design: SensorDesign) -> WideAngleLens:

@@ -14,7 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ninedtact.calibration.force_calibration import UnscaledForceReader
+from ninedtact.calibration.force_calibration import (
+    FEWEST,
+    ForceScaleFit,
+    ForceScaleImpossible,
+    KnownLoadPress,
+    UnscaledForceReader,
+    estimated_load_n,
+    fit_force_scale,
+    weight_of_grams_n,
+)
 from ninedtact.calibration.guidance import (
     STILL,
     CalibrationStepAdvice,
@@ -23,16 +32,7 @@ from ninedtact.calibration.guidance import (
     make_untouched_skin_watcher,
 )
 from ninedtact.errors import NinedtactError
-from ninedtact.force.known_load_scale import (
-    FEWEST,
-    ForceScaleFit,
-    ForceScaleImpossible,
-    KnownLoadPress,
-    estimated_load_n,
-    fit_force_scale,
-    weight_of_grams_n,
-    write_force_scale,
-)
+from ninedtact.force.estimator_and_scale import write_force_scale
 from ninedtact.quantities import BgrImage, Frame
 from ninedtact.reading import Reading
 from ninedtact.studio.guided_session import GuidedSession, GuidedState

@@ -206,7 +206,7 @@ def compute_certificate_checks(certificate: Certificate) -> list[CheckResult]:
 def unusual_fit_warnings(deviation: float, design: SensorDesign) -> list[str]:
     """Return a warning where the light and the gel of the twin are unlike those of the sensors that are known.
 
-    deviation: distance from their middle in standard deviations (`simulation.fitted_parameters.deviation_from_population`). A
+    deviation: distance from their middle in standard deviations (`simulation.gel_brightness.deviation_from_population`). A
     wrong board pitch or ball radius makes all lengths wrong by one factor. No image shows that by itself, but the fitted light
     and gel are then unlike those of other sensors.
     """

@@ -20,8 +20,7 @@ from numpy import ndarray as Array
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ninedtact.design import Gel
-from ninedtact.force.traction.cell_grid import CellGrid
-from ninedtact.force.traction.observation import BrightnessObservationModel
+from ninedtact.force.traction.observation import BrightnessObservationModel, CellGrid
 from ninedtact.mechanics.contact_arrays import forward_transform, inverse_transform
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance, layered_compliance
 from ninedtact.mechanics.skin import Skin

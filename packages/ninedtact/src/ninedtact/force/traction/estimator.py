@@ -19,15 +19,17 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel
 from ninedtact.force.contact_detection import ContactRegionSettings, find_contact_region, pressure_reaches_unseen
-from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate, zero_wrench
+from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate, zero_wrench
 from ninedtact.force.traction.brightness_from_traction import ForwardModel, identify_substrate
-from ninedtact.force.traction.cell_grid import MARGIN_CELLS, CellGrid, cell_grid_over_image
-from ninedtact.force.traction.linearisation import TractionPrior
+from ninedtact.force.traction.linearisation_and_qp import TractionPrior
 from ninedtact.force.traction.observation import (
+    MARGIN_CELLS,
+    CellGrid,
     ObservationModel,
     ObservationOnCells,
     TractionImpossible,
     build_brightness_observation_model,
+    cell_grid_over_image,
 )
 from ninedtact.force.traction.traction_from_brightness import (
     InversionResult,

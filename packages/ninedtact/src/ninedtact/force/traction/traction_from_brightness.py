@@ -2,7 +2,7 @@
 
 The objective is ‖(observed − predicted)/σ‖² + ‖pressure‖² + ‖shear modes‖², with the last two norms those of the prior. Pressure is
 nowhere negative, and both are zero outside the contact region. Each linearised quadratic programme is solved exactly
-(`nonnegative_qp`). σ is not a setting: it is the noise of this image and the error of this sensor's calibration, or the residual of
+(`linearisation_and_qp`). σ is not a setting: it is the noise of this image and the error of this sensor's calibration, or the residual of
 the best fit, where that is larger (discrepancy principle; docs/force_physics.md has the sources).
 
 `UncertaintyModel` computes the standard deviation of the wrench from the posterior covariance of the tractions and from the
@@ -18,8 +18,14 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
 from ninedtact.force.traction.brightness_from_traction import ForwardModel, InfluenceKernels, SkinField, Tractions, View
-from ninedtact.force.traction.linearisation import DiscretePrior, LinearisedBrightnessProblem, TractionPrior, Whitener
-from ninedtact.force.traction.nonnegative_qp import QPSolution, solve_nonnegative_qp
+from ninedtact.force.traction.linearisation_and_qp import (
+    DiscretePrior,
+    LinearisedBrightnessProblem,
+    QPSolution,
+    TractionPrior,
+    Whitener,
+    solve_nonnegative_qp,
+)
 from ninedtact.force.traction.observation import BrightnessLaw, ObservationOnCells
 
 _WINKLER_PER_MM = 3.9

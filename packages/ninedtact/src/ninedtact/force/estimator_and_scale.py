@@ -1,16 +1,18 @@
-"""Force scale of a sensor: the factor from estimated to true forces, fitted to a few presses with known loads.
+"""The interface of every force estimator, and the force scale of a sensor. A reading goes in; a wrench, its standard deviation and
+warnings come out.
 
 Images show strain, not stress. The gel's shear modulus varies by a quarter from batch to batch and is an unknown factor on all six
-axes, which presses on a kitchen scale determine. Until then, a quarter of every force is part of its stated error. The factor may
-also depend on the load, because the gel stiffens as it thins: F_true = k·F·(F/F_0)^c. Leave-one-out errors decide between a
-constant factor and this power law. The power law was fitted to loads: F_z and the torques T_x and T_y, which F_z makes about the
-skin's centre, follow it; shear and the twist T_z have its factor at light load.
+axes, which presses on a kitchen scale determine (`calibration.force_calibration`). Until then, a quarter of every force is part of
+its stated error. The factor may also depend on the load, because the gel stiffens as it thins: F_true = k·F·(F/F_0)^c. F_z and the
+torques T_x and T_y, which F_z makes about the skin's centre, follow this power law, which was fitted to loads; shear and the twist
+T_z have its factor at light load.
 
 The fitted scale is kept in `force.toml` in the sensor folder, in one table for each estimator.
 """
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,52 +26,72 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import open_atomic_file
 from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, convert_tables_to_class, mapping_checksum, read_text_file
-from ninedtact.errors import FileFormatError, ForceEstimationError
-from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate
+from ninedtact.errors import FileFormatError
 from ninedtact.quantities import EstimateWarning, Traction, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 
-FEWEST = 2
-FEWEST_FOR_CURVE = 4
-_MAX_EXPONENT = 3.0
+
+class ForceEstimator(ABC):
+    """Estimates the wrench of readings. It may start from the previous reading to be quicker; `forget` makes it start anew."""
+
+    name: str
+    """The name that is displayed, and the key of the force scale in a sensor folder."""
+    model_sha256: str = ""
+    """SHA-256 of the file of its network, which tells two models of one name apart; empty for estimators without a network."""
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """Sentences that a person must know of every estimate."""
+        return ()
+
+    @abstractmethod
+    def estimate(self, reading: Reading) -> WrenchEstimate:
+        """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches.
+
+        For an image that cannot be a press on this sensor it is the `unknown_wrench_estimate` with the warnings of the reading.
+        """
+
+    def add_force(self, reading: Reading) -> Reading:
+        """Return the reading with its wrench."""
+        return reading.with_force(self.estimate(reading))
+
+    @abstractmethod
+    def forget(self) -> None:
+        """Forget the previous reading, so that the next one is estimated independently of it."""
+
+
+class NoForceEstimator(ForceEstimator):
+    """The estimator of a sensor without one: its readings have no wrench, and its estimate is zero with an infinite standard
+    deviation."""
+
+    name = "no force"
+
+    def add_force(self, reading: Reading) -> Reading:
+        """Return the reading as it is."""
+        return reading
+
+    def estimate(self, reading: Reading) -> WrenchEstimate:
+        """Return a wrench of zero with an infinite standard deviation."""
+        return unknown_wrench_estimate(reading.frame.stamp_ns)
+
+    def forget(self) -> None:
+        """Do nothing: no reading is remembered."""
+
+
+def unknown_wrench_estimate(stamp_ns: int, warnings: tuple[EstimateWarning, ...] = ()) -> WrenchEstimate:
+    """Return the estimate where nothing is known: a wrench of zero with an infinite standard deviation."""
+    return WrenchEstimate(zero_wrench(stamp_ns), np.diag(np.full(6, np.inf)), touching=False, warnings=warnings)
+
+
+def zero_wrench(stamp_ns: int = 0) -> Wrench:
+    """Return a wrench of exactly zero, that of no contact."""
+    return Wrench(np.zeros(3), np.zeros(3), stamp_ns=stamp_ns)
+
+
+MAX_EXPONENT = 3.0
 """Largest magnitude of the exponent of the load; a larger one means that images or weights were exchanged."""
 WIDEST_FACTOR = 5.0
 """Largest ratio between known and estimated load, in either direction; a larger one means a wrong unit or a wrong sensor."""
-CURVE_MUST_GAIN = 0.8
-"""The power law is used where its leave-one-out error is below this fraction of that of a constant factor."""
-_MAX_ERROR = 0.35
-"""Leave-one-out error (root mean square, relative) above which presses contradict each other."""
-STANDARD_GRAVITY = 9.80665
-
-
-class ForceScaleImpossible(ForceEstimationError):
-    """Presses with known loads do not determine the force scale of a sensor."""
-
-
-@dataclass(frozen=True)
-class KnownLoadPress:
-    """One press under a known load."""
-
-    estimated_n: float
-    """−F_z of the estimator without a force scale."""
-    weighed_n: float
-    warnings: tuple[EstimateWarning, ...] = ()
-    """Reasons to distrust the estimate."""
-
-    def __post_init__(self) -> None:
-        if not (0 < self.weighed_n < np.inf):
-            raise ForceScaleImpossible(f"expected a weight above zero, got {self.weighed_n:g} N; read the scale again")
-        if not (0 < self.estimated_n < np.inf):
-            raise ForceScaleImpossible(
-                f"expected a press that the image shows, got an estimate of {self.estimated_n:g} N under "
-                f"{self.weighed_n:.2f} N; let the object rest on the middle of the skin, and give the image of that"
-            )
-        ratio = self.weighed_n / self.estimated_n
-        if not 1 / WIDEST_FACTOR < ratio < WIDEST_FACTOR:
-            raise ForceScaleImpossible(
-                f"expected a weight near the estimated {self.estimated_n:.2f} N, got {self.weighed_n:.2f} N; give grams, and "
-                "the image that was taken under that weight"
-            )
 
 
 @dataclass(frozen=True)
@@ -77,7 +99,7 @@ class ForceScale:
     """Factor by which a sensor's estimated wrenches are multiplied, as a function of the load; the default is a factor of one."""
 
     factor: Annotated[float, Meta(ge=1 / WIDEST_FACTOR, le=WIDEST_FACTOR)] = 1.0
-    curve: Annotated[float, Meta(ge=-_MAX_EXPONENT, le=_MAX_EXPONENT)] = 0.0
+    curve: Annotated[float, Meta(ge=-MAX_EXPONENT, le=MAX_EXPONENT)] = 0.0
     """Exponent c of the load, with which the factor changes."""
     about_n: Annotated[float, Meta(ge=1e-3, le=1e3)] = 1.0
     """Load F_0 at which the factor is `factor`."""
@@ -179,80 +201,6 @@ class ScaledForceEstimator(ForceEstimator):
     def forget(self) -> None:
         """Forget the previous reading."""
         self.estimator.forget()
-
-
-@dataclass(frozen=True)
-class ForceScaleFit:
-    """A fitted force scale, and the leave-one-out errors of both ways of scaling."""
-
-    adaptation: ForceScale
-    unadapted: float
-    """Root mean square relative error without a force scale."""
-    by_factor: float
-    by_curve: float | None
-    """None where there are too few presses, or where their loads are too similar."""
-
-
-def estimated_load_n(reading: Reading) -> float:
-    """Return the load that the estimate of a reading states; zero where it pulls, or where there is no estimate."""
-    return 0.0 if reading.force is None else max(0.0, -float(reading.force.wrench.force_n[2]))
-
-
-def fit_force_scale(presses: Sequence[KnownLoadPress]) -> ForceScaleFit:
-    """Fit the force scale whose leave-one-out error is smallest; raises `ForceScaleImpossible`."""
-    if len(presses) < FEWEST:
-        raise ForceScaleImpossible(
-            f"expected at least {FEWEST} presses of known weight, got {len(presses)}; press with two weights or more"
-        )
-    load = np.log([press.estimated_n for press in presses])
-    wanted = np.log([press.weighed_n for press in presses]) - load
-    by_factor = left_out_rms(load, wanted, 0)
-    by_curve = left_out_rms(load, wanted, 1) if loads_determine_power_law(load) else None
-    bends = by_curve is not None and by_curve < CURVE_MUST_GAIN * by_factor
-    about = float(np.exp(load.mean()))
-    curve, factor = (*fit_line(load - load.mean(), wanted),) if bends else (0.0, wanted.mean())
-    error = by_curve if bends and by_curve is not None else by_factor
-    if error > _MAX_ERROR:
-        raise ForceScaleImpossible(
-            f"expected presses that agree on one force scale to {_MAX_ERROR:.0%}, got a scatter of {error:.0%}; check that each "
-            "image belongs to its weight, and that the scale was set to zero with the sensor on it"
-        )
-    if abs(curve) > _MAX_EXPONENT:
-        raise ForceScaleImpossible(
-            f"expected a factor that changes at most with the power {_MAX_EXPONENT:g} of the load, got the power {curve:.1f}; "
-            "check that each image belongs to its weight"
-        )
-    found = ForceScale(float(np.exp(factor)), float(curve), about, error, len(presses))
-    return ForceScaleFit(found, rms(wanted), by_factor, by_curve)
-
-
-def loads_determine_power_law(load: Float[Array, " n"]) -> bool:
-    """Return whether the loads (logarithms) determine a power law: at least four of them, over more than a factor of two."""
-    return len(load) >= FEWEST_FOR_CURVE and bool(np.ptp(load) > np.log(2))
-
-
-def left_out_rms(load: Float[Array, " n"], wanted: Float[Array, " n"], degree: int) -> float:
-    """Return the root mean square relative error of each press as a polynomial fit to the others predicts it."""
-    others = ~np.eye(len(load), dtype=bool)
-    # The domain is stated because NumPy below 2 cannot find one for a single load.
-    fits = [np.polynomial.Polynomial.fit(load[use], wanted[use], degree, domain=[-1, 1]) for use in others]
-    return rms(np.array([wanted[n] - fit(load[n]) for n, fit in enumerate(fits)]))
-
-
-def fit_line(x: Float[Array, " n"], y: Float[Array, " n"]) -> tuple[float, float]:
-    """Return slope and intercept of the least-squares line."""
-    slope, height = np.polyfit(x, y, 1)
-    return float(slope), float(height)
-
-
-def rms(values: Float[Array, " n"]) -> float:
-    """Return the root mean square of the values."""
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
-def weight_of_grams_n(grams: float) -> float:
-    """Return the weight in N of a mass in grams under standard gravity."""
-    return grams / 1e3 * STANDARD_GRAVITY
 
 
 FORCE_SCALE_FILE = "force.toml"
