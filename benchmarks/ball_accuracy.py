@@ -22,7 +22,7 @@ from ninedtact.calibration.ball.ball_fit import fit_ball
 from ninedtact.calibration.ball.ball_press import BallFit
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
-from ninedtact.calibration.press_limits import MAX_ASYMMETRY
+from ninedtact.calibration.sensor_toml_schema import MAX_ASYMMETRY
 from ninedtact.shape.depth import DepthMethod
 from ninedtact.shape.lens_and_rectification import Rectification
 

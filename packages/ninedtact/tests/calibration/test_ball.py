@@ -16,15 +16,15 @@ from ninedtact.calibration.ball.ball_press import BallFit
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
 from ninedtact.calibration.board.board_fit import calibrated_area_mm
 from ninedtact.calibration.guidance import guided_capture_steps
-from ninedtact.calibration.press_limits import MAX_ASYMMETRY
 from ninedtact.calibration.procedure import (
     Calibration,
     CalibrationImages,
     calibrate,
 )
 from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.sensor_toml_schema import MAX_ASYMMETRY
 from ninedtact.calibration.settings import CalibrationSettings
-from ninedtact.cli.calibration_result import format_calibration
+from ninedtact.cli.result_and_interrupt import format_calibration
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.calibrated_shape import DepthReader

@@ -26,8 +26,7 @@ from ninedtact.calibration.certificate.checks import (
     press_through_gel_warnings,
 )
 from ninedtact.calibration.certificate.html_page import DEPTH_METHOD_TEXT, LENS_MODEL_TEXT, render_certificate_html
-from ninedtact.calibration.certificate.plot_board import arrow_magnification
-from ninedtact.calibration.certificate.plot_style import draw_board_not_found, stretch_contrast
+from ninedtact.calibration.certificate.plot_board import arrow_magnification, draw_board_not_found, stretch_contrast
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, calibrate
 from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
 from ninedtact.calibration.settings import CalibrationSettings, LensKind

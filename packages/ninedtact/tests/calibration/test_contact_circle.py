@@ -23,7 +23,7 @@ from ninedtact.calibration.brightness_change import (
     find_exposure_fault,
     flat_fielded_brightness_change,
 )
-from ninedtact.calibration.press_limits import MAX_ASYMMETRY
+from ninedtact.calibration.sensor_toml_schema import MAX_ASYMMETRY
 from ninedtact.design import BallGauge
 from ninedtact.quantities import Rectified, skin_grid_mm
 from ninedtact.shape.calibrated_shape import DepthReader

@@ -20,7 +20,7 @@ from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.brightness_change import OVEREXPOSED, flat_fielded_brightness_change, smooth_gaussian
 from ninedtact.calibration.certificate.checks import CONTRAST_TO_NOISE
-from ninedtact.calibration.press_limits import MAX_ASYMMETRY
+from ninedtact.calibration.sensor_toml_schema import MAX_ASYMMETRY
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import BgrImage, Frame

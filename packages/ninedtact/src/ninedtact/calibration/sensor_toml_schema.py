@@ -27,6 +27,10 @@ SENSOR_FORMAT = 4
 """Format number, raised with every change that makes older files unreadable."""
 NOT_CALIBRATED = ("format", "id", "created", "software")
 """Keys at the top of the file that the checksum leaves out: they may change without a change of any calibrated number."""
+MAX_MISSING_FRACTION = 0.10
+"""Largest fraction of the pins that may be predicted instead of detected."""
+MAX_ASYMMETRY = 0.08
+"""Asymmetry of the bulge above which a press of the ball counts as sheared (straight real press 0.013, sheared one 0.22)."""
 
 _Number = Annotated[float, Meta(ge=-1e9, le=1e9)]
 """A finite number without a range of its own."""
@@ -50,7 +54,7 @@ _RawPx = Annotated[float, Meta(ge=-20_000, le=20_000)]
 
 
 class LensCorrectionTable(Struct, frozen=True, forbid_unknown_fields=True):
-    """A smooth correction on top of the lens model (`shape.lens_and_rectification.LensModelCorrection`)."""
+    """A smooth correction on top of the lens model (`LensModelCorrection`)."""
 
     width_mm: Annotated[float, Meta(ge=0.1, le=100)]
     points_mm: Annotated[list[tuple[_SkinMm, _SkinMm]], Meta(min_length=1)]

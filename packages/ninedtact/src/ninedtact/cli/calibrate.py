@@ -23,10 +23,11 @@ from ninedtact.cli.calibration_page import (
     CalibrationPageServer,
     simulated_calibration_camera,
 )
-from ninedtact.cli.calibration_result import calibration_json_dict, format_calibration
 from ninedtact.cli.result_and_interrupt import (
     StatusLine,
     StepLine,
+    calibration_json_dict,
+    format_calibration,
     print_notice,
     print_notices,
     print_result,
@@ -118,7 +119,7 @@ class CalibrateCommand:
     def _calibrate_from_images(self) -> "SensorFolder":
         """Calibrate from files or with a camera, and write the sensor folder."""
         from ninedtact.calibration.board.detection import BoardNotFound
-        from ninedtact.calibration.certificate.plot_style import save_board_not_found_drawing
+        from ninedtact.calibration.certificate.plot_board import save_board_not_found_drawing
         from ninedtact.calibration.save import save_sensor
 
         taken: dict[str, BgrImage] = {}

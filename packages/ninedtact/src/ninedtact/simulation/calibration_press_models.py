@@ -20,7 +20,6 @@ from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import PeriodicGrid, Skin, padded_grid
-from ninedtact.simulation.calibration_press_models import GRID_POINTS_PER_PIN_PITCH
 from ninedtact.simulation.gel_brightness import BrightnessModel, darkening_equivalent_height_mm
 from ninedtact.simulation.pixel_to_skin_map import (
     REFINEMENT,
@@ -29,6 +28,12 @@ from ninedtact.simulation.pixel_to_skin_map import (
     grid_indices_at_positions,
     sample_periodic,
 )
+
+BOARD_GRID_PITCH_MM = 0.05
+GRID_POINTS_PER_PIN_PITCH = 20
+"""Grid points per pitch of the pins; an integer, so that all pins lie alike on the grid."""
+PIN_HEIGHT_MM = 1.5
+"""Height of the pins over the floor of the published board."""
 
 Field = Float32[Array, "rows cols"]
 Points = Float[Array, "n 2"]
@@ -279,17 +284,6 @@ class BoardPressModel:
         change = self.light.brightness_change(seen_mm).astype(np.float32)
         (field,) = blur_and_refine_fields(self.patch, press.point_spread_mm, change)
         return PredictedBrightnessField(self.patch, field)
-
-
-BOARD_GRID_PITCH_MM = 0.05
-
-
-GRID_POINTS_PER_PIN_PITCH = 20
-"""Grid points per pitch of the pins; an integer, so that all pins lie alike on the grid."""
-
-
-PIN_HEIGHT_MM = 1.5
-"""Height of the pins over the floor of the published board."""
 
 
 def pin_board_indenter(board: PinBoard) -> HeightGridIndenter:

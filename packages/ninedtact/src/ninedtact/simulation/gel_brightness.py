@@ -13,8 +13,8 @@ whose slope is fitted for each sensor.
 A twin that has no reference image gets a synthetic one: eight white LEDs around a rectangle, with faint clouds. Reflections of the
 LEDs may lie over it (`GlarePatch`); their light does not come through the gel and stays the same under a contact.
 
-`FITTED_PARAMETERS` are the distributions of the parameters that a calibration fits to real sensors; `deviation_from_population` tells
-how far a fitted sensor is from their middle.
+`FITTED_PARAMETERS` are the distributions of the parameters that a calibration fits to real sensors; `deviation_from_population`
+tells how far a fitted sensor is from their middle.
 """
 
 from dataclasses import dataclass, replace

@@ -41,7 +41,7 @@ from ninedtact.calibration.brightness_change import (
     require_usable_exposure,
     smooth_gaussian,
 )
-from ninedtact.calibration.press_limits import MAX_MISSING_FRACTION
+from ninedtact.calibration.sensor_toml_schema import MAX_MISSING_FRACTION
 from ninedtact.calibration.settings import LensKind
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.errors import InputError

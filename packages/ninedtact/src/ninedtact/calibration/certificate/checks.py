@@ -10,8 +10,13 @@ from dataclasses import dataclass
 from math import inf, sqrt
 from typing import Generic, Literal, TypeVar
 
-from ninedtact.calibration.press_limits import MAX_ASYMMETRY, MAX_MISSING_FRACTION
-from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
+from ninedtact.calibration.sensor_toml_schema import (
+    MAX_ASYMMETRY,
+    MAX_MISSING_FRACTION,
+    BallQuality,
+    BoardQuality,
+    Certificate,
+)
 from ninedtact.design import Gel, SensorDesign
 
 _UNUSUAL_FIT = 3.2

@@ -9,7 +9,7 @@ from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.ball_press import BallFit, BallPress
-from ninedtact.calibration.certificate.plot_style import (
+from ninedtact.calibration.certificate.plot_board import (
     INK,
     PALE_INK,
     add_colour_bar,

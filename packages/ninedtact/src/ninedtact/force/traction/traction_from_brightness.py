@@ -2,8 +2,8 @@
 
 The objective is ‖(observed − predicted)/σ‖² + ‖pressure‖² + ‖shear modes‖², with the last two norms those of the prior. Pressure is
 nowhere negative, and both are zero outside the contact region. Each linearised quadratic programme is solved exactly
-(`linearisation_and_qp`). σ is not a setting: it is the noise of this image and the error of this sensor's calibration, or the residual of
-the best fit, where that is larger (discrepancy principle; docs/force_physics.md has the sources).
+(`linearisation_and_qp`). σ is not a setting: it is the noise of this image and the error of this sensor's calibration, or the
+residual of the best fit, where that is larger (discrepancy principle; docs/force_physics.md has the sources).
 
 `UncertaintyModel` computes the standard deviation of the wrench from the posterior covariance of the tractions and from the
 relative errors of the sensor's parameters.
