@@ -181,7 +181,7 @@ ALL_HEAVY = (
         ("import ninedtact.cli", ALL_HEAVY),
         (
             "import ninedtact.sensor, ninedtact.force.traction.estimator, ninedtact.calibration.sensor_folder, "
-            "ninedtact.calibration.drift.diagnosis_and_reference_check",
+            "ninedtact.calibration.drift.diagnosis",
             ("scipy.optimize", "scipy.interpolate", "scipy.ndimage", "scipy.signal", "matplotlib"),
         ),
     ],

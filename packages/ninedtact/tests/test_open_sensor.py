@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import ninedtact
 from ninedtact import EstimateWarning, Frame, SensorFolder
-from ninedtact.calibration.drift.diagnosis_and_reference_check import (
+from ninedtact.calibration.drift.reference_check import (
     ReferenceImplausible,
     describe_new_contact,
     load_reference_image_checker,

@@ -32,9 +32,8 @@ from .reference_images import ReferenceImages
 from .sensor import Sensor
 from .shape.coloured_height_map import draw_height_map_figure, render_relief
 from .shape.export import export_shape, read_height_png
-from .shape.measures import summarise_shape
 from .shape.orthorectification import orthorectify
-from .shape.surface import point_cloud, surface_mesh
+from .shape.surface import point_cloud, summarise_shape, surface_mesh
 from .simulation.objects.catalogue import indenter_from_name
 from .simulation.press_sequence import ObjectTrajectory, PressSequence
 from .simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque

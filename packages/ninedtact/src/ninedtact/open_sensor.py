@@ -22,7 +22,7 @@ from ninedtact.source_addresses import (
 )
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImageChecker
+    from ninedtact.calibration.drift.reference_check import ReferenceImageChecker
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import CameraSettings, FrameSource
     from ninedtact.capture.wrench_source import WrenchSource
@@ -153,7 +153,7 @@ def _assemble(
     moments_s: Sequence[float] = (),
 ) -> "Sensor":
     """Return a sensor on frames, not yet opened, with the reference images that are given or that its source brings."""
-    from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
+    from ninedtact.calibration.drift.reference_check import load_reference_image_checker
     from ninedtact.reference_images import ReferenceImages, following_settings_for
     from ninedtact.sensor import Sensor
 

@@ -11,8 +11,7 @@ from numpy import ndarray as Array
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, PointCloud, Rectified, Wrench, WrenchEstimate
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
 from ninedtact.shape.image_plausibility import find_image_warnings
-from ninedtact.shape.measures import ShapeSummary, contact_mask, summarise_shape
-from ninedtact.shape.surface import point_cloud
+from ninedtact.shape.surface import ShapeSummary, contact_mask, point_cloud, summarise_shape
 
 
 @dataclass(frozen=True)

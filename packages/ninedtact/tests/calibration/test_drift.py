@@ -13,8 +13,8 @@ from upstream_folder import UpstreamFolder
 
 from ninedtact.calibration.board.board_fit import calibrated_area_mm
 from ninedtact.calibration.brightness_change import ImageUnusable
-from ninedtact.calibration.drift.diagnosis_and_reference_check import diagnose_drift
-from ninedtact.calibration.drift.drift_measurement import (
+from ninedtact.calibration.drift.diagnosis import diagnose_drift
+from ninedtact.calibration.drift.reference_check import (
     CalibratedReference,
     DriftMeasurement,
     load_calibrated_reference,

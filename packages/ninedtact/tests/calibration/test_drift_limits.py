@@ -13,13 +13,15 @@ from ninedtact.calibration.brightness_change import (
     different_skin_warnings,
     separate_brightness_change,
 )
-from ninedtact.calibration.drift.diagnosis_and_reference_check import (
+from ninedtact.calibration.drift.diagnosis import diagnose_drift
+from ninedtact.calibration.drift.reference_check import (
+    CalibratedReference,
+    DriftMeasurement,
     ReferenceImageChecker,
     ReferenceImplausible,
     describe_new_contact,
-    diagnose_drift,
+    measure_drift,
 )
-from ninedtact.calibration.drift.drift_measurement import CalibratedReference, DriftMeasurement, measure_drift
 from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.quantities import BgrImage, Frame, Rectified, centred_axis_mm
 from ninedtact.shape.depth import DepthCurve

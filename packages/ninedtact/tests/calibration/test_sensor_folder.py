@@ -15,8 +15,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from jaxtyping import config
 
-from ninedtact.calibration.drift.diagnosis_and_reference_check import diagnose_drift
-from ninedtact.calibration.drift.drift_measurement import load_calibrated_reference, measure_drift
+from ninedtact.calibration.drift.diagnosis import diagnose_drift
+from ninedtact.calibration.drift.reference_check import load_calibrated_reference, measure_drift
 from ninedtact.calibration.original_9dtact.import_export import export_original_calibration
 from ninedtact.calibration.procedure import (
     Calibration,

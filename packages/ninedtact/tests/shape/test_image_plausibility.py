@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImplausible, load_reference_image_checker
+from ninedtact.calibration.drift.reference_check import ReferenceImplausible, load_reference_image_checker
 from ninedtact.calibration.procedure import CalibrationImages
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import read_image

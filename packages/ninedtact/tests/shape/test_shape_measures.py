@@ -8,7 +8,7 @@ from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, skin, with_hole
 
 from ninedtact.quantities import HeightSource
 from ninedtact.shape.coloured_height_map import shape_summary_sentence
-from ninedtact.shape.measures import ContactRule, summarise_shape
+from ninedtact.shape.surface import ContactRule, summarise_shape
 
 
 @pytest.mark.parametrize("camera_mm", [np.inf, 20.0])

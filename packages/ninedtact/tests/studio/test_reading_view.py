@@ -8,7 +8,7 @@ from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, plane, skin, with_
 
 from ninedtact.design import Gel
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
-from ninedtact.shape.measures import summarise_shape
+from ninedtact.shape.surface import summarise_shape
 from ninedtact.studio.page_cards import shape_summary_html
 from ninedtact.studio.reading_view import MAX_SURFACE_POINTS, full_range_colour_scale, skin_surface
 from ninedtact.studio.scene_3d import gel_block_under_skin

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
+from ninedtact.calibration.drift.reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_source import SourceIncomplete
 from ninedtact.capture.wrench_source import WrenchSampleRejected

@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from tqdm import tqdm
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
+from ninedtact.calibration.drift.reference_check import load_reference_image_checker
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor

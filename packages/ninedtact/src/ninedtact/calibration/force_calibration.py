@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
+from ninedtact.calibration.drift.reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_source import ImageFileList
 from ninedtact.capture.strict_image_reading import read_image

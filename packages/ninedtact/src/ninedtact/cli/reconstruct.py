@@ -39,7 +39,7 @@ class ReconstructCommand:
 
     def run(self) -> int:
         """Reconstruct every image and write its files; the first bad image ends the command, with 1 after the images before it."""
-        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
+        from ninedtact.calibration.drift.reference_check import load_reference_image_checker
         from ninedtact.capture.strict_image_reading import read_image
         from ninedtact.errors import FileFormatError
         from ninedtact.quantities import Frame
@@ -71,7 +71,7 @@ class ReconstructCommand:
 
     def result(self, path: Path, name: str, height: "HeightMap", depth: "DepthReader") -> dict[str, Any]:
         """Write one image's files and return its figures."""
-        from ninedtact.shape.measures import summarise_shape
+        from ninedtact.shape.surface import summarise_shape
 
         measured = summarise_shape(height)
         return {

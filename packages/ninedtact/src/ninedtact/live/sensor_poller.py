@@ -21,7 +21,7 @@ from ninedtact.errors import CameraError
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
 from ninedtact.shape.calibrated_shape import ReferenceUnusable
-from ninedtact.shape.measures import max_indentation_mm
+from ninedtact.shape.surface import max_indentation_mm
 
 NS_PER_S = 1e9
 HISTORY_S = 20.0

@@ -172,7 +172,7 @@ class Recording:
         Raises `RecordingUnreadable` where the recording carries no sensor folder, and `ReferenceMomentRefused` where it has neither
         reference images nor ten frames.
         """
-        from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
+        from ninedtact.calibration.drift.reference_check import load_reference_image_checker
         from ninedtact.calibration.sensor_folder import load_sensor
 
         with TemporaryDirectory(prefix="ninedtact_") as folder:

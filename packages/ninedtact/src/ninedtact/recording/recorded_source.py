@@ -12,7 +12,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy import ndarray as Array
 
-from ninedtact.calibration.drift.diagnosis_and_reference_check import ReferenceImageChecker, describe_new_contact
+from ninedtact.calibration.drift.reference_check import ReferenceImageChecker, describe_new_contact
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.capture.frame_source import FrameSource, Openable, SourceEnded, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource

@@ -10,7 +10,7 @@ from threading import Event
 from time import monotonic, monotonic_ns
 from typing import NamedTuple
 
-from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
+from ninedtact.calibration.drift.reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_pacing import DelayCorrectedSource
 from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceIncomplete

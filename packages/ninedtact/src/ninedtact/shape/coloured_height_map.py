@@ -18,7 +18,7 @@ from jaxtyping import Float, Float32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.quantities import HeightMap, HeightSource
-from ninedtact.shape.measures import (
+from ninedtact.shape.surface import (
     ContactRule,
     ShapeSummary,
     contact_mask,

@@ -19,7 +19,7 @@ from viser import ViserServer
 from ninedtact.live.wrench_history import WrenchSourceSnapshot, WrenchWithUncertainty
 from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Wrench
 from ninedtact.shape.coloured_height_map import ColourScale
-from ninedtact.shape.measures import ShapeSummary
+from ninedtact.shape.surface import ShapeSummary
 from ninedtact.studio.page_controller import SensorStatusMessage
 from ninedtact.studio.page_server import standalone_scene_html
 from ninedtact.studio.reading_view import (

@@ -20,8 +20,7 @@ from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.measures import ShapeSummary
-from ninedtact.shape.surface import point_cloud, triangulate_view
+from ninedtact.shape.surface import ShapeSummary, point_cloud, triangulate_view
 from ninedtact.simulation.pixel_to_skin_map import grid_indices_at_positions, sample_periodic
 from ninedtact.simulation.twin import Press
 from ninedtact.studio.skin_fields import SkinTractions, colourise_magnitudes, estimated_tractions, true_tractions

@@ -46,7 +46,7 @@ from ninedtact.recording.topics_and_messages import (
 )
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader
 from ninedtact.shape.coloured_height_map import ColourScale
-from ninedtact.shape.measures import max_indentation_mm
+from ninedtact.shape.surface import max_indentation_mm
 from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
 from ninedtact.studio.page_controller import SILENT_AFTER_MS, PageMoment, SensorMoment, SensorStatusMessage
 from ninedtact.studio.reading_view import ReadingView

@@ -190,7 +190,7 @@ BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
         "press a clean ball straight down, and check that its radius is the stated one",
     ),
     # The smallest detectable contact is five times the noise. Noise up to 0.01 mm leaves it at 0.05 mm
-    # (`shape.measures.ContactRule`); at 0.03 mm light touches of 0.15 mm are not detected.
+    # (`shape.surface.ContactRule`); at 0.03 mm light touches of 0.15 mm are not detected.
     CertificateCheck(
         lambda ball: ball.noise_mm,
         CheckLimit(0.01, 0.03),

@@ -1,0 +1,116 @@
+"""Diagnosis of drift in words: `diagnose_drift` turns a `DriftMeasurement` into a list of `DriftFinding`, each with its figure, the
+height error that it would cause, and advice. The limits are wide enough that reference images of real sensors, taken before the
+board and before the ball, give none.
+"""
+
+import numpy as np
+
+from ninedtact.calibration.brightness_change import (
+    MAX_UNEVENNESS,
+)
+from ninedtact.calibration.drift.reference_check import (
+    DriftDiagnosis,
+    DriftFinding,
+    DriftMeasurement,
+    change_in_words,
+    find_disqualifying_drift,
+    position_in_words,
+)
+from ninedtact.quantities import centred_axis_mm
+
+_MAX_BRIGHTNESS_CHANGE = 0.03
+"""Largest change of the whole brightness; 0.011 between two sessions of a real sensor."""
+_MAX_COLOUR_CHANGE = 0.03
+"""Largest change of one colour relative to the others; 0.004 between two sessions."""
+_MAX_NAMED_MARKS = 3
+
+
+def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
+    """Return all findings, most serious first; on a pressed, unknown or mirrored skin, light and gel are not diagnosed."""
+    grave = find_disqualifying_drift(drift)
+    if grave is not None:
+        return [grave]
+    rest = (
+        _find_camera_motion(drift),
+        _find_uneven_light(drift),
+        _find_gel_marks(drift),
+        _find_brightness_change(drift),
+        _find_colour_change(drift),
+    )
+    return [finding for finding in rest if finding is not None]
+
+
+def _find_camera_motion(drift: DriftMeasurement) -> DriftFinding | None:
+    """Return a finding where the camera has moved."""
+    skin = drift.moved
+    if not skin.is_displaced:
+        return None
+    return DriftFinding(
+        "camera moved",
+        f"the skin appears {skin.distance_px:.1f} ± {skin.shift_error_px:.1f} px "
+        f"({skin.distance_px * drift.known.mm_per_raw_px:.2f} mm) away and turned by {skin.turn_deg:.1f}° since the board was "
+        "pressed: positions are off by that; fix camera and gel in their housing and calibrate again",
+        drift.known.worst_height_mm(skin.undone(drift.known.depth_image)),
+    )
+
+
+def _find_uneven_light(drift: DriftMeasurement) -> DriftFinding | None:
+    """Return a finding where the distribution of the light has changed."""
+    change = drift.change
+    if change.unevenness <= MAX_UNEVENNESS:
+        return None
+    field = np.where(change.seen, change.field, 0)
+    row, col = np.unravel_index(np.abs(field).argmax(), field.shape)
+    y, x = (centred_axis_mm(size, change.mm_per_px) for size in field.shape)
+    return DriftFinding(
+        "light uneven",
+        f"the light is {change_in_words(float(field[row, col]))} at ({x[col]:.0f}, {y[row]:.0f}) mm, beside the whole; check "
+        "that every LED lights and that no other light falls on the sensor, and calibrate again if it stays",
+        drift.equivalent_height_mm(change.unevenness),
+    )
+
+
+def _find_gel_marks(drift: DriftMeasurement) -> DriftFinding | None:
+    """Return a finding where there are local marks on the gel."""
+    marks = drift.change.marks
+    if not marks:
+        return None
+    named = "; ".join(
+        f"{change_in_words(mark.change)} over {mark.area_mm2:.1f} mm² at {position_in_words(mark)}"
+        for mark in marks[:_MAX_NAMED_MARKS]
+    )
+    more = f" and {len(marks) - _MAX_NAMED_MARKS} smaller" if len(marks) > _MAX_NAMED_MARKS else ""
+    return DriftFinding(
+        "gel changed",
+        f"the skin has changed in {len(marks)} place{'s' if len(marks) > 1 else ''}: {named}{more}; take away what may "
+        "lie on it and clean it; a tear, bubble or stain that stays needs a new gel, or a new calibration",
+        drift.equivalent_height_mm(max((mark.change for mark in marks), key=abs)),
+    )
+
+
+def _find_brightness_change(drift: DriftMeasurement) -> DriftFinding | None:
+    """Return a finding where the light has become stronger or weaker."""
+    change = drift.change.gain - 1
+    if abs(change) <= _MAX_BRIGHTNESS_CHANGE:
+        return None
+    return DriftFinding(
+        "light dimmer" if change < 0 else "light brighter",
+        f"the image is {change_in_words(change)} than when calibrated; check the LEDs and their supply, fix exposure and "
+        "gain, and let the light warm up",
+        drift.equivalent_height_mm(change),
+    )
+
+
+def _find_colour_change(drift: DriftMeasurement) -> DriftFinding | None:
+    """Return a finding where the colour has changed: white balance, or an LED of another kind."""
+    if max(map(abs, drift.colour)) <= _MAX_COLOUR_CHANGE:
+        return None
+    parts = ", ".join(f"{name} {part:+.1%}" for name, part in zip(("blue", "green", "red"), drift.colour, strict=True))
+    return DriftFinding(
+        "light colour changed",
+        f"the colour of the light has changed ({parts}); fix the camera's white balance, and check the LEDs",
+        None,
+    )
+
+
+_DISQUALIFYING: frozenset[DriftDiagnosis] = frozenset(("something touches the gel", "another sensor's gel"))

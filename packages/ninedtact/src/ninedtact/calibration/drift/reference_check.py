@@ -1,0 +1,351 @@
+"""The check whether a session's reference image shows the calibrated sensor without contact, by the measurement of all that has
+changed since the reference images of the calibration.
+
+    images → motion of the skin → motion undone → light (gain, field, colour) → marks or a contact → findings
+
+`ReferenceImageChecker` checks a reference image once, before anything is measured against it. Heights and forces are changes since
+the reference image. A reference image of another sensor, a mirrored one or one that was taken while something touched the gel makes
+all of them wrong without a sign of it (`find_disqualifying_drift`). Slow changes of light and small motions of the camera do not
+count here: a new reference image takes them up, and `ninedtact check` reports them (`diagnosis`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray as Array
+
+from ninedtact.calibration.brightness_change import (
+    MAX_UNEVENNESS,
+    BrightnessChange,
+    ChangedSkinRegion,
+    estimate_pixel_noise,
+    find_exposure_fault,
+    flat_fielded_brightness_change,
+    relative_brightness,
+    require_usable_exposure,
+    separate_brightness_change,
+)
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.capture.strict_image_reading import average_images, read_image, require_image_size
+from ninedtact.errors import InputError
+from ninedtact.quantities import BgrImage, Frame, HeightSource, Rectified
+from ninedtact.shape.depth import DepthCurve
+from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX, Rectification, to_grey_float
+from ninedtact.shape.skin_recognition import HIGH_SIMILARITY, SkinMotion, measure_skin_motion
+
+_FLIPS = {"turned by 180°": -1, "mirrored left to right": 1, "mirrored top to bottom": 0}
+"""Ways in which a camera's driver may flip images, with OpenCV's flip code."""
+_MIN_FLIP_SHIFT_PX = 5.0
+"""Shift above which flipped images are tested too: the skin may be the same one rotated or mirrored, because old imprints of the
+board look alike from both sides.
+"""
+_WORST_PERCENTILE = 99
+"""Percentile of the view that represents its worst error, so that single pixels do not."""
+_NEIGHBOURHOOD_PX = 20
+
+
+@dataclass(frozen=True)
+class CalibratedReference:
+    """The reference images of a sensor's calibration."""
+
+    lens_image: BgrImage
+    """Reference image before the board; the lens was calibrated for the skin in this position."""
+    depth_image: BgrImage
+    """Reference image before the ball; the depth curve was calibrated in this light."""
+    rectify: Rectification
+    curve: DepthCurve
+
+    @cached_property
+    def rectified_reference(self) -> Rectified:
+        """The depth image on the skin's grid."""
+        return self.rectify(Frame(self.depth_image))
+
+    def on_skin_grid(self) -> "CalibratedReference":
+        """Return the same references as rectified grey images, to be compared with images that are rectified already."""
+        lens_image, depth_image = (
+            _rectify_to_bgr(self.rectify, image) for image in (self.lens_image, self.depth_image)
+        )
+        rows, cols = depth_image.shape[:2]
+        own_px = np.moveaxis(np.indices((rows, cols), np.float32)[::-1], 0, -1)
+        source_px = np.where(self.view_mask[..., None], own_px, np.float32(OUT_OF_VIEW_PX))
+        rectify = Rectification(source_px, self.rectify.mm_per_px, (rows, cols), self.rectify.calibrated_area_mm)
+        return CalibratedReference(lens_image, depth_image, rectify, self.curve)
+
+    @property
+    def view_mask(self) -> Bool[Array, "rows cols"]:
+        """The pixels at which the camera sees the skin."""
+        return self.rectify.height_source != HeightSource.OUT_OF_VIEW
+
+    @property
+    def mm_per_raw_px(self) -> float:
+        """Scale of the raw image in the middle of the skin, the mean of all directions."""
+        source = self.rectify.source_px
+        row, col = source.shape[0] // 2, source.shape[1] // 2
+        reach = min(_NEIGHBOURHOOD_PX, source.shape[0] - 1 - row, source.shape[1] - 1 - col)
+        across = source[row, col + reach] - source[row, col - reach]
+        down = source[row + reach, col] - source[row - reach, col]
+        raw_px = np.sqrt(np.abs(np.linalg.det(np.stack([across, down]))))
+        return float(2 * reach * self.rectify.mm_per_px / raw_px)
+
+    def height_mm(self, change: Float[Array, "*shape"], grey: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """Return the depth that corresponds to a relative change of brightness; brightening counts as the depth that it
+        would hide.
+        """
+        signal = np.abs(change) * (grey if self.curve.signal == "difference" else 1.0)
+        return np.asarray(np.interp(signal, self.curve.darkening, self.curve.indentation_mm))
+
+    def worst_height_mm(self, other: BgrImage) -> float:
+        """Return the height error, at the worst of the view, of measuring one image with this one as its reference."""
+        then = self.rectified_reference
+        ratio = cv2.GaussianBlur(relative_brightness(self.rectify(Frame(other)), then), (0, 0), 3.0) - 1
+        return float(np.percentile(self.height_mm(ratio, then.grey)[self.view_mask], _WORST_PERCENTILE))
+
+
+def _rectify_to_bgr(rectify: Rectification, image: BgrImage) -> BgrImage:
+    """Return a raw image rectified, in whole grey levels."""
+    grey = np.rint(rectify(Frame(image)).grey).astype(np.uint8)
+    return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR))
+
+
+@dataclass(frozen=True)
+class DriftMeasurement:
+    """All measurements on one image."""
+
+    known: CalibratedReference
+    moved: SkinMotion
+    """Motion since the board press."""
+    nearest: SkinMotion
+    """Motion since the ball press."""
+    flipped: str | None
+    """How the image is flipped relative to the calibration's; None where it is not."""
+    change: BrightnessChange
+    colour: tuple[float, float, float]
+    """Relative change of blue, green and red, relative to their mean."""
+    height_mm: float
+    """Height error, at the worst of the view, if the calibration's reference image were kept."""
+
+    def equivalent_height_mm(self, change: float) -> float:
+        """Return the depth that corresponds to a relative change at the image's mean brightness."""
+        grey = float(self.known.rectified_reference.grey.mean())
+        return float(self.known.height_mm(np.array(change), np.array(grey)))
+
+
+def load_calibrated_reference(sensor: SensorFolder) -> CalibratedReference:
+    """Load the reference images. A sensor whose lens was imported has only that of the ball.
+
+    Raises `SensorFolderDamaged`, also for an imported sensor without images, and `DepthNotCalibrated`.
+    """
+    depth_image = sensor.stored_image("ball_reference").image
+    lens_image = depth_image if sensor.is_imported else sensor.stored_image("board_reference").image
+    return CalibratedReference(lens_image, depth_image, sensor.rectification, sensor.depth.curve)
+
+
+def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasurement:
+    """Measure what has changed; raises `ImageUnusable` for a dark or overexposed image, `ImageSizeWrong`.
+
+    today: raw image (rows, cols, 3) of the skin, which should be without contact.
+    """
+    require_image_size(today, *known.rectify.raw_shape, "today's image")
+    require_usable_exposure("reference image", today)
+    nearest = measure_skin_motion(known.depth_image, today)
+    moved = measure_skin_motion(known.lens_image, today)
+    return DriftMeasurement(
+        known,
+        moved if moved.is_same_skin else nearest,
+        nearest,
+        _detect_flip(known.depth_image, today, nearest),
+        _measure_brightness_change(known, today, nearest),
+        _measure_colour_change(known.depth_image, today),
+        known.worst_height_mm(today),
+    )
+
+
+def _detect_flip(known: BgrImage, today: BgrImage, motion: SkinMotion) -> str | None:
+    """Return how today's image is flipped, or None."""
+    if motion.correlation > HIGH_SIMILARITY and motion.distance_px < _MIN_FLIP_SHIFT_PX:
+        return None
+    ways = {way: measure_skin_motion(known, np.asarray(cv2.flip(today, code))) for way, code in _FLIPS.items()}
+    best = max(ways, key=lambda way: ways[way].correlation)
+    return best if ways[best].is_same_skin and ways[best].correlation > motion.correlation else None
+
+
+def _measure_brightness_change(known: CalibratedReference, today: BgrImage, motion: SkinMotion) -> BrightnessChange:
+    """Return the change of the skin's brightness with its motion undone, where both images show it."""
+    grey = float(to_grey_float(known.depth_image).mean())
+    noise = estimate_pixel_noise(flat_fielded_brightness_change(known.depth_image, today)) / grey
+    seen = known.view_mask & (known.rectify.resample(motion.valid_mask(today.shape)) > 0)
+    return separate_brightness_change(
+        known.rectified_reference, known.rectify(Frame(motion.undone(today))), seen, noise
+    )
+
+
+def _measure_colour_change(known: BgrImage, today: BgrImage) -> tuple[float, float, float]:
+    """Return the change of each channel's brightness, the median over the image, relative to the mean of the channels."""
+    gains = np.median(today.astype(np.float32) / np.maximum(known, 1), axis=(0, 1))
+    blue, green, red = (gains / gains.mean() - 1).tolist()
+    return blue, green, red
+
+
+DriftDiagnosis = Literal[
+    "fine",
+    "another sensor's gel",
+    "something touches the gel",
+    "camera moved",
+    "light uneven",
+    "gel changed",
+    "light dimmer",
+    "light brighter",
+    "light colour changed",
+]
+
+
+_MIN_PRESSED_SHARE = 0.2
+"""Changed fraction of the view above which a skin that is not recognised may be pressed all over, as by the pin board."""
+_MIN_FOREIGN_UNEVENNESS = 0.07
+"""Change of the light across the view above which such a skin counts as that of another sensor. It is at most 0.066 where boards
+and objects press their own sensor, and 0.07 to 0.5 between most sensors."""
+
+
+@dataclass(frozen=True)
+class DriftFinding:
+    """One change of the sensor since its calibration."""
+
+    diagnosis: DriftDiagnosis
+    sentence: str
+    height_mm: float | None
+    """Height error that it would cause with the calibration's reference image; None where it causes none."""
+
+
+def find_disqualifying_drift(drift: DriftMeasurement) -> DriftFinding | None:
+    """Return why an image cannot be a reference image of the calibrated sensor: another gel, a contact, or a mirrored image."""
+    findings = _find_another_gel(drift), _find_contact(drift), _find_mirrored_image(drift)
+    return next((finding for finding in findings if finding is not None), None)
+
+
+def _find_contact(drift: DriftMeasurement) -> DriftFinding | None:
+    """Return a finding where the gel is pressed."""
+    place = drift.change.contact
+    if place is None or drift.flipped:
+        return None
+    depth_mm = drift.equivalent_height_mm(place.change)
+    return DriftFinding(
+        "something touches the gel",
+        f"the skin is pressed about {depth_mm:.2f} mm deep over {place.area_mm2:.1f} mm² around {position_in_words(place)}; take "
+        "everything off the sensor and take the image again; if it stays, the gel is damaged or has taken the shape",
+        depth_mm,
+    )
+
+
+def _find_another_gel(drift: DriftMeasurement) -> DriftFinding | None:
+    """Return a finding where the image shows another sensor or another gel; no height can be told from it."""
+    skin, change = drift.nearest, drift.change
+    if drift.flipped or skin.is_same_skin or not (change.marks or change.unevenness > MAX_UNEVENNESS):
+        return None
+    other_light = change.unevenness > _MIN_FOREIGN_UNEVENNESS
+    pressed_all_over = change.contact is not None and change.changed_share > _MIN_PRESSED_SHARE
+    if skin.observable and (other_light or not pressed_all_over):
+        reason = f"the fine structure of the calibrated skin is not there (correlation {skin.correlation:.2f})"
+    elif not skin.observable and other_light and change.contact is not None:
+        reason = f"light and skin differ all over (light by up to {change.unevenness:.0%})"
+    else:
+        return None
+    return DriftFinding(
+        "another sensor's gel",
+        f"{reason}: this shows another sensor, a new gel, or comes from a camera that sits elsewhere; name the right sensor, or "
+        "calibrate again; if it is the right one, take away what covers the gel",
+        None,
+    )
+
+
+def _find_mirrored_image(drift: DriftMeasurement) -> DriftFinding | None:
+    """Return a finding where the camera or its driver rotates or mirrors the image."""
+    if drift.flipped is None:
+        return None
+    sentence = f"the image is the calibrated one {drift.flipped}; set the camera's rotation and mirroring as before"
+    return DriftFinding("camera moved", sentence, drift.height_mm)
+
+
+def change_in_words(change: float) -> str:
+    """Return a relative change in words."""
+    return f"{abs(change):.1%} {'dimmer' if change < 0 else 'brighter'}"
+
+
+def position_in_words(mark: ChangedSkinRegion) -> str:
+    """Return the position of a mark in words."""
+    return f"({mark.x_mm:.1f}, {mark.y_mm:.1f}) mm"
+
+
+class ReferenceImplausible(InputError):
+    """A reference image does not show the calibrated sensor without contact."""
+
+
+@dataclass(frozen=True)
+class ReferenceImageChecker:
+    """Checks whether images can be reference images (no contact) of one calibrated sensor. It reads no file after it was loaded."""
+
+    sensor: str
+    """Name of the sensor, for messages."""
+    known: CalibratedReference | None
+    """Reference images of the calibration; None for an imported sensor, which has none, so that only the exposure is checked."""
+
+    def on_skin_grid(self) -> "ReferenceImageChecker":
+        """Return the check of reference images that are rectified already, as those of a data set are."""
+        return replace(self, known=self.known and self.known.on_skin_grid())
+
+    def find_faults(self, frames: Sequence[Frame]) -> tuple[str, ...]:
+        """Return why the mean of raw images cannot be the reference image of the sensor; empty where it can be.
+
+        Raises `ImageSizeWrong` for images of another size than the calibrated one.
+        """
+        today = average_images([np.asarray(frame.image) for frame in frames])
+        exposure = find_exposure_fault(today)
+        if exposure is not None:
+            return (f"{exposure.kind}: {exposure.sentence}",)
+        if self.known is None:
+            return ()
+        fault = find_disqualifying_drift(measure_drift(self.known, today))
+        return () if fault is None else (f"{fault.diagnosis}: {fault.sentence}",)
+
+    def require_faultless(self, frames: Sequence[Frame]) -> None:
+        """Raise `ReferenceImplausible` for frames with a fault, and what `find_faults` raises."""
+        for fault in self.find_faults(frames):
+            raise ReferenceImplausible(
+                f"expected a reference image of sensor {self.sensor} without contact, got one with a fault; {fault}"
+            )
+
+    def read_images(self, paths: Sequence[Path]) -> list[Frame]:
+        """Read the reference images of a session from files; raises `ReferenceImplausible` and what reading an image raises."""
+        frames = [Frame(read_image(path)) for path in paths]
+        if frames:
+            self.require_faultless(frames)
+        return frames
+
+
+def describe_new_contact(before: Rectified, now: Rectified, seen: Bool[Array, "rows cols"]) -> str | None:
+    """Return where something touches the gel that did not touch it in an earlier rectified image, or None.
+
+    seen: pixels at which the camera sees the skin. The two images are of one session, so that a lighter contact is found than by
+    a comparison with the calibration: 0.1 N of a ball, 0.7 N of a flat punch.
+    """
+    noise = estimate_pixel_noise(now.grey - before.grey) / float(before.grey.mean())
+    contacts = separate_brightness_change(before, now, seen, noise).new_contacts
+    if not contacts:
+        return None
+    most = max(contacts, key=lambda mark: -mark.change)
+    return f"the skin is {change_in_words(most.change)} over {most.area_mm2:.1f} mm² around {position_in_words(most)}"
+
+
+def load_reference_image_checker(folder: SensorFolder) -> ReferenceImageChecker:
+    """Load the check of a sensor's reference images with everything that it needs; the folder may be deleted afterwards.
+
+    Raises `SensorFolderDamaged`.
+    """
+    needed = {"ball_reference"} if folder.is_imported else {"board_reference", "ball_reference"}
+    has_images = needed <= folder.record.images.keys()
+    return ReferenceImageChecker(folder.id, load_calibrated_reference(folder) if has_images else None)
