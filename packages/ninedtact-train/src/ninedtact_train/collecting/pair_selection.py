@@ -20,7 +20,12 @@ from ninedtact.errors import InputError
 from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Frame, Wrench
 from ninedtact.recording.topics_and_messages import PairLabel
 from ninedtact_train.collecting.collected_pairs import PairKind
-from ninedtact_train.collecting.training_pair_rule import SamplingRule, SamplingRuleSettings, SixFloats
+from ninedtact_train.collecting.training_pair_rule import (
+    SamplingRule,
+    SamplingRuleSettings,
+    SixFloats,
+    wrench_limits,
+)
 
 _BINS = 12
 _SCARCE_FRACTION = 0.02
@@ -60,11 +65,8 @@ class SavedPairCounts:
 
     @property
     def limits(self) -> Float64[Array, "2 6"]:
-        """Lower and upper limit of each axis, N and N·m: symmetric about zero, F_z from zero inwards."""
-        widths = np.array(self.ranges)
-        low = -widths / 2
-        low[2] = -widths[2]
-        return np.array([low, low + widths])
+        """Lower and upper limit of each axis, N and N·m."""
+        return wrench_limits(self.ranges)
 
     @property
     def last_contact(self) -> str | None:

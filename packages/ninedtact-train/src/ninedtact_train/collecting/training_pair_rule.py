@@ -17,6 +17,16 @@ from ninedtact.errors import InputError
 from ninedtact.quantities import Wrench
 
 SixFloats = tuple[float, float, float, float, float, float]
+PAPER_RANGES: SixFloats = (6.0, 6.0, 12.0, 0.4, 0.4, 0.1)
+"""Width of the range of each axis of the wrenches that the paper collected, N and N·m."""
+
+
+def wrench_limits(ranges: SixFloats = PAPER_RANGES) -> Float64[Array, "2 6"]:
+    """Return the lowest and the highest wrench of ranges of this width: symmetric about zero, F_z from zero inwards."""
+    widths = np.array(ranges)
+    low = -widths / 2
+    low[2] = -widths[2]
+    return np.array([low, low + widths])
 
 
 class SamplingRuleInvalid(InputError):
@@ -31,7 +41,7 @@ class SamplingRuleSettings:
     """F_z below which a contact begins for the sampling rule."""
     first_below_n: tuple[float, float] = (-3.3, -0.3)
     """The first pair of a contact is saved below a random F_z between these."""
-    ranges: SixFloats = (6.0, 6.0, 12.0, 0.4, 0.4, 0.1)
+    ranges: SixFloats = PAPER_RANGES
     """Width of the range of each axis, N and N·m."""
     weights: SixFloats = (1.0, 1.0, 1.0, 0.0, 0.0, 1.0)
     """Weight of each axis when two wrenches are compared."""

@@ -20,6 +20,7 @@ from ninedtact.errors import InputError
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import WRENCH_AXES, WRENCH_UNITS
 from ninedtact.shape.image_plausibility import find_exposure_warning
+from ninedtact_train.collecting.training_pair_rule import SixFloats, wrench_limits
 from ninedtact_train.dataset.fault_report import PairFault, PairFinding, QualityReport, summarise_findings
 from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact_train.dataset.parquet_files import (
@@ -43,7 +44,7 @@ class PairCheckSettingsImpossible(InputError):
 class PairCheckSettings:
     """The limits beyond which a pair is listed."""
 
-    max_wrench: tuple[float, float, float, float, float, float] = (6.0, 6.0, 24.0, 0.4, 0.4, 0.1)
+    max_wrench: SixFloats = tuple((2 * np.abs(wrench_limits()).max(0)).tolist())
     """Largest forces (N) and torques (N·m) about the skin's centre; the default is twice what the paper collected."""
     pulling_above_n: float = 0.3
     """Largest F_z, N, with which the object would pull at the skin."""
