@@ -9,7 +9,7 @@ REAL := $(or $(NINEDTACT_REAL_DATA),../shared/real)
 # Tests and benchmarks start commands hundreds of times; these shall load compiled modules, as they do for a user.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo real test test-core test-lowest test-pythons test-cluster test-interop chaos soak mutants lock licences lint types coverage docs docs-images gallery tour dist benchmarks clean
+.PHONY: demo real test test-core test-lowest test-pythons test-cluster test-interop chaos soak damaged mutants lock licences lint types coverage docs docs-images gallery tour dist benchmarks clean
 
 .venv/bin/uv:
 	$(PYTHON) -m venv .venv
@@ -83,15 +83,14 @@ lock: .venv/bin/uv
 licences: .venv/ready
 	.venv/bin/python scripts/list_licences.py
 
-# Work on local clusters of Dask and Ray, which are started and ended here. Types are checked by `make test`.
+# Work on a local Dask cluster, which is started and ended here. Types are checked by `make test`.
 test-cluster: .venv/ready-cluster
 	JAXTYPING_DISABLE=1 .venv/bin/python -m pytest -m cluster packages/ninedtact-train/tests/test_clusters.py
 
 # Doors to other programs, tried against those programs (MuJoCo, DDS, Foxglove, Rerun, C++, JavaScript; LeRobot in an environment
 # of its own). What needs none of them runs in `make test`.
 test-interop: .venv/ready-interop .venv-lerobot/ready
-	NINEDTACT_LEROBOT_PYTHON=$(CURDIR)/.venv-lerobot/bin/python \
-	  .venv/bin/python -m pytest -m 'interop or not interop' $(CORE)/tests/interop
+	.venv/bin/python -m pytest -m 'interop or not interop' $(CORE)/tests/interop
 	HF_HUB_OFFLINE=1 .venv-lerobot/bin/python -m pytest $(LEROBOT_PLUGIN)/tests
 
 # LeRobot in an environment of its own, because it pins other versions. It allows no torch as new as that of the checks.
@@ -99,7 +98,7 @@ LEROBOT_PLUGIN := plugins/lerobot_camera_ninedtact
 .venv-lerobot/ready: $(PROJECTS) $(LEROBOT_PLUGIN)/pyproject.toml $(LEROBOT_PLUGIN)/tests/overrides.txt | .venv/bin/uv
 	.venv/bin/uv venv -q --clear --python $(PYTHON) .venv-lerobot
 	VIRTUAL_ENV=$(CURDIR)/.venv-lerobot .venv/bin/uv pip install -q $(if $(LINKS),--find-links $(LINKS)) \
-	  --override $(LEROBOT_PLUGIN)/tests/overrides.txt -e $(CORE) -e packages/ninedtact-train -e $(LEROBOT_PLUGIN) 'pytest>=8'
+	  --override $(LEROBOT_PLUGIN)/tests/overrides.txt -e '$(CORE)[recording]' -e $(LEROBOT_PLUGIN) 'pytest>=8'
 	touch $@
 
 # Commands that are interrupted, killed or out of disk, and hours of use in half an hour: docs/reliability.md holds the tables.
@@ -109,9 +108,15 @@ chaos: .venv/ready
 soak: .venv/ready
 	.venv/bin/python benchmarks/soak.py
 
-# Do the tests of a package notice a changed operator? `benchmarks/mutants.py --package shape --per-package 40` tries more of one.
+# Damaged and edited files of every kind, a hundred cases each: about an hour.
+damaged: .venv/ready
+	NINEDTACT_DAMAGED_CASES=$(or $(CASES),100) JAXTYPING_DISABLE=1 .venv/bin/python -m pytest tests/test_damaged_files.py
+
+# Do the tests notice a changed operator? [tool.mutmut] of the core's pyproject.toml says which files are changed; MUTANTS chooses some
+# of them by name. `mutmut results` and `mutmut show NAME` in that folder show the survivors.
 mutants: .venv/ready
-	.venv/bin/python benchmarks/mutants.py
+	$(UV) pip install -q mutmut
+	cd $(CORE) && JAXTYPING_DISABLE=1 $(CURDIR)/.venv/bin/mutmut run $(MUTANTS)
 
 lint: .venv/ready
 	.venv/bin/ruff check .
@@ -120,10 +125,9 @@ lint: .venv/ready
 types: .venv/ready
 	.venv/bin/mypy
 
-# Line coverage of the whole test suite, and the page of the ten least covered files.
+# Line coverage of the whole test suite; each line that no test runs is marked in out/coverage/index.html.
 coverage: .venv/ready
-	$(PYTEST) --cov=ninedtact --cov=ninedtact_train --cov=ninedtact_hardware --cov-report=json:out/coverage.json
-	.venv/bin/python scripts/write_coverage_page.py out/coverage.json
+	$(PYTEST) --cov=ninedtact --cov=ninedtact_train --cov=ninedtact_hardware --cov-report=html:out/coverage
 
 # The documentation site, in out/site, which works without a network. Warnings, broken links and files from elsewhere are errors.
 docs: .venv/ready-docs
@@ -179,7 +183,8 @@ CALIBRATE_A = .venv/bin/ninedtact calibrate --out out/demo/sensor_a \
 	--ball-reference $(REAL)/sensor_a/ball_reference.png --ball $(REAL)/sensor_a/ball.png
 
 # Measured figures beside those of their peers; docs/figures.md holds the latest. One alone: make benchmarks/board_accuracy
-BENCHMARKS := start_up ros2_loopback mujoco_speed peg_insertion page_clients page_updates page_interaction force_on_real_fits force_methods fe_presses board_accuracy ball_accuracy frame_speed board_robustness memory finite_strain finite_strain_calibration contact_speed gpu_contacts dataset_percentiles dataset_speed dataset_reading force_speed recording_speed reconstruction_study traction_skill traction_mismatch traction_speed mutated_files
+SHARED_BY_BENCHMARKS := altered_images ball_in_layer figures live_page neo_hookean original real_images turns
+BENCHMARKS := $(filter-out $(SHARED_BY_BENCHMARKS) chaos soak,$(basename $(notdir $(wildcard benchmarks/*.py))))
 .PHONY: $(addprefix benchmarks/,$(BENCHMARKS))
 
 benchmarks: $(addprefix benchmarks/,$(BENCHMARKS))

@@ -45,7 +45,8 @@ from ninedtact.simulation.twin import default_twin  # noqa: E402
 _LONGEST_FILES = (
     "test_types.py",
     "test_model_journey.py",
-    "test_mutated_files.py",
+    "test_damaged_files.py",
+    "test_benchmarks.py",
     "test_export.py",
     "test_pressing_by_hand.py",
     "test_calibration_page.py",

@@ -6,7 +6,7 @@ Both keep the centres of the other pins' imprints as found with all pins.
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -25,14 +25,15 @@ DENTS = ((10, 560, 240, 90), (14, 80, 80, 100), (8, 320, 300, 60))
 """Largest displacement, place and width of the dents, in pixels."""
 
 
-def board_accuracy(json: bool = False) -> None:
+def board_accuracy(quick: bool = False, json: bool = False) -> None:
     """Measure every sensor there is."""
+    folders = sensor_folders()[:1] if quick else sensor_folders()
     cv2.setNumThreads(1)
-    figures = [figure for folder in sensor_folders() for figure in measured(folder)]
+    figures = [figure for folder in folders for figure in measured(folder, () if quick else DENTS)]
     answer("Accuracy of the camera calibration, real boards", figures, json)
 
 
-def measured(folder: Path) -> Iterator[Figure]:
+def measured(folder: Path, dents: Sequence[tuple[float, float, float, float]]) -> Iterator[Figure]:
     """All figures of one board."""
     reference, press = (read_image(folder / f"{name}.png") for name in ("board_reference", "board"))
     start = time.perf_counter()
@@ -48,7 +49,7 @@ def measured(folder: Path) -> Iterator[Figure]:
     yield Figure(f"{name}: radial terms chosen", len(board.lens.radial))
     yield Figure(f"{name}: smooth correction", "none" if board.correction is None else "used")
     yield Figure(f"{name}: seconds to find and fit", seconds)
-    for number, dent in enumerate(DENTS, start=1):
+    for number, dent in enumerate(dents, start=1):
         bent = fit_board(dented(reference, dent), dented(press, dent), SensorDesign().pin_board)
         ours, original, alone = rms_vector_length(bent.leave_one_out_errors_mm), original_mm(bent), bent.lens_fit
         yield at_most(f"{name}, dent {number}: left-out error, mm", ours, original, peer=original)

@@ -47,10 +47,10 @@ TARGET_MM = 1e-4
 """Largest gap or overlap of a cold solve; the ball sinks in 1.6 mm, the roughness is 0.1 mm."""
 
 
-def contact_speed(rounds: int = 30, json: bool = False) -> None:
+def contact_speed(rounds: int = 30, quick: bool = False, json: bool = False) -> None:
     """Measure, and print what it must reach."""
     others: dict[str, Callable[[], Tasks]] = {"tamaas": tamaas_tasks} if find_spec("tamaas") else {}
-    times = in_turns({"ours": our_tasks, **others}, rounds)
+    times = in_turns({"ours": our_tasks, **others}, rounds, quick)
     figures = [*warm_figures(times), *cold_figures(times, bool(others)), *margin_figures()]
     answer("Contact mechanics, one thread", figures, json)
 

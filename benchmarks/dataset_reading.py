@@ -17,9 +17,10 @@ WANTED_PER_S = 2000
 BATCH = 64
 
 
-def dataset_reading(pairs: int = 2000, json: bool = False) -> None:
+def dataset_reading(pairs: int = 2000, quick: bool = False, json: bool = False) -> None:
     """Measure."""
     cv2.setNumThreads(1)
+    pairs = 20 if quick else pairs
     with TemporaryDirectory() as folder:
         write_set(Path(folder), pairs)
         decoding, opening = opened(Path(folder)), opened(Path(folder))

@@ -1,9 +1,9 @@
 """Presses of an independent finite-element gel beside the twin's mechanics and force by physics.
 
-The presses (`--presses`, by default ../shared/fe/presses.npz) were computed with other code: three-dimensional neo-Hookean bricks
-at finite strain, Coulomb friction, a gel of 1.973 mm bonded below. For each press the twin's linear mechanics and its finite-strain
-correction press the same object to the same pose, and force by physics reads the image that the finite-element surface makes on the
-twin of the real sensor L. These presses report; nothing is fitted to them.
+The presses (`--presses`, by default fe/presses.npz beside the real images) were computed with other code: three-dimensional
+neo-Hookean bricks at finite strain, Coulomb friction, a gel of 1.973 mm bonded below. For each press the twin's linear mechanics
+and its finite-strain correction press the same object to the same pose, and force by physics reads the image that the surface of
+the finite elements makes on the twin of the real sensor L. These presses report; nothing is fitted to them.
 """
 
 import json
@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 import tyro
 from force_on_real_fits import calibrate_twin, stated_design
+from real_images import REAL, calibrated
 from scipy.interpolate import griddata
 
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
-from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, load_sensor
 from ninedtact.design import Gel
 from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.mechanics.contact_result import Contact
@@ -58,24 +59,26 @@ class FePress:
 
 
 def fe_presses(
-    presses: Path = Path(__file__).parents[2] / "shared/fe/presses.npz",
+    presses: Path = REAL.parent / "fe/presses.npz",
     out: Path = Path("out/force_on_real_fits"),
     ball_of_elements: bool = False,
+    quick: bool = False,
 ) -> None:
     """Print loads and lateral forces over those of the finite elements, and heights where the object presses.
 
-    ball_of_elements: calibrate with the deepest press of the finite elements' ball in place of the twin's.
+    ball_of_elements: calibrate with the deepest press of the finite elements' ball in place of the twin's. quick: one press, read
+    by another sensor, which is calibrated sooner.
     """
     member = twins_of_real_fits()[SENSOR]
     member = replace(member, gel=Gel(FE_THICKNESS_MM, MODULUS_MPA))
     twin = member.twin()
     folder = out / f"sensor_{SENSOR}_fe{'_ball' if ball_of_elements else ''}"
-    if not (folder / SENSOR_FILE).is_file():
+    if not quick and not (folder / SENSOR_FILE).is_file():
         if ball_of_elements:
             calibrate_on_elements(member, next(one for one in read_presses(presses) if one.name == DEEPEST), folder)
         else:
             calibrate_twin(member, folder)
-    sensor = load_sensor(folder)
+    sensor = SensorFolder(Path(), calibrated("sensor_a").record) if quick else load_sensor(folder)
     share = sensor.record.twin.fit.parameters["finite_strain"]
     print(f"calibrated: {sensor.gel.thickness_mm:.3f} mm of gel, finite strain {share.value:.2f} ± {share.std:.2f}")
     estimator = build_estimator("physics", sensor.shape, replace(sensor.gel, shear_modulus_mpa=MODULUS_MPA))
@@ -91,7 +94,7 @@ def fe_presses(
         + "    ± |    F_xy  finite  physics | µm"
     )
     deviations = []
-    for number, press in enumerate(read_presses(presses)):
+    for number, press in enumerate(read_presses(presses)[: 1 if quick else None]):
         linear = press_twin(twin, press)
         finite = correct_for_finite_strain(linear, FE_THICKNESS_MM)
         drawn = draw_surface(linear, press)

@@ -15,19 +15,14 @@ import tyro
 from ball_in_layer import Press, RigidBall, follow
 from figures import Figure, answer, at_most
 from jaxtyping import Float
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Drawing
 from neo_hookean import Layer, Parts
 from numpy import ndarray as Array
-from scipy.optimize import minimize_scalar
 
 from ninedtact.design import Gel
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import (
     GROWTH,
-    LOAD_STIFFENING,
-    PRESSURE_STIFFENING,
     REDISTRIBUTION,
     TRANSPORT,
     finite_strain_ball_change_mm,
@@ -51,7 +46,6 @@ TABLED_RADII = (1.2, 1.6, 2.0, 2.5, 3.2)
 """Radii of the balls of the table, in thicknesses of the gel."""
 SKINS = {"sticks": True, "slides": False}
 WITHIN_MM = np.arange(0, 8, 0.02)
-IMAGES = Path(__file__).parent.parent / "docs" / "images"
 
 
 @dataclass(frozen=True)
@@ -139,14 +133,21 @@ Presses = dict[tuple[float, str], list[Pair]]
 
 
 def finite_strain(
-    json: bool = False, element_mm: float = 0.15, images: Path = IMAGES, table: Path | None = None
+    quick: bool = False,
+    json: bool = False,
+    element_mm: float = 0.15,
+    table: Path | None = None,
 ) -> None:
-    """Compare, judge the corrections, draw. table: file in which the table of balls is written anew; nothing else is done."""
+    """Compare, and judge the corrections. table: file in which the table of balls is written anew; nothing else is done."""
     if table is not None:
         write_ball_table(table)
         return
     skin = linear_skin(points=385, pitch_mm=0.1)
-    parts = Parts(Layer(element_mm=element_mm))
+    parts = Parts(Layer(element_mm=0.5 if quick else element_mm))
+    if quick:
+        (pair,) = pairs(parts, skin, RigidBall(BALLS_MM[0], sticks=True), SHOWN_MM[:1])
+        answer("Finite strain: one shallow press", lines("sticks", pair), json)
+        return
     presses = {
         (ball, name): pairs(parts, skin, RigidBall(ball, sticks), DEPTHS_MM)
         for ball in BALLS_MM
@@ -158,9 +159,7 @@ def finite_strain(
             line for pair in presses[BALLS_MM[0], name] if pair.depth_mm in SHOWN_MM for line in lines(name, pair)
         ]
     figures += [line for ball in BALLS_MM for line in corrected(ball, presses[ball, "sticks"])]
-    figures += [*best_constants(presses[BALLS_MM[0], "sticks"]), *best_height_constants(presses), *sliding(presses)]
-    draw_profiles(presses, images / "finite_strain_profiles.png")
-    draw_loads(presses, images / "finite_strain_load.png")
+    figures += [*best_height_constants(presses), *sliding(presses)]
     answer("Finite strain: a ball in a neo-Hookean layer (measured) and in the linear one (peer)", figures, json)
 
 
@@ -302,27 +301,6 @@ def rms(values: Iterable[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def best_constants(together: list[Pair]) -> list[Figure]:
-    """The constants that fit the first ball best, beside those in use."""
-
-    def of_load(constant: float) -> float:
-        return rms([np.exp(constant * pair.strain**2) / pair.load_ratio - 1 for pair in together])
-
-    def of_pressure(constant: float) -> float:
-        part = constant / PRESSURE_STIFFENING
-        linear = [pair.linear_load / pair.elements.load for pair in together]
-        stiffened = [pair.stiffened_load / pair.elements.load for pair in together]
-        return rms([(1 - part) * low + part * high - 1 for low, high in zip(linear, stiffened, strict=True)])
-
-    return [
-        Figure(f"constant of {name} that fits the 4 mm ball best (in use: {used:g})", best(measure))
-        for name, used, measure in (
-            ("finite_strain_load_factor", LOAD_STIFFENING, of_load),
-            ("finite_strain_traction_mpa", PRESSURE_STIFFENING, of_pressure),
-        )
-    ]
-
-
 def best_height_constants(presses: Presses) -> list[Figure]:
     """The three constants of the heights that fit all balls best, beside those in use, which were fitted to other balls."""
     terms, missing = [], []
@@ -341,73 +319,12 @@ def best_height_constants(presses: Presses) -> list[Figure]:
     ]
 
 
-def best(measure) -> float:
-    return float(minimize_scalar(measure, bounds=(0, 5), method="bounded").x)
-
-
 def sliding(presses: Presses) -> list[Figure]:
     """A skin that slides needs no correction of its load, up to which depth?"""
     ratios = [pair.load_ratio for (_, name), together in presses.items() if name == "slides" for pair in together[:17]]
     return [
         at_most("all balls, slides, to 1.7 mm: load without correction, largest error, %", worst_percent(ratios), 5.0)
     ]
-
-
-COLOURS = {4.0: "#1b6ca8", 3.0: "#b8860b", 5.0: "#a8324a"}
-STEPS = {0.5: "#9ecae1", 1.0: "#6baed6", 1.5: "#2171b5", 1.9: "#08306b"}
-
-
-def draw_profiles(presses: Presses, path: Path) -> None:
-    """The skin from the ball's axis out, both models; at the right the bulge alone, higher."""
-    drawing = Drawing(figsize=(11, 7), layout="constrained")
-    grid = drawing.subplots(2, 2, width_ratios=(3, 2))
-    for (whole, bulge), name in zip(grid, SKINS, strict=True):
-        for pair in (pair for pair in presses[BALLS_MM[0], name] if pair.depth_mm in STEPS):
-            draw_profile(whole, pair)
-            whole.plot(WITHIN_MM, pair.by_old_place_mm, ":", color="grey", lw=1)
-            draw_profile(bulge, pair)
-        whole.plot([], [], "--", color="black", lw=1, label="linear, read at r")
-        whole.plot([], [], ":", color="grey", lw=1, label="linear, read at r + $u_r$")
-        whole.set(title=f"4 mm ball, the skin {name}", ylabel="height of the skin, mm", ylim=(-2, 0.45), xlim=(0, 8))
-        bulge.set(title="the bulge", ylim=(-0.05, 0.35), xlim=(1.5, 8))
-        whole.legend(loc="lower right", fontsize=8)
-        for axes in (whole, bulge):
-            axes.grid(alpha=0.3)
-            axes.set_xlabel("distance from the ball's axis, mm")
-    drawing.savefig(path, dpi=100)
-
-
-def draw_profile(axes: Axes, pair: Pair) -> None:
-    """One press in both models."""
-    label = f"finite strain, {pair.depth_mm:g} mm deep"
-    axes.plot(WITHIN_MM, pair.true_mm, color=STEPS[pair.depth_mm], lw=2, label=label)
-    axes.plot(WITHIN_MM, pair.in_space_mm, "--", color="black", lw=1)
-
-
-def draw_loads(presses: Presses, path: Path) -> None:
-    """Load by depth, and what the linear load must be multiplied by."""
-    drawing = Drawing(figsize=(9, 4), layout="constrained")
-    loads, factors = drawing.subplots(1, 2)
-    for name, mark in zip(SKINS, ("o", "s"), strict=True):
-        together = presses[BALLS_MM[0], name]
-        depth, colour = [pair.depth_mm for pair in together], {"sticks": "#1b6ca8", "slides": "#d9822b"}[name]
-        loads.plot(depth, [p.elements.load for p in together], mark, ms=4, color=colour, label=f"finite strain, {name}")
-        loads.plot(depth, [p.linear_load for p in together], "--", color=colour, label=f"linear, {name}")
-    loads.set(title="Load of a 4 mm ball", xlabel="depth, mm", ylabel="load / shear modulus, mm²")
-    for (ball, name), together in presses.items():
-        strain, ratio = [pair.strain for pair in together], [pair.load_ratio for pair in together]
-        mark = {"sticks": "o", "slides": "s"}[name]
-        hollow = {"markerfacecolor": "none"} if name == "slides" else {}
-        factors.plot(strain, ratio, mark, ms=4, color=COLOURS[ball], label=f"{ball:g} mm ball, {name}", **hollow)
-    strain = np.linspace(0, 0.8, 81)
-    factors.plot(strain, finite_strain_load_factor(strain), color="black", lw=1, label="exp(0.81 s²)")
-    factors.set(
-        title="Finite strain over linear", xlabel="depth / thickness s", ylabel="ratio of loads", ylim=(0.9, 1.7)
-    )
-    for axes in (loads, factors):
-        axes.grid(alpha=0.3)
-        axes.legend(fontsize=8)
-    drawing.savefig(path, dpi=110)
 
 
 if __name__ == "__main__":

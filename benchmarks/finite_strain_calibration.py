@@ -29,18 +29,19 @@ DEPTHS_MM = (0.8, 1.1, 1.4)
 LINEAR = (ParameterPrior("finite_strain", 0.0, 1e-4),)
 
 
-def finite_strain_calibration(json: bool = False, element_mm: float = 0.12) -> None:
+def finite_strain_calibration(quick: bool = False, json: bool = False, element_mm: float = 0.12) -> None:
     """Fit the presses and print what is found of thickness and depth; about a minute."""
     cv2.setNumThreads(1)
     member = replace(twins_of_real_fits()[SENSOR], gel=GEL)
     twin, design = member.twin(), member.design
     images = simulate_calibration_images(twin, design, presses=member.presses)
     rectify = build_rectification(fit_board(images.board_reference, images.board, design.pin_board), design)
+    depths_mm, element_mm = (DEPTHS_MM[:1], 0.4) if quick else (DEPTHS_MM, element_mm)
     figures: list[Figure] = []
-    steps_mm = np.arange(1, round(DEPTHS_MM[-1] / 0.1) + 1) * 0.1
+    steps_mm = np.arange(1, round(depths_mm[-1] / 0.1) + 1) * 0.1
     layer = Layer(thickness_mm=GEL.thickness_mm, element_mm=element_mm)
     for press in follow(Parts(layer), RigidBall(BALL_MM, sticks=True), steps_mm.round(3).tolist()):
-        if press.depth_mm not in DEPTHS_MM:
+        if press.depth_mm not in depths_mm:
             continue
         image = twin.renderer(draw_press(twin, press), 1)
         seen = find_ball_press(rectify, images.ball_reference, image, design.ball, "physics")

@@ -19,6 +19,7 @@ from typing import Literal
 import cv2
 import numpy as np
 import tyro
+from real_images import calibrated
 
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
@@ -31,7 +32,7 @@ from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.depth import GlobalDimmingModel
+from ninedtact.shape.depth import DepthReader, GlobalDimmingModel
 from ninedtact.shape.image_plausibility import ImageImplausible, require_plausible_image
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel
@@ -52,51 +53,31 @@ REFERENCES = 10
 REFUSAL_FILE = "refusal.txt"
 
 
-def force_on_real_fits(
-    presses: int = 300,
-    out: Path = Path("out/force_on_real_fits"),
-    sensors: tuple[str, ...] = ("A", "I", "L", "P", "Q", "R"),
-    estimators: tuple[str, ...] = ESTIMATORS,
-    calibration: str = "",
-    wrong: Wrong = "nothing",
-    perfect_calibration: bool = False,
-    workers: int = 2,
-) -> None:
-    """Print a table for each sensor, and the mean and worst of all.
+@dataclass(frozen=True)
+class Setup:
+    """One twin, its calibration and its presses."""
 
-    presses: number on each sensor. calibration: a word after which folders of other calibrations are named, to compare changes.
-    """
-    cv2.setNumThreads(1)
-    members = {name: mistaken(twin, wrong) for name, twin in twins_of_real_fits().items() if name in sensors}
-    out = out if wrong == "nothing" else out / wrong
-    jobs = [(member, out / f"{name}_{presses}.npz", presses) for name, member in members.items()]
-    for _ in run_jobs(make_presses, [job for job in jobs if not job[1].is_file()], workers):
-        pass
-    folders = [(member, out / f"sensor_{name}{calibration}", wrong) for name, member in members.items()]
-    for _ in run_jobs(calibrate_twin, [job for job in folders if not (job[1] / SENSOR_FILE).is_file()], workers):
-        pass
-    for member, folder, _ in folders:
-        if (folder / REFUSAL_FILE).is_file():
-            print(f"{member.name}: refused: {(folder / REFUSAL_FILE).read_text()}")
-            del members[member.name]
-    jobs = [job for job in jobs if job[0].name in members]
-    folders = [job for job in folders if job[0].name in members]
-    for member, folder, _ in folders:
-        for warning in load_sensor(folder).record.certificate.warnings:
-            print(f"{member.name}: {warning}")
-    jobs = [
-        (member, folder, file, spec, perfect_calibration)
-        for (member, folder, _), (_, file, _) in zip(folders, jobs, strict=True)
-        for spec in estimators
-    ]
-    found = dict(run_jobs(judge, jobs, workers))
-    results = {(jobs[number][0].name, jobs[number][3]): found[number] for number in sorted(found)}
-    for spec in estimators:
-        show(spec, {name: results[name, spec] for name in members})
-    if len(estimators) > 1:
-        compare_with_best(results, list(members), estimators)
-    if wrong == "nothing" and not perfect_calibration:
-        show_images_without_press(members, folders, jobs)
+    member: SampledSensor
+    folder: Path
+    presses: Path
+
+    @property
+    def refusal(self) -> str:
+        """Why its calibration was refused; empty where it was not."""
+        file = self.folder / REFUSAL_FILE
+        return file.read_text() if file.is_file() else ""
+
+    def stored(self) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray], list[str]]:
+        """Return reference images, wrenches, images and objects of the presses."""
+        with np.load(self.presses) as stored:
+            wrenches, objects = stored["wrenches"], json.loads(str(stored["objects"]))
+            references = [decoded(stored[f"reference_{number}"]) for number in range(REFERENCES)]
+            return (
+                references,
+                wrenches,
+                [decoded(stored[f"image_{number}"]) for number in range(len(wrenches))],
+                objects,
+            )
 
 
 @dataclass(frozen=True)
@@ -106,6 +87,49 @@ class Judged:
     predictions: WrenchPredictions
     warned: np.ndarray
     ms: float
+
+
+def force_on_real_fits(
+    presses: int = 300,
+    out: Path = Path("out/force_on_real_fits"),
+    sensors: tuple[str, ...] = ("A", "I", "L", "P", "Q", "R"),
+    wrong: Wrong = "nothing",
+    perfect_calibration: bool = False,
+    workers: int = 2,
+    quick: bool = False,
+) -> None:
+    """Print a table for each sensor, and the mean and worst of all. presses: number on each sensor."""
+    cv2.setNumThreads(1)
+    presses, sensors, workers = (2, ("A",), 1) if quick else (presses, sensors, workers)
+    out = out if wrong == "nothing" else out / wrong
+    setups = [
+        Setup(mistaken(twin, wrong), out / f"sensor_{name}", out / f"{name}_{presses}.npz")
+        for name, twin in twins_of_real_fits().items()
+        if name in sensors
+    ]
+    new = [(one.member, one.presses, presses) for one in setups if not one.presses.is_file()]
+    uncalibrated = [(one.member, one.folder, wrong) for one in setups if not (one.folder / SENSOR_FILE).is_file()]
+    if quick:
+        uncalibrated = []
+        save_sensor(setups[0].folder, calibrated("sensor_a"))  # it is another sensor, but calibrated sooner
+    for work, jobs in ((make_presses, new), (calibrate_twin, uncalibrated)):
+        list(run_jobs(work, jobs, workers))
+    for one in setups:
+        if one.refusal:
+            print(f"{one.member.name}: refused: {one.refusal}")
+    setups = [one for one in setups if not one.refusal]
+    for one in setups:
+        for warning in load_sensor(one.folder).record.certificate.warnings:
+            print(f"{one.member.name}: {warning}")
+    jobs = [(one, spec, perfect_calibration) for one in setups for spec in ESTIMATORS]
+    results = {
+        (jobs[number][0].member.name, jobs[number][1]): found for number, found in run_jobs(judge, jobs, workers)
+    }
+    names = [one.member.name for one in setups]
+    for spec in ESTIMATORS:
+        show(spec, {name: results[name, spec] for name in names})
+    if wrong == "nothing" and not perfect_calibration:
+        show_images_without_press(setups, untouched=2 if quick else 50)
 
 
 def make_presses(member: SampledSensor, file: Path, presses: int) -> None:
@@ -198,39 +222,36 @@ def darkening_at(indentation_mm: tuple[float, ...], light: BrightnessModel) -> t
     return tuple(np.abs(light.brightness_change(-np.array(indentation_mm))).tolist())
 
 
-def judge(member: SampledSensor, folder: Path, file: Path, spec: str, perfect_calibration: bool = False) -> Judged:
+def judge(setup: Setup, spec: str, perfect_calibration: bool = False) -> Judged:
     """Estimate every image alone."""
-    sensor = load_sensor(folder)
+    sensor, member = load_sensor(setup.folder), setup.member
     shape, gel = sensor.shape, replace(sensor.gel, shear_modulus_mpa=member.gel.shear_modulus_mpa)
     if perfect_calibration:
         shape, gel = perfectly_calibrated_shape(shape, member.light), member.gel
     estimator = build_estimator(spec, shape, gel)
-    with np.load(file) as stored:
-        wrenches, objects = stored["wrenches"], json.loads(str(stored["objects"]))
-        references = [Frame(decoded(stored[f"reference_{number}"])) for number in range(REFERENCES)]
-        images = [decoded(stored[f"image_{number}"]) for number in range(len(wrenches))]
-    depth_reader = shape.depth_reader(*references)
+    references, wrenches, images, objects = setup.stored()
+    depth_reader = shape.depth_reader(*map(Frame, references))
     read, std, warned, ms = [], [], [], []
     for image in images:
-        frame = Frame(image)
-        rectified = shape.rectify(frame)
-        reading = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
+        reading = reading_of(image, shape, depth_reader)
         estimator.forget()
         start = process_time()
         estimate = estimator.estimate(reading)
         ms.append((process_time() - start) * 1e3)
         read.append(estimate.wrench.six)
         std.append(estimate.std)
-        warned.append([warning.value for warning in estimate.warnings])
+        warned.append(bool(estimate.warnings))
+    names, centre = [member.name] * len(objects), (0.0, 0.0, 0.0)
     predictions = WrenchPredictions(
-        wrenches,
-        np.array(read),
-        np.array(std),
-        objects=objects,
-        sensors=[member.name] * len(objects),
-        about_mm=(0.0, 0.0, 0.0),
+        wrenches, np.array(read), np.array(std), objects=objects, sensors=names, about_mm=centre
     )
-    return Judged(predictions, np.array([bool(one) for one in warned]), float(np.median(ms)))
+    return Judged(predictions, np.array(warned), float(np.median(ms)))
+
+
+def reading_of(image: np.ndarray, shape: CalibratedShape, depth_reader: DepthReader) -> Reading:
+    """Return the reading of one image."""
+    rectified = shape.rectify(frame := Frame(image))
+    return Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
 
 
 def show(spec: str, found: dict[str, Judged]) -> None:
@@ -267,74 +288,47 @@ def line(row: np.ndarray) -> str:
     return "  |  ".join(texts)
 
 
-def compare_with_best(results: dict[tuple[str, str], Judged], sensors: list[str], estimators: tuple[str, ...]) -> None:
-    """Print where the default, which is the first estimator, is worse than the best one: by 0.01 and beyond its bootstrap 95 %."""
-    rng, behind = np.random.default_rng(0), 0
-    print(f"\n{estimators[0]} (the default) compared with the best estimator on each sensor and axis")
-    for sensor in sensors:
-        truth = results[sensor, estimators[0]].predictions.truth
-        errors = {spec: np.abs(results[sensor, spec].predictions.error) for spec in estimators}
-        unskilled = np.abs(truth - np.median(truth, axis=0)).mean(axis=0)
-        skill = {spec: 1 - error.mean(axis=0) / unskilled for spec, error in errors.items()}
-        for axis, name in enumerate(AXES):
-            best = max(estimators, key=lambda spec: skill[spec][axis])
-            lost = skill[best][axis] - skill[estimators[0]][axis]
-            difference = (errors[estimators[0]] - errors[best])[:, axis] / unskilled[axis]
-            draws = rng.choice(difference, (2000, len(difference))).mean(axis=1)
-            if lost > 0.01 and np.quantile(draws, 0.025) > 0:
-                behind += 1
-                print(f"  {sensor} {name}: {best} is better by {lost:.3f}")
-    print(
-        f"  the default is the best, or as good, on {len(sensors) * len(AXES) - behind} of {len(sensors) * len(AXES)}"
-    )
-
-
-def show_images_without_press(
-    members: dict[str, SampledSensor], folders: list[tuple[SampledSensor, Path, Wrong]], jobs: list[tuple]
-) -> None:
+def show_images_without_press(setups: list[Setup], untouched: int) -> None:
     """Print how many images are answered well that are no presses of the sensor, and how many of its own presses.
 
     Without contact the wrench must be exactly zero, a press must be accepted, and all others must be refused, as `estimate` and
-    `reconstruct` refuse them. A warning that presses carry too does not count.
+    `reconstruct` refuse them.
     """
     print("\nanswered well of all: images that are no presses, and the sensor's own presses")
-    files = {member.name: file for member, _, file, _ in jobs}
-    for member, folder, _ in folders:
-        sensor = load_sensor(folder)
+    presses = {setup.member.name: setup.stored() for setup in setups}
+    for setup in setups:
+        sensor, member = load_sensor(setup.folder), setup.member
         estimator = build_estimator(ESTIMATORS[0], sensor.shape, sensor.gel)
-        with np.load(files[member.name]) as stored:
-            references = [decoded(stored[f"reference_{number}"]) for number in range(REFERENCES)]
+        references, _, own, _ = presses[member.name]
         depth_reader = sensor.shape.depth_reader(*map(Frame, references))
-        foreign, own = [], []
-        for name in members:
-            with np.load(files[name]) as stored:
-                numbers = range(len(stored["wrenches"])) if name == member.name else range(0, 40, 4)
-                (own if name == member.name else foreign).extend(decoded(stored[f"image_{n}"]) for n in numbers)
         kinds = {
-            "no contact": [member.twin().renderer(None, 1000 + number) for number in range(50)],
+            "no contact": [member.twin().renderer(None, 1000 + number) for number in range(untouched)],
             "black, white, uniform": [np.full_like(references[0], level) for level in (0, 3, 120, 255)],
-            "other sensors": foreign,
+            "other sensors": [one for name, other in presses.items() if name != member.name for one in other[2][:40:4]],
             "own presses": own,
         }
         texts = []
         for kind, images in kinds.items():
             well = 0
             for image in images:
-                frame = Frame(image)
-                rectified = sensor.shape.rectify(frame)
-                reading = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
-                try:
-                    require_plausible_image("image", rectified, depth_reader.reference, reading.height)
-                    is_refused = False
-                except ImageImplausible:
-                    is_refused = True
+                reading = reading_of(image, sensor.shape, depth_reader)
+                accepted = is_plausible(reading)
                 if kind == "no contact":
                     estimator.forget()
-                    well += not (is_refused or estimator.estimate(reading).wrench.six.any())
+                    well += accepted and not estimator.estimate(reading).wrench.six.any()
                 else:
-                    well += is_refused is not (kind == "own presses")
+                    well += accepted is (kind == "own presses")
             texts.append(f"{kind} {well} of {len(images)}")
         print(f"  {member.name:6s}" + "; ".join(texts), flush=True)
+
+
+def is_plausible(reading: Reading) -> bool:
+    """Return whether `estimate` accepts the image of a reading."""
+    try:
+        require_plausible_image("image", reading.rectified, reading.reference, reading.height)
+    except ImageImplausible:
+        return False
+    return True
 
 
 def encoded(image: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import tyro
 from figures import Figure, answer, at_most
-from real_sensor import real_sensor
+from real_images import real_sensor
 from turns import Tasks, Times, in_turns
 
 from ninedtact import Frame
@@ -23,9 +23,9 @@ ALL, ALL_CORRECTED = "frame → shape and wrench by physics", "frame → shape a
 REQUIRED_MS = {PHYSICS: 4.0, ALL: 8.0}
 
 
-def force_speed(model: Path | None = None, rounds: int = 60, json: bool = False) -> None:
+def force_speed(model: Path | None = None, rounds: int = 60, quick: bool = False, json: bool = False) -> None:
     """Measure, and print what it must reach. model: a model in place of the shipped one."""
-    times = in_turns({"held ball": partial(tasks, str(model or CORRECTED))}, rounds)
+    times = in_turns({"held ball": partial(tasks, str(model or CORRECTED))}, rounds, quick)
     answer("Speed of the force estimate, one thread", [figure(*name, found) for name, found in times.items()], json)
 
 

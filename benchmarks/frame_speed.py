@@ -9,8 +9,7 @@ from functools import partial
 import tyro
 from figures import Figure, answer, at_least
 from original import Original
-from real_images import sensor_folder
-from real_sensor import real_sensor
+from real_images import real_sensor, sensor_folder
 from turns import Tasks, Times, in_turns
 
 from ninedtact import Frame, point_cloud, read_image
@@ -25,10 +24,10 @@ READINGS = "physics", FAST, RATIO
 """Ours: the default, the same with scattered light left as it is, and the older method."""
 
 
-def frame_speed(rounds: int = 100, json: bool = False) -> None:
+def frame_speed(rounds: int = 100, quick: bool = False, json: bool = False) -> None:
     """Measure, and print what it must reach."""
     ours = {reading: partial(our_tasks, reading) for reading in READINGS}
-    times = in_turns({"original": original_tasks, **ours}, rounds)
+    times = in_turns({"original": original_tasks, **ours}, rounds, quick)
     figures = [ratio(reading, task, times) for reading in READINGS for task in REQUIRED]
     figures += [cost(who, task, times) for who, task in times if who in READINGS]
     figures += [cost(who, task, times) for who, task in times if who == "original" and task not in REQUIRED]

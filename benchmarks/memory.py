@@ -14,61 +14,36 @@ import cv2
 import numpy as np
 import tyro
 from figures import Figure, answer, at_most
-from real_sensor import real_sensor
+from live_page import CameraInMemory
+from real_images import real_sensor
 from tqdm import tqdm
 
-from ninedtact import Frame, FrameSource, Sensor, point_cloud
+from ninedtact import Sensor, point_cloud
 
 SETTLED = 1000
 SAMPLES = 100
 STATM = Path("/proc/self/statm")
 
 
-class CameraInMemory(FrameSource):
-    """Untouched skin first, then a ball that comes and goes, noise on everything."""
-
-    name = "a camera in memory"
-
-    def __init__(self, untouched: np.ndarray, pressed: np.ndarray, kinds: int = 16) -> None:
-        noise = np.random.default_rng(0)
-        share = [*np.zeros(kinds), *(1 - np.cos(np.linspace(0, 2 * np.pi, kinds))) / 2]
-        change = pressed.astype(float) - untouched
-        self.images = [
-            np.clip(untouched + part * change + noise.normal(0, 0.6, untouched.shape), 0, 255).astype(np.uint8)
-            for part in share
-        ]
-        self.next_index = 0
-
-    def open(self) -> None:
-        self.next_index = 0
-
-    def read(self) -> Frame:
-        self.next_index += 1
-        image = self.images[self.next_index % len(self.images)].copy()
-        return Frame(image, time.monotonic_ns(), self.next_index - 1)
-
-    def close(self) -> None:
-        pass
-
-
-def memory(frames: int = 100_000, json: bool = False) -> None:
+def memory(frames: int = 100_000, quick: bool = False, json: bool = False) -> None:
     """Run, and print the growth."""
     cv2.setNumThreads(1)
     require_linux()
+    frames, settled = (60, 20) if quick else (frames, SETTLED)
     images, shape = real_sensor("sensor_a")
-    camera = CameraInMemory(images["ball_reference"], images["ball"])
+    camera = CameraInMemory(images)
     start = time.perf_counter()
     with Sensor(camera, shape) as sensor:
-        samples = list(resident_mb(sensor, frames))
+        samples = list(resident_mb(sensor, frames, settled))
     answer("Memory over many frames", grown(samples, frames, time.perf_counter() - start), json)
 
 
-def resident_mb(sensor: Sensor, frames: int) -> Iterator[tuple[int, float]]:
+def resident_mb(sensor: Sensor, frames: int, settled: int) -> Iterator[tuple[int, float]]:
     """Frame number and resident memory in MB, at the settled frame and then evenly."""
-    every = max((frames - SETTLED) // SAMPLES, 1)
+    every = max((frames - settled) // SAMPLES, 1)
     for number in tqdm(range(1, frames + 1), unit=" frames", mininterval=5, disable=None):
         point_cloud(sensor.read().height)
-        if number >= SETTLED and (number - SETTLED) % every == 0:
+        if number >= settled and (number - settled) % every == 0:
             gc.collect()
             yield number, resident_now_mb()
 

@@ -7,7 +7,6 @@ force by physics, and a second client only watches.
 
 import multiprocessing
 import statistics
-import threading
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -18,21 +17,19 @@ import numpy as np
 import tyro
 import viser
 from figures import Figure, answer, at_most
-from page_clients import crowd
+from live_page import crowd, shown_page
 from reading_clients import CAMERA, unpack_text
-from real_images import PRESSES, sensor_folder
+from real_images import calibrated
 from websockets.sync.client import ClientConnection, connect
 
-from ninedtact import CalibrationImages, SensorFolder, calibrate, read_image
+from ninedtact import SensorFolder
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
 from ninedtact.force.estimator_loading import load_estimator
 from ninedtact.simulation.simulated_sources import demo_sources
-from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_controller import DisplayedSensor, PageController
+from ninedtact.studio.page_controller import DisplayedSensor
 from ninedtact.studio.press_control import TwinPressController
-from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM
 from ninedtact.studio.wrench_history import WrenchHistory
@@ -42,7 +39,7 @@ DEPTHS_MM = (0.6, 0.75)
 """Depths between which the handle is moved; one step of the twin takes the object from one to the other."""
 
 
-def move_handle(port: int, moves: int, pipe: Connection) -> None:
+def move_handle(port: int, moves: int, watch_s: float, pipe: Connection) -> None:
     """Move the handle again and again, and send the time of each move in ms, then the updates per second of the images."""
     address = f"ws://127.0.0.1:{port}"
     with connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, max_queue=None) as client:  # type: ignore[list-item]
@@ -57,7 +54,7 @@ def move_handle(port: int, moves: int, pipe: Connection) -> None:
             wait_for(client, f"{depth:.2f} mm deep".encode())
             took_ms.append((time.perf_counter() - sent_s) * 1e3)
             read_for(client, float(pause.uniform(0.2, 0.3)))
-        started_s, updates = time.perf_counter(), read_for(client, 5.0)
+        started_s, updates = time.perf_counter(), read_for(client, watch_s)
         pipe.send((took_ms, updates / (time.perf_counter() - started_s)))
 
 
@@ -78,49 +75,40 @@ def read_for(client: ClientConnection, seconds: float) -> int:
     return count
 
 
-def page_interaction(moves: int = 60, json: bool = False) -> None:
+def page_interaction(moves: int = 60, quick: bool = False, json: bool = False) -> None:
     """Press the twin through the page, and print how long it takes."""
+    moves, watch_s = (2, 0.5) if quick else (moves, 5.0)
     with TemporaryDirectory() as path:
-        took_ms, updates_hz, stage_ms = press_through_page(calibrated_sensor("sensor_a", Path(path)), moves)
+        folder = save_sensor(Path(path) / "sensor_a", calibrated("sensor_a"))
+        took_ms, updates_hz, stage_ms = press_through_page(folder, moves, watch_s)
     answer("Pressing the twin through the page", figures(took_ms, updates_hz, stage_ms), json)
 
 
-def calibrated_sensor(name: str, path: Path) -> SensorFolder:
-    """A real sensor, calibrated from its images, on disk."""
-    images = {press: read_image(sensor_folder(name) / f"{press}.png") for press in PRESSES}
-    return save_sensor(path / name, calibrate(CalibrationImages(**images), sensor_id=name))
-
-
-def press_through_page(folder: SensorFolder, moves: int) -> tuple[list[float], float, dict[str, float]]:
-    """The ms of each move, the updates per second, and the ms of each stage of the last reading."""
+def press_through_page(folder: SensorFolder, moves: int, watch_s: float) -> tuple[list[float], float, dict[str, float]]:
+    """Return the ms of each move, the updates per second, and the ms of each stage of the last reading."""
     sources = demo_sources(build_twin_from_folder(folder))
     sensor, pollers = twin_sensor_and_true_wrench(folder.shape, sources)
     sensor.estimator = estimator = load_estimator("physics", folder)
     estimates = WrenchHistory("estimated", "by physics", estimator.notices, states_errors=True)
-    control, stop = TwinPressController(sources.simulation), threading.Event()
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
 
     def keep(reading: object) -> None:
         estimates.add_estimate(reading.force)  # type: ignore[attr-defined]
 
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep) as poller, pollers[0]:
+    with SensorPoller(sensor, keep) as poller, pollers[0]:
+        control = TwinPressController(sources.simulation)
         twin = DisplayedSensor(poller, [pollers[0].history, estimates], control)
-        studio = PageController([twin], Path("out/readings"))
-        page = SensorPage(server, studio, gel_block_under_skin(folder.shape, folder.record.design.gel), "twin")
-        showing = threading.Thread(target=studio.run, args=(page, DISPLAY_HZ, stop.is_set))
-        showing.start()
-        person = context.Process(target=move_handle, args=(server.get_port(), moves, there))
-        person.start()
-        while not page.viewers:
-            time.sleep(0.05)
-        with crowd(server, 1, silent=0, others=1):
-            here.send(page.viewers[0].client.scene._owner_id)
-            took_ms, updates_hz = here.recv()
-        person.join()
-        stop.set()
-        showing.join()
-        reading = poller.snapshot(0).reading
+        with shown_page([twin], folder.shape, DISPLAY_HZ, Path("out/readings")) as (server, page):
+            person = context.Process(target=move_handle, args=(server.get_port(), moves, watch_s, there))
+            person.start()
+            while not page.viewers:
+                time.sleep(0.05)
+            with crowd(server, 1, silent=0, others=1):
+                here.send(page.viewers[0].client.scene._owner_id)
+                took_ms, updates_hz = here.recv()
+            person.join()
+            reading = poller.snapshot(0).reading
     return took_ms, updates_hz, {} if reading is None else reading.stage_ms
 
 

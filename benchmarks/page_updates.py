@@ -7,7 +7,6 @@ programs on the machine change it less than they change the rate.
 
 import multiprocessing
 import os
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,22 +18,15 @@ import msgspec
 import tyro
 import viser
 from figures import Figure, answer, at_least, at_most
-from page_clients import PacedCamera
+from live_page import shown_page
+from page_clients import READINGS, paced_sensor, shape
 from reading_clients import CAMERA, received_surfaces
-from real_sensor import real_sensor
 from websockets.sync.client import connect
 
 from ninedtact import Sensor
-from ninedtact.capture.frame_pacing import LatestFrameSource
-from ninedtact.design import Gel
-from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_controller import DisplayedSensor, PageController
-from ninedtact.studio.scene_3d import gel_block_under_skin
-from ninedtact.studio.sensor_poller import SensorPoller
+from ninedtact.studio.page_controller import DisplayedSensor
 
 CAMERA_HZ, DISPLAY_HZ = 60.0, 40.0
-SETTLE_S = 3.0
-"""Time after its arrival from which the client is measured."""
 
 
 @dataclass(frozen=True)
@@ -56,13 +48,13 @@ class Load:
     images_hz: float
 
 
-def watch(port: int, seconds: float, pipe: Connection) -> None:
-    """Watch the page without a browser on any core, and send what was received."""
+def watch(port: int, settle_s: float, seconds: float, pipe: Connection) -> None:
+    """Watch the page without a browser on any core, and send what was received after `settle_s`."""
     os.sched_setaffinity(0, range(os.cpu_count() or 1))
     address, protocol = f"ws://127.0.0.1:{port}", f"viser-v{viser.__version__}"
     with connect(address, subprotocols=[protocol], max_size=None, compression=None) as client:  # type: ignore[list-item]
         client.send(msgspec.msgpack.encode(CAMERA))
-        began_s = time.perf_counter() + SETTLE_S
+        began_s = time.perf_counter() + settle_s
         while time.perf_counter() < began_s:
             client.recv()
         pipe.send("began")
@@ -74,37 +66,37 @@ def watch(port: int, seconds: float, pipe: Connection) -> None:
         pipe.recv()
 
 
-def page_updates(seconds: float = 20.0, json: bool = False) -> None:
+def page_updates(seconds: float = 20.0, quick: bool = False, json: bool = False) -> None:
     """Show a sensor's page to nobody, then to one client, and print what that costs."""
     cv2.setNumThreads(1)
-    pictures, shape = real_sensor("sensor_a")
-    sensor = Sensor(LatestFrameSource(PacedCamera(pictures["ball_reference"], pictures["ball"], CAMERA_HZ)), shape, 2)
+    seconds, settle_s = (0.5, 0.5) if quick else (seconds, 3.0)
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as poller:
-        studio, stop = PageController([DisplayedSensor(poller)], Path("out/readings")), threading.Event()
-        page = SensorPage(server, studio, gel_block_under_skin(shape, Gel()), "sensor_a")
-        showing = threading.Thread(target=studio.run, args=(page, DISPLAY_HZ, stop.is_set))
-        showing.start()
-        client = context.Process(target=watch, args=(server.get_port(), seconds, there))
-        stay_on_one_core()
-        alone = load_while(sensor, lambda: time.sleep(seconds))
+    cores = os.sched_getaffinity(0)
+    with (
+        paced_sensor(CAMERA_HZ) as poller,
+        shown_page([DisplayedSensor(poller)], shape(), DISPLAY_HZ, READINGS) as (
+            server,
+            _,
+        ),
+    ):
+        client = context.Process(target=watch, args=(server.get_port(), settle_s, seconds, there))
+        keep_threads_on({min(cores)})
+        alone = load_while(poller.sensor, lambda: time.sleep(seconds))
         client.start()
         here.recv()
         received: list[Received] = []
-        watched = load_while(sensor, lambda: received.append(here.recv()))
+        watched = load_while(poller.sensor, lambda: received.append(here.recv()))
         here.send("end")
         client.join()
-        stop.set()
-        showing.join()
+    keep_threads_on(cores)
     answer("Updates of the live page", figures(received[0], alone, watched), json)
 
 
-def stay_on_one_core() -> None:
-    """Keep all threads of this process on its first core."""
-    core = min(os.sched_getaffinity(0))
+def keep_threads_on(cores: set[int]) -> None:
+    """Keep all threads of this process on these cores."""
     for thread in Path("/proc/self/task").iterdir():
-        os.sched_setaffinity(int(thread.name), {core})
+        os.sched_setaffinity(int(thread.name), cores)
 
 
 def load_while(sensor: Sensor, wait: Callable[[], object]) -> Load:
@@ -116,6 +108,7 @@ def load_while(sensor: Sensor, wait: Callable[[], object]) -> Load:
 
 
 def figures(received: Received, alone: Load, watched: Load) -> list[Figure]:
+    """Return the figures; the cost of an update is what the client adds to the cost of the images."""
     update_s = (watched.share - alone.share * watched.images_hz / alone.images_hz) / received.surfaces_hz
     needed = alone.share * CAMERA_HZ / alone.images_hz + 30 * update_s
     return [

@@ -19,35 +19,23 @@ from tempfile import TemporaryDirectory
 import cv2
 import tyro
 from figures import Figure, answer, at_most
-from memory import CameraInMemory, require_linux, resident_now_mb
-from mutated_kinds import calibration_images
-from page_clients import crowd
+from live_page import CameraInMemory, crowd, shown_page
+from memory import require_linux, resident_now_mb
+from real_images import calibrated
 
-from ninedtact import Frame, Sensor, SensorFolder, calibrate, load_estimator
+from ninedtact import Recording, Sensor, SensorFolder, load_estimator, record, save_sensor
 from ninedtact.__main__ import limit_memory_arenas
-from ninedtact.calibration.save import save_sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
-from ninedtact.recording.reader import Recording
-from ninedtact.recording.recorder import record
 from ninedtact.reference_images import FollowingSettings, ReferenceImages
-from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_controller import DisplayedSensor, PageController
-from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.page_controller import DisplayedSensor
 from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.wrench_history import WrenchHistory
 
 SETTLED = 8
 """Number of the round from which growth counts: until then, the allocator's arenas of the threads fill."""
 MAX_GROWTH_MB = 5.0
-
-
-class FastCamera(CameraInMemory):
-    """A camera of at most 200 Hz. A source without any pause would keep the other threads from running."""
-
-    def read(self) -> Frame:
-        """Wait for the next image, and return it."""
-        time.sleep(0.005)
-        return super().read()
+HZ = 200.0
+"""Rate of the camera; one without any pause would keep the other threads from running."""
 
 
 @dataclass(frozen=True)
@@ -60,35 +48,30 @@ class Census:
     children: int
 
 
-def soak(minutes: float = 30.0, images: int = 1000, recorded: int = 100, json: bool = False) -> None:
-    """Repeat rounds until the time is over, and print what has grown.
-
-    images: number that each round reads. recorded: number that each round records.
-    """
+def soak(
+    minutes: float = 30.0, images: int = 1000, recorded: int = 100, quick: bool = False, json: bool = False
+) -> None:
+    """Repeat rounds until the time is over, and print what has grown. images, recorded: read and recorded in each round."""
     cv2.setNumThreads(1)
     require_linux()
     limit_memory_arenas()  # as every command does
+    minutes, images, recorded, settled = (0.0, 8, 3, 1) if quick else (minutes, images, recorded, SETTLED)
     until_s = time.monotonic() + 60 * minutes
     found: list[Census] = []
     with TemporaryDirectory(prefix="soak_") as name:
-        folder = Path(name)
-        pictures = calibration_images()
-        sensor = save_sensor(folder / "sensor", calibrate(pictures))
-        camera = FastCamera(pictures.ball_reference, pictures.ball)
-        while time.monotonic() < until_s or len(found) < SETTLED + 1:
-            watch_page(sensor, camera, folder, images)
-            make_recording(sensor, camera, folder / "press.mcap", recorded)
+        folder, made = Path(name), calibrated("sensor_a")
+        sensor = save_sensor(folder / "sensor", made)
+        while time.monotonic() < until_s or len(found) < settled + 1:
+            watch_page(sensor, CameraInMemory(vars(made.images), HZ), folder / "readings", images)
+            make_recording(sensor, CameraInMemory(vars(made.images), HZ), folder / "press.mcap", recorded)
             found.append(count_resources())
             print(f"round {len(found)}: {found[-1]}", file=sys.stderr, flush=True)
-        left = sorted(path.name for path in folder.iterdir())
-    answer(
-        f"Soak: {len(found)} rounds of {images} readings and {recorded} recorded images",
-        list(growth(found, left)),
-        json,
-    )
+        left = {path.name for path in folder.iterdir()} - {"sensor"}
+    title = f"Soak: {len(found)} rounds of {images} readings and {recorded} recorded images"
+    answer(title, list(growth(found[settled - 1], found[-1], len(left))), json)
 
 
-def watch_page(sensor: SensorFolder, camera: FastCamera, folder: Path, images: int) -> None:
+def watch_page(sensor: SensorFolder, camera: CameraInMemory, readings: Path, images: int) -> None:
     """Read as fast as possible while three browsers watch."""
     references = ReferenceImages(following=FollowingSettings())
     read = Sensor(LatestFrameSource(camera), sensor.shape, references, load_estimator("physics", sensor))
@@ -97,32 +80,17 @@ def watch_page(sensor: SensorFolder, camera: FastCamera, folder: Path, images: i
     def keep(reading) -> None:  # type: ignore[no-untyped-def]
         estimates.add_estimate(reading.force)
 
-    with page_server("127.0.0.1", 0) as server, SensorPoller(read, keep) as poller:
-        studio, stop = PageController([DisplayedSensor(poller, [estimates])], folder / "readings"), threading.Event()
-        page = SensorPage(server, studio, gel_block_under_skin(sensor.shape, sensor.gel), "soak")
-        showing = threading.Thread(target=studio.run, args=(page, 15.0, stop.is_set))
-        showing.start()
-        with crowd(server, 3):
+    with SensorPoller(read, keep) as poller:
+        shown = [DisplayedSensor(poller, [estimates])]
+        with shown_page(shown, sensor.shape, 15.0, readings) as (server, _), crowd(server, 3):
             while read.frames_read < images:
                 time.sleep(0.05)
-        stop.set()
-        showing.join()
 
 
-def make_recording(sensor: SensorFolder, camera: FastCamera, path: Path, images: int) -> None:
+def make_recording(sensor: SensorFolder, camera: CameraInMemory, path: Path, images: int) -> None:
     """Record, read back and delete."""
-
-    class Few(FastCamera):
-        images = camera.images
-
-        def __init__(self) -> None:
-            self.next_index = 0
-
-    source = Few()
-    record(
-        source, path, sensor, heights=True, estimator=load_estimator("physics", sensor),
-        should_stop=lambda: source.next_index >= images,
-    )  # fmt: skip
+    estimator = load_estimator("physics", sensor)
+    record(camera, path, sensor, heights=True, estimator=estimator, should_stop=lambda: camera.next_index >= images)
     with Recording(path) as recording:
         assert sum(1 for _ in recording.frames()) > 0
     path.unlink()
@@ -138,14 +106,16 @@ def count_resources() -> Census:
     )
 
 
-def growth(found: list[Census], left: list[str]) -> Iterator[Figure]:
+def growth(first: Census, last: Census, left: int) -> Iterator[Figure]:
     """Yield what has grown since the settled round."""
-    first, last = found[SETTLED - 1], found[-1]
+    yield Figure(
+        "memory after the settled and after the last round, MB", f"{first.memory_mb:.1f}, {last.memory_mb:.1f}"
+    )
     yield at_most("growth of memory, MB", last.memory_mb - first.memory_mb, MAX_GROWTH_MB)
     yield at_most("threads more", last.threads - first.threads, 0)
     yield at_most("open files and sockets more", last.files - first.files, 0)
     yield at_most("child processes more", last.children - first.children, 0)
-    yield at_most("files left beside the sensor", len(set(left) - {"sensor"}), 0)
+    yield at_most("files left beside the sensor", left, 0)
 
 
 if __name__ == "__main__":

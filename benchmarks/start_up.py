@@ -26,8 +26,9 @@ NOTHING = [sys.executable, "-c", "pass"]
 HELP_INSIDE = "import ninedtact.cli\ntry: ninedtact.cli.main(['--help'])\nexcept SystemExit: pass"
 
 
-def start_up(tries: int = 5, json: bool = False) -> None:
+def start_up(tries: int = 5, quick: bool = False, json: bool = False) -> None:
     """Measure."""
+    tries, sensors, times = (1, (), 1) if quick else (tries, ("sensor_a", "sensor_i"), 3)
     figures = [
         at_most("import ninedtact, s", best_seconds(IMPORT, tries), 0.5),
         at_most("ninedtact --help, s", best_seconds(HELP, tries), 1.0),
@@ -36,36 +37,36 @@ def start_up(tries: int = 5, json: bool = False) -> None:
         lightness("ninedtact --help", HELP_INSIDE),
     ]
     with TemporaryDirectory() as temporary:
-        for name in ("sensor_a", "sensor_i"):
-            figures += commands_on(sensor_folder(name), Path(temporary) / name)
+        for name in sensors:
+            figures += commands_on(sensor_folder(name), Path(temporary) / name, times)
     answer("Start", figures, json)
 
 
-def commands_on(images: Path, sensor: Path) -> list[Figure]:
+def commands_on(images: Path, sensor: Path, times: int) -> list[Figure]:
     """The processor time of calibrating a sensor and of estimating one image with it."""
     calibrate = [str(COMMAND), "calibrate", "--out", str(sensor)]
     for press in PRESSES:
         calibrate += [f"--{press.replace('_', '-')}", str(images / f"{press}.png")]
     estimate = [str(COMMAND), "estimate", "--sensor", str(sensor), "--reference", str(images / "ball_reference.png")]
     return [
-        at_most(f"ninedtact calibrate, {images.name}, s of processor", processor_seconds(calibrate), 8.0),
+        at_most(f"ninedtact calibrate, {images.name}, s of processor", processor_seconds(calibrate, times), 8.0),
         at_most(
             f"ninedtact estimate, {images.name}, s of processor",
-            processor_seconds([*estimate, str(images / "ball.png")]),
+            processor_seconds([*estimate, str(images / "ball.png")], times),
             1.2,
         ),
     ]
 
 
-def processor_seconds(command: list[str]) -> float:
-    """The median of the user and system time of three fresh processes, after one that compiles what it loads."""
+def processor_seconds(command: list[str], times: int) -> float:
+    """The median of the user and system time of some fresh processes, after one that compiles what it loads."""
     found = []
-    for _ in range(4):
+    for _ in range(times + (times > 1)):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run(command, check=True, capture_output=True)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         found.append(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
-    return median(found[1:])
+    return median(found[times > 1 :])
 
 
 def best_seconds(command: list[str], tries: int) -> float:

@@ -38,8 +38,15 @@ class Times:
         return float(np.median(self.cpu_ms))
 
 
-def in_turns(contestants: dict[str, Callable[[], Tasks]], rounds: int) -> dict[tuple[str, str], Times]:
-    """Times by (contestant, task)."""
+def in_turns(
+    contestants: dict[str, Callable[[], Tasks]], rounds: int, quick: bool = False
+) -> dict[tuple[str, str], Times]:
+    """Return times by (contestant, task); `quick` calls every task a few times in this process instead."""
+    if quick:
+        tasks = {(who, name): task for who, make in contestants.items() for name, task in make().items()}
+        return {
+            name: Times(*(np.array([timed(task, call) for call in range(2)]) / 1e6).T) for name, task in tasks.items()
+        }
     os.environ.update(ONE_THREAD)
     with started(contestants) as links:
         names = {(who, task): link for who, link in links.items() for task in link.recv()}

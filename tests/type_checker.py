@@ -14,7 +14,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from beartype import BeartypeConf, beartype
 from jaxtyping import AbstractArray, config, jaxtyped
-from jaxtyping._storage import get_shape_memo, pop_shape_memo, push_shape_memo
+from jaxtyping._storage import get_shape_memo
 
 checked = beartype(conf=BeartypeConf(is_pep484_tower=True))
 """With the numeric tower, as mypy has it: an int is a float."""
@@ -45,16 +45,16 @@ def check_calls(*, typechecker: Callable[..., Any]) -> Callable[[Any], Any]:
             """An axis has one length in the arguments and in the answer of a call."""
             if config.jaxtyping_disable:
                 return item(*args, **kwargs)
-            push_shape_memo(_NO_ARGUMENTS)
-            try:
+            with _OWN_AXES:
                 return checked_item(*args, **kwargs)
-            finally:
-                pop_shape_memo()
 
         return call_with_arrays if names_arrays else call
 
     return decorate
 
+
+_OWN_AXES = jaxtyped("context")
+"""While it is entered, axes have lengths of their own; it keeps nothing itself, so that one serves all calls."""
 
 _inner_functions: dict[Any, tuple[Callable[..., Any], bool]] = {}
 """Checked copies of functions within functions, without what they close over: each call of the outer one defines them anew, and
@@ -142,7 +142,6 @@ def check_plain_arrays_faster() -> None:
     meta.__instancecheck__ = passes
 
 
-_NO_ARGUMENTS: dict[str, Any] = {}
 _PLAIN_AXIS = re.compile(r"\d+|[A-Za-z]\w*")
 
 

@@ -1,4 +1,4 @@
-"""Work on local clusters of Dask and of Ray: the bytes of one process, also after a worker or the command was killed.
+"""Work on a local Dask cluster: the bytes of one process, also after a worker or the command was killed.
 
 `make test-cluster` installs the libraries and runs these tests; `make test` leaves them out.
 """
@@ -10,7 +10,6 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,17 +21,9 @@ import pytest
 
 from ninedtact import __version__
 from ninedtact.cli import main
+from ninedtact.errors import DeviceError, InputError
 from ninedtact.force.onnx_model import read_force_model
-from ninedtact.parallel_jobs import (
-    CONNECT_TIMEOUT_S,
-    ClusterUnreachable,
-    WorkersImpossible,
-    WorkersLost,
-    WorkerVersionDiffers,
-    connect_workers,
-    require_workers,
-    run_jobs,
-)
+from ninedtact.parallel_jobs import CONNECT_TIMEOUT_S, connect_workers, require_workers, run_jobs
 
 pytestmark = pytest.mark.cluster
 GENERATE = """
@@ -98,17 +89,9 @@ def is_open(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
-def processes_named(word: str, begins: bool = False) -> list[int]:
-    """The ids of the processes whose command line contains a word, or begins with it."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            line = path.read_bytes().replace(b"\0", b" ").decode(errors="replace")
-        except OSError:
-            continue
-        if line.startswith(word) if begins else word in line:
-            found.append(int(path.parent.name))
-    return found
+def is_worker(process: int) -> bool:
+    """Whether a child of a nanny runs jobs; the other is a tracker of resources."""
+    return b"resource_tracker" not in Path(f"/proc/{process}/cmdline").read_bytes()
 
 
 def children(parent: int) -> list[int]:
@@ -130,31 +113,14 @@ def dask_cluster(cwd: Path, threads: int = 1, env: dict[str, str] | None = None)
             client.wait_for_workers(2, timeout=90)
 
         def worker_ids() -> list[int]:
-            below = [child for nanny in nannies for child in children(nanny)]
-            return [child for child in below if child in processes_named("spawn_main")]
+            return [child for nanny in nannies for child in children(nanny) if is_worker(child)]
 
-        yield LocalCluster(f"dask:{address}", worker_ids)
-
-
-@contextmanager
-def ray_cluster(cwd: Path, env: dict[str, str] | None = None) -> Iterator[LocalCluster]:
-    port = free_port()
-    temporary = tempfile.mkdtemp(prefix="ray")  # its sockets need a short path
-    head = [str(Path(sys.executable).parent / "ray"), "start", "--head", f"--port={port}", "--num-cpus=2", "--block"]
-    head += ["--include-dashboard=false", "--disable-usage-stats", f"--temp-dir={temporary}"]
-    head += [f"--ray-client-server-port={free_port()}", "--min-worker-port=0", "--max-worker-port=0"]
-    with processes(head, cwd=cwd, env=env):
-        wait_until(lambda: "Ray runtime started" in (cwd / "output.txt").read_text(errors="replace"), 180)
-        yield LocalCluster(f"ray:127.0.0.1:{port}", lambda: processes_named("ray::<lambda>", begins=True))
-    shutil.rmtree(temporary, ignore_errors=True)
+        yield LocalCluster(address, worker_ids)
 
 
-CLUSTERS = {"dask": dask_cluster, "ray": ray_cluster}
-
-
-@pytest.fixture(scope="module", params=list(CLUSTERS))
-def cluster(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalCluster]:
-    with CLUSTERS[request.param](tmp_path_factory.mktemp("elsewhere")) as started:
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalCluster]:
+    with dask_cluster(tmp_path_factory.mktemp("elsewhere")) as started:
         yield started
 
 
@@ -246,7 +212,7 @@ def test_explore_gives_the_same_table(cluster: LocalCluster, tmp_path: Path) -> 
 
 def test_errors_of_jobs_keep_their_class_and_sentence(cluster: LocalCluster) -> None:
     with connect_workers(1, cluster.address) as workers:
-        with pytest.raises(WorkersImpossible, match=r"^expected at least 1 worker, got 0; give one for each core$"):
+        with pytest.raises(InputError, match=r"^expected at least 1 worker, got 0; give one for each core$"):
             list(run_jobs(require_workers, [(0,)], workers))
         with pytest.raises(ZeroDivisionError):
             list(run_jobs(divmod, [(1, 0)], workers))
@@ -254,7 +220,7 @@ def test_errors_of_jobs_keep_their_class_and_sentence(cluster: LocalCluster) -> 
 
 
 def test_a_job_that_kills_every_worker_is_one_sentence(cluster: LocalCluster) -> None:
-    with connect_workers(1, cluster.address) as workers, pytest.raises(WorkersLost, match="run the command again"):
+    with connect_workers(1, cluster.address) as workers, pytest.raises(DeviceError, match="run the command again"):
         list(run_jobs(os._exit, [(1,)], workers))
 
 
@@ -289,8 +255,7 @@ def test_sessions_in_threads_of_one_worker_give_the_same_bytes(alone: Path, tmp_
     assert contents(tmp_path / "pairs") == contents(alone)
 
 
-@pytest.mark.parametrize("kind", list(CLUSTERS))
-def test_a_worker_of_another_version_is_refused(kind: str, tmp_path: Path) -> None:
+def test_a_worker_of_another_version_is_refused(tmp_path: Path) -> None:
     package = tmp_path / "other" / "ninedtact"
     package.mkdir(parents=True)
     (package / "__init__.py").touch()
@@ -298,21 +263,25 @@ def test_a_worker_of_another_version_is_refused(kind: str, tmp_path: Path) -> No
     metadata.parent.mkdir()
     metadata.write_text("Metadata-Version: 2.1\nName: ninedtact\nVersion: 0.0.9\n")
     with (
-        CLUSTERS[kind](tmp_path, env={"PYTHONPATH": str(package.parent)}) as outdated,
-        pytest.raises(WorkerVersionDiffers, match=rf"expected ninedtact {__version__} on .*got 0\.0\.9 on"),
+        dask_cluster(tmp_path, env={"PYTHONPATH": str(package.parent)}) as outdated,
+        pytest.raises(DeviceError, match=rf"expected ninedtact {__version__} on .*got 0\.0\.9 on"),
         connect_workers(1, outdated.address),
     ):
         pass
 
 
 @pytest.mark.parametrize("listens", [True, False])
-@pytest.mark.parametrize("kind", list(CLUSTERS))
-def test_a_port_that_does_not_answer_is_refused_soon(kind: str, listens: bool) -> None:
+def test_a_port_that_does_not_answer_is_refused_soon(listens: bool) -> None:
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         if listens:
             silent.listen()
-        address, began = f"{kind}:127.0.0.1:{silent.getsockname()[1]}", monotonic()
-        with pytest.raises(ClusterUnreachable, match=f"answers at {address}"), connect_workers(1, address):
+        address, began = f"127.0.0.1:{silent.getsockname()[1]}", monotonic()
+        with pytest.raises(DeviceError, match=f"that answers, got {address}"), connect_workers(1, address):
             pass
         assert monotonic() - began < CONNECT_TIMEOUT_S + 3
+
+
+def test_an_address_that_is_none_is_refused() -> None:
+    with pytest.raises(DeviceError, match=r"expected --cluster HOST:PORT .*, got slurm:somewhere"):
+        connect_workers(1, "slurm:somewhere").__enter__()

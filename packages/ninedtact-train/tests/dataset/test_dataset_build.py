@@ -20,7 +20,7 @@ from little_sources import LittleTree, little_episode, little_tree
 from ninedtact.atomic_write import FileNotWritten
 from ninedtact.checked_reading import mapping_checksum
 from ninedtact.design import rectified_mm_per_px
-from ninedtact.parallel_jobs import WorkersImpossible
+from ninedtact.errors import InputError
 from ninedtact_train.dataset.build import BuildSettings, build_dataset
 from ninedtact_train.dataset.checks import PairCheckSettings, PairCheckSettingsImpossible
 from ninedtact_train.dataset.fault_report import NoUsablePairs, read_quality_report
@@ -236,7 +236,7 @@ def test_several_workers_make_the_same(tmp_path: Path) -> None:
     one = built_from(tmp_path / "one", tmp_path / "in")
     build_dataset(tmp_path / "two", sources_at(tmp_path / "in"), workers=2)
     assert contents(one.folder) == contents(tmp_path / "two")
-    with pytest.raises(WorkersImpossible, match="1 worker"):
+    with pytest.raises(InputError, match="1 worker"):
         build_dataset(tmp_path / "none", sources_at(tmp_path / "in"), workers=0)
 
 

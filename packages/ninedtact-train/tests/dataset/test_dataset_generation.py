@@ -17,9 +17,8 @@ import trimesh
 import tyro
 
 from ninedtact.checked_reading import mapping_checksum
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError, NinedtactError
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.parallel_jobs import WorkersImpossible
 from ninedtact.simulation.objects.catalogue import UnknownObject
 from ninedtact_train.batched.session_requests import run_session_on_cpu
 from ninedtact_train.cli.simulate_dataset import SimulateDatasetCommand
@@ -293,7 +292,7 @@ def test_shares_objects_and_workers_are_checked_before_work_begins(tmp_path: Pat
         PairKindShares(0.8, 0.3)
     with pytest.raises(UnknownObject, match="expected"):
         generate_dataset(tmp_path / "a", replace(SMALL, object_names=("unicorn_01",)))
-    with pytest.raises(WorkersImpossible, match="worker"):
+    with pytest.raises(InputError, match="worker"):
         generate_dataset(tmp_path / "b", SMALL, workers=0)
     assert not list(tmp_path.iterdir())
 

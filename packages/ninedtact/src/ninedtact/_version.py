@@ -1,6 +1,6 @@
 """Version of the installed distribution, and of the libraries that its extras bring."""
 
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, requires, version
 from pathlib import Path
 
 __version__ = version("ninedtact")
@@ -32,6 +32,11 @@ SIBLINGS = {
     "hardware": "ninedtact-hardware",
 }
 """Extras that install another distribution of the repository, which in a checkout is installed from its own folder."""
+
+
+def find_entry_point(group: str, name: str) -> EntryPoint | None:
+    """Return what an installed distribution offers under a name of the group `ninedtact.GROUP`, not yet imported, or None."""
+    return next(iter(entry_points(group=f"ninedtact.{group}", name=name)), None)
 
 
 def installation_command(extras: str) -> str:

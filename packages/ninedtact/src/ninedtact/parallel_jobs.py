@@ -1,24 +1,20 @@
-"""Runs independent jobs in this process, in several processes of this machine, or on the workers of a Dask or Ray cluster.
+"""Runs independent jobs in this process, in several processes of this machine, or on the workers of a Dask cluster.
 
-`Workers` says where: a number of processes, or a `Cluster` to which `connect_workers` has connected. All of them are executors to
-which at most two jobs for each worker are submitted at once. A job that ran on a cluster returns its files to this process, which
-writes them: a cluster needs no shared file system for results.
+`Workers` says where: a number of processes, or a `Cluster` to which `connect_workers` has connected. Both are executors to which at
+most two jobs for each worker are submitted at once. A job that ran on a cluster returns its files to this process, which writes
+them: a cluster needs no shared file system for results.
 
 Every job uses one thread of linear algebra, because the rounding of BLAS depends on the number of its threads, and a calibration
-amplifies the last digits. A worker of a cluster compares its version of ninedtact with that of this process before it reads a job.
-Processes of this machine end when this process is killed.
+amplifies the last digits. Processes of this machine end when this process is killed.
 """
 
 import logging
 import os
-import pickle
-import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import ExitStack, contextmanager
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.metadata import distributions
+from functools import partial
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
@@ -36,49 +32,23 @@ from ninedtact.errors import DeviceError, InputError, MissingLibraryError
 
 CONNECT_TIMEOUT_S = 8
 """Time in which a cluster must answer."""
-_PACKAGES = {"dask": ("dask", "distributed"), "ray": ("ray", "grpc")}
-"""Packages that each kind of cluster needs."""
-_EXECUTOR_PACKAGES = ("asyncio", "concurrent", "distributed", "joblib", "ray")
-"""Packages whose errors mean that a worker was lost; a job raises others."""
 _PARENT_POLL_S = 1.0
 """Time after which a worker process looks whether its parent still runs; all of them had ended 1.3 to 2.2 s after a kill."""
 
 Result = TypeVar("Result")
 
 
-class WorkersImpossible(InputError):
-    """Raised for fewer than one worker process, and for work that a cluster cannot do."""
-
-
-class ClusterAddressInvalid(InputError):
-    """Raised for a text that is not the address of a cluster."""
-
-
-class ClusterLibraryMissing(MissingLibraryError):
-    """Raised where the library of this kind of cluster is not installed."""
-
-
-class ClusterUnreachable(DeviceError):
-    """Raised for a cluster that does not answer or has no workers."""
-
-
-class WorkerVersionDiffers(DeviceError):
-    """Raised for a cluster worker with another version of ninedtact, or without it."""
-
-
-class WorkersLost(DeviceError):
-    """Raised where worker processes or the cluster ended before the work was done."""
-
-
 @dataclass(frozen=True)
 class Cluster:
-    """A cluster of Dask or Ray to which this process is connected; all of its cores are used."""
+    """A cluster to which this process is connected; all of its cores are used."""
 
     name: str
-    """The address as it was given."""
+    """The address of its scheduler."""
     cores: int
     submit: Callable[..., "Future[Any]"]
-    """Starts a call of a function with arguments on a worker."""
+    """Starts a call of a function without arguments on a worker."""
+    lost_errors: tuple[type[Exception], ...] = ()
+    """Errors of a job whose workers were lost."""
 
 
 Workers = int | Cluster
@@ -87,31 +57,27 @@ Workers = int | Cluster
 
 @contextmanager
 def connect_workers(workers: int, cluster: str | None) -> Iterator[Workers]:
-    """Yield the connection to a cluster, such as `dask:10.0.0.1:8786`; without an address the number of processes.
+    """Yield the connection to a Dask cluster by its scheduler, `10.0.0.1:8786`; without an address the number of processes.
 
-    Raises `WorkersImpossible`, `ClusterAddressInvalid`, `ClusterLibraryMissing`, `ClusterUnreachable`, `WorkerVersionDiffers`.
+    Raises `InputError` for fewer than one worker, `MissingLibraryError` without Dask, and `DeviceError` for a cluster that does not
+    answer, or whose workers have another version of ninedtact.
     """
     require_workers(workers)
     if cluster is None:
         yield workers
         return
-    kind, _, address = cluster.partition(":")
-    if kind not in _PACKAGES or not re.fullmatch(r"(\w+://)?[^/]+:\d+", address):
-        raise ClusterAddressInvalid(f"expected --cluster dask:HOST:PORT or ray:HOST:PORT, got {cluster!r}; correct it")
-    for package in _PACKAGES[kind]:
-        if find_spec(package) is None:
-            raise ClusterLibraryMissing(
-                f"expected the libraries of clusters, got no {package}; run {installation_command('cluster')}"
-            )
-    with (_connect_dask if kind == "dask" else _connect_ray)(cluster, address) as connected:
-        list(run_jobs(int, [(0,)], connected))  # refuses workers of another version before work begins
+    if find_spec("distributed") is None:
+        raise MissingLibraryError(
+            f"expected the library of clusters, got no distributed; run {installation_command('cluster')}"
+        )
+    with _connect_dask(cluster) as connected:
         yield connected
 
 
 def require_workers(workers: Workers) -> None:
-    """Raise `WorkersImpossible` for fewer than one worker."""
+    """Raise `InputError` for fewer than one worker."""
     if isinstance(workers, int) and workers < 1:
-        raise WorkersImpossible(f"expected at least 1 worker, got {workers}; give one for each core")
+        raise InputError(f"expected at least 1 worker, got {workers}; give one for each core")
 
 
 def run_jobs(
@@ -119,12 +85,13 @@ def run_jobs(
 ) -> Iterator[tuple[int, Result]]:
     """Call a function with the arguments of every job; yield the number and the result of each job when it is done.
 
-    One worker runs the jobs in this process. Raises `WorkersImpossible`, `WorkersLost`, `WorkerVersionDiffers`, and what the
-    function raises.
+    One worker runs the jobs in this process. Raises `InputError` for fewer than one worker, `DeviceError` where workers are lost
+    before the work is done, and what the function raises.
     """
     require_workers(workers)
     if isinstance(workers, Cluster):
-        yield from _run_on_cluster(function, jobs, workers)
+        calls = (partial(_run_remote_job, __version__, function, job) for job in jobs)
+        yield from _run_on_executor(workers.submit, workers.cores, calls, workers.name, workers.lost_errors)
     elif workers == 1 or (isinstance(jobs, Sequence) and len(jobs) < 2):
         for number, job in enumerate(jobs):
             with _limit_threads():
@@ -162,27 +129,29 @@ def _call_in_temporary_folder(
 
 
 def _run_on_executor(
-    submit: Callable[..., "Future[Any]"], workers: int, calls: Iterable[tuple[Any, ...]], place: str
+    submit: Callable[..., "Future[Any]"],
+    workers: int,
+    calls: Iterable[Callable[[], Any]],
+    place: str,
+    lost_errors: tuple[type[Exception], ...],
 ) -> Iterator[tuple[int, Any]]:
-    """Submit calls of a function, two for each worker at once; yield the number and the result of each when it is done.
+    """Submit calls, two for each worker at once; yield the number and the result of each when it is done.
 
-    place: the name of the executor for `WorkersLost`. Raises it, and what the functions raise.
+    place: the name of the executor. Raises `DeviceError` for `lost_errors`, and what the calls raise.
     """
     running: dict[Future[Any], int] = {}
     numbered = enumerate(calls)
     try:
         while True:
             for number, call in islice(numbered, 2 * workers - len(running)):
-                running[submit(*call)] = number
+                running[submit(call)] = number
             if not running:
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 yield running.pop(future), future.result()
-    except Exception as error:
-        if type(error).__module__.partition(".")[0] not in _EXECUTOR_PACKAGES:
-            raise
+    except lost_errors as error:
         reason = (str(error).splitlines() or [""])[0][:200]
-        raise WorkersLost(
+        raise DeviceError(
             f"expected {place} until the end, got {type(error).__name__}: {reason}; run the command again to continue, with "
             "more memory for each worker if they were killed"
         ) from error
@@ -198,27 +167,27 @@ def _limit_threads() -> threadpool_limits:
     return threadpool_limits(1)
 
 
+def _run_job(function: Callable[..., Result], job: tuple[Any, ...]) -> Result:
+    """Run a job in a worker process."""
+    _limit_threads()  # for good, because other threads of a cluster's worker may run jobs as well
+    return function(*job)
+
+
 def _run_in_processes(
     function: Callable[..., Result], jobs: Iterable[tuple[Any, ...]], workers: int
 ) -> Iterator[tuple[int, Result]]:
     """Run jobs in processes of this machine; see `run_jobs`."""
-    from joblib.externals.loky import get_reusable_executor
+    from loky import get_reusable_executor
 
     executor = get_reusable_executor(max_workers=workers, initializer=_watch_parent, initargs=(os.getpid(),))
-    calls = ((_run_local_job, function, job) for job in jobs)
+    calls = (partial(_run_job, function, job) for job in jobs)
     finished = False
     try:
-        yield from _run_on_executor(executor.submit, workers, calls, f"{workers} worker processes")
+        yield from _run_on_executor(executor.submit, workers, calls, f"{workers} worker processes", (BrokenExecutor,))
         finished = True
     finally:
         if not finished:
             executor.shutdown(kill_workers=True)  # jobs that have begun would otherwise run to their end
-
-
-def _run_local_job(function: Callable[..., Result], job: tuple[Any, ...]) -> Result:
-    """Run a job in a worker process."""
-    _limit_threads()
-    return function(*job)
 
 
 def _watch_parent(parent: int) -> None:
@@ -232,69 +201,56 @@ def _watch_parent(parent: int) -> None:
     Thread(target=exit_with_parent, daemon=True).start()
 
 
-def _run_on_cluster(
-    function: Callable[..., Result], jobs: Iterable[tuple[Any, ...]], cluster: Cluster
-) -> Iterator[tuple[int, Result]]:
-    """Run jobs on the workers of a cluster; see `run_jobs`."""
-
-    # A lambda travels as code, because a worker may have another version of this module, or none.
-    run_if_same_version = lambda expected, payload: (  # noqa: E731
-        import_module("ninedtact.parallel_jobs")._run_remote_job(payload)
-        if (found := next((one.version for one in distributions(name="ninedtact")), "none")) == expected
-        else f"{found} on {gethostname()}"
-    )
-    calls = ((run_if_same_version, __version__, pickle.dumps((function, job))) for job in jobs)
-    for number, answer in _run_on_executor(cluster.submit, cluster.cores, calls, cluster.name):
-        if isinstance(answer, str):
-            raise WorkerVersionDiffers(
-                f"expected ninedtact {__version__} on every worker of {cluster.name}, got {answer}; install that version there"
-            )
-        result, error = pickle.loads(answer)
-        if error is not None:
-            raise error
-        yield number, result
-
-
-def _run_remote_job(payload: bytes) -> bytes:
-    """Run a job on a worker of a cluster; return its result and its error, one of which is None, as pickled bytes."""
+def _run_remote_job(version: str, function: Callable[..., Result], job: tuple[Any, ...]) -> Result:
+    """Run a job on a worker of a cluster, unless it joined with another version than this process."""
+    _require_version(version, __version__, gethostname())
     try:
-        function, job = pickle.loads(payload)
-        _limit_threads()  # for good, because other threads of this process may run jobs as well
-        return pickle.dumps((function(*job), None))
+        return _run_job(function, job)
     except ImportError as error:
-        missing = WorkersImpossible(
+        raise InputError(
             f"expected the libraries of this command on every worker, got: {error} on {gethostname()}; install the extras of "
             "ninedtact that this machine has there"
+        ) from error
+
+
+def _require_version(expected: str, found: str | None, place: str) -> None:
+    """Raise `DeviceError` where a part of a cluster has another version of ninedtact, or none."""
+    if found != expected:
+        raise DeviceError(
+            f"expected ninedtact {expected} on every machine of the cluster, got {found or 'none'} on {place}; install that "
+            "version there"
         )
-        return pickle.dumps((None, missing))
-    except Exception as error:  # raised again in the process that sent the job
-        return pickle.dumps((None, error))
-
-
-def _unreachable(cluster: str, reason: object) -> ClusterUnreachable:
-    words = " ".join(str(reason).split())[:200] or f"no answer within {CONNECT_TIMEOUT_S} s"
-    return ClusterUnreachable(
-        f"expected a cluster that answers at {cluster}, got: {words}; check the address, and that its scheduler and workers run"
-    )
 
 
 @contextmanager
-def _connect_dask(cluster: str, address: str) -> Iterator[Cluster]:
-    """Connect to a Dask scheduler; raises `ClusterUnreachable`."""
+def _connect_dask(address: str) -> Iterator[Cluster]:
+    """Connect to a Dask scheduler; raises `DeviceError`."""
     import dask
-    from distributed import Client
+    from distributed import Client, KilledWorker
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are raised as one sentence
     # A job of `evaluate` contains some MB of images, of which Dask would warn.
-    with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1GB"}), ExitStack() as stack:
+    with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1GB"}):
         try:
-            client = stack.enter_context(_call_within(CONNECT_TIMEOUT_S, lambda: Client(address)))
+            client = _call_within(CONNECT_TIMEOUT_S, lambda: Client(address))
         except (OSError, ValueError) as error:
-            raise _unreachable(cluster, error) from error
-        cores = sum(client.ncores().values())
-        if not cores:
-            raise _unreachable(cluster, "a scheduler without workers")
-        yield Cluster(cluster, cores, client.get_executor(pure=False).submit)
+            raise _unreachable(address, error) from error
+        with client:
+            cores = sum(client.ncores().values())
+            if not cores:
+                raise _unreachable(address, "a scheduler without workers")
+            for worker, found in client.get_versions(packages=["ninedtact"])["workers"].items():
+                _require_version(__version__, found["packages"]["ninedtact"], worker)
+            submit = client.get_executor(pure=False).submit
+            yield Cluster(address, cores, submit, (KilledWorker, CancelledError))
+
+
+def _unreachable(address: str, reason: object) -> DeviceError:
+    words = " ".join(str(reason).split())[:200] or f"no answer within {CONNECT_TIMEOUT_S} s"
+    return DeviceError(
+        f"expected --cluster HOST:PORT of a Dask scheduler that answers, got {address}: {words}; check the address, and that "
+        "its scheduler and workers run"
+    )
 
 
 def _call_within(seconds: float, connect: Callable[[], Result]) -> Result:
@@ -309,29 +265,3 @@ def _call_within(seconds: float, connect: Callable[[], Result]) -> Result:
 
     Thread(target=call, daemon=True).start()  # Dask waits for ever for a port that accepts and says nothing
     return outcome.result(seconds)
-
-
-@contextmanager
-def _connect_ray(cluster: str, address: str) -> Iterator[Cluster]:
-    """Connect to a Ray cluster; raises `ClusterUnreachable`."""
-    import grpc
-
-    channel = grpc.insecure_channel(address.removeprefix("ray://"))  # Ray itself waits for minutes
-    try:
-        grpc.channel_ready_future(channel).result(timeout=CONNECT_TIMEOUT_S)
-    except grpc.FutureTimeoutError as error:
-        raise _unreachable(cluster, error) from error
-    finally:
-        channel.close()
-    import ray
-
-    try:
-        ray.init(address, logging_level="ERROR", log_to_driver=False)
-    except (ConnectionError, RuntimeError, ValueError) as error:
-        raise _unreachable(cluster, error) from error
-    task = ray.remote(lambda function, *arguments: function(*arguments))  # a task of a killed worker is run again
-    try:
-        cores = max(1, int(ray.cluster_resources().get("CPU", 1)))
-        yield Cluster(cluster, cores, lambda function, *arguments: task.remote(function, *arguments).future())
-    finally:
-        ray.shutdown()

@@ -50,12 +50,49 @@ class MjpegCamera:
             self.served += 1
             time.sleep(self.period_s)
 
+    def parts(self) -> Iterator[bytes]:
+        """The images with their heads, as a viewer gets them."""
+        for jpeg in self.jpegs():
+            head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+            yield head.encode() + jpeg + b"\r\n"
+
     def __enter__(self) -> "MjpegCamera":
         self.plug_in()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.unplug()
+
+
+class StallingCamera(MjpegCamera):
+    """Sends one image again and again, and stalls once after 4 s; viewers that come back wait for the end of it, too.
+
+    kind: "trickle" sends five bytes a second meanwhile, "half an image" stops within one, all others between two.
+    """
+
+    def __init__(self, jpeg: bytes, kind: str, length_s: float) -> None:
+        super().__init__(period_s=0.05)
+        self.jpeg, self.kind, self.length_s = jpeg, kind, length_s
+        self.stalled, self.until_s = threading.Event(), 0.0
+
+    def jpegs(self) -> Iterator[bytes]:
+        while self.plugged_in.is_set():
+            yield self.jpeg
+            time.sleep(self.period_s)
+
+    def parts(self) -> Iterator[bytes]:
+        began_s = time.monotonic()
+        for part in super().parts():
+            if not self.stalled.is_set() and time.monotonic() - began_s > 4:
+                self.until_s = time.monotonic() + self.length_s
+                self.stalled.set()
+                yield part[: len(part) // 2] if self.kind == "half an image" else b""
+            for byte in part if self.kind == "trickle" else (None,) * 10**6:
+                if time.monotonic() >= self.until_s or not self.plugged_in.is_set():
+                    break
+                yield b"" if byte is None else bytes([byte])
+                time.sleep(0.2)
+            yield part
 
 
 class Listener(ThreadingHTTPServer):
@@ -80,9 +117,8 @@ def handler_of(camera: MjpegCamera) -> type[BaseHTTPRequestHandler]:
             self.send_response(200)
             self.send_header("Content-Type", f"multipart/x-mixed-replace; boundary={BOUNDARY}")
             self.end_headers()
-            for jpeg in camera.jpegs():
-                head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
-                self.wfile.write(head.encode() + jpeg + b"\r\n")
+            for part in camera.parts():
+                self.wfile.write(part)
 
         def log_message(self, *arguments: object) -> None:
             pass

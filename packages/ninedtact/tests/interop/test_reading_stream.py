@@ -25,8 +25,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
+from ninedtact.errors import DeviceError
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.interop.reading_broadcast import StreamPortRefused, publish_readings
 from ninedtact.interop.reading_stream import ReadingServer, StreamedReading, StreamedStatus, reading_stream_json_schema
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
@@ -70,7 +70,7 @@ def served_camera(level: int) -> Iterator[Served]:
         camera.level = level
         sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
         sensor.estimator = Constant()
-        thread = Thread(target=publish_readings, args=(server.publish, sensor, over.is_set, sentences.append))
+        thread = Thread(target=server.serve, args=(sensor, over.is_set, sentences.append))
         thread.start()
         try:
             yield Served(server, sensor, camera, sentences)
@@ -194,7 +194,7 @@ def test_a_client_that_does_not_read_delays_nobody_and_is_told_what_it_missed() 
         slow.connect(("127.0.0.1", server.tcp_port))
         slow.sendall(b'{"images": "jpeg"}\n')
         quick = tcp(server.tcp_port, b"{}\n").makefile()
-        wait_until(lambda: len(server._queues) == 2)
+        wait_until(lambda: server.clients == 2)
         took_s = 0.0
         for number in range(published):
             began = time.perf_counter()
@@ -247,18 +247,18 @@ def test_on_a_network_only_who_has_the_token_can_read() -> None:
         with connect(f"ws://127.0.0.1:{server.port}/{server.guard.token}/?images=jpeg"):
             pass
         with tcp(server.tcp_port, json.dumps({"token": server.guard.token}).encode() + b"\n") as client:
-            wait_until(lambda: len(server._queues) > 0)
+            wait_until(lambda: server.clients > 0)
 
 
 def test_a_port_in_use_is_refused() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with (
-            pytest.raises(StreamPortRefused, match=f"expected port {port} .* --port"),
+            pytest.raises(DeviceError, match=f"expected port {port} .* --port"),
             ReadingServer("a", "127.0.0.1", port, 0),
         ):
             pass
-        with pytest.raises(StreamPortRefused, match="--tcp-port"), ReadingServer("a", "127.0.0.1", 0, port):
+        with pytest.raises(DeviceError, match="--tcp-port"), ReadingServer("a", "127.0.0.1", 0, port):
             pass
 
 
@@ -294,23 +294,20 @@ def test_the_command_prints_where_it_serves(tmp_path: Path) -> None:
 def test_clients_that_have_left_and_idle_connections_keep_nobody_out() -> None:
     with ReadingServer("small", "127.0.0.1", 0, 0) as server, ExitStack() as opened:
         most = server.guard.limits.clients
-
-        def wait_for_open(count: int) -> None:
-            wait_until(lambda: sum(not sent.at_eof() for sent in tuple(server._clients.values())) == count)
-
-        for _ in range(most + 8):  # while there are no readings
+        for _ in range(most + 8):  # while there are no readings, which would show that they have left
             with tcp(server.tcp_port, b"{}\n"):
-                wait_for_open(1)
-            wait_for_open(0)
-        for _ in range(5 * most):  # more than are kept
+                wait_until(lambda: server.clients > 0)
+        for _ in range(2 * most):
             opened.enter_context(tcp(server.tcp_port, b""))
         half_closed = opened.enter_context(tcp(server.tcp_port, b"{}\n"))
-        wait_for_open(1)
         half_closed.shutdown(socket.SHUT_WR)  # as a pipe into netcat does, which reads on
-        wait_for_open(0)
-        clients = [half_closed, *(opened.enter_context(tcp(server.tcp_port, b"{}\n")) for _ in range(most))]
-        wait_for_open(most)
+        clients = [half_closed, *(opened.enter_context(tcp(server.tcp_port, b"{}\n")) for _ in range(most - 1))]
+        wait_until(lambda: server.clients == most)
+        server.publish(camera_reading())
+        assert all(client.recv(10).startswith(b'{"type"') for client in clients)
+        last = opened.enter_context(tcp(server.tcp_port, b"{}\n"))  # which takes the place of the half-closed one
+        half_closed.makefile().read()
         with tcp(server.tcp_port, b"{}\n") as one_more:
             assert b"expected at most 32 clients, got one more" in one_more.recv(1000)
         server.publish(camera_reading())
-        assert all(client.recv(10).startswith(b'{"type"') for client in clients)
+        assert last.recv(10).startswith(b'{"type"')

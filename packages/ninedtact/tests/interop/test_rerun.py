@@ -1,6 +1,8 @@
 """Recordings and readings in Rerun, read back by its own reader; behind the marker of the doors, where rerun-sdk is installed."""
 
 import os
+import re
+import shlex
 import signal
 import socket
 import subprocess
@@ -14,9 +16,10 @@ import pytest
 from episodes import sample
 from small_sensor import SkinCamera, sensor_folder, skin, wait_until
 
-from ninedtact._version import installation_command
+from ninedtact._version import find_entry_point, installation_command
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
+from ninedtact.errors import DeviceError
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
@@ -28,7 +31,7 @@ pytestmark = pytest.mark.interop
 rr = pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
 from rerun.chunk import RrdReader  # noqa: E402
 
-from ninedtact.interop.rerun import COMPONENTS, RerunUnreachable, RerunViewer, export_rerun  # noqa: E402
+from ninedtact.interop.rerun import COMPONENTS, RerunViewer, export_rerun  # noqa: E402
 
 PRESSED, IMAGES, UNKNOWN = 60, 14, 11
 STD = np.arange(1.0, 7.0)
@@ -167,7 +170,7 @@ def test_the_rerun_program_gets_readings_and_a_missing_one_is_refused(
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     monkeypatch.setattr("ninedtact.interop.rerun._VIEWER_ADDRESS", ("127.0.0.1", port))
-    with pytest.raises(RerunUnreachable, match=f"expected the Rerun viewer on port {port}.* --bind 127"):
+    with pytest.raises(DeviceError, match=f"expected the Rerun viewer on port {port}.* --bind 127"):
         RerunViewer("small").__enter__()
     folder, images, out = sensor_folder(tmp_path / "small"), tmp_path / "images", tmp_path / "live.rrd"
     images.mkdir()
@@ -225,3 +228,30 @@ def answers(port: int) -> bool:
     except OSError:
         return False
     return True
+
+
+def test_one_recording_is_exported_at_a_time_but_for_lerobot_whose_plugin_is_named(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for kind in ("files", "rerun"):
+        assert main(["export", str(recorded), str(recorded), "--out", str(tmp_path / "out.rrd"), "--to", kind]) == 1
+        said = capsys.readouterr().err
+        assert f"expected one recording, or several with --to lerobot, got 2 with --to {kind}; export each" in said
+    assert main(["export", "--out", str(tmp_path / "none")]) == 1
+    assert "expected a recording, got none; name it" in capsys.readouterr().err
+    if find_entry_point("exporters", "lerobot") is None:
+        assert main(["export", str(recorded), "--out", str(tmp_path / "set"), "--to", "lerobot"]) == 1
+        assert "run pip install lerobot_camera_ninedtact" in capsys.readouterr().err
+    assert not (tmp_path / "out.rrd").exists() and not (tmp_path / "set").exists()
+
+
+def test_the_way_of_the_page_without_a_sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    lines = (Path(__file__).parents[4] / "docs/foxglove_rerun.md").read_text(encoding="utf-8").splitlines()
+    commands = [line.strip() for line in lines if re.match("    ninedtact (calibrate|record|export) ", line)]
+    commands = [line.replace("--seconds 10", "--seconds 5") for line in commands]
+    commands.sort(key=lambda line: ("calibrate", "record", "export").index(line.split()[1]))
+    assert [line.split()[1] for line in commands] == ["calibrate", "record", "export"]
+    for line in commands:
+        assert main(shlex.split(line, comments=True)[1:]) == 0, line
+    assert Path("press.rrd").stat().st_size > 100_000

@@ -14,13 +14,13 @@ from ninedtact import cli
 from ninedtact._version import find_incompatible_library, installation_command
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import LensModelTable
+from ninedtact.errors import InputError
 from ninedtact.interop.ros2_topics_and_messages import (
     CAMERA_INFO,
     COMPRESSED,
     LIVE_TOPICS,
     POINTS,
     TF_TYPE,
-    Ros2CommandUnreadable,
     SensorMessages,
     decode_ros2_command,
     encode_ros2_status,
@@ -141,7 +141,7 @@ def test_commands_and_status_are_strings() -> None:
 
 @pytest.mark.parametrize("message", [b"", b"\0\1\0\0", b"\0\1\0\0\3\0\0\0\xff\xfe\0", b"\0\1\0\0\xff\0\0\0ab\0"])
 def test_a_command_that_cannot_be_decoded_is_refused(message: bytes) -> None:
-    with pytest.raises(Ros2CommandUnreadable, match=r"in UTF-8, got: .*; send it as text"):
+    with pytest.raises(InputError, match=r"in UTF-8, got: .*; send it as text"):
         decode_ros2_command(message)
 
 
@@ -172,8 +172,9 @@ def test_what_ros2_cannot_do_is_refused_in_one_sentence(
     cv2.imwrite(str(tmp_path / "images" / "0.png"), skin(100))
     words = ["ros2", "--source", str(tmp_path / "images"), "--sensor", str(folder), "--force", "none", *options]
     assert cli.main(words) == 1
-    said = capsys.readouterr().err.strip().splitlines()
-    assert sentence in said[-1]
+    assert sentence in capsys.readouterr().err.strip().splitlines()[-1]
+    assert cli.main(["ros2", "--source", "left=0", "right=1", "--name", "hand"]) == 1
+    assert "--name with a --source that has no name, got left, right; drop --name" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import lazy_loader
 from ninedtact._version import installation_command
 from ninedtact.errors import NinedtactError
 
-for _library in ("joblib", "pyarrow"):
+for _library in ("loky", "pyarrow"):
     if find_spec(_library) is None:
         raise NinedtactError(
             f"expected the libraries of data sets, got no {_library}; install them: {installation_command('datasets')}"

@@ -84,7 +84,7 @@ def build_dataset(
 
     out: folder of the data set: new, empty, or begun with the same sources and settings. workers: number of processes, or a cluster
     whose workers read the sources at the same paths. Raises `SourceUnknown`, `DatasetFolderTaken`, `NoUsablePairs`,
-    `FileNotWritten`, `WorkersImpossible`.
+    `FileNotWritten`, `InputError`.
     """
     require_workers(workers)
     if isinstance(workers, Cluster):

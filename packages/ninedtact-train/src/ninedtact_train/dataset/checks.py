@@ -86,7 +86,7 @@ def check_dataset(
 ) -> QualityReport:
     """Check every pair of a data set in several processes; nothing is changed.
 
-    Raises `DatasetDamaged`, `WorkersImpossible`.
+    Raises `DatasetDamaged`, `InputError`.
     """
     from tqdm import tqdm
 

@@ -18,7 +18,7 @@ EXTRAS = {
     "force": (("onnxruntime",), "force by a network: --force corrected or a model (.onnx)"),
     "recording": (("rosbags", "mcap"), "recordings: record, collect, info, export"),
     "force-torque": (("bota_driver", "pynetft", "serial"), "force/torque sensors: Bota, ATI and OnRobot, serial"),
-    "datasets": (("ninedtact_train", "joblib", "pyarrow"), "data sets: collect, dataset, simulate dataset, evaluate"),
+    "datasets": (("ninedtact_train", "loky", "pyarrow"), "data sets: collect, dataset, simulate dataset, evaluate"),
     "ros2": (("cyclonedds", "rosbags", "mcap"), "ROS 2 topics without ROS: ninedtact ros2"),
     "stream": (("websockets",), "readings for programs in any language: ninedtact serve"),
     "foxglove": (("foxglove", "websockets", "rosbags"), "a sensor in Foxglove: ninedtact foxglove"),
@@ -38,7 +38,7 @@ EXTRAS = {
         "parts, moulds, drawings, circuit board: hardware",
     ),
     "raspberry-pi": (("picamera2",), "a camera on a Raspberry Pi's ribbon cable"),
-    "cluster": (("dask", "distributed", "joblib", "ray"), "work on clusters of Dask and Ray: --cluster"),
+    "cluster": (("dask", "distributed"), "work on Dask clusters: --cluster"),
 }
 """The modules of each extra, and what it brings."""
 

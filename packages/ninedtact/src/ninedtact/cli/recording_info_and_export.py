@@ -1,6 +1,6 @@
 """ninedtact info: what is in a recording. ninedtact export: recordings as images, tables and heights in files of their own."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from ninedtact._version import find_entry_point
 from ninedtact.cli.record import require_new_recording_path
 from ninedtact.cli.result_and_interrupt import print_notices, print_result
 from ninedtact.cli.serve_sensor_page import require_rerun
 from ninedtact.cli.shared_options import JsonOption
-from ninedtact.errors import InputError
+from ninedtact.errors import InputError, MissingLibraryError
 
 if TYPE_CHECKING:
     from ninedtact.recording.reader import Recording
@@ -123,6 +124,19 @@ def _ending_notices(recordings: "list[Recording]") -> dict[Path, str]:
     return notices
 
 
+def _load_lerobot_exporter() -> Callable[..., dict[str, int]]:
+    """Return the exporter of the LeRobot plugin; raises `MissingLibraryError`."""
+    found = find_entry_point("exporters", "lerobot")
+    if found is None:
+        raise MissingLibraryError(
+            expected="the LeRobot plugin, which writes data sets of LeRobot",
+            got="none",
+            remedy="run pip install lerobot_camera_ninedtact",
+        )
+    exporter: Callable[..., dict[str, int]] = found.load()
+    return exporter
+
+
 @dataclass(frozen=True)
 class Export:
     """Export a recording: images as PNG, wrenches, pairs, labels and times as CSV, heights as .npy, and the sensor folder."""
@@ -164,9 +178,7 @@ class Export:
             images = sum(len(recording.positions(Topic.IMAGES)) for recording in recordings)
             with tqdm(total=images, unit="images", disable=True if self.json else None) as bar:
                 if self.to == "lerobot":
-                    from ninedtact.interop.lerobot import export_lerobot
-
-                    written = export_lerobot(recordings, self.out, self.task, on_image=bar.update)
+                    written = _load_lerobot_exporter()(recordings, self.out, self.task, on_image=bar.update)
                 elif self.to == "rerun":
                     require_rerun()
                     from ninedtact.interop.rerun import export_rerun

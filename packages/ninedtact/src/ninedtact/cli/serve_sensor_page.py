@@ -12,7 +12,7 @@ from pathlib import Path
 from time import monotonic_ns
 from typing import TYPE_CHECKING, Any
 
-from ninedtact._version import find_incompatible_library, installation_command
+from ninedtact._version import find_entry_point, find_incompatible_library, installation_command
 from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
 from ninedtact.cli.shared_options import InvalidLiveOption
 from ninedtact.errors import MissingLibraryError
@@ -199,7 +199,7 @@ def installed_exporters() -> "dict[str, Exporter]":
     from ninedtact.studio.saved_files import Exporter
 
     exporters = {}
-    if find_spec("pyarrow") is not None:
+    if find_entry_point("exporters", "lerobot") is not None:
         hint = "a LeRobotDataset v3.0 of one episode, of the whole recording"
         exporters["LeRobot data set"] = Exporter(_write_lerobot, "lerobot", hint)
     with suppress(RerunMissing):
@@ -211,9 +211,9 @@ def installed_exporters() -> "dict[str, Exporter]":
 
 def _write_lerobot(recordings: "Sequence[Recording]", out: Path, on_image: Callable[[], None]) -> None:
     """Write recordings as `ninedtact export --to lerobot` does."""
-    from ninedtact.interop.lerobot import export_lerobot
-
-    export_lerobot(recordings, out, on_image=on_image)
+    found = find_entry_point("exporters", "lerobot")
+    if found is not None:
+        found.load()(recordings, out, on_image=on_image)
 
 
 def _write_rerun(recordings: "Sequence[Recording]", out: Path, on_image: Callable[[], None]) -> None:

@@ -100,7 +100,8 @@ WorkersOption = Annotated[int, arg(help="Number of processes; one for each core.
 ClusterOption = Annotated[
     str | None,
     arg(
-        help="Run on the workers of a cluster in place of processes here: dask:HOST:PORT or ray:HOST:PORT (docs: clusters)."
+        metavar="HOST:PORT",
+        help="Run on the workers of the Dask cluster with this scheduler in place of processes here (docs: clusters).",
     ),
 ]
 JsonOption = Annotated[bool, arg(help="Print the result as one JSON object.")]

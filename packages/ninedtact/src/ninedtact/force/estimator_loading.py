@@ -124,17 +124,15 @@ def _build_network_estimator(path: Path, shape: "CalibratedShape", gel: "Gel") -
     if path.suffix.lower() == _MODEL_SUFFIX:
         return _build_model_estimator(path, shape, gel)
     if path.suffix.lower() == _WEIGHTS_SUFFIX:
-        from importlib.metadata import entry_points
+        from ninedtact._version import find_entry_point, installation_command
 
-        from ninedtact._version import installation_command
-
-        readers = tuple(entry_points(group="ninedtact.force_models", name=_WEIGHTS_SUFFIX))
-        if not readers:
+        found = find_entry_point("force_models", _WEIGHTS_SUFFIX)
+        if found is None:
             raise MissingLibraryError(
                 "expected ninedtact-train, which reads the original project's weights, got none; run "
                 f"{installation_command('train')}"
             )
-        reader: Callable[[Path], ForceEstimator] = readers[0].load()
+        reader: Callable[[Path], ForceEstimator] = found.load()
         return reader(path)
     raise EstimatorUnknown(
         f"expected --force {CORRECTED}, {PHYSICS}, {NONE}, a force model (*{_MODEL_SUFFIX}) or the original project's weights "

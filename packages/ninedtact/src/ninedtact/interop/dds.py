@@ -29,24 +29,16 @@ _STATUS_DEPTH = 10
 """Messages on `status` that are kept, whatever its profile: answers to commands sent at once must not replace each other."""
 
 
-class DdsNetworkUnavailable(DeviceError):
-    """Raised where DDS finds no usable network interface, or cannot write on it."""
-
-
-class InvalidRos2Option(InputError):
-    """Raised for a domain, a topic or a quality of service that does not exist."""
-
-
 def parse_qos(choices: tuple[str, ...]) -> dict[str, QosProfile]:
     """Return the quality of service of every published topic, where `choices` such as `points=sensor_data` change the defaults.
 
-    Raises `InvalidRos2Option`.
+    Raises `InputError`.
     """
     profiles = {str(topic): profile for topic, (_, profile) in LIVE_TOPICS.items()}
     for choice in choices:
         topic, _, profile = choice.partition("=")
         if topic not in profiles or profile not in list(QosProfile):
-            raise InvalidRos2Option(
+            raise InputError(
                 f"expected --qos as TOPIC=PROFILE with a topic of {', '.join(profiles)} and a profile of "
                 f"{', '.join(QosProfile)}, got {choice}; correct it"
             )
@@ -113,10 +105,10 @@ class DdsParticipant:
         self._configured: Any = None
 
     def __enter__(self) -> "DdsParticipant":
-        """Join the domain; raises `DdsNetworkUnavailable`."""
+        """Join the domain; raises `DeviceError`."""
         known = [name for _, name in if_nameindex()]
         if self.interface is not None and self.interface not in known:
-            raise DdsNetworkUnavailable(
+            raise DeviceError(
                 f"expected --interface to name one of {', '.join(known) or 'no network interfaces'}, got {self.interface}; name one"
             )
         from cyclonedds.core import DDSException
@@ -128,7 +120,7 @@ class DdsParticipant:
             )
             self._participant = DomainParticipant(self.domain)
         except DDSException as error:
-            raise DdsNetworkUnavailable(
+            raise DeviceError(
                 f"expected a network interface for DDS in domain {self.domain}, got none that works; name one with --interface, "
                 f"{_LOOPBACK} for this computer alone, or correct {_CONFIGURATION_VARIABLE}"
             ) from error
@@ -169,10 +161,10 @@ def cyclonedds_configuration(interface: str) -> str:
 
 
 def resolve_domain(domain: int | None) -> int:
-    """Return the number of the domain, by ROS_DOMAIN_ID where none is given; raises `InvalidRos2Option`."""
+    """Return the number of the domain, by ROS_DOMAIN_ID where none is given; raises `InputError`."""
     text = (os.environ.get(_DOMAIN_VARIABLE) or "0") if domain is None else str(domain)
     if not text.isdecimal() or int(text) > _LAST_DOMAIN:
-        raise InvalidRos2Option(
+        raise InputError(
             f"expected a DDS domain from 0 to {_LAST_DOMAIN}, got {text}; correct --domain or {_DOMAIN_VARIABLE}"
         )
     return int(text)
@@ -220,9 +212,7 @@ class DdsWriter:
             self._writer.write(wrap_cdr_in_dds_type(self._message_type, cdr))
         except DDSException as error:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:
-                raise DdsNetworkUnavailable(
-                    f"expected to write on the network, got: {error.msg}; check the network"
-                ) from error
+                raise DeviceError(f"expected to write on the network, got: {error.msg}; check the network") from error
             self.dropped += 1
         else:
             self.written += 1

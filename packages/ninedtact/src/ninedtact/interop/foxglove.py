@@ -1,345 +1,232 @@
-"""A sensor in Foxglove: its readings as typed messages over Foxglove's WebSocket protocol, and the layout that shows them.
+"""A sensor in Foxglove: the messages of recordings and ROS 2 on the server of foxglove-sdk, and the layout that shows them.
 
-Topics, each after the sensor's name; stamps are the wall time of the image's arrival, lengths in 3D are metres:
+Topics, each after the sensor's name; stamps are the wall time of the image's arrival:
 
-    image, camera_info   CompressedImage (JPEG) and CameraCalibration        points    PointCloud: x, y, z, normals, intensity
-    height               RawImage, 32FC1: height in mm, NaN out of view      warnings  Log, where the warnings have changed
-    wrench, contact      JSON with a schema: wrench with errors; depth and area of the contact, warnings      /tf  FrameTransforms
+    image_raw/compressed, camera_info, height, points, /tf_static    as on ROS 2 (`ros2_topics_and_messages`), lengths in metres
+    wrench, contact    JSON with a schema: wrench with errors; depth and area of the contact, warnings
+    log                warnings and status where they change
 
-foxglove-sdk gives the schemas and encodes the messages. Its WebSocket server lets every website on the computer connect, whatever
-its `Origin`, so that the protocol is spoken here, on a server behind the guard of the live page (`studio.socket_guard`).
+The server of foxglove-sdk answers every website that is open in a browser on this computer. It listens where none finds it, and a
+front before it passes on what the guard of the live page accepts (`studio.socket_guard`).
 """
 
-import base64
+import asyncio
 import json
-import struct
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+import secrets
+from collections.abc import Callable
 from time import monotonic_ns
-from typing import Annotated, Any, Literal
+from types import TracebackType
+from typing import Any
 
-import cv2
 import foxglove
-import msgspec
 import numpy as np
 from foxglove import messages as fox
 from jaxtyping import Float64
 from numpy import ndarray as Array
+from websockets.asyncio.client import ClientConnection, connect
 from websockets.asyncio.server import ServerConnection
 from websockets.typing import Subprotocol
 
-from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.interop.reading_broadcast import BroadcastServer, ReadingQueue, feed_until_closed, port_errors
-from ninedtact.interop.ros2_topics_and_messages import POINT_FIELDS, SensorMessages
+from ninedtact.interop.ros2_topics_and_messages import (
+    CAMERA_INFO,
+    COMPRESSED,
+    LIVE_TOPICS,
+    POINTS,
+    TF_STATIC,
+    TF_TYPE,
+    SensorMessages,
+)
+from ninedtact.interop.sensor_sharing import SensorMoment, ServerThread, port_errors
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
-from ninedtact.studio.sensor_poller import SensorSnapshot
+from ninedtact.recording.topics_and_messages import Topic, message_definition
+from ninedtact.studio.sensor_poller import SensorPhase
 from ninedtact.studio.socket_guard import SocketGuard
 
 SUBPROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
 """Names of the protocol: that of today's Foxglove, and that of programs made before, such as Lichtblick."""
 FOXGLOVE_ORIGIN = "https://app.foxglove.dev"
 """The website of Foxglove, which may connect."""
-_MESSAGE_DATA = 1
-"""First byte of a binary message with data: then the client's subscription id, the time in ns and the message."""
-_STATUS_WARNING = 1
-_QUEUED_READINGS = 2
-"""Readings that wait for one client at most: what is shown is new."""
+WRENCH, CONTACT, LOG = "wrench", "contact", "log"
+_ROS_TOPICS = (CAMERA_INFO, COMPRESSED, Topic.HEIGHTS.value, POINTS)
+_WAITING_MESSAGES = 20
+"""Messages that wait for one client at most, those of two readings: what is shown is new."""
 
 
-class _Subscription(msgspec.Struct):
-    id: Annotated[int, msgspec.Meta(ge=0, lt=2**32)]  # four bytes of a message
-    channel: int = msgspec.field(name="channelId")
-
-
-class _Subscribe(msgspec.Struct, tag="subscribe", tag_field="op"):
-    subscriptions: list[_Subscription]
-
-
-class _Unsubscribe(msgspec.Struct, tag="unsubscribe", tag_field="op"):
-    subscriptions: list[int] = msgspec.field(name="subscriptionIds")
-
-
-@dataclass(frozen=True)
-class FoxgloveChannel:
-    """A topic: its schema, and what encodes a reading for it, given the wall time in ns; nothing where it has no message."""
-
-    topic: str
-    schema: foxglove.Schema
-    encode: Callable[[Reading, int], bytes | None]
-    encoding: Literal["protobuf", "json"] = "protobuf"
-    encode_status: Callable[[SensorSnapshot, int], bytes] | None = None
-    """Encodes a status. A client then gets a message only where warnings or status are not those of its last one."""
-
-
-class FoxgloveMessages:
-    """Encodes a sensor's readings as Foxglove messages, a channel for each topic. points_every: every so many rows and columns."""
-
-    def __init__(self, folder: SensorFolder, points_every: int = 3) -> None:
-        self._ros = SensorMessages(folder, folder.id, points_every)
-        self.name = self._ros.path("").strip("/")
-        """The name of the sensor in topics and frames."""
-
-    @cached_property
-    def channels(self) -> tuple[FoxgloveChannel, ...]:
-        """All topics, in the order in which the messages of a reading are sent."""
-        path = self._ros.path
-        return (
-            FoxgloveChannel("/tf", fox.FrameTransforms.get_schema(), self._transforms),
-            FoxgloveChannel(path("camera_info"), fox.CameraCalibration.get_schema(), self._camera_info),
-            FoxgloveChannel(path("image"), fox.CompressedImage.get_schema(), self._image),
-            FoxgloveChannel(path("height"), fox.RawImage.get_schema(), self._height),
-            FoxgloveChannel(path("points"), fox.PointCloud.get_schema(), self._points),
-            FoxgloveChannel(path("wrench"), _json_schema("ninedtact.Wrench", _WRENCH), self._wrench, "json"),
-            FoxgloveChannel(path("contact"), _json_schema("ninedtact.Contact", _CONTACT), self._contact, "json"),
-            FoxgloveChannel(path("warnings"), fox.Log.get_schema(), self._warnings, encode_status=self._status),
-        )
-
-    def _transforms(self, reading: Reading, wall_ns: int) -> bytes:
-        transforms = [
-            fox.FrameTransform(
-                timestamp=_timestamp(wall_ns),
-                parent_frame_id=self._ros.frame("skin"),
-                child_frame_id=child.name,
-                translation=fox.Vector3(z=child.z_m),
-                rotation=fox.Quaternion(z=child.rotation_zw[0], w=child.rotation_zw[1]),
-            )
-            for child in self._ros.child_frames
-        ]
-        return fox.FrameTransforms(transforms=transforms).encode()
-
-    def _camera_info(self, reading: Reading, wall_ns: int) -> bytes:
-        camera, (rows, cols) = self._ros.camera, self._ros.camera.raw_shape
-        return fox.CameraCalibration(
-            timestamp=_timestamp(wall_ns),
-            frame_id=self._ros.frame("camera_optical"),
-            width=cols,
-            height=rows,
-            distortion_model="plumb_bob",
-            D=list(camera.distortion),
-            K=camera.matrix.ravel().tolist(),
-            R=np.eye(3).ravel().tolist(),
-            P=camera.projection.ravel().tolist(),
-        ).encode()
-
-    def _image(self, reading: Reading, wall_ns: int) -> bytes:
-        jpeg = cv2.imencode(".jpg", reading.image)[1].tobytes()
-        frame = self._ros.frame("camera_optical")
-        return fox.CompressedImage(timestamp=_timestamp(wall_ns), frame_id=frame, data=jpeg, format="jpeg").encode()
-
-    def _height(self, reading: Reading, wall_ns: int) -> bytes:
-        z_mm = reading.height.visible_z_mm.astype("<f4")
-        return fox.RawImage(
-            timestamp=_timestamp(wall_ns),
-            frame_id=self._ros.frame("skin"),
-            width=z_mm.shape[1],
-            height=z_mm.shape[0],
-            encoding="32FC1",
-            step=z_mm.strides[0],
-            data=z_mm.tobytes(),
-        ).encode()
-
-    def _points(self, reading: Reading, wall_ns: int) -> bytes:
-        values = self._ros.point_values(reading)
-        field, number = fox.PackedElementField, fox.PackedElementFieldNumericType.Float32
-        return fox.PointCloud(
-            timestamp=_timestamp(wall_ns),
-            frame_id=self._ros.frame("skin"),
-            pose=fox.Pose(position=fox.Vector3(), orientation=fox.Quaternion(w=1.0)),
-            point_stride=values.strides[0],
-            fields=[field(name=name, offset=4 * at, type=number) for at, name in enumerate(POINT_FIELDS)],
-            data=values.tobytes(),
-        ).encode()
-
-    def _wrench(self, reading: Reading, wall_ns: int) -> bytes | None:
-        if reading.force is None:
-            return None
-        estimate = reading.force.about_skin_centre()
-        six, std = estimate.wrench.six, estimate.std
-        vectors = (six[:3], six[3:], std[:3], std[3:])
-        named = {name: _vector(values) for name, values in zip(_WRENCH_VECTORS, vectors, strict=True)}
-        return json.dumps({"timestamp": _sec_nsec(wall_ns), **named, "touching": bool(estimate.touching)}).encode()
-
-    def _contact(self, reading: Reading, wall_ns: int) -> bytes:
-        fields = {
-            "timestamp": _sec_nsec(wall_ns),
-            "max_indentation_mm": float(reading.max_indentation_mm),
-            "contact_area_mm2": float(reading.contact_area_mm2),
-            "warnings": list(reading.warnings),
-        }
-        return json.dumps(fields).encode()
-
-    def _warnings(self, reading: Reading, wall_ns: int) -> bytes:
-        return self._log("; ".join(reading.warnings), "no warnings", wall_ns)
-
-    def _status(self, status: SensorSnapshot, wall_ns: int) -> bytes:
-        return self._log(status.trouble_sentence, status.phase.value, wall_ns)
-
-    def _log(self, warning: str, otherwise: str, wall_ns: int) -> bytes:
-        """Return a warning, or for information what holds where there is none."""
-        level = fox.LogLevel.Warning if warning else fox.LogLevel.Info
-        stamp = _timestamp(wall_ns)
-        return fox.Log(timestamp=stamp, level=level, message=warning or otherwise, name=self.name).encode()
-
-
-class _Encoded:
-    """A reading or a status on its way to the clients; each message is encoded once, when a client first wants it."""
-
-    def __init__(self, source: Reading | SensorSnapshot, channels: Sequence[FoxgloveChannel]) -> None:
-        self._source, self._channels = source, channels
-        self._messages: dict[int, bytes | None] = {}
-        stamp_ns, self.warnings = (
-            (source.stamp_ns, tuple[str, ...](source.warnings))
-            if isinstance(source, Reading)
-            else (monotonic_ns(), (source.phase.value, source.trouble_sentence))
-        )
-        self.wall_ns = wall_time_ns(stamp_ns)
-
-    def message(self, channel: int) -> bytes | None:
-        """Return the message for a channel, by its number."""
-        if channel not in self._messages:
-            self._messages[channel] = self._encode(self._channels[channel])
-        return self._messages[channel]
-
-    def _encode(self, channel: FoxgloveChannel) -> bytes | None:
-        if isinstance(self._source, Reading):
-            return channel.encode(self._source, self.wall_ns)
-        return None if channel.encode_status is None else channel.encode_status(self._source, self.wall_ns)
-
-
-class FoxgloveServer(BroadcastServer[_Encoded]):
-    """Serves a sensor to Foxglove in a thread of its own while it is open (`with`).
+class FoxgloveServer:
+    """Serves a sensor to Foxglove while it is open (`with`); raises `DeviceError` for a port that is taken.
 
     host, allowed_origins: as for `SocketGuard.for_host`; `FOXGLOVE_ORIGIN` is allowed besides. Port 0 takes any free port.
     """
 
-    def __init__(self, messages: FoxgloveMessages, host: str, port: int, allowed_origins: tuple[str, ...] = ()) -> None:
+    def __init__(self, messages: SensorMessages, host: str, port: int, allowed_origins: tuple[str, ...] = ()) -> None:
         self.guard = SocketGuard.for_host(host, (FOXGLOVE_ORIGIN, *allowed_origins))
         self.port = port
         """The port; that in use, once the server is open."""
-        self._name, self._channels = messages.name, messages.channels
-        super().__init__(partial(_Encoded, channels=self._channels), _QUEUED_READINGS)
+        self._messages, self._context = messages, foxglove.Context()
+        self._json = {WRENCH: encode_wrench_with_errors, CONTACT: encode_contact}
+        self._channels = {topic: self._channel(topic) for topic in (TF_STATIC, *_ROS_TOPICS, *self._json, LOG)}
+        self._logged, self._log = ("", ""), b""
+        """What was logged last, and its message."""
+
+    def _channel(self, topic: str) -> foxglove.Channel:
+        """Return the channel of a topic with its schema."""
+        if topic in self._json:
+            encoding, schema = "json", _json_schema(topic, _JSON_PROPERTIES[topic])
+        elif topic == LOG:
+            encoding, schema = "protobuf", fox.Log.get_schema()
+        else:
+            kind = TF_TYPE if topic == TF_STATIC else LIVE_TOPICS[topic][0]
+            encoding, schema = "cdr", foxglove.Schema(name=kind, encoding="ros2msg", data=message_definition(kind))
+        path = self._messages.path(topic)
+        return foxglove.Channel(path, message_encoding=encoding, schema=schema, context=self._context)
 
     @property
     def address(self) -> str:
         """Address to open in Foxglove, with the token."""
         return self.guard.page_address(self.port).replace("http://", "ws://", 1)
 
+    def __enter__(self) -> "FoxgloveServer":
+        self._host = "127." + ".".join(str(1 + secrets.randbelow(254)) for _ in range(3))  # which no website can guess
+        self._server = foxglove.start_server(
+            name=f"ninedtact {self._messages.name}",
+            host=self._host,
+            port=0,
+            context=self._context,
+            server_listener=_NewSubscriptions(self._repeat_log),
+            message_backlog_size=_WAITING_MESSAGES,
+        )
+        self._thread = ServerThread("foxglove front")
+        try:
+            self._thread.start(self._listen())
+        except BaseException:
+            self._server.stop()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._thread.close()
+        self._server.stop()
+
     async def _listen(self) -> None:
+        options: dict[str, Any] = {"subprotocols": SUBPROTOCOLS, "compression": None}  # which takes longer than sending
         with port_errors(self.guard.host, self.port, "--port"):
             guarded = self.guard.serve(
-                self._feed,
+                self._connect,
                 self.guard.host,
                 self.port,
-                is_expected=_is_request,
-                subprotocols=SUBPROTOCOLS,
-                compression=None,  # compressing a megabyte takes longer than sending it
+                is_expected=lambda message: isinstance(message, str),
+                **options,
             )
-            server = await self._servers.enter_async_context(guarded)
-        self.port = next(iter(server.sockets)).getsockname()[1]
+            front = await self._thread.servers.enter_async_context(guarded)
+        self.port = next(iter(front.sockets)).getsockname()[1]
 
-    async def _feed(self, connection: ServerConnection) -> None:
-        """Announce the channels to a client, obey its subscriptions and send it what it subscribed to."""
-        info = {"name": f"ninedtact {self._name}", "capabilities": [], "supportedEncodings": [], "metadata": {}}
-        await connection.send(json.dumps({"op": "serverInfo", **info}))
-        await connection.send(json.dumps({"op": "advertise", "channels": self._advertised()}))
-        subscriptions: dict[int, int] = {}
-        with self._queue() as queue:
-            sending = self._send_readings(connection, subscriptions, queue)
-            await feed_until_closed(connection, sending, self._obey(connection, subscriptions))
+    async def _connect(self, client: ServerConnection) -> None:
+        """Pass the messages of a client on to the server, and those of the server to the client, until one of them ends."""
+        address = f"ws://{self._host}:{self._server.port}"
+        options: dict[str, Any] = {"compression": None, "max_size": None, "max_queue": 1, "ping_interval": None}
+        async with connect(address, subprotocols=SUBPROTOCOLS[:1], proxy=None, **options) as server:
+            both = [asyncio.create_task(_pass_on(client, server)), asyncio.create_task(_pass_on(server, client))]
+            await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+            for one in both:
+                one.cancel()
+            await asyncio.gather(*both, return_exceptions=True)
 
-    def _advertised(self) -> list[dict[str, Any]]:
-        """Return the channels as the protocol states them; binary schemas are base64."""
-        return [
-            {
-                "id": number,
-                "topic": channel.topic,
-                "encoding": channel.encoding,
-                "schemaName": channel.schema.name,
-                "schemaEncoding": channel.schema.encoding,
-                "schema": _schema_text(channel.schema),
-            }
-            for number, channel in enumerate(self._channels)
-        ]
+    def publish(self, moment: SensorMoment) -> None:
+        """Send the new reading of a sensor, and log why there is none; a client that is too slow misses messages."""
+        now = moment.snapshot
+        if moment.has_changed and (now.phase is not SensorPhase.READING or now.trouble is not None):
+            self._log_change(now.trouble_sentence, now.phase.value, wall_time_ns(monotonic_ns()))
+        if moment.new_reading is not None:
+            self.publish_reading(moment.new_reading)
 
-    async def _obey(self, connection: ServerConnection, subscriptions: dict[int, int]) -> None:
-        """Follow the subscriptions of a client, and warn it of one to a channel that does not exist."""
-        async for request in connection:
-            match msgspec.json.decode(request, type=_Subscribe | _Unsubscribe):
-                case _Subscribe(wanted):
-                    known = range(len(self._channels))
-                    subscriptions |= {one.id: one.channel for one in wanted if one.channel in known}
-                    self._repeat_status()  # the first one came before there was a subscription
-                    if unknown := [one.channel for one in wanted if one.id not in subscriptions]:
-                        sentence = f"expected channels 0 to {len(self._channels) - 1}, got {unknown}; see 'advertise'"
-                        status = {"op": "status", "level": _STATUS_WARNING, "message": sentence}
-                        await connection.send(json.dumps(status))
-                case _Unsubscribe(ended):
-                    for one in ended:
-                        subscriptions.pop(one, None)
+    def publish_reading(self, reading: Reading) -> None:
+        """Send a reading on all topics to which a client subscribes."""
+        wall_ns = wall_time_ns(reading.stamp_ns)
+        wanted = {topic for topic, channel in self._channels.items() if channel.has_sinks()}
+        for topic, message in self._messages.encode(reading, wall_ns, wanted).items():
+            self._channels[topic].log(message, log_time=wall_ns)
+        if TF_STATIC in wanted:
+            self._channels[TF_STATIC].log(self._messages.encode_static_transforms(wall_ns), log_time=wall_ns)
+        for topic in wanted & self._json.keys():
+            if (fields := self._json[topic](reading)) is not None:
+                stamp = dict(zip(("sec", "nsec"), divmod(wall_ns, 1_000_000_000), strict=True))
+                self._channels[topic].log({"timestamp": stamp, **fields}, log_time=wall_ns)
+        self._log_change("; ".join(reading.warnings), "no warnings", wall_ns)
 
-    async def _send_readings(
-        self, connection: ServerConnection, subscriptions: Mapping[int, int], queue: ReadingQueue[_Encoded]
-    ) -> None:
-        shown: dict[int, tuple[str, ...]] = {}
-        async for reading, _ in queue.arrivals():
-            for subscription, channel in sorted(subscriptions.items(), key=lambda pair: pair[1]):
-                if self._channels[channel].encode_status and shown.get(subscription) == reading.warnings:
-                    continue
-                shown[subscription] = reading.warnings
-                if (message := reading.message(channel)) is not None:
-                    head = struct.pack("<BIQ", _MESSAGE_DATA, subscription, reading.wall_ns)
-                    await connection.send(head + message)
+    def _log_change(self, warning: str, otherwise: str, wall_ns: int) -> None:
+        """Log a warning, or for information what holds where there is none, unless it was logged last."""
+        if self._logged != (warning, otherwise):
+            level = fox.LogLevel.Warning if warning else fox.LogLevel.Info
+            stamp, text = fox.Timestamp(*divmod(wall_ns, 1_000_000_000)), warning or otherwise
+            self._log = fox.Log(timestamp=stamp, level=level, message=text, name=self._messages.name).encode()
+            self._logged = warning, otherwise
+            self._channels[LOG].log(self._log, log_time=wall_ns)
+
+    def _repeat_log(self, path: str) -> None:
+        """Log again what was logged last, for a client that subscribes to it."""
+        if path == self._messages.path(LOG) and self._log:
+            self._channels[LOG].log(self._log, log_time=wall_time_ns(monotonic_ns()))
 
 
-def _is_request(message: str | bytes) -> bool:
-    """Return whether a message of a client is one to which the server has something to do."""
-    try:
-        msgspec.json.decode(message, type=_Subscribe | _Unsubscribe)
-    except (msgspec.DecodeError, UnicodeEncodeError):
-        return False
-    return isinstance(message, str)
+class _NewSubscriptions(foxglove.websocket.ServerListener):  # type: ignore[misc]
+    """Reports the topics to which clients subscribe; called in a thread of the server."""
+
+    def __init__(self, on_topic: Callable[[str], None]) -> None:
+        self._on_topic = on_topic
+
+    def on_subscribe(self, client: Any, channel: Any) -> None:
+        """Report a topic."""
+        self._on_topic(channel.topic)
+
+
+async def _pass_on(source: ServerConnection | ClientConnection, target: ServerConnection | ClientConnection) -> None:
+    """Send what arrives from one side to the other, no faster than it is taken."""
+    async for message in source:
+        await target.send(message)
+
+
+def encode_wrench_with_errors(reading: Reading) -> dict[str, Any] | None:
+    """Return the estimated wrench about the skin centre with its errors, those that are stated; None where there is none."""
+    if reading.force is None:
+        return None
+    estimate = reading.force.about_skin_centre()
+    six, std = estimate.wrench.six, estimate.std
+    vectors = zip(_WRENCH_VECTORS, (six[:3], six[3:], std[:3], std[3:]), strict=True)
+    return {name: _vector(values) for name, values in vectors} | {"touching": bool(estimate.touching)}
+
+
+def encode_contact(reading: Reading) -> dict[str, Any]:
+    """Return depth and area of the contact, and the warnings."""
+    return {
+        "max_indentation_mm": float(reading.max_indentation_mm),
+        "contact_area_mm2": float(reading.contact_area_mm2),
+        "warnings": list(reading.warnings),
+    }
 
 
 _WRENCH_VECTORS = ("force_n", "torque_nm", "force_std_n", "torque_std_nm")
-_STAMP_SCHEMA = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
 _VECTOR_SCHEMA = {"type": "object", "properties": {axis: {"type": "number"} for axis in "xyz"}}
-_WRENCH = {
-    "timestamp": _STAMP_SCHEMA,
-    **dict.fromkeys(_WRENCH_VECTORS, _VECTOR_SCHEMA),
-    "touching": {"type": "boolean"},
-}
-_CONTACT = {
-    "timestamp": _STAMP_SCHEMA,
-    "max_indentation_mm": {"type": "number"},
-    "contact_area_mm2": {"type": "number"},
-    "warnings": {"type": "array", "items": {"type": "string"}},
+_JSON_PROPERTIES: dict[str, dict[str, Any]] = {
+    WRENCH: {**dict.fromkeys(_WRENCH_VECTORS, _VECTOR_SCHEMA), "touching": {"type": "boolean"}},
+    CONTACT: {
+        "max_indentation_mm": {"type": "number"},
+        "contact_area_mm2": {"type": "number"},
+        "warnings": {"type": "array", "items": {"type": "string"}},
+    },
 }
 
 
-def _json_schema(name: str, properties: dict[str, Any]) -> foxglove.Schema:
-    schema = {"title": name, "type": "object", "properties": properties}
+def _json_schema(topic: str, properties: dict[str, Any]) -> foxglove.Schema:
+    name = f"ninedtact.{topic.capitalize()}"
+    stamp = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
+    schema = {"title": name, "type": "object", "properties": {"timestamp": stamp, **properties}}
     return foxglove.Schema(name=name, encoding="jsonschema", data=json.dumps(schema).encode())
-
-
-def _schema_text(schema: foxglove.Schema) -> str:
-    """Return a schema as the protocol wants it: as text, binary ones in base64."""
-    return schema.data.decode() if schema.encoding == "jsonschema" else base64.b64encode(schema.data).decode()
 
 
 def _vector(values: Float64[Array, "3"]) -> dict[str, float]:
     """Return the known ones of three values by axis; an error that is not stated is left out."""
     return {axis: float(value) for axis, value in zip("xyz", values, strict=True) if np.isfinite(value)}
-
-
-def _sec_nsec(wall_ns: int) -> dict[str, int]:
-    sec, nsec = divmod(wall_ns, 1_000_000_000)
-    return {"sec": sec, "nsec": nsec}
-
-
-def _timestamp(wall_ns: int) -> fox.Timestamp:
-    return fox.Timestamp(**_sec_nsec(wall_ns))
 
 
 def foxglove_layout(sensor: str) -> dict[str, Any]:
@@ -350,12 +237,14 @@ def foxglove_layout(sensor: str) -> dict[str, Any]:
     panels: dict[str, dict[str, Any]] = {
         "Image!camera": {
             _TITLE: "Camera",
-            "imageMode": {"imageTopic": f"/{sensor}/image", "calibrationTopic": f"/{sensor}/camera_info"},
+            "imageMode": {
+                "imageTopic": f"/{sensor}/image_raw/compressed",
+                "calibrationTopic": f"/{sensor}/camera_info",
+            },
         },
         "Image!height": {
-            _TITLE: "Height (mm)",
-            "imageMode": {"imageTopic": f"/{sensor}/height", "colorMode": "colormap", "colorMap": "turbo"}
-            | _HEIGHTS_MM,
+            _TITLE: "Height (m)",
+            "imageMode": {"imageTopic": f"/{sensor}/height", "colorMode": "colormap", "colorMap": "turbo"} | _HEIGHTS_M,
         },
         "3D!points": {
             _TITLE: "Surface",
@@ -369,7 +258,7 @@ def foxglove_layout(sensor: str) -> dict[str, Any]:
         "Plot!errors": _plot(
             sensor, "Errors: one standard deviation", force_std_n="± F{} (N)", torque_std_nm="± T{} (N·m)"
         ),
-        "RosOut!warnings": {_TITLE: "Warnings", "topicToRender": f"/{sensor}/warnings", "minLogLevel": 1},
+        "RosOut!warnings": {_TITLE: "Warnings", "topicToRender": f"/{sensor}/log", "minLogLevel": 1},
     }
     images = _split("column", "Image!camera", "Image!height", 50)
     plots = _split("column", "Plot!wrench", _split("column", "Plot!errors", "RosOut!warnings", 65), 45)
@@ -379,7 +268,7 @@ def foxglove_layout(sensor: str) -> dict[str, Any]:
 
 
 _TITLE = "foxglovePanelTitle"
-_HEIGHTS_MM = {"minValue": -2.0, "maxValue": 0.5}
+_HEIGHTS_M = {"minValue": -0.002, "maxValue": 0.0005}
 
 
 def _plot(sensor: str, title: str, **labels: str) -> dict[str, Any]:

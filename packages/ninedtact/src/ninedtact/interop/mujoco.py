@@ -51,23 +51,15 @@ _SOLVES_PER_STEP = 2
 HEIGHT_PITCH_MM = 0.2
 
 
-class MujocoMissing(MissingLibraryError):
-    """Raised where MuJoCo or Gymnasium is not installed."""
-
-
-class BodyThroughBase(SimulationError):
-    """Raised where a body of the scene reaches through the gel."""
-
-
 def require_mujoco(*packages: str) -> None:
-    """Raise `MujocoMissing` unless MuJoCo and these packages are installed, in versions that are declared."""
+    """Raise `MissingLibraryError` unless MuJoCo and these packages are installed, in versions that are declared."""
     absent = [name for name in ("mujoco", *packages) if find_spec(name) is None]
     if absent:
-        raise MujocoMissing(
+        raise MissingLibraryError(
             f"expected {' and '.join(absent)}, got no such package; run {installation_command('mujoco')}"
         )
     if other := find_incompatible_library("mujoco"):
-        raise MujocoMissing(f"{other}; run {installation_command('mujoco')}")
+        raise MissingLibraryError(f"{other}; run {installation_command('mujoco')}")
 
 
 @dataclass(frozen=True)
@@ -122,7 +114,7 @@ class TactileSensor(FrameSource):
     """A sensor on a body of a MuJoCo scene. It is also a source of frames, which `ninedtact.open` takes in place of a camera.
 
     Call `step` after as many `mj_step` as lie between two images. Bodies that touch at once press as one object, which moves as the
-    one with the largest load. Raises `MujocoMissing` and `MujocoBodyUnusable`.
+    one with the largest load. Raises `MissingLibraryError` and `InputError`.
 
     >>> skin = TactileSensor(model, data, "sensor", "my_sensor")
     >>> mujoco.mj_step(model, data, 8)
@@ -184,7 +176,7 @@ class TactileSensor(FrameSource):
     def step(self) -> TactileReading:
         """Press the twin as the scene is now, and return image, wrench and heights.
 
-        Raises `BodyThroughBase`, `MujocoBodyUnusable`, and what `Twin.step` raises.
+        Raises `SimulationError`, `InputError`, and what `Twin.step` raises.
         """
         pressing = self.press_steps()
         try:
@@ -267,10 +259,10 @@ class TactileSensor(FrameSource):
         return {}
 
     def _require_depth_within_gel(self, touching: list[BodyContact]) -> None:
-        """Refuse bodies that overlap the gel by more than its thickness; raises `BodyThroughBase`."""
+        """Refuse bodies that overlap the gel by more than its thickness; raises `SimulationError`."""
         for one in touching:
             if one.deepest_mm >= self.twin.thickness_mm:
-                raise BodyThroughBase(
+                raise SimulationError(
                     f"expected body {self.model.body(one.body).name or one.body} less deep in the gel than its base, "
                     f"{self.twin.thickness_mm:g} mm, got {one.deepest_mm:.2f} mm at {self.data.time:.3f} s; place it above the "
                     "skin, move it slower, or take smaller time steps"

@@ -23,10 +23,6 @@ from ninedtact.quantities import Wrench
 MM_PER_M = 1e3
 
 
-class MujocoBodyUnusable(InputError):
-    """Raised for a body of the scene that cannot be a sensor, or that cannot press one."""
-
-
 @dataclass(frozen=True)
 class BodyContact:
     """One body of the scene on the gel: its place in the sensor frame, and what it applies to the gel."""
@@ -68,28 +64,28 @@ class MujocoScene:
     def of_sensor(cls, model: Any, data: Any, body: str, geom: str | int | None) -> "MujocoScene":
         """Return the scene as seen from a body that is given by its name, and its geom that is the gel by name or number.
 
-        The geom need not be given where only one of the body's geoms collides. Raises `MujocoBodyUnusable`.
+        The geom need not be given where only one of the body's geoms collides. Raises `InputError`.
         """
         import mujoco
 
         scene = cls(model, data, mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body), -1)
         if scene.body <= 0:
             names = ", ".join(model.body(number).name for number in range(1, model.nbody))
-            raise MujocoBodyUnusable(f"expected a body of the scene, one of {names}, got {body!r}; correct it")
+            raise InputError(f"expected a body of the scene, one of {names}, got {body!r}; correct it")
         colliding = scene.geoms_of(scene.body)
         if not colliding:
-            raise MujocoBodyUnusable(
+            raise InputError(
                 f"expected body {body} to have a geom that collides, got none; give it a box whose upper face is the skin"
             )
         by_name = {model.geom(number).name or number: number for number in colliding}
         listed = ", ".join(repr(name) for name in by_name)
         if geom is None and len(colliding) > 1:
-            raise MujocoBodyUnusable(
+            raise InputError(
                 f"expected one geom of body {body} that collides, got {len(colliding)} ({listed}); pass that of the gel as geom"
             )
         scene.geom = colliding[0] if geom is None else by_name.get(geom, geom if geom in colliding else -1)
         if scene.geom < 0:
-            raise MujocoBodyUnusable(
+            raise InputError(
                 f"expected geom to be a geom of body {body} that collides, one of {listed}, got {geom!r}; correct it"
             )
         return scene
@@ -97,7 +93,7 @@ class MujocoScene:
     def body_contacts(self) -> list[BodyContact]:
         """Return every body on the gel with what MuJoCo's contacts say of it.
 
-        Raises `MujocoBodyUnusable` where a soft body (flex) touches the gel.
+        Raises `InputError` where a soft body (flex) touches the gel.
         """
         import mujoco
 
@@ -112,7 +108,7 @@ class MujocoScene:
             if contact.geom[other] < 0:  # a soft body, which is no geom and deforms
                 flex = int(contact.flex[other])
                 name = mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_FLEX, flex) or f"number {flex}"
-                raise MujocoBodyUnusable(
+                raise InputError(
                     f"expected rigid bodies on the gel, got the soft body (flex) {name}; replace it by rigid ones, or keep it "
                     "off the sensor"
                 )
@@ -175,7 +171,7 @@ class MujocoScene:
         return [geom for geom in self.geoms_of(touching.body) if geom in touching.geoms or faces(geom)]
 
     def solid(self, geom: int, lag_mm: Vector) -> Solid:
-        """Return one geom in the sensor frame; raises `MujocoBodyUnusable`."""
+        """Return one geom in the sensor frame; raises `InputError`."""
         import mujoco
 
         frame, kinds = self.rotation_of(self.body), mujoco.mjtGeom
@@ -195,7 +191,7 @@ class MujocoScene:
         if kind == kinds.mjGEOM_MESH:
             return MeshSolid(centre, rotation, (), self._triangles_mm(int(self.model.geom_dataid[geom])))
         name = self.model.body(self.model.geom_bodyid[geom]).name or "world"
-        raise MujocoBodyUnusable(
+        raise InputError(
             f"expected body {name} to consist of spheres, ellipsoids, boxes, cylinders, capsules or meshes where it touches the "
             f"gel, got a {kinds(kind).name.removeprefix('mjGEOM_').lower()}; replace it, or keep it off the sensor"
         )

@@ -1,5 +1,7 @@
 """Readings for programs in any language: one JSON object a line over TCP, and the same objects over WebSocket for browsers.
 
+    sensor thread ──Reading or SensorSnapshot──▶ ReadingServer.publish ──▶ server thread: a short queue for each client
+
 A client that reads too slowly misses readings, which its next message counts (`missed`), and is disconnected after ten seconds
 without reading. Who may connect is decided as for the live page (`studio.socket_guard`). The messages are the classes below; their
 JSON schema is served at `/schema.json`.
@@ -8,11 +10,15 @@ JSON schema is served at `/schema.json`.
 import asyncio
 import base64
 import hmac
+import itertools
 import json
+from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
 from functools import cached_property, partial
 from time import monotonic_ns
+from types import TracebackType
 from typing import Any, Literal, cast, get_args
 from urllib.parse import parse_qs, urlsplit
 
@@ -20,13 +26,15 @@ import cv2
 import msgspec
 import numpy as np
 from websockets.asyncio.server import ServerConnection
+from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from ninedtact.interop.reading_broadcast import BroadcastServer, feed_until_closed, port_errors
+from ninedtact.interop.sensor_sharing import ServerThread, port_errors, watch_sensor
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
-from ninedtact.studio.sensor_poller import SensorSnapshot
+from ninedtact.sensor import Sensor
+from ninedtact.studio.sensor_poller import SensorPhase, SensorSnapshot
 from ninedtact.studio.socket_guard import SocketGuard
 
 STREAM_FORMAT = 1
@@ -34,8 +42,6 @@ STREAM_FORMAT = 1
 ImageFormat = Literal["none", "jpeg", "png"]
 _QUEUED_READINGS = 8
 """Readings that wait for one client at most."""
-_CONNECTIONS_PER_CLIENT = 4
-"""Connections without a request yet are counted too. Beyond this number the oldest of them ends, so that they keep nobody out."""
 _REQUEST_BYTES, _REQUEST_S = 4096, 10.0
 """Size of a TCP client's request, and the time in which it must arrive."""
 
@@ -116,23 +122,27 @@ def reading_stream_json_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "ninedtact reading stream", **found}
 
 
-class _SharedReading:
-    """One reading on its way to the clients; each form of it is encoded once, when the first client is sent it."""
+class _SharedMessage:
+    """A reading or a status on its way to the clients; what they have in common is encoded once, when one is sent it."""
 
-    def __init__(self, reading: Reading, sensor: str) -> None:
-        self._reading, self._sensor = reading, sensor
+    def __init__(self, source: Reading | SensorSnapshot, sensor: str) -> None:
+        self.source, self._sensor = source, sensor
         self._images: dict[ImageFormat, StreamedImage] = {}
 
     def encode(self, images: ImageFormat, missed: int) -> bytes:
         """Return the message for a client that missed so many readings before it."""
-        message = self._message
-        message.missed, message.image = missed, None if images == "none" else self._image(images)
-        message.age_ms = round(self._reading.age_ms(monotonic_ns()), 3)
+        if isinstance(self.source, SensorSnapshot):
+            phase = self.source.phase_text(monotonic_ns())
+            return msgspec.json.encode(StreamedStatus(self._sensor, STREAM_FORMAT, phase, self.source.trouble_sentence))
+        message, reading = self._message, self.source
+        message.missed, message.image = missed, None if images == "none" else self._image(images, reading)
+        message.age_ms = round(reading.age_ms(monotonic_ns()), 3)
         return msgspec.json.encode(message)
 
     @cached_property
     def _message(self) -> StreamedReading:
-        reading = self._reading
+        reading = self.source
+        assert isinstance(reading, Reading)
         return StreamedReading(
             sensor=self._sensor,
             format=STREAM_FORMAT,
@@ -145,29 +155,12 @@ class _SharedReading:
             warnings=list(reading.warnings),
         )
 
-    def _image(self, images: ImageFormat) -> StreamedImage:
+    def _image(self, images: ImageFormat, reading: Reading) -> StreamedImage:
         if images not in self._images:
-            rows, cols = self._reading.image.shape[:2]
-            encoded = cv2.imencode(f".{images}", self._reading.image)[1]
+            rows, cols = reading.image.shape[:2]
+            encoded = cv2.imencode(f".{images}", reading.image)[1]
             self._images[images] = StreamedImage(images, cols, rows, base64.b64encode(encoded.tobytes()).decode())
         return self._images[images]
-
-
-class _SharedStatus:
-    """A status on its way to the clients."""
-
-    def __init__(self, status: SensorSnapshot, sensor: str) -> None:
-        self._status, self._sensor = status, sensor
-
-    def encode(self, images: ImageFormat, missed: int) -> bytes:
-        """Return the message for a client."""
-        phase = self._status.phase_text(monotonic_ns())
-        return msgspec.json.encode(StreamedStatus(self._sensor, STREAM_FORMAT, phase, self._status.trouble_sentence))
-
-
-def _share(message: Reading | SensorSnapshot, sensor: str) -> _SharedReading | _SharedStatus:
-    """Return a reading or a status as what all clients are handed."""
-    return _SharedReading(message, sensor) if isinstance(message, Reading) else _SharedStatus(message, sensor)
 
 
 def _streamed_wrench(estimate: WrenchEstimate) -> StreamedWrench:
@@ -176,8 +169,48 @@ def _streamed_wrench(estimate: WrenchEstimate) -> StreamedWrench:
     return StreamedWrench(wrench.force_n.tolist(), wrench.torque_nm.tolist(), std[:3], std[3:], estimate.touching)
 
 
-class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
-    """Serves readings over TCP and WebSocket in a thread of its own while it is open (`with`).
+class _ClientQueue:
+    """The messages that wait for one client; where too many wait, the oldest are missed."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[_SharedMessage] = deque()
+        self._missed, self._arrived = 0, asyncio.Event()
+
+    def add(self, message: _SharedMessage) -> None:
+        """Queue a message; where too many wait, the oldest is missed."""
+        if len(self._waiting) == _QUEUED_READINGS:
+            self._missed += isinstance(self._waiting.popleft().source, Reading)
+        self._waiting.append(message)
+        self._arrived.set()
+
+    async def arrivals(self) -> AsyncIterator[tuple[_SharedMessage, int]]:
+        """Yield messages without end, each reading with the number of those that this client missed before it."""
+        while True:
+            await self._arrived.wait()
+            while self._waiting:
+                message = self._waiting.popleft()
+                missed = self._missed if isinstance(message.source, Reading) else 0
+                self._missed -= missed
+                yield message, missed
+            self._arrived.clear()
+
+
+@dataclass
+class _TcpClient:
+    """A TCP connection."""
+
+    task: "asyncio.Task[None]"
+    reader: asyncio.StreamReader
+    has_request: bool = False
+
+    @property
+    def gives_way(self) -> bool:
+        """Whether it ends where another needs its place: it has sent no request yet, or ended its side, and may have left."""
+        return not self.has_request or self.reader.at_eof()
+
+
+class ReadingServer:
+    """Serves readings over TCP and WebSocket in a thread of its own while it is open (`with`); raises `DeviceError`.
 
     sensor: its name in the messages. host, allowed_origins: as for `SocketGuard.for_host`. Port 0 takes any free port.
     """
@@ -186,12 +219,12 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
         self.guard = SocketGuard.for_host(host, allowed_origins)
         self.port, self.tcp_port = port, tcp_port
         """Ports of WebSocket and TCP; those in use, once the server is open."""
-        super().__init__(partial(_share, sensor=sensor), _QUEUED_READINGS)
-        self._connections = set[asyncio.Task[None]]()
-        self._silent = dict[asyncio.Task[None], None]()
-        """The TCP connections without a request yet, in their order."""
-        self._clients = dict[asyncio.Task[None], asyncio.StreamReader]()
-        """The TCP connections whose request was accepted, in their order."""
+        self._sensor = sensor
+        self._queues = set[_ClientQueue]()
+        self._clients: list[_TcpClient] = []
+        self._status: _SharedMessage | None = None
+        """The status while the sensor does not simply read."""
+        self._thread = ServerThread("serve readings")
 
     @property
     def websocket_address(self) -> str:
@@ -203,8 +236,40 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
         """Host and port for TCP clients."""
         return urlsplit(self.guard.page_address(self.tcp_port)).netloc
 
+    @property
+    def clients(self) -> int:
+        """Number of the clients whose requests were accepted."""
+        return len(self._queues)
+
+    def publish(self, message: Reading | SensorSnapshot) -> None:
+        """Hand a reading or a changed status to all clients; returns at once."""
+        self._thread.loop.call_soon_threadsafe(self._distribute, message)
+
+    def serve(self, sensor: Sensor, should_stop: Callable[[], bool], notify: Callable[[str], None]) -> int:
+        """Publish every reading of a sensor, and its status where that changes; return the number of readings.
+
+        See `sensor_sharing.watch_sensor`.
+        """
+        served = itertools.count()
+
+        def publish_reading(reading: Reading) -> None:
+            self.publish(reading)
+            next(served)
+
+        for moment in watch_sensor(sensor, should_stop, notify, publish_reading):
+            if moment.has_changed:
+                self.publish(moment.snapshot)
+        return next(served)
+
+    def __enter__(self) -> "ReadingServer":
+        self._thread.start(self._listen())
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._thread.close()
+
     async def _listen(self) -> None:
-        host, servers = self.guard.host, self._servers
+        host, servers = self.guard.host, self._thread.servers
         with port_errors(host, self.port, "--port"):
             guarded = self.guard.serve(
                 self._feed_websocket, host, self.port, is_expected=lambda _: False, process_request=_answer_request
@@ -213,32 +278,52 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
         with port_errors(host, self.tcp_port, "--tcp-port"):
             tcp = await asyncio.start_server(self._feed_tcp, host, self.tcp_port, limit=_REQUEST_BYTES)
             await servers.enter_async_context(_closing(tcp))
-        servers.callback(self._end_connections)
+        servers.callback(self._end_clients)
         self.port = next(iter(websocket.sockets)).getsockname()[1]
         self.tcp_port = tcp.sockets[0].getsockname()[1]
 
-    def _end_connections(self) -> None:
-        for connection in self._connections:
-            connection.cancel()
+    def _end_clients(self) -> None:
+        for client in self._clients:
+            client.task.cancel()
+
+    def _distribute(self, source: Reading | SensorSnapshot) -> None:
+        message = _SharedMessage(source, self._sensor)
+        if isinstance(source, SensorSnapshot):
+            is_plain = source.phase is SensorPhase.READING and source.trouble is None
+            self._status = None if is_plain else message
+        for queue in self._queues:
+            queue.add(message)
 
     async def _feed(self, images: ImageFormat, send: Callable[[bytes], Awaitable[None]]) -> None:
-        """Send readings and statuses to a client until it leaves."""
-        with self._queue() as queue:
+        """Send readings and statuses to a client until it leaves, at first the status where the sensor does not simply read."""
+        queue = _ClientQueue()
+        self._queues.add(queue)
+        if self._status is not None:
+            queue.add(self._status)
+        try:
             async for message, missed in queue.arrivals():
                 await send(message.encode(images, missed))
+        finally:
+            self._queues.discard(queue)
 
     async def _feed_websocket(self, connection: ServerConnection) -> None:
         request = connection.request
         images = _asked_images(request.path) if request is not None else None
         if images is None:  # refused before the handshake
             return
-        await feed_until_closed(connection, self._feed(images, partial(connection.send, text=True)))
+        feed = asyncio.ensure_future(self._feed(images, partial(connection.send, text=True)))
+        leaving = asyncio.ensure_future(connection.wait_closed())  # noticed also while there are no readings
+        await asyncio.wait({feed, leaving}, return_when=asyncio.FIRST_COMPLETED)
+        leaving.cancel()
+        feed.cancel()
+        with suppress(ConnectionClosed, asyncio.CancelledError):
+            await feed
 
     async def _feed_tcp(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Answer a TCP client: a request of one line, then readings; an error line where the request is refused."""
-        connection = asyncio.current_task()
-        assert connection is not None
-        self._connections.add(connection)
+        task = asyncio.current_task()
+        assert task is not None
+        client = _TcpClient(task, reader)
 
         async def send(line: bytes) -> None:
             writer.write(line + b"\n")
@@ -246,34 +331,39 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
                 await writer.drain()
 
         try:
-            request = self._refuse_or_add_client(connection, reader, await self._tcp_request(connection, reader))
+            request = await self._tcp_request(reader) if self._admit(client) else self._one_too_many()
             if isinstance(request, StreamedError):
                 await send(msgspec.json.encode(request))
                 writer.close()
             else:
+                client.has_request = True
                 await self._feed(request.images, send)
         except (OSError, TimeoutError):  # the client has left, or does not read
             pass
-        except asyncio.CancelledError:
-            if not self._is_running:
-                raise
+        except asyncio.CancelledError:  # the server ends, or another client needs the place
+            pass
         finally:
-            self._connections.discard(connection)
-            self._clients.pop(connection, None)
+            if client in self._clients:
+                self._clients.remove(client)
             if not writer.is_closing():
                 writer.transport.abort()
 
-    async def _tcp_request(
-        self, connection: "asyncio.Task[None]", reader: asyncio.StreamReader
-    ) -> StreamRequest | StreamedError:
-        """Return the request of a TCP client, or why it is refused; while it is awaited, newer clients may end the connection."""
-        if len(self._connections) > _CONNECTIONS_PER_CLIENT * self.guard.limits.clients:
-            if not self._silent:
-                return self._one_too_many()
-            oldest = next(iter(self._silent))
-            del self._silent[oldest]
-            oldest.cancel()
-        self._silent[connection] = None
+    def _admit(self, client: _TcpClient) -> bool:
+        """Add a TCP client and return whether there was a place for it; the oldest that gives way makes one."""
+        if len(self._clients) >= self.guard.limits.clients:
+            oldest = next((each for each in self._clients if each.gives_way), None)
+            if oldest is None:
+                return False
+            self._clients.remove(oldest)
+            oldest.task.cancel()
+        self._clients.append(client)
+        return True
+
+    def _one_too_many(self) -> StreamedError:
+        return StreamedError(f"expected at most {self.guard.limits.clients} clients, got one more; close others")
+
+    async def _tcp_request(self, reader: asyncio.StreamReader) -> StreamRequest | StreamedError:
+        """Return the request of a TCP client, or why it is refused."""
         try:
             async with asyncio.timeout(_REQUEST_S):
                 line = await reader.readline()
@@ -288,32 +378,9 @@ class ReadingServer(BroadcastServer[_SharedReading | _SharedStatus]):
             return StreamedError(
                 'expected one line of JSON such as {"images": "jpeg"}, got something else; send {} for no images'
             )
-        finally:
-            self._silent.pop(connection, None)
         if not hmac.compare_digest(request.token.encode(), self.guard.token.encode()):
             return StreamedError('expected "token" to be the one that the server printed, got another; copy it again')
         return request
-
-    def _refuse_or_add_client(
-        self, connection: "asyncio.Task[None]", reader: asyncio.StreamReader, request: StreamRequest | StreamedError
-    ) -> StreamRequest | StreamedError:
-        """Add a TCP client whose request is accepted, unless there are too many.
-
-        A client that has ended its side may have left, which shows only once it is sent something, or may read on. So as many of
-        these as of others are kept, and the oldest are ended.
-        """
-        if isinstance(request, StreamedError):
-            return request
-        most, ended = self.guard.limits.clients, [each for each, sent in self._clients.items() if sent.at_eof()]
-        if len(self._clients) - len(ended) >= most:
-            return self._one_too_many()
-        for oldest in ended[: max(len(ended) - most + 1, 0)]:
-            oldest.cancel()
-        self._clients[connection] = reader
-        return request
-
-    def _one_too_many(self) -> StreamedError:
-        return StreamedError(f"expected at most {self.guard.limits.clients} clients, got one more; close others")
 
 
 def _answer_request(connection: ServerConnection, request: Request) -> Response | None:

@@ -54,10 +54,6 @@ _EYE_MM, _LOOK_AT_MM = (0.0, -23.0, 21.0), (0.0, -1.0, -1.0)
 """From where the surface is shown at first: whole, from above and in front."""
 
 
-class RerunUnreachable(DeviceError):
-    """Raised where no Rerun viewer answers."""
-
-
 class RerunLog:
     """What is written about one sensor to a Rerun stream. points_every: the points of every so many rows and columns."""
 
@@ -261,12 +257,12 @@ class RerunViewer:
             self._waiting.put_nowait(reading)
 
     def __enter__(self) -> "RerunViewer":
-        """Connect; raises `RerunUnreachable` where no viewer runs."""
+        """Connect; raises `DeviceError` where no viewer runs."""
         host, port = _VIEWER_ADDRESS
         try:
             socket.create_connection(_VIEWER_ADDRESS, timeout=2).close()
         except OSError as refused:
-            raise RerunUnreachable(
+            raise DeviceError(
                 f"expected the Rerun viewer on port {port} of this computer, got '{refused}'; start it with: rerun --bind 127.0.0.1"
             ) from refused
         self._stream = rr.RecordingStream("ninedtact")

@@ -18,8 +18,8 @@ from typing import Any
 
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
-from ninedtact.errors import NinedtactError
-from ninedtact.interop.dds import DdsParticipant, InvalidRos2Option
+from ninedtact.errors import InputError, NinedtactError
+from ninedtact.interop.dds import DdsParticipant
 from ninedtact.interop.ros2_topics_and_messages import (
     COMMAND,
     LIVE_TOPICS,
@@ -32,6 +32,7 @@ from ninedtact.interop.ros2_topics_and_messages import (
     decode_ros2_command,
     encode_ros2_status,
 )
+from ninedtact.interop.sensor_sharing import watch_sensor
 from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingStopped
@@ -40,9 +41,8 @@ from ninedtact.recording.recorder import new_reading_writer, notify_partial_reco
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.studio.sensor_poller import SensorPoller, SensorSnapshot
 
-_COMMAND_WAIT_S = 0.05
 _STATUS_S = 1.0
 _REFERENCE_S = 1.0
 """Shortest time between two reference images, which may follow slow changes of light and gel."""
@@ -118,14 +118,12 @@ class ReadingRecorder:
             running.add(item)
 
     def start(self, name: str = "") -> str:
-        """Begin a recording and say so in a sentence; raises `InvalidRos2Option` and what creating the file raises."""
+        """Begin a recording and say so in a sentence; raises `InputError` and what creating the file raises."""
         if self.writer is not None:
-            raise InvalidRos2Option(f"expected no recording in progress, got {self.writer.path}; stop it first")
+            raise InputError(f"expected no recording in progress, got {self.writer.path}; stop it first")
         name = name or f"{self.messages.name}_{wall_time_ns(monotonic_ns())}"
         if Path(name).name != name or name.startswith(".") or not name.isprintable():
-            raise InvalidRos2Option(
-                f"expected the printable name of a recording without a folder, got {name!r}; leave it out"
-            )
+            raise InputError(f"expected the printable name of a recording without a folder, got {name!r}; leave it out")
         self.out.mkdir(parents=True, exist_ok=True)
         path = self.out / f"{name.removesuffix('.mcap')}.mcap"
         metadata = RecordingMetadata("", "ros2", self.source, self.force_torque)
@@ -185,39 +183,34 @@ class SensorOnRos2:
     def __post_init__(self) -> None:
         meaning = "" if self.measured is None else self.measured_meaning or self.measured.name
         self._recorder = ReadingRecorder(self.messages, self.sensor.source.name, meaning, self.out)
-
-    def run(self, should_stop: Callable[[], bool]) -> None:
-        """Publish until `should_stop` is true or the source ends; raises what the sensor raises."""
         make = self.participant.writer
         self._writers = {
             topic: make(self.messages.path(topic), LIVE_TOPICS[topic][0], profile)
             for topic, profile in self.profiles.items()
         }
-        transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
-        transforms.write(self.messages.encode_static_transforms(wall_time_ns(monotonic_ns())))
-        commands = self.participant.reader(self.messages.path(COMMAND), STRING_TYPE, QosProfile.RELIABLE)
-        last, status_at, watch = None, 0.0, SensorOutageNotifier(self.notify)
+        self._transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
+        self._commands = self.participant.reader(self.messages.path(COMMAND), STRING_TYPE, QosProfile.RELIABLE)
+
+    def run(self, should_stop: Callable[[], bool]) -> None:
+        """Publish until `should_stop` is true or the source ends; raises what the sensor raises."""
+        self._transforms.write(self.messages.encode_static_transforms(wall_time_ns(monotonic_ns())))
+        status_at = 0.0
         try:
-            with self._measuring(), SensorPoller(self.sensor, self._recorder.add) as poller:
-                while not should_stop():
-                    poller.wait_for_change(_COMMAND_WAIT_S)
-                    now = poller.snapshot(monotonic_ns())
+            with self._measuring():
+                for moment in watch_sensor(self.sensor, should_stop, self.notify, self._recorder.add):
+                    now = moment.snapshot
                     if self._trouble is not None:
                         raise self._trouble
-                    if now.phase is SensorPhase.FAILED and now.trouble is not None:
-                        raise now.trouble
-                    if now.reading is not None and now.reading is not last:
-                        self.publish(last := now.reading)
-                    for command in commands.take():
-                        self._write_status(now, **self._obey(command, poller))
+                    if moment.new_reading is not None:
+                        self.publish(moment.new_reading)
+                    for command in self._commands.take():
+                        self._write_status(now, **self._obey(command, moment.poller))
                     has_recording_failed = self._recorder.end_if_failed()
                     if has_recording_failed:
                         self.notify(self._recorder.trouble)
-                    if has_recording_failed or watch.has_changed(now) or monotonic() - status_at > _STATUS_S:
+                    if has_recording_failed or moment.has_changed or monotonic() - status_at > _STATUS_S:
                         status_at = monotonic()
                         self._write_status(now, read_hz=round(now.read_hz, 1))
-                    if now.phase is SensorPhase.ENDED:
-                        break
         finally:
             self._recorder.stop()
 
@@ -288,7 +281,7 @@ class SensorOnRos2:
             return self._recorder.start(argument)
         if word == "stop_recording":
             return self._recorder.stop() or "nothing was being recorded"
-        raise InvalidRos2Option(
+        raise InputError(
             f"expected take_reference, start_recording [NAME] or stop_recording, got {word!r}; send one of them"
         )
 

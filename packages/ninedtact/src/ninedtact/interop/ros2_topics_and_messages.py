@@ -58,10 +58,6 @@ _FIT_ROWS = 30
 _M_PER_MM = 1e-3
 
 
-class Ros2CommandUnreadable(InputError):
-    """Raised for a command whose message cannot be decoded."""
-
-
 class QosProfile(StrEnum):
     """Named qualities of service, as in ROS 2."""
 
@@ -310,11 +306,9 @@ def encode_ros2_status(fields: Mapping[str, Any]) -> bytes:
 
 
 def decode_ros2_command(data: bytes) -> str:
-    """Return the text of a command, without surrounding white space; raises `Ros2CommandUnreadable`."""
+    """Return the text of a command, without surrounding white space; raises `InputError`."""
     try:
         text: str = type_store().deserialize_cdr(data, STRING_TYPE).data
     except SerdeError as error:
-        raise Ros2CommandUnreadable(
-            f"expected a command as a {STRING_TYPE} in UTF-8, got: {error}; send it as text"
-        ) from error
+        raise InputError(f"expected a command as a {STRING_TYPE} in UTF-8, got: {error}; send it as text") from error
     return text.strip()

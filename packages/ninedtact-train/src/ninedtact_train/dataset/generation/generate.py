@@ -26,8 +26,9 @@ import numpy as np
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.design import rectified_mm_per_px
+from ninedtact.errors import InputError
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.parallel_jobs import Cluster, Workers, WorkersImpossible, require_workers, run_writing_jobs
+from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
 from ninedtact.quantities import NO_OBJECT
 from ninedtact.simulation.objects.catalogue import indenter_from_name, mesh_file_of_name
 from ninedtact_train.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
@@ -254,7 +255,7 @@ def generate_dataset(
         sessions_per_batch: number of sessions that a GPU advances together.
         notify: is called with a sentence when the memory of a GPU is too small for a batch.
 
-    Raises `GenerationImpossible`, `WorkersImpossible`, `UnknownObject`, `DatasetFolderTaken`, `FileNotWritten`, `DeviceMissing`.
+    Raises `GenerationImpossible`, `InputError`, `UnknownObject`, `DatasetFolderTaken`, `FileNotWritten`, `DeviceMissing`.
     """
     require_workers(workers)
     if sessions_per_batch < 1:
@@ -274,11 +275,11 @@ def generate_dataset(
 
 
 def _select_device(name: str, workers: Workers) -> Device:
-    """Return the device of this name, the processor for `auto` on a cluster; raises `WorkersImpossible`, `DeviceMissing`."""
+    """Return the device of this name, the processor for `auto` on a cluster; raises `InputError`, `DeviceMissing`."""
     if not isinstance(workers, Cluster):
         return choose_compute_device(name)
     if name not in ("auto", "cpu"):
-        raise WorkersImpossible(
+        raise InputError(
             f"expected --device cpu together with --cluster, got {name}; a GPU is used by one process, so drop one of the two"
         )
     return choose_compute_device("cpu")
