@@ -150,7 +150,11 @@ def _decode_files(files: Sequence[Path], folder: Path, size: tuple[int, int], th
 
 
 def _decode_to_array(
-    files: Sequence[Path], target: Path, size: tuple[int, int], pool: ThreadPoolExecutor, on_images: Callable[[int], object]
+    files: Sequence[Path],
+    target: Path,
+    size: tuple[int, int],
+    pool: ThreadPoolExecutor,
+    on_images: Callable[[int], object],
 ) -> Int32[Array, "n 2"]:
     """Write the images of some Parquet files as one .npy file; return the rows and columns they were stored with.
 

@@ -8,7 +8,7 @@ model.onnx                 the model with its card, written last
 """
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from lightning import LightningDataModule, Trainer
+from lightning import Callback, LightningDataModule, Trainer
 from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.loggers import TensorBoardLogger
 from numpy import ndarray as Array
 from torch.utils.data import DataLoader
+from tqdm import tqdm
 
 from ninedtact.atomic_write import FileNotWritten, is_partial_file, write_file_atomically
 from ninedtact.checked_reading import read_json_object
@@ -192,9 +193,14 @@ def fit_network(
     """
     folder = out / CHECKPOINT_FOLDER
     history = MetricsHistory(out / _METRICS_FILE)
-    trainer = _build_trainer(module, history, out, machine, progress)
     last = folder / f"{_LAST_CHECKPOINT}.ckpt"
-    with interrupt_as_training_stopped(out), silence_lightning(), _subnormal_numbers_as_zero():
+    with (
+        interrupt_as_training_stopped(out),
+        silence_lightning(),
+        _subnormal_numbers_as_zero(),
+        tqdm(unit="batch", disable=not progress) as bar,
+    ):
+        trainer = _build_trainer(module, [history, TrainingProgressBar(bar)], out, machine)
         data = _ExamplesDataModule(module.settings, examples, rows, machine.loader_workers)
         trainer.fit(module, datamodule=data, ckpt_path=resumable_checkpoint(last), weights_only=True)
     module.load_state_dict(load_checkpoint(folder / f"{_BEST_CHECKPOINT}.ckpt")["state_dict"])
@@ -215,7 +221,7 @@ def _subnormal_numbers_as_zero() -> Iterator[None]:
 
 
 def _build_trainer(
-    module: ForceTrainingModule, history: MetricsHistory, out: Path, machine: ComputeSettings, progress: bool
+    module: ForceTrainingModule, callbacks: Sequence[Callback], out: Path, machine: ComputeSettings
 ) -> Trainer:
     """Return a Lightning trainer that writes to `out` alone."""
     checkpoints = _MovableModelCheckpoint(
@@ -226,23 +232,22 @@ def _build_trainer(
         enable_version_counter=False,
         save_on_train_epoch_end=True,
     )
-    with silence_lightning():
-        return Trainer(
-            accelerator=machine.accelerator,
-            devices=machine.devices,
-            num_nodes=machine.nodes,
-            strategy=machine.strategy,
-            precision=machine.precision,
-            max_epochs=module.settings.epochs,
-            logger=TensorBoardLogger(str(out), name=_TENSORBOARD_FOLDER, version=""),
-            callbacks=[history, checkpoints, *([TrainingProgressBar()] if progress else [])],
-            plugins=[AtomicCheckpointIO()],
-            default_root_dir=str(out),
-            use_distributed_sampler=False,
-            num_sanity_val_steps=0,
-            enable_progress_bar=False,
-            enable_model_summary=False,
-        )
+    return Trainer(
+        accelerator=machine.accelerator,
+        devices=machine.devices,
+        num_nodes=machine.nodes,
+        strategy=machine.strategy,
+        precision=machine.precision,
+        max_epochs=module.settings.epochs,
+        logger=TensorBoardLogger(str(out), name=_TENSORBOARD_FOLDER, version=""),
+        callbacks=[*callbacks, checkpoints],
+        plugins=[AtomicCheckpointIO()],
+        default_root_dir=str(out),
+        use_distributed_sampler=False,
+        num_sanity_val_steps=0,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+    )
 
 
 class _MovableModelCheckpoint(ModelCheckpoint):

@@ -265,16 +265,16 @@ def _metrics_csv(epochs: list[EpochMetrics]) -> bytes:
 
 
 class TrainingProgressBar(Callback):
-    """Lightning callback that shows one bar over all epochs with the remaining time."""
+    """Lightning callback that advances one bar over all epochs, with the remaining time."""
+
+    def __init__(self, bar: Any) -> None:
+        self.bar = bar
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Show the bar, advanced by the epochs of an earlier run."""
-        from tqdm import tqdm
-
+        """Begin the bar, advanced by the epochs of an earlier run."""
         batches = int(trainer.num_training_batches)
-        self.bar = tqdm(
-            total=(trainer.max_epochs or 0) * batches, initial=trainer.current_epoch * batches, unit="batch"
-        )
+        self.bar.reset((trainer.max_epochs or 0) * batches)
+        self.bar.update(trainer.current_epoch * batches)
 
     def on_train_batch_end(self, trainer: Trainer, pl_module: LightningModule, *_: Any) -> None:
         """Advance the bar by one batch."""
@@ -284,12 +284,3 @@ class TrainingProgressBar(Callback):
         """Show the losses of the epoch."""
         losses = {name: f"{float(trainer.callback_metrics[name]):.3f}" for name in ("train_loss", MONITORED_METRIC)}
         self.bar.set_postfix(epoch=trainer.current_epoch + 1, **losses)
-
-    def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Close the bar at the end."""
-        self.bar.close()
-
-    def on_exception(self, trainer: Trainer, pl_module: LightningModule, exception: BaseException) -> None:
-        """Close the bar after an error."""
-        if hasattr(self, "bar"):
-            self.bar.close()
