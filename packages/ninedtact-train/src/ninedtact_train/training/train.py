@@ -94,7 +94,7 @@ def train_network(
     `TrainingStopped`, `CheckpointDamaged`, `FileNotWritten`.
     """
     require_trainable_examples(examples, rows, settings.input)
-    _open_training_folder(
+    open_training_folder(
         out, {"settings": settings.to_json_dict(), "examples": _digest_examples(examples, rows), "name": name}
     )
     examples = move_examples_to_torque_point(examples, settings.about_mm)
@@ -132,7 +132,7 @@ def _digest_arrays(arrays: Iterable[Array | None]) -> str:
     return digest.hexdigest()
 
 
-def _open_training_folder(out: Path, description: dict[str, Any]) -> None:
+def open_training_folder(out: Path, description: dict[str, Any]) -> None:
     """Make the folder, or verify that it holds an earlier run of the same training.
 
     The processes of a distributed training may call it at once: each of them writes the same settings, or finds them. Raises

@@ -92,7 +92,7 @@ class ForceTrainingModule(lightning.LightningModule):
         settings = self.settings
         # Labels, and the positions that pixels are resampled from, need full precision.
         with torch.no_grad(), torch.autocast(self.device.type, enabled=False):
-            augmented = self._augment(batch.to_float(), self._batch_generator(number))
+            augmented = self.augment(batch.to_float(), self._batch_generator(number))
             shown = augmented.network_input(settings.input.channels)
         loss = compute_batch_loss(self.model(shown), augmented.wrench, self.model.unit)
         self.log(
@@ -115,7 +115,7 @@ class ForceTrainingModule(lightning.LightningModule):
             {MONITORED_METRIC: loss.absolute_error.mean(), **metrics}, batch_size=len(batch.wrench), sync_dist=True
         )
 
-    def _augment(self, batch: TrainingBatch, generator: torch.Generator) -> TrainingBatch:
+    def augment(self, batch: TrainingBatch, generator: torch.Generator) -> TrainingBatch:
         """Return the batch, randomly changed. Torques are moved to the skin's centre for it, about which images are mirrored."""
         settings = self.settings
         x, y, z = settings.about_mm
