@@ -59,7 +59,6 @@ _LONGEST_FILES = (
     "test_recording_journeys.py",
     "test_examples.py",
     "test_rules.py",
-    "test_led_board_rules.py",
 )
 """Files that take a minute. They begin first, so that no worker is left with one at the end while the others have none."""
 

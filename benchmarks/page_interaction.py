@@ -26,7 +26,6 @@ from ninedtact import SensorFolder
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
-from ninedtact.force.estimator_loading import load_estimator
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_controller import DisplayedSensor
 from ninedtact.studio.press_control import TwinPressController
@@ -88,7 +87,7 @@ def press_through_page(folder: SensorFolder, moves: int, watch_s: float) -> tupl
     """Return the ms of each move, the updates per second, and the ms of each stage of the last reading."""
     sources = demo_sources(build_twin_from_folder(folder))
     sensor, pollers = twin_sensor_and_true_wrench(folder.shape, sources)
-    sensor.estimator = estimator = load_estimator("physics", folder)
+    sensor.estimator = estimator = folder.estimator("physics")
     estimates = WrenchHistory("estimated", "by physics", estimator.notices, states_errors=True)
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()

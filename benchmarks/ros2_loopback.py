@@ -14,8 +14,9 @@ import tyro
 from figures import Figure, answer
 
 from ninedtact import calibrate, default_twin
-from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings
+from ninedtact.calibration.procedure import CalibrationImages
 from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.interop.dds import DdsParticipant
 from ninedtact.interop.ros2_topics_and_messages import LIVE_TOPICS, POINTS, QosProfile, SensorMessages
 from ninedtact.quantities import Frame, HeightMap, Rectified, Wrench, WrenchEstimate

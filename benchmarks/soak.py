@@ -23,7 +23,7 @@ from live_page import CameraInMemory, crowd, shown_page
 from memory import require_linux, resident_now_mb
 from real_images import calibrated
 
-from ninedtact import Recording, Sensor, SensorFolder, load_estimator, record, save_sensor
+from ninedtact import Recording, Sensor, SensorFolder, record, save_sensor
 from ninedtact.__main__ import limit_memory_arenas
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.reference_images import FollowingSettings, ReferenceImages
@@ -74,7 +74,7 @@ def soak(
 def watch_page(sensor: SensorFolder, camera: CameraInMemory, readings: Path, images: int) -> None:
     """Read as fast as possible while three browsers watch."""
     references = ReferenceImages(following=FollowingSettings())
-    read = Sensor(LatestFrameSource(camera), sensor.shape, references, load_estimator("physics", sensor))
+    read = Sensor(LatestFrameSource(camera), sensor.shape, references, sensor.estimator("physics"))
     estimates = WrenchHistory("estimated", "force by physics", states_errors=True)
 
     def keep(reading) -> None:  # type: ignore[no-untyped-def]
@@ -89,7 +89,7 @@ def watch_page(sensor: SensorFolder, camera: CameraInMemory, readings: Path, ima
 
 def make_recording(sensor: SensorFolder, camera: CameraInMemory, path: Path, images: int) -> None:
     """Record, read back and delete."""
-    estimator = load_estimator("physics", sensor)
+    estimator = sensor.estimator("physics")
     record(camera, path, sensor, heights=True, estimator=estimator, should_stop=lambda: camera.next_index >= images)
     with Recording(path) as recording:
         assert sum(1 for _ in recording.frames()) > 0

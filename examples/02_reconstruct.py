@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 from ninedtact import Frame, export_shape, load_sensor, read_image, summarise_shape
-from ninedtact.shape.relief_image import render_relief
+from ninedtact.shape.coloured_height_map import render_relief
 
 REAL = Path(os.environ.get("NINEDTACT_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "real"))
 RESULTS = Path(tempfile.gettempdir()) / "ninedtact_examples"

@@ -20,7 +20,6 @@ from ninedtact import (
     press_trajectory,
     save_sensor,
 )
-from ninedtact.force.estimator_loading import load_estimator
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 
 parser = argparse.ArgumentParser(description=__doc__)
@@ -35,7 +34,7 @@ options = parser.parse_args()
 twin = default_twin()
 save_sensor(options.sensor, calibrate(CalibrationImages(**vars(simulate_calibration_images(twin, frames=4)))))
 folder = load_sensor(options.sensor)
-shape, estimator = folder.shape, load_estimator(options.force, folder)
+shape, estimator = folder.shape, folder.estimator(options.force)
 
 motion = press_trajectory(Pose(depth_mm=1.2), drag_mm=(0.8, 0.0))
 stage = PressSequence(

@@ -13,7 +13,7 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-_FOREIGN = re.compile(r"(^|/)(tests|benchmarks|out|\.venv[^/]*|__pycache__)/|\.(mcap|png|jpg|pyc|onnx\.data)$")
+_FOREIGN = re.compile(r"(^|/)(tests|benchmarks|out|\.venv[^/]*|__pycache__)/|\.(mcap|jpg|pyc|onnx\.data)$")
 _LARGEST_BYTES = 4_000_000
 
 

@@ -19,10 +19,10 @@ import numpy as np
 import ninedtact
 from ninedtact import CalibrationImages, Frame, HeightMap, ScriptedPress, SensorFolder, Twin
 from ninedtact.cli import main as run_ninedtact
-from ninedtact.shape.coloured_height_map import colourise_heights, fit_colour_scale
+from ninedtact.shape.coloured_height_map import fit_colour_scale, shade_heights
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact_hardware.buildable_design import BuildableDesign
-from ninedtact_hardware.design import read_hardware_design
+from ninedtact_hardware.design_file import read_hardware_design
 from ninedtact_hardware.part_and_assembly_images import render_exploded_view
 
 IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
@@ -30,13 +30,12 @@ OBJECTS = (
     *("ball:4", "gear_07", "key_01", "coin_03", "spring_01", "screw_02"),
     *("fingerprint_01", "letter_04", "snowflake_01", "braille_01", "honeycomb_01", "leaf_01"),
 )
-RELIEFS = ("gear_07", "snowflake_01")
 LOAD_N, COLUMNS, TILE_PX, GAP_PX, LABEL_PX = 12.0, 6, (240, 180), 6, 22
 JPEG = [cv2.IMWRITE_JPEG_QUALITY, 88]
 FIGURE_SCALE = 0.6
 """Size of the figure of a press on the page, as a part of what the command draws."""
 DRAWN = {
-    "twin": ("gallery_objects.jpg", *(f"gallery_{name.partition('_')[0]}.jpg" for name in RELIEFS)),
+    "twin": ("gallery_objects.jpg",),
     "hardware": ("hardware_exploded.png",),
     "real": ("ball_shaded.png", "twin_press.png"),
 }
@@ -53,19 +52,12 @@ def press(twin: Twin, folder: SensorFolder, name: str) -> tuple[np.ndarray, Heig
     return image, reader(folder.shape.rectify(Frame(image)))
 
 
-def shade(height: HeightMap) -> np.ndarray:
-    """Return heights as a BGR image, in the colours of the live page and lit from the upper left."""
-    coloured = colourise_heights(height, fit_colour_scale(height)).astype(float)
-    down, along = np.gradient(height.z_mm, height.mm_per_px)
-    light = (1 + 0.9 * (along + down)) / np.sqrt(1 + along**2 + down**2)
-    return np.clip(coloured * np.clip(light, 0.45, 1.25)[..., None], 0, 255).astype(np.uint8)
-
-
 def draw_tile(name: str, image: np.ndarray, height: HeightMap) -> np.ndarray:
     """Return camera image and heights below each other, with the name above them."""
     label = np.full((LABEL_PX, TILE_PX[0], 3), 255, np.uint8)
     cv2.putText(label, name, (2, LABEL_PX - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (60, 60, 60), 1, cv2.LINE_AA)
-    parts = [cv2.resize(part, TILE_PX, interpolation=cv2.INTER_AREA) for part in (image, shade(height))]
+    shaded = shade_heights(height, fit_colour_scale(height))
+    parts = [cv2.resize(part, TILE_PX, interpolation=cv2.INTER_AREA) for part in (image, shaded)]
     return np.pad(np.vstack([label, *parts]), ((0, GAP_PX), (0, GAP_PX), (0, 0)), constant_values=255)
 
 
@@ -78,13 +70,7 @@ def draw_twelve_objects() -> None:
         pressed = {name: press(twin, folder, name) for name in OBJECTS}
     tiles = [draw_tile(name, *seen) for name, seen in pressed.items()]
     rows = [np.hstack(tiles[start : start + COLUMNS]) for start in range(0, len(tiles), COLUMNS)]
-    whole, *reliefs = DRAWN["twin"]
-    cv2.imwrite(str(IMAGES / whole), np.vstack(rows), JPEG)
-    for name, file in zip(RELIEFS, reliefs, strict=True):
-        relief = cv2.imdecode(
-            np.frombuffer(ninedtact.render_relief(pressed[name][1], name), np.uint8), cv2.IMREAD_COLOR
-        )
-        cv2.imwrite(str(IMAGES / file), relief, JPEG)
+    cv2.imwrite(str(IMAGES / DRAWN["twin"][0]), np.vstack(rows), JPEG)
 
 
 def draw_hardware() -> None:

@@ -55,7 +55,8 @@ from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.deblurring import Deblurring
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact_hardware.design import default_hardware_design, hardware_design_to_toml
+from ninedtact_hardware.design import default_hardware_design
+from ninedtact_hardware.design_file import hardware_design_to_toml
 from ninedtact_train.dataset import load_dataset
 from ninedtact_train.evaluation.predictions import WrenchPredictions, write_predictions
 
@@ -117,7 +118,7 @@ def sensor_kinds(sensor: Path, folder: Path) -> Iterator[tuple[str, Kind]]:
     )
     scaled = folder / "scaled"
     shutil.copytree(sensor, scaled)
-    physics = ninedtact.load_estimator("physics", ninedtact.load_sensor(sensor))
+    physics = ninedtact.load_sensor(sensor).estimator("physics")
     write_force_scale(scaled, physics, ForceScale(1.08, -0.05, 2.1, 0.04, 5))
     weighed = commands(f"estimate --sensor {scaled} --reference {reference} --json {ball}")
     yield "force.toml", Kind(scaled / "force.toml", weighed, damaged_text)

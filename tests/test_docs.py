@@ -13,7 +13,7 @@ import pytest
 
 import ninedtact
 from ninedtact.calibration.guidance import guided_capture_steps
-from ninedtact.calibration.procedure import CalibrationSettings
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.cli import parse_arguments
 from ninedtact.design import SensorDesign
 
@@ -86,7 +86,9 @@ def fault_of_make(targets: list[str]) -> str:
 
 def fault_of_pip(arguments: list[str]) -> str:
     """Which extra does not exist."""
-    extras = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"])
+    extras = set()
+    for project in ROOT.glob("packages/*/pyproject.toml"):
+        extras |= set(tomllib.loads(project.read_text())["project"].get("optional-dependencies", ()))
     asked = {one for found in re.findall(r"\[([\w,-]+)\]", " ".join(arguments)) for one in found.split(",")}
     return f"no extra {sorted(asked - extras)}" if asked - extras else ""
 

@@ -18,7 +18,7 @@ SOURCES = {path.name: path for path in PACKAGES.glob("*/src/*") if (path / "__in
 LAYERS = {
     "ninedtact": [
         {"_version", "errors"},
-        {"atomic_write", "checked_reading"},
+        {"atomic_write", "checked_reading", "field_bounds"},
         {"parallel_jobs"},
         {"quantities", "design"},
         {"mechanics", "capture", "shape"},
@@ -26,6 +26,7 @@ LAYERS = {
         {"force", "simulation"},
         {"calibration", "reference_images"},
         {"recording", "sensor"},
+        {"source_addresses"},
         {"open_sensor"},
         {"studio"},
         {"interop"},
@@ -59,8 +60,7 @@ HEAVY = {
     "viser": {"ninedtact.studio"},
     "websockets": {"ninedtact.studio", "ninedtact.interop"},
     "build123d": {"ninedtact_hardware"},
-    "ezdxf": {"ninedtact_hardware.export"},
-    "shapely": {"ninedtact_hardware.led_board"},
+    "ezdxf": {"ninedtact_hardware.part_files"},
     "cyclonedds": {"ninedtact.interop"},
     "foxglove": {"ninedtact.interop"},
     "rerun": {"ninedtact.interop"},

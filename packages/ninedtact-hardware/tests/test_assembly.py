@@ -39,9 +39,8 @@ LEVELS = {
 }
 
 
-@pytest.mark.parametrize(("name", "z_mm"), LEVELS.items())
-def test_levels(original: BuildableDesign, name: str, z_mm: float) -> None:
-    assert getattr(original.design.heights, name) == pytest.approx(z_mm, abs=1e-9)
+def test_levels(original: BuildableDesign) -> None:
+    assert {name: getattr(original.design.heights, name) for name in LEVELS} == pytest.approx(LEVELS, abs=1e-9)
 
 
 def test_bodies_lie_at_their_levels(original: BuildableDesign) -> None:
@@ -89,7 +88,7 @@ def test_clearances_told_are_clearances_of_the_solids(default: BuildableDesign) 
 def test_what_overlaps_is_told_and_refused(design: HardwareDesign, between: str, mm: float) -> None:
     (clearance,) = (clearance for clearance in list_clearances(design) if clearance.faces == between)
     assert clearance.clearance_mm == pytest.approx(mm, abs=1e-9)
-    assert clearance.is_impossible == (mm < 0) and clearance.is_tight
+    assert clearance.is_tight
     assert any(between in broken.message for broken in find_broken_rules(design)) == (mm < 0)
 
 
@@ -107,10 +106,8 @@ def test_the_report_says_all(default: BuildableDesign) -> None:
     text = "\n".join(default.check_report_lines())
     for each in (
         "0 pairs interfere",
-        "the LED board breaks 0 of its own rules",
+        "the stored LED board fits",
         "9DTact, as published",
         "this design (default)",
-        "disagree",
-        "25.30 by the moulds",
     ):
         assert each in text

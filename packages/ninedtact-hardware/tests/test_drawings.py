@@ -2,20 +2,15 @@
 
 import numpy as np
 import pytest
-from build123d import Box
 from matplotlib.colors import to_rgb
 from matplotlib.text import Annotation
 
 from ninedtact.design import Gel, SensingArea, SensorDesign
-from ninedtact_hardware import part_and_assembly_images
 from ninedtact_hardware.buildable_design import BuildableDesign
 from ninedtact_hardware.design import default_hardware_design
-from ninedtact_hardware.drawings.drawing_sheet import INK, DrawingSheet, NoteLine, build_drawing_notes
-from ninedtact_hardware.drawings.part_geometry import Polyline, project_section
-from ninedtact_hardware.part_and_assembly_images import colour_bodies, render_solids
-from ninedtact_hardware.parts.part_catalogue import BuiltPart
-from ninedtact_hardware.parts.solids import build_first_mould, build_second_mould
-from ninedtact_hardware.sensor_assembly import AssemblyBody
+from ninedtact_hardware.part_drawing import INK, draw_part, draw_part_as_svg_and_pdf, list_drawing_notes
+from ninedtact_hardware.part_geometry import Polyline, project_section
+from ninedtact_hardware.part_solids import build_first_mould, build_second_mould
 
 BARE_MM2 = {
     "acrylic_window": 14.0 * 2.0,
@@ -65,8 +60,7 @@ def test_cutting_the_shell_shows_its_window_hole_and_its_usb_slot(default: Build
 
 
 def test_a_sheet_says_how_exact_a_part_must_be(default: BuildableDesign) -> None:
-    part = default.parts["isolation_ring"]
-    svg = dict(DrawingSheet(part, build_drawing_notes(default.design, part)).to_svg_and_pdf())["svg"].decode()
+    svg = sheet_svg(default, "isolation_ring")
     for text in (
         "A–A",
         "tolerance ± 0.15",
@@ -78,8 +72,8 @@ def test_a_sheet_says_how_exact_a_part_must_be(default: BuildableDesign) -> None
 
 
 def test_the_table_stays_on_the_sheet_however_long_it_is(default: BuildableDesign) -> None:
-    rows = [NoteLine(f"row {number}") for number in range(90)]
-    (axes,) = DrawingSheet(default.parts["acrylic_window"], rows).draw_figure().axes
+    notes = {"rows": [f"row {number}" for number in range(90)]}
+    (axes,) = draw_part(default.parts["acrylic_window"], notes).axes
     heights = [text.get_position()[1] for text in axes.texts if text.get_text().startswith("row ")]
     assert len(heights) == 90 and min(heights) >= 15
 
@@ -95,7 +89,6 @@ def test_the_table_stays_on_the_sheet_however_long_it_is(default: BuildableDesig
             "second_mould",
             ("R1.80", "R12.00", "gels.black_top_mm  0.3", "gels.black_side_mm  0.8", "gel.thickness_mm  2.5"),
         ),
-        ("base_board", ("moulds.base_mm  3", "4 x ⌀2.20")),
     ],
 )
 def test_a_sheet_tells_all_that_shapes_a_part(default: BuildableDesign, name: str, words: tuple[str, ...]) -> None:
@@ -111,30 +104,12 @@ def test_a_sheet_tells_nothing_else(default: BuildableDesign) -> None:
 
 
 def sheet_svg(sensor: BuildableDesign, name: str) -> str:
-    part = sensor.parts[name]
-    return dict(DrawingSheet(part, build_drawing_notes(sensor.design, part)).to_svg_and_pdf())["svg"].decode()
+    return dict(draw_part_as_svg_and_pdf(sensor.design, sensor.parts[name]))["svg"].decode()
 
 
 def test_arrows_of_the_cut_look_towards_the_half_that_is_shown(default: BuildableDesign) -> None:
     part = default.parts["first_mould"]
-    (axes,) = DrawingSheet(part, build_drawing_notes(default.design, part)).draw_figure().axes
+    (axes,) = draw_part(part, list_drawing_notes(default.design, part)).axes
     looks = [text for text in axes.texts if isinstance(text, Annotation) and text.xy[1] == text.xyann[1]]
     looks = [each for each in looks if each.arrow_patch.get_edgecolor()[:3] == to_rgb(INK)]
     assert len(looks) == 2 and all(each.xyann[0] > each.xy[0] for each in looks), "from +x towards -x"
-
-
-def test_a_sheet_is_used_in_every_size() -> None:
-    """The next scale would be too large for the sheet, and is at most a third larger."""
-    for x in range(20, 140, 5):
-        sheet = DrawingSheet(BuiltPart("first_mould", "cut", Box(x, 0.8 * x, 2.5)), [])
-        wide = 1.8 * x * sheet.scale + 68
-        assert 0.55 * 302 < wide < 302
-
-
-def test_an_image_is_the_same_in_any_number_of_bands(default: BuildableDesign, monkeypatch: pytest.MonkeyPatch) -> None:
-    body = colour_bodies([AssemblyBody(name, default.parts[name].solid) for name in ("sensor_base", "camera")])
-    whole = render_solids(body, size_px=(360, 280))
-    for rows in (6, 1000):
-        monkeypatch.setattr(part_and_assembly_images, "BAND_ROWS", rows)
-        assert (render_solids(body, size_px=(360, 280)) == whole).all()
-    assert (whole[:9] == 255).all() and whole.std() > 10

@@ -4,22 +4,18 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from ninedtact._version import installation_command
 
 WITHOUT = """
 import sys
 sys.modules["build123d"] = None
 from ninedtact.cli import main
-sys.exit(main(sys.argv[1:]))
+for command in ("check", "bom", "explore", "export --out parts", "guide --out guide"):
+    assert main(["hardware", *command.split()]) == 1
 """
 
 
-@pytest.mark.parametrize("command", ["check", "bom", "explore", "export --out parts", "guide --out guide"])
-def test_the_extra_is_named(command: str, tmp_path: Path) -> None:
-    run = [sys.executable, "-c", WITHOUT, "hardware", *command.split()]
-    done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 1
-    assert installation_command("hardware") in done.stderr and "Traceback" not in done.stderr
+def test_the_extra_is_named(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", WITHOUT], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stderr.count(installation_command("hardware")) == 5 == done.stderr.count("\n")
     assert not list(tmp_path.iterdir())

@@ -3,8 +3,8 @@ come out.
 
     SensorDesign ──▶ HardwareDesign ──rules──▶ solids ──▶ assembly ──▶ checks, bill of materials, folder of files
 
-Read `design` first: `read_hardware_design` gives a `HardwareDesign`. `buildable_design.BuildableDesign` builds and checks it,
-`export.design_folder.write_design_folder` writes its files, `fabrication_guide` describes how to build it, `design_sweep` compares
-designs, `led_board` makes the circuit board. build123d is loaded only by `parts`, `sensor_assembly`, `part_and_assembly_images`,
-`drawings`, `fabrication_guide` and `export`.
+Read `design` first, then `design_file`: `read_hardware_design` gives a `HardwareDesign`. `buildability` has its rules.
+`buildable_design.BuildableDesign` builds and checks it, `design_folder.write_design_folder` writes its files, `fabrication_guide`
+describes how to build it, `design_comparison` compares the designs of a `design_sweep`, `led_board` has the circuit board. Modules
+whose names begin with `part_`, `sensor_assembly`, and what builds on them load build123d; `part_dimensions` does not.
 """

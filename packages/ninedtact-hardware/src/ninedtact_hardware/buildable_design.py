@@ -1,5 +1,4 @@
-"""A hardware design with everything derived from it: solids, assembly, clearances, LED board, bill of materials and
-check report."""
+"""A hardware design with everything derived from it: solids, assembly, clearances, bill of materials and check report."""
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -9,14 +8,12 @@ from typing import Any
 from ninedtact_hardware.bill_of_materials import BillItem, build_bill_of_materials, sensor_cost_usd
 from ninedtact_hardware.buildability import require_buildable_design
 from ninedtact_hardware.clearances import Clearance, list_clearances
-from ninedtact_hardware.design import HardwareDesign, lens_view_radius_mm, sensing_corner_distance_mm
-from ninedtact_hardware.led_board.board_parameters import led_board_for_design
-from ninedtact_hardware.led_board.complete_layout import BoardLayout
-from ninedtact_hardware.led_board.design_rule_check import RuleViolation, find_violations, lay_out_checked_board
-from ninedtact_hardware.parts.part_catalogue import BuiltPart, build_parts
+from ninedtact_hardware.design import HardwareDesign
+from ninedtact_hardware.led_board import describe_redrawing, list_board_differences
+from ninedtact_hardware.lens_view import lens_view_radius_mm, sensing_corner_distance_mm
+from ninedtact_hardware.part_catalogue import BuiltPart, build_parts
 from ninedtact_hardware.published_specifications import (
     OTHER_PUBLISHED_SENSORS,
-    PUBLICATION_DISCREPANCIES,
     PUBLISHED_9DTACT,
     SensorSpecification,
     format_sensor_comparison,
@@ -27,20 +24,16 @@ from ninedtact_hardware.sensor_assembly import AssemblyBody, BodyPair, find_near
 
 @dataclass(frozen=True)
 class BuildableDesign:
-    """A design that keeps all rules and has a valid LED board. Its solids are built on first access.
-
-    Raises `DesignNotBuildable`, `LedBoardImpossible`.
-    """
+    """A design that keeps all rules; raises `DesignNotBuildable` for another. Its solids are built on first access."""
 
     design: HardwareDesign
 
     def __post_init__(self) -> None:
         require_buildable_design(self.design)
-        _ = self.led_board_layout
 
     @cached_property
     def parts(self) -> dict[str, BuiltPart]:
-        """The built parts by name; raises `PartNotModelled`."""
+        """The built parts by name; raises `DesignImpossible`."""
         return build_parts(self.design)
 
     @cached_property
@@ -64,14 +57,9 @@ class BuildableDesign:
         return [*list_clearances(self.design)]
 
     @cached_property
-    def led_board_layout(self) -> BoardLayout:
-        """The laid-out LED board that fits this design."""
-        return lay_out_checked_board(led_board_for_design(self.design))
-
-    @cached_property
-    def led_board_faults(self) -> tuple[RuleViolation, ...]:
-        """The rules that the LED board breaks: none, unless its faults are known."""
-        return find_violations(self.led_board_layout)
+    def led_board_differences(self) -> list[str]:
+        """In what the LED board of this design differs from the stored one; nothing if that one fits."""
+        return list_board_differences(self.design)
 
     @cached_property
     def bill(self) -> list[BillItem]:
@@ -94,10 +82,9 @@ class BuildableDesign:
             "sensing_corner_distance_mm": sensing_corner_distance_mm(self.design),
             "interferences": [asdict(pair) for pair in self.interferences],
             "adjacent_bodies": [asdict(pair) for pair in self.adjacent_bodies],
-            "led_board_faults": [*map(str, self.led_board_faults)],
+            "led_board_differences": self.led_board_differences,
             "clearances": [{**asdict(clearance), "is_tight": clearance.is_tight} for clearance in self.clearances],
             "masses_g": {body.name: body.mass_g for body in self.bodies},
-            "publication_discrepancies": [asdict(each) for each in PUBLICATION_DISCREPANCIES],
         }
 
     def check_report_lines(self) -> Iterator[str]:
@@ -106,17 +93,14 @@ class BuildableDesign:
         kept = f"no rule broken, but {tight} clearances are tight" if tight else "all rules kept"
         yield f"design {self.design.variant}: {kept}; {len(self.bodies)} bodies"
         yield from _format_interferences(self)
-        faults = self.led_board_faults
-        yield f"  the LED board breaks {len(faults)} of its own rules{f', the first {faults[0]}' if faults else ''}"
+        differences = self.led_board_differences
+        yield f"  LED board: {describe_redrawing(differences)}" if differences else "  the stored LED board fits"
         yield from _format_clearances(self.clearances)
         reach, corner = lens_view_radius_mm(self.design), sensing_corner_distance_mm(self.design)
         yield f"the lens reaches {reach:.2f} mm, the sensing area's corner is at {corner:.2f} mm"
         yield "comparison with Table I of the paper (mass of this design by assumed densities, its cost by estimated prices):"
         rows = (self.specification, PUBLISHED_9DTACT, *OTHER_PUBLISHED_SENSORS)
         yield from ("  " + line for line in format_sensor_comparison(rows))
-        yield "where the paper and its files disagree (here: the published size):"
-        for each in PUBLICATION_DISCREPANCIES:
-            yield f"  {each.feature}: paper {each.paper or 'states nothing'}; files {each.files}; here {each.here}"
 
 
 def _format_interferences(sensor: BuildableDesign) -> Iterator[str]:

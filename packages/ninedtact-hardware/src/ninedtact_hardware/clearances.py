@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from itertools import pairwise, product
 from math import hypot, inf, sqrt
 
-from ninedtact_hardware.assembly_dimensions import distance_to_edge_mm
-from ninedtact_hardware.design import HardwareDesign, lens_view_radius_mm
+from ninedtact_hardware.design import HardwareDesign, distance_to_edge_mm
+from ninedtact_hardware.lens_view import lens_view_radius_mm
 from ninedtact_hardware.part_dimensions import M2_DIAMETER_MM
 
 
@@ -27,6 +27,21 @@ def _lens_to_parts_below_mm(design: HardwareDesign) -> float:
     receptacle = design.horizontal_dimensions.usb_mouth - board.usb_mm[1]
     lowest = min(levels.usb_bottom, levels.board_bottom - tall)
     return min(driver, receptacle) - _lens_diameter_mm(design, lowest, levels.board_bottom) / 2
+
+
+def _driver_to_boss_mm(design: HardwareDesign) -> float:
+    """Return the distance from the LED driver to the nearest insert boss, beside it or below it."""
+    plan, levels, ((wide, deep, tall), (x, from_edge)) = (
+        design.horizontal_dimensions,
+        design.heights,
+        (design.board.driver_mm, design.board.driver_at_mm),
+    )
+    y = plan.led_board[1] / 2 + from_edge
+    beside = min(
+        _rectangle_distance_mm(abs(boss_x - x) - wide / 2, abs(boss_y - y) - deep / 2)
+        for boss_x, boss_y in plan.mount_inserts
+    )
+    return max(beside - design.base.boss_mm / 2, levels.board_bottom - tall - levels.boss_top)
 
 
 def _board_to_ceiling_mm(design: HardwareDesign) -> float:
@@ -132,11 +147,6 @@ class Clearance:
         """Whether the clearance is less than required."""
         return self.clearance_mm < self.required_mm - ROUNDING_MM
 
-    @property
-    def is_impossible(self) -> bool:
-        """Whether no sensor can be built with this clearance."""
-        return self.impossible_below_mm is not None and self.clearance_mm < self.impossible_below_mm - ROUNDING_MM
-
 
 def list_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """Yield all clearances of a design; those of diameters are per side."""
@@ -191,6 +201,12 @@ def _led_board_clearances(design: HardwareDesign) -> Iterator[Clearance]:
         "base.boss_tall_mm or base.post_tall_mm",
         levels.board_bottom - levels.boss_top,
         0.5,
+    )
+    yield Clearance(
+        "insert boss of the base, LED driver",
+        "base.mount_inset_mm, base.boss_tall_mm or board.driver_at_mm",
+        _driver_to_boss_mm(design),
+        0.1,
     )
     yield Clearance("micro-USB receptacle, base plate", "base.post_tall_mm", levels.usb_bottom - levels.plate_top, 0.3)
     driver_bottom = levels.board_bottom - board.driver_mm[2]

@@ -6,25 +6,23 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from ninedtact._version import installation_command
 from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.cli.shared_options import ClusterOption, JsonOption, WorkersOption
-from ninedtact.errors import InputError, MissingLibraryError
+from ninedtact.errors import MissingLibraryError
+from ninedtact_hardware.design import DesignVariant
+from ninedtact_hardware.design_sweep import USUAL_SWEEP, DesignSweep
 
 if TYPE_CHECKING:
     from ninedtact_hardware.bill_of_materials import BillItem
     from ninedtact_hardware.buildability import BrokenRule
     from ninedtact_hardware.buildable_design import BuildableDesign
     from ninedtact_hardware.design import HardwareDesign
-    from ninedtact_hardware.design_sweep import DesignSweep, ExploredDesign
-
-
-class Build123dMissing(MissingLibraryError):
-    """build123d is not installed."""
+    from ninedtact_hardware.design_comparison import ExploredDesign
 
 
 @dataclass(frozen=True)
@@ -33,17 +31,17 @@ class DesignOptions:
 
     design: Path | None = None
     """Design file (TOML) with what differs from the published sensor. Tables such as [hardware.shell] change its parts."""
-    variant: Literal["default", "original"] = "default"
+    variant: DesignVariant = "default"
     """default: with the improvements that docs/hardware.md lists. original: with the original's dimensions."""
 
     def read_hardware(self) -> "HardwareDesign":
         """Return the hardware design; raises `DesignFileUnreadable`, `DesignImpossible`."""
-        from ninedtact_hardware.design import read_hardware_design
+        from ninedtact_hardware.design_file import read_hardware_design
 
         return read_hardware_design(self.design, self.variant)
 
     def build_sensor(self) -> "BuildableDesign":
-        """Return the design with its solids; raises `DesignNotBuildable`, `LedBoardImpossible`, `Build123dMissing`."""
+        """Return the design with its solids; raises `DesignNotBuildable`, `MissingLibraryError`."""
         design = self.read_hardware()
         _require_build123d()
         from ninedtact_hardware.buildable_design import BuildableDesign
@@ -52,9 +50,9 @@ class DesignOptions:
 
 
 def _require_build123d() -> None:
-    """Refuse where build123d is missing; raises `Build123dMissing`."""
+    """Refuse where build123d is missing; raises `MissingLibraryError`."""
     if find_spec("build123d") is None:
-        raise Build123dMissing(
+        raise MissingLibraryError(
             f"expected build123d, which models the parts, got none; run {installation_command('hardware')}"
         )
 
@@ -101,7 +99,7 @@ class CheckHardwareCommand:
     """Check whether a design can be built: rules, interference and clearances. Prints its specification beside the
     paper's Table I.
 
-    Exits with 1 if a rule is broken, also one of the LED board, or if two parts overlap.
+    Exits with 1 if a rule is broken, if two parts overlap, or if the LED board has to be redrawn.
     """
 
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
@@ -110,25 +108,22 @@ class CheckHardwareCommand:
     def run(self) -> int:
         """Check the rules; build and measure a design that keeps them."""
         from ninedtact_hardware.buildability import BrokenRule, find_broken_rules
-        from ninedtact_hardware.led_board.board_outline_and_holes import LedBoardImpossible
 
         # Read once: a pipe has nothing to give a second time.
         design = self.design_options.read_hardware()
         if broken := find_broken_rules(design):
             return self._refuse(broken)
         _require_build123d()
+        from ninedtact.design import DesignImpossible
         from ninedtact_hardware.buildable_design import BuildableDesign
-        from ninedtact_hardware.parts.part_catalogue import PartNotModelled
 
         try:
             sensor = BuildableDesign(design)
             table = {"broken": [], **sensor.to_json_dict()}
-        except LedBoardImpossible as refused:
-            return self._refuse([BrokenRule("led_board", str(refused))])
-        except PartNotModelled as refused:
+        except DesignImpossible as refused:
             return self._refuse([BrokenRule("part_not_modelled", str(refused))])
         print_result(self.json, table, sensor.check_report_lines())
-        return 1 if table["interferences"] or table["led_board_faults"] else 0
+        return 1 if table["interferences"] or table["led_board_differences"] else 0
 
     def _refuse(self, broken: "list[BrokenRule]") -> int:
         """Print the broken rules and return the exit code."""
@@ -142,10 +137,6 @@ def _format_broken_rules(broken: "list[BrokenRule]") -> Iterator[str]:
     yield from (f"  {each.rule}: {each.message}" for each in broken)
 
 
-class InvalidSensingArea(InputError):
-    """A sensing area that is not WIDTHxHEIGHT in mm."""
-
-
 @dataclass(frozen=True)
 class ExploreDesignsCommand:
     """Compare designs: predicted depth range, resolution, force range, signal per newton, field of view, size and cost.
@@ -155,14 +146,7 @@ class ExploreDesignsCommand:
     needs. Nothing here is measured: docs/hardware.md states what each prediction rests on.
     """
 
-    gel_mm: tuple[float, ...] = ()
-    """Thicknesses of the translucent gel."""
-    shore_a: tuple[float, ...] = ()
-    """Hardnesses of the translucent gel, Shore A."""
-    area_mm: tuple[str, ...] = ()
-    """Sensing areas, width x height, such as 24x18 30x22."""
-    lens_deg: tuple[float, ...] = ()
-    """Angles that the lens sees in air."""
+    sweep: Annotated[DesignSweep, tyro.conf.arg(name="")] = DesignSweep()
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
     calibrated: bool = False
     """Calibrate each twin by its board and ball, and report the errors of depth and of load for a press of another
@@ -180,35 +164,24 @@ class ExploreDesignsCommand:
         from tqdm import tqdm
 
         from ninedtact.parallel_jobs import connect_workers
-        from ninedtact_hardware.design_sweep import explore_designs, format_design_comparison
+        from ninedtact_hardware.design_comparison import explore_designs, format_design_comparison
 
         basis = self.design_options.read_hardware()
-        candidates = [*self.design_sweep.designs(basis)]
-        self._create_folder()
+        sweep = USUAL_SWEEP if self.sweep == DesignSweep() else self.sweep
+        candidates = [*sweep.designs(basis)]
+        if self.out is not None:
+            self.out.mkdir(parents=True, exist_ok=True)
         with connect_workers(self.workers, self.cluster) as workers:
             explored = explore_designs(candidates, self.calibrated, workers)
             found = list(tqdm(explored, total=len(candidates), unit="design", disable=None, leave=False))
         table: dict[str, Any] = {"designs": [each.to_json_dict() for each in found], "files": self._write_files(found)}
         return print_result(self.json, table, format_design_comparison(found))
 
-    @property
-    def design_sweep(self) -> "DesignSweep":
-        """The sweep over the given values, or the usual one; raises `InvalidSensingArea`."""
-        from ninedtact_hardware.design_sweep import USUAL_SWEEP, DesignSweep
-
-        given = DesignSweep(self.gel_mm, self.shore_a, tuple(map(_parse_area, self.area_mm)), self.lens_deg)
-        return USUAL_SWEEP if given == DesignSweep() else given
-
-    def _create_folder(self) -> None:
-        """Create the output folder before work begins; raises `OSError`."""
-        if self.out is not None:
-            self.out.mkdir(parents=True, exist_ok=True)
-
     def _write_files(self, found: "list[ExploredDesign]") -> list[str]:
         """Write table, plot and design files if a folder was given."""
         from ninedtact.atomic_write import write_file_atomically
-        from ninedtact_hardware.design import hardware_design_to_toml
-        from ninedtact_hardware.design_sweep import design_comparison_to_csv, plot_design_comparison
+        from ninedtact_hardware.design_comparison import design_comparison_to_csv, plot_design_comparison
+        from ninedtact_hardware.design_file import hardware_design_to_toml
 
         if self.out is None:
             return []
@@ -221,15 +194,6 @@ class ExploreDesignsCommand:
             if stale.name not in contents and stale.stem.removeprefix("design_").isdecimal():
                 stale.unlink()
         return [str(self.out / name) for name in contents]
-
-
-def _parse_area(text: str) -> tuple[float, float]:
-    """Return width and height in mm of a text such as `24x18`; raises `InvalidSensingArea`."""
-    try:
-        width, height = map(float, text.lower().split("x"))
-    except ValueError:
-        raise InvalidSensingArea(f"expected an area such as 24x18, got {text!r}; write width x height in mm") from None
-    return width, height
 
 
 @dataclass(frozen=True)
@@ -246,7 +210,7 @@ class ExportHardwareCommand:
         _require_build123d()
         from tqdm import tqdm
 
-        from ninedtact_hardware.export.design_folder import require_replaceable_parts_folder, write_design_folder
+        from ninedtact_hardware.design_folder import require_replaceable_parts_folder, write_design_folder
 
         require_replaceable_parts_folder(self.out)
         sensor = self.design_options.build_sensor()
@@ -258,8 +222,10 @@ class ExportHardwareCommand:
 
 def format_fabrication_warnings(manifest: dict[str, Any]) -> Iterator[str]:
     """Yield why parts of this folder should not be made as they are; nothing for a sound design."""
-    if faults := manifest["led_board_faults"]:
-        yield f"  DO NOT ORDER led_board/: it breaks {len(faults)} rules, the first {faults[0]}; its notes name them"
+    from ninedtact_hardware.led_board import describe_redrawing
+
+    if differences := manifest["led_board_differences"]:
+        yield f"  NO LED BOARD TO ORDER: {describe_redrawing(differences)}"
     for pair in manifest["interferences"]:
         what = f"{pair['first']} and {pair['second']} overlap by {pair['overlap_mm3']:.2f} mm³"
         yield f"  DO NOT MAKE these parts as they are: {what}"
@@ -271,10 +237,7 @@ def _format_export_report(out: Path, manifest: dict[str, Any], seconds: float) -
     for folder, use in (
         ("printed", "STL and STEP for the print shop"),
         ("cut", "DXF for the laser cutter, mm, 1:1; README.txt states the thickness of each sheet"),
-        (
-            "led_board",
-            "Gerbers, drill, placement for the board house; the notes state its thickness (0.80 mm as published)",
-        ),
+        ("led_board", "files for the board house; the notes state its thickness, or what to redraw before"),
         ("drawings", "dimensions, SVG and PDF"),
     ):
         yield f"  {folder + '/':12}{use}"

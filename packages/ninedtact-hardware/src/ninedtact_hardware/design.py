@@ -1,32 +1,18 @@
-"""The hardware design of one sensor: its sensor design and every dimension of its parts, with reading and writing of
-design files. Lengths in mm.
+"""The hardware design of one sensor: its sensor design, every dimension of its parts, and the widths, positions and heights of the
+assembled parts that follow from them. Lengths in mm, pairs are (x, y).
 
 Assembly frame: x along the long side, y along the short side, z towards the skin. The origin lies in the middle of the
-base's outer bottom face, z is the optical axis, and cable and USB leave at -y. In a design file the tables
-`[hardware.shell]` and so on change the parts of a variant.
-
-The functions at the end give the radius that the lens sees, by refraction from the lens front through air, acrylic and silicone.
+base's outer bottom face, z is the optical axis, and cable and USB leave at -y.
 """
 
-from dataclasses import asdict, dataclass, fields, replace
-from math import asin, hypot, radians, sin, tan
-from pathlib import Path
-from typing import Any, Literal, get_args
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from itertools import product
+from math import hypot, sqrt
+from typing import Literal
 
-import tomli_w
-
-from ninedtact.design import (
-    ACRYLIC_REFRACTIVE_INDEX,
-    HARDWARE_TABLE,
-    SILICONE_REFRACTIVE_INDEX,
-    DesignFileUnreadable,
-    SensorDesign,
-    convert_tables_to_design,
-    design_to_toml,
-    read_design_tables,
-    sensor_design_from_tables,
-)
-from ninedtact_hardware.assembly_dimensions import HorizontalDimensions, StackHeights
+from ninedtact.design import DesignImpossible, SensorDesign
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact_hardware.part_dimensions import (
     ORIGINAL_BASE,
     ORIGINAL_BOARD,
@@ -66,15 +52,31 @@ class HardwareDesign:
     pin_frame: CalibrationBoardDimensions = CalibrationBoardDimensions()
     fasteners: FastenerDimensions = FastenerDimensions()
 
+    def __post_init__(self) -> None:
+        """Raise `DesignImpossible` for a dimension out of its bounds."""
+        for table in PART_TABLES:
+            require_within_bounds(getattr(self, table), table, DesignImpossible)
+        tops = [self.camera.tall_mm, *(top for _, top in self.camera.lens_mm)]
+        if tops != sorted(tops):
+            raise DesignImpossible(
+                expected="the tops of camera body, collar, barrel, neck and head one above the other",
+                got=f"{tops} mm",
+                remedy="correct the design",
+            )
+
     @property
-    def horizontal_dimensions(self) -> HorizontalDimensions:
+    def horizontal_dimensions(self) -> "HorizontalDimensions":
         """Widths and positions in x and y."""
         return HorizontalDimensions(self)
 
     @property
-    def heights(self) -> StackHeights:
+    def heights(self) -> "StackHeights":
         """Heights of the faces above the base's outer face, z."""
         return StackHeights(self)
+
+
+PART_TABLES = tuple(field.name for field in fields(HardwareDesign) if field.name not in ("sensor", "variant"))
+"""Names of the parts, which are those of their tables in a design file."""
 
 
 def default_hardware_design(sensor: SensorDesign = SensorDesign()) -> HardwareDesign:
@@ -101,95 +103,258 @@ def hardware_design_of_variant(sensor: SensorDesign, variant: DesignVariant) -> 
     return original_hardware_design(sensor) if variant == "original" else default_hardware_design(sensor)
 
 
-PART_TABLES = tuple(field.name for field in fields(HardwareDesign) if field.name not in ("sensor", "variant"))
-VARIANT_KEY = "variant"
+XY = tuple[float, float]
+FRAME_ROOM_MM = 1.0
+"""Distance between the window's frame and the gel cavity's wall where the sensing area is smaller than the window."""
+RIM_BESIDE_GEL_MM = 3.0
+"""Difference in width between shell and translucent layer in the published size. The mould plates are sized from the
+layer, and grow with the shell where that is wider still."""
 
 
-def read_hardware_design(path: Path | str | None, variant: DesignVariant) -> HardwareDesign:
-    """Read a design file with its hardware tables. Without a file, return the variant in the published size.
+@dataclass(frozen=True)
+class HorizontalDimensions:
+    """Widths and positions in x and y, from the sensing area outwards."""
 
-    variant: what the file's dimensions are applied to, unless the file names a variant of its own. Raises what
-    `read_design_file` raises.
-    """
-    if path is None:
-        return hardware_design_of_variant(SensorDesign(), variant)
-    tables = read_design_tables(path)
-    hardware = tables.get(HARDWARE_TABLE, {})
-    named, parts = _split_variant(hardware, variant, path)
-    return _replace_dimensions(hardware_design_of_variant(sensor_design_from_tables(tables, path), named), parts, path)
+    design: HardwareDesign
+
+    @property
+    def frame_inside(self) -> float:
+        """Side of the square recess in which the window sits."""
+        return self.design.window.side_mm + 2 * self.design.shell.frame_gap_mm
+
+    @property
+    def frame_outside(self) -> float:
+        """Outer side of the square frame around the window."""
+        return self.frame_inside + 2 * self.design.shell.frame_wall_mm
+
+    @property
+    def ring_side(self) -> float:
+        """Side of the square isolation ring, which sits in the shell's hole."""
+        return self.design.shell.hole_mm - 2 * self.design.ring.gap_mm
+
+    @property
+    def opening(self) -> XY:
+        """Size of the shell's opening towards the gel."""
+        least = self.frame_outside + 2 * FRAME_ROOM_MM
+        x, y = self.design.sensor.sensing_area.opening_mm
+        return max(x, least), max(y, least)
+
+    @property
+    def cavity(self) -> XY:
+        """Size of the shell's cavity around the circuit board."""
+        (x, y), (least_x, least_y) = self.opening, self.design.shell.smallest_cavity_mm
+        return max(x, least_x), max(y, least_y)
+
+    @property
+    def outer(self) -> XY:
+        """Outer size of base and shell."""
+        return _enlarge(self.cavity, self.design.shell.wall_mm)
+
+    @property
+    def shell_corner(self) -> float:
+        """Thickness of the shell along the diagonal of a corner of the gel cavity."""
+        outer, inner = self.design.shell.corner_radius_mm, self.design.shell.opening_radius_mm
+        apart = [(self.outer[axis] / 2 - outer) - (self.opening[axis] / 2 - inner) for axis in (0, 1)]
+        return outer - inner + sqrt(2) * min(apart)
+
+    @property
+    def translucent(self) -> XY:
+        """Size of the translucent gel, which overlaps the shell's rim."""
+        return _enlarge(self.opening, self.design.sensor.sensing_area.overlap_mm)
+
+    @property
+    def black(self) -> XY:
+        """Outer size of the black gel around the translucent one."""
+        return _enlarge(self.translucent, self.design.gels.black_side_mm)
+
+    @property
+    def led_board(self) -> XY:
+        """Size of the LED board."""
+        return _enlarge(self.cavity, -self.design.board.gap_mm)
+
+    @property
+    def shell_screws(self) -> Iterator[XY]:
+        """Axes of the shell's screw bosses, which are also those of the screws through the base and of the LED board's
+        notches."""
+        inset = self.design.shell.boss_inset_mm
+        return _mirrored_corners(self.cavity[0] / 2 - inset, self.cavity[1] / 2 - inset)
+
+    @property
+    def mount_inserts(self) -> Iterator[XY]:
+        """Axes of the base's inserts, to which a robot is bolted."""
+        x, y = self.design.base.mount_inset_mm
+        return _mirrored_corners(self.cavity[0] / 2 - x, self.cavity[1] / 2 - y)
+
+    @property
+    def posts(self) -> Iterator[XY]:
+        """Axes of the base's posts, which carry the LED board."""
+        x, y = self.design.board.locating_inset_mm
+        return _mirrored_corners(self.led_board[0] / 2 - x, self.led_board[1] / 2 - y)
+
+    @property
+    def led_columns(self) -> tuple[float, float, float]:
+        """Positions of the LED columns along x."""
+        left, middle, right = self.design.board.led_shift_mm
+        x = self.led_board[0] / 2 - self.design.board.led_inset_mm[0]
+        return -x + left, middle, x + right
+
+    @property
+    def led_rows(self) -> tuple[float, float, float]:
+        """Positions of the LED rows along y."""
+        y = self.led_board[1] / 2 - self.design.board.led_inset_mm[1]
+        return y, 0.0, -y
+
+    @property
+    def leds(self) -> Iterator[XY]:
+        """Centres of the eight LEDs, which form a rectangle with an empty middle."""
+        middle = self.led_columns[1], self.led_rows[1]
+        yield from ((x, y) for y, x in product(self.led_rows, self.led_columns) if (x, y) != middle)
+
+    @property
+    def usb_mouth(self) -> float:
+        """Distance of the micro-USB receptacle's mouth from the optical axis, along -y."""
+        return self.led_board[1] / 2 + self.design.board.usb_beyond_mm
+
+    @property
+    def plate(self) -> XY:
+        """Size of the mould plates."""
+        (x, y), (more_x, more_y) = self.translucent, self.design.moulds.beyond_mm
+        return max(x, self.outer[0] - RIM_BESIDE_GEL_MM) + more_x, max(y, self.outer[1] - RIM_BESIDE_GEL_MM) + more_y
+
+    @property
+    def clamps(self) -> Iterator[XY]:
+        """Axes of the M3 screws that clamp the moulds."""
+        (x, y), inset = self.plate, self.design.moulds.hole_inset_mm
+        yield from _mirrored_corners(self.design.moulds.pairs_mm[0], y / 2 - inset)
+        yield from _mirrored_corners(x / 2 - inset, self.design.moulds.pairs_mm[1])
+
+    @property
+    def tray(self) -> XY:
+        """Inner size of the calibration board's tray."""
+        return _enlarge(self.outer, self.design.pin_frame.gap_mm)
+
+    @property
+    def tray_tall(self) -> float:
+        """Height of the calibration board: its floor, its pins, the gel above the shell's rim, and its guide."""
+        frame, above_rim = self.design.pin_frame, self.design.sensor.gel.thickness_mm + self.design.gels.black_top_mm
+        return frame.floor_mm + frame.pin_tall_mm + above_rim + frame.guided_mm
+
+    @property
+    def pins(self) -> Iterator[XY]:
+        """Axes of the calibration board's pins."""
+        board = self.design.sensor.pin_board
+        for row in range(board.rows):
+            for col in range(board.cols):
+                yield (
+                    (col - (board.cols - 1) / 2) * board.pitch_mm,
+                    (row - (board.rows - 1) / 2) * board.pitch_mm,
+                )
 
 
-def _split_variant(hardware: Any, variant: DesignVariant, path: Path | str) -> tuple[DesignVariant, Any]:
-    """Return the variant that the tables name, or else the given one, and the tables without it."""
-    if not isinstance(hardware, dict) or VARIANT_KEY not in hardware:
-        return variant, hardware
-    named = hardware[VARIANT_KEY]
-    if named not in get_args(DesignVariant):
-        raise DesignFileUnreadable(
-            f"expected hardware.variant of {path} to be one of {', '.join(get_args(DesignVariant))}, got {named!r}; correct it"
-        )
-    return named, {name: table for name, table in hardware.items() if name != VARIANT_KEY}
+def _enlarge(size: XY, each_side: float) -> XY:
+    """Return a size that is larger by `each_side` on every side."""
+    return size[0] + 2 * each_side, size[1] + 2 * each_side
 
 
-def _replace_dimensions(design: HardwareDesign, tables: Any, path: Path | str) -> HardwareDesign:
-    """Return a design in which the dimensions of these tables replace its own."""
-    if not isinstance(tables, dict) or not all(isinstance(table, dict) for table in tables.values()):
-        raise DesignFileUnreadable(
-            f"expected [hardware] of {path} to hold tables, got values; write [hardware.shell] and the like"
-        )
-    if unknown := [name for name in tables if name not in PART_TABLES]:
-        raise DesignFileUnreadable(
-            f"expected [hardware] tables {', '.join(PART_TABLES)}, got {unknown[0]!r} in {path}; correct or remove it"
-        )
-    new = {}
-    for name, table in tables.items():
-        part = getattr(design, name)
-        new[name] = convert_tables_to_design({**asdict(part), **table}, type(part), path)
-    return replace(design, **new)
+def distance_to_edge_mm(place: XY, size: XY, radius_mm: float) -> float:
+    """Return the distance of a point in a plate, with vertical corners of this radius, from the plate's edge; negative outside."""
+    x, y = (size[axis] / 2 - abs(place[axis]) for axis in (0, 1))
+    return radius_mm - hypot(radius_mm - x, radius_mm - y) if max(x, y) < radius_mm else min(x, y)
 
 
-def hardware_design_to_toml(design: HardwareDesign) -> str:
-    """Return a design file with every dimension, which `read_hardware_design` reads back as the same design."""
-    parts = {name: asdict(getattr(design, name)) for name in PART_TABLES}
-    return f"{design_to_toml(design.sensor)}\n{tomli_w.dumps({HARDWARE_TABLE: {VARIANT_KEY: design.variant, **parts}})}"
+def _mirrored_corners(x: float, y: float) -> Iterator[XY]:
+    """Yield a point and its mirror images in both axes."""
+    yield from ((side_x * x, side_y * y) for side_x in (-1, 1) for side_y in (-1, 1))
 
 
-def lens_view_radius_mm(design: HardwareDesign, height_mm: float | None = None) -> float:
-    """Return the radius in mm that the lens sees at a height in the assembly, not below its front; at the skin if none is given.
+@dataclass(frozen=True)
+class StackHeights:
+    """Heights of the faces above the base's outer face, z. The camera's distance to the skin, less the gel, gives the
+    height of the shell."""
 
-    The pupil is taken to be at the lens front, where wide-angle lenses have it nearly.
-    """
-    levels, angle = design.heights, _lens_half_angle_rad(design)
-    height = levels.skin if height_mm is None else height_mm
-    air = min(height, levels.floor_top) - levels.lens_front
-    acrylic = min(max(height - levels.floor_top, 0.0), design.window.thick_mm)
-    silicone = max(height - levels.window_top, 0.0)
-    return (
-        air * tan(angle)
-        + acrylic * _refracted_slope(angle, ACRYLIC_REFRACTIVE_INDEX)
-        + silicone * _refracted_slope(angle, SILICONE_REFRACTIVE_INDEX)
-    )
+    design: HardwareDesign
 
+    @property
+    def plate_top(self) -> float:
+        """Top of the base plate, on which the shell stands."""
+        return self.design.base.plate_mm
 
-def sensing_corner_distance_mm(design: HardwareDesign) -> float:
-    """Return the distance from the optical axis to a corner of the sensing area, which the lens must reach."""
-    area = design.sensor.sensing_area
-    return hypot(area.width_mm, area.height_mm) / 2
+    @property
+    def boss_top(self) -> float:
+        """Top of the base's insert bosses."""
+        return self.plate_top + self.design.base.boss_tall_mm
 
+    @property
+    def board_bottom(self) -> float:
+        """Underside of the LED board, which rests on the base's posts."""
+        return self.plate_top + self.design.base.post_tall_mm
 
-def required_camera_distance_mm(design: HardwareDesign) -> float:
-    """Return the least camera distance from which the lens sees the corner of the sensing area."""
-    more = (sensing_corner_distance_mm(design) - lens_view_radius_mm(design)) / _refracted_slope(
-        _lens_half_angle_rad(design), SILICONE_REFRACTIVE_INDEX
-    )
-    return design.sensor.camera.distance_mm + more
+    @property
+    def board_top(self) -> float:
+        """Top of the LED board, on which the LEDs stand."""
+        return self.board_bottom + self.design.board.thick_mm
 
+    @property
+    def led_top(self) -> float:
+        """Top of the LEDs."""
+        return self.board_top + self.design.board.led_mm[2]
 
-def _lens_half_angle_rad(design: HardwareDesign) -> float:
-    """Return half the angle that the lens sees in air."""
-    return radians(design.sensor.camera.lens_angle_deg / 2)
+    @property
+    def usb_bottom(self) -> float:
+        """Underside of the micro-USB receptacle, which hangs below the LED board."""
+        return self.board_bottom - self.design.board.usb_mm[2]
 
+    @property
+    def ceiling(self) -> float:
+        """Underside of the shell's floor."""
+        return self.plate_top + self.design.shell.led_cavity_mm
 
-def _refracted_slope(angle_rad: float, index: float) -> float:
-    """Return the radius gained per mm of height in a material, by Snell's law."""
-    return tan(asin(sin(angle_rad) / index))
+    @property
+    def floor_top(self) -> float:
+        """Top of the shell's floor, which is the window's seat."""
+        return self.ceiling + self.design.shell.floor_mm
+
+    @property
+    def ring_bottom(self) -> float:
+        """Lower face of the isolation ring, whose mouth is at the window."""
+        return self.board_top + self.design.ring.above_board_mm
+
+    @property
+    def frame_top(self) -> float:
+        """Top of the frame around the window."""
+        return self.floor_top + self.design.shell.frame_tall_mm
+
+    @property
+    def window_top(self) -> float:
+        """Upper face of the acrylic window."""
+        return self.floor_top + self.design.window.thick_mm
+
+    @property
+    def lens_front(self) -> float:
+        """Front of the lens, from which the camera distance is measured."""
+        return self.design.base.floor_mm + self.design.camera.head_mm[1]
+
+    @property
+    def skin(self) -> float:
+        """Upper face of the translucent gel, which the camera sees."""
+        return self.lens_front + self.design.sensor.camera.distance_mm
+
+    @property
+    def rim(self) -> float:
+        """Rim of the shell, on which the translucent gel lies."""
+        return self.skin - self.design.sensor.gel.thickness_mm
+
+    @property
+    def first_mould(self) -> float:
+        """Thickness of the first mould, which is that of the translucent gel."""
+        return self.design.sensor.gel.thickness_mm
+
+    @property
+    def second_mould(self) -> float:
+        """Thickness of the second mould, which is that of both layers above the rim."""
+        return self.first_mould + self.design.gels.black_top_mm
+
+    @property
+    def top(self) -> float:
+        """Top of the black gel, which is the height of the sensor."""
+        return self.skin + self.design.gels.black_top_mm

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from build123d import Box, Part, Pos
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Float, Int, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.simulation.objects.mesh_raster import lower_to_triangles, split_triangles_into_batches
-from ninedtact_hardware.export.part_files import Triangles, triangulate_solid
 from ninedtact_hardware.materials import Colour
-from ninedtact_hardware.parts.part_catalogue import BuiltPart
+from ninedtact_hardware.part_catalogue import BuiltPart
+from ninedtact_hardware.part_files import Triangles, triangulate_solid
 from ninedtact_hardware.sensor_assembly import AssemblyBody
 
 SUPERSAMPLING = 2
@@ -78,56 +78,21 @@ def render_solids(
     depth, drawn = np.full((rows, cols), np.inf), np.full((rows, cols), len(bodies))
     for number, places in enumerate(seen):
         placed = np.concatenate([places[..., :2] * scale + shift, places[..., 2:]], axis=-1)
-        window = _window_of_triangles(placed)
-        before = depth[window].copy()
+        before = depth.copy()
         for portion in split_triangles_into_batches(placed):
             lower_to_triangles(depth, portion)
-        drawn[window][depth[window] < before - COINCIDENT_DEPTH_MM] = number
+        drawn[depth < before - COINCIDENT_DEPTH_MM] = number
     depth *= scale
     palette = np.array([*(np.minimum(np.array(body.colour[::-1]) + BLACK_LIFT, 255) for body in bodies), [255.0] * 3])
     return _shade(depth, drawn, palette)
 
 
-def _window_of_triangles(placed: Triangles) -> tuple[slice, slice]:
-    """Return the rows and columns of the image that triangles may cover."""
-    low, high = placed[..., 1::-1].min(axis=(0, 1)), placed[..., 1::-1].max(axis=(0, 1))
-    first, end = np.maximum(np.floor(low).astype(int) - 1, 0).tolist(), (np.ceil(high).astype(int) + 2).tolist()
-    return slice(first[0], end[0]), slice(first[1], end[1])
-
-
-BAND_ROWS, BAND_MARGIN = 64, 4
-"""Rows of the finer image that are shaded together, so that they stay in the processor's cache, and how far beyond them a pixel's
-slopes and edges depend on."""
-
-
-def _shade(
-    depth_px: DepthImage, drawn: Int[Array, "rows cols"], palette: Float[Array, "colours 3"]
-) -> UInt8[Array, "image_rows image_cols 3"]:
+def _shade(depth_px: DepthImage, drawn: Int[Array, "rows cols"], palette: Float[Array, "colours 3"]) -> BgrImage:
     """Return the averaged image, white beside the bodies; `drawn` has the number of each pixel's colour."""
-    covered = np.isfinite(depth_px)
-    far_px = float(depth_px[covered].max()) + 50.0
-    above, below = _even_range(covered.any(axis=1))
-    left, right = _even_range(covered.any(axis=0))
-    image = np.full((*(side // SUPERSAMPLING for side in depth_px.shape), 3), 255, np.uint8)
-    for top in range(above, below, BAND_ROWS):
-        first, bottom = max(top - BAND_MARGIN, 0), min(top + BAND_ROWS, below)
-        seen = slice(first, bottom + BAND_MARGIN), slice(left, right)
-        shaded = _darken_edges(palette[drawn[seen]] * _brightness(depth_px[seen])[..., None], depth_px[seen], far_px)
-        band = shaded[top - first : bottom - first]
-        size_px = (right - left) // SUPERSAMPLING, (bottom - top) // SUPERSAMPLING
-        place = (
-            slice(top // SUPERSAMPLING, bottom // SUPERSAMPLING),
-            slice(left // SUPERSAMPLING, right // SUPERSAMPLING),
-        )
-        image[place] = cv2.resize(band, size_px, interpolation=cv2.INTER_AREA).astype(np.uint8)
-    return image
-
-
-def _even_range(covered: Bool[Array, " lines"]) -> tuple[int, int]:
-    """Return the first line, and the line after the last, on which anything is drawn, in whole pixels of the averaged image."""
-    lines = np.flatnonzero(covered)
-    first, end = max(int(lines[0]) - BAND_MARGIN, 0), min(int(lines[-1]) + 1 + BAND_MARGIN, len(covered))
-    return first - first % SUPERSAMPLING, end + end % SUPERSAMPLING
+    far_px = float(depth_px[np.isfinite(depth_px)].max()) + 50.0
+    shaded = _darken_edges(palette[drawn] * _brightness(depth_px)[..., None], depth_px, far_px)
+    rows, cols = (side // SUPERSAMPLING for side in drawn.shape)
+    return cv2.resize(shaded, (cols, rows), interpolation=cv2.INTER_AREA).astype(np.uint8)
 
 
 def _fit_to_image(seen: Sequence[Triangles], cols: int, rows: int) -> tuple[float, Float[Array, "2"]]:

@@ -24,7 +24,8 @@ from ninedtact.simulation.ground_truth import mean_height_error_mm, true_height_
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import Twin, twin_from_design
 from ninedtact_hardware.buildable_design import BuildableDesign
-from ninedtact_hardware.design import HardwareDesign, lens_view_radius_mm
+from ninedtact_hardware.design import HardwareDesign
+from ninedtact_hardware.lens_view import lens_view_radius_mm
 
 MAX_INDENTATION_FRACTION = 0.75
 """Greatest indentation over gel thickness. Deeper, the loads of a linear layer mean nothing, and thin silicone tears
@@ -65,7 +66,7 @@ class PerformancePrediction:
 
 
 def predict_performance(design: HardwareDesign) -> PerformancePrediction:
-    """Build the parts of a design and press its twin; raises `DesignNotBuildable`, `LedBoardImpossible`."""
+    """Build the parts of a design and press its twin; raises `DesignNotBuildable`."""
     sensor, twin = BuildableDesign(design), twin_from_design(design.sensor)
     deepest = MAX_INDENTATION_FRACTION * design.sensor.gel.thickness_mm
     at_load = ScriptedPress(load_n=LOAD_N).simulate(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)

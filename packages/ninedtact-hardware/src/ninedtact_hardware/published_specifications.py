@@ -1,6 +1,4 @@
-"""Published specifications of sensors: size, sensing area, mass and cost, as in Table I of the 9DTact paper; and the
-discrepancies between that paper and its design files.
-"""
+"""Published specifications of sensors: size, sensing area, mass and cost, as in Table I of the 9DTact paper."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -75,46 +73,3 @@ def format_sensor_comparison(rows: Iterable[SensorSpecification]) -> Iterator[st
             f"{row.name:24}{size:>20}{row.sensing_mm2:10.0f}{row.ratio_mm:8.1f}{mass:>8}{rate:>5}{row.cost_usd:8.1f}"
             f"  {row.cost_basis}"
         )
-
-
-@dataclass(frozen=True)
-class _PublicationDiscrepancy:
-    """A property for which the paper and its design files give different values."""
-
-    feature: str
-    paper: str
-    files: str
-    here: str
-    """The value that the default design uses."""
-
-
-PUBLICATION_DISCREPANCIES = (
-    _PublicationDiscrepancy(
-        "height", "25.5 mm", "25.30 by the moulds, 25.00 by the CAD", "25.30: 2.50 + 0.30 of gel on 22.50"
-    ),
-    _PublicationDiscrepancy(
-        "sensing area",
-        "24 x 18 mm",
-        "no such feature: an opening of 28.50 x 21.50, a crop of 23.0 to 23.5",
-        "24 x 18, nominal",
-    ),
-    _PublicationDiscrepancy(
-        "circuit board", "28 x 21 x 4 mm", "0.80 thick in the assembly, 1.6 in the order file", "order 0.80 mm"
-    ),
-    _PublicationDiscrepancy("translucent gel", "2.5 mm (mould)", "2.5 in the cutting file, 2.00 in the CAD", "2.50"),
-    _PublicationDiscrepancy("black gel", "0.3 mm (mould 2.8)", "2.8 in the cutting file, 0.50 in the CAD", "0.30"),
-    _PublicationDiscrepancy("screws", "4 x M2-6", "M2-5", "M2-6 (original: M2-5); both fit"),
-    _PublicationDiscrepancy(
-        "calibration board",
-        "fits into the sensor shell",
-        "33.00 x 26.00 inside: fits over it",
-        "over it, 0.25 each side",
-    ),
-    _PublicationDiscrepancy(
-        "LED resistor",
-        "",
-        "20 k in the order files, 3.75 k as text in the schematic",
-        "20 k; [hardware.board] resistor_ohm",
-    ),
-)
-"""Discrepancies between the published paper and its files, for the published size."""

@@ -1,7 +1,7 @@
 """The assembled sensor: every body in its position, and overlap and distance of neighbouring bodies measured on the
 solids."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -9,8 +9,8 @@ from build123d import BoundBox, Part
 
 from ninedtact_hardware.design import HardwareDesign
 from ninedtact_hardware.materials import MATERIAL_OF_PART, Material
-from ninedtact_hardware.parts.part_catalogue import BuiltPart
-from ninedtact_hardware.parts.solids import build_heat_set_insert, build_screw
+from ninedtact_hardware.part_catalogue import BuiltPart
+from ninedtact_hardware.part_solids import build_heat_set_insert, build_screw
 
 ASSEMBLY_PARTS = (
     "sensor_base",
@@ -50,25 +50,16 @@ class AssemblyBody:
 
 
 def place_assembly_bodies(design: HardwareDesign, parts: Mapping[str, BuiltPart]) -> list[AssemblyBody]:
-    """Return all bodies of the assembled sensor: parts are built in position, fasteners are placed."""
-    placed = [AssemblyBody(name, parts[name].solid) for name in ASSEMBLY_PARTS]
-    return [*placed, *_place_fasteners(design)]
-
-
-def _place_fasteners(design: HardwareDesign) -> Iterator[AssemblyBody]:
-    """Yield inserts and screws, each as a body of its own."""
-    plan, levels = design.horizontal_dimensions, design.heights
-    long = design.fasteners.insert_mm[1]
+    """Return all bodies of the assembled sensor: parts are built in position, inserts and screws are placed and numbered."""
+    plan, levels, long = design.horizontal_dimensions, design.heights, design.fasteners.insert_mm[1]
     inserts = [build_heat_set_insert(design, place, levels.boss_top) for place in plan.mount_inserts]
     inserts += [build_heat_set_insert(design, place, levels.plate_top + long) for place in plan.shell_screws]
-    yield from _number_bodies("insert", inserts)
-    yield from _number_bodies("screw", (build_screw(design, place) for place in plan.shell_screws))
-
-
-def _number_bodies(name: str, solids: Iterable[Part]) -> Iterator[AssemblyBody]:
-    """Yield bodies named `insert_1`, `insert_2` and so on."""
-    for number, solid in enumerate(solids, start=1):
-        yield AssemblyBody(f"{name}_{number}", solid)
+    screws = [build_screw(design, place) for place in plan.shell_screws]
+    return [
+        *(AssemblyBody(name, parts[name].solid) for name in ASSEMBLY_PARTS),
+        *(AssemblyBody(f"insert_{number}", solid) for number, solid in enumerate(inserts, start=1)),
+        *(AssemblyBody(f"screw_{number}", solid) for number, solid in enumerate(screws, start=1)),
+    ]
 
 
 MIN_OVERLAP_MM3 = 1e-3

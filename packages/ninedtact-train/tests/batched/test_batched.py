@@ -16,7 +16,7 @@ import torch
 
 from ninedtact._version import installation_command
 from ninedtact.cli import main
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError, NinedtactError
 from ninedtact.mechanics import surface_displacement
 from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.indenter import Ball, FlatPunch
@@ -311,5 +311,5 @@ def test_the_processor_needs_no_torch(tmp_path: Path) -> None:
 
 
 def test_no_session_at_once_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(GenerationImpossible, match="1 session per batch"):
+    with pytest.raises(InputError, match="1 session per batch"):
         generate_dataset(tmp_path / "pairs", SMALL, sessions_per_batch=0)

@@ -54,7 +54,7 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> dict:
         ("--source sim --force-torque netft:1.2.3.4", "both sim"),
         ("--source 0 --force-torque gopher:1", "got 'gopher:1'"),
         ("--source no.mcap --force-torque no.mcap", "no such file"),
-        ("--source sim --force-torque sim --min-difference 0", "a difference above zero"),
+        ("--source sim --force-torque sim --min-difference 0", "min_difference above 0"),
         ("--source sim --force-torque sim --objects bal", "got 'bal'"),
         ("--source sim --force-torque sim --pairs 0", "--pairs of at least 1"),
         ("--source sim --force-torque sim --seed -1", "--seed of zero or more"),

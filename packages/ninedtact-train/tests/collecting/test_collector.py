@@ -11,12 +11,7 @@ from hand import BEGAN_NS, BIAS, NOISE, REST_TOUCHES, TOUCH_S, TOUCHES, UNTOUCHE
 from twin_folder import twin_folder
 
 from ninedtact.calibration.sensor_folder import load_sensor
-from ninedtact.capture.force_torque.sample_checks import (
-    CheckedWrenchSource,
-    ClockDriftMonitor,
-    SampleCheckSettings,
-    SampleFault,
-)
+from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.wrench_source import WrenchSaturated
 from ninedtact.design import ForceTorqueMount
 from ninedtact.quantities import NO_OBJECT, Frame, Wrench
@@ -42,6 +37,7 @@ from ninedtact_train.collecting.collection_sources import (
 from ninedtact_train.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact_train.collecting.merge_streams import MergedArrival, merge_recorded_streams
 from ninedtact_train.collecting.pair_selection import CollectSettings
+from ninedtact_train.collecting.sample_faults import ClockDriftMonitor, SampleFault
 from ninedtact_train.collecting.training_pair_rule import SamplingRuleSettings
 
 SETTINGS = CollectSettings(checks=SampleCheckSettings(range_n=(50, 50, 50)))

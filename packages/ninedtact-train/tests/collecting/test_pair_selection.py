@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ninedtact.errors import InputError
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.topics_and_messages import PairLabel
 from ninedtact_train.collecting.collector import WrenchHistory
 from ninedtact_train.collecting.pair_selection import (
     CollectSettings,
-    CollectSettingsInvalid,
     ImageWrenchCandidate,
     PairSelector,
     SavedPairCounts,
@@ -79,7 +79,7 @@ def test_ranges_without_pairs_are_named_from_border_to_border() -> None:
     ids=str,
 )
 def test_settings_with_which_nothing_could_be_saved_are_refused(wrong: dict[str, object]) -> None:
-    with pytest.raises(CollectSettingsInvalid, match="expected"):
+    with pytest.raises(InputError, match="expected"):
         replace(SETTINGS, **wrong)
 
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from ninedtact.errors import InputError
 from ninedtact.quantities import Wrench
-from ninedtact_train.collecting.training_pair_rule import SamplingRule, SamplingRuleInvalid, SamplingRuleSettings
+from ninedtact_train.collecting.training_pair_rule import SamplingRule, SamplingRuleSettings
 
 
 def wrench(fx: float = 0, fy: float = 0, fz: float = 0, tx: float = 0, ty: float = 0, tz: float = 0) -> Wrench:
@@ -92,5 +93,5 @@ def test_lifting_ends_a_contact_that_no_wrench_saw_end() -> None:
     ids=str,
 )
 def test_rules_that_make_no_sense_are_refused(wrong: dict[str, object]) -> None:
-    with pytest.raises(SamplingRuleInvalid, match="expected"):
+    with pytest.raises(InputError, match="expected"):
         SamplingRuleSettings(**wrong)

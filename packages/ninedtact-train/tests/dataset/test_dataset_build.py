@@ -22,7 +22,7 @@ from ninedtact.checked_reading import mapping_checksum
 from ninedtact.design import rectified_mm_per_px
 from ninedtact.errors import InputError
 from ninedtact_train.dataset.build import BuildSettings, build_dataset
-from ninedtact_train.dataset.checks import PairCheckSettings, PairCheckSettingsImpossible
+from ninedtact_train.dataset.checks import PairCheckSettings
 from ninedtact_train.dataset.fault_report import NoUsablePairs, read_quality_report
 from ninedtact_train.dataset.folder import DatasetFolderTaken, DatasetUnfinished
 from ninedtact_train.dataset.parquet_files import DatasetDamaged
@@ -302,5 +302,5 @@ def test_nothing_usable_is_a_refusal_that_names_the_list(tmp_path: Path) -> None
 
 
 def test_limits_that_mean_nothing_are_refused() -> None:
-    with pytest.raises(PairCheckSettingsImpossible, match="above zero"):
+    with pytest.raises(InputError, match="max_delay_ms above 0"):
         PairCheckSettings(max_delay_ms=0)

@@ -32,7 +32,6 @@ from ninedtact_train.dataset.generation.generate import (
 )
 from ninedtact_train.dataset.generation.press_trajectory import RandomPress
 from ninedtact_train.dataset.generation.settings import (
-    GenerationImpossible,
     GenerationSettings,
     PairKindShares,
     PressSettings,
@@ -283,12 +282,12 @@ def test_a_full_disk_is_one_sentence(tmp_path: Path) -> None:
     ids=str,
 )
 def test_settings_that_make_no_data_set_are_refused(wrong: dict[str, object]) -> None:
-    with pytest.raises(GenerationImpossible, match="expected"):
+    with pytest.raises(InputError, match="expected"):
         replace(SMALL, **wrong)
 
 
 def test_shares_objects_and_workers_are_checked_before_work_begins(tmp_path: Path) -> None:
-    with pytest.raises(GenerationImpossible, match="shares"):
+    with pytest.raises(InputError, match="shares"):
         PairKindShares(0.8, 0.3)
     with pytest.raises(UnknownObject, match="expected"):
         generate_dataset(tmp_path / "a", replace(SMALL, object_names=("unicorn_01",)))
@@ -338,7 +337,7 @@ def test_the_command_takes_its_options_and_answers_in_json(tmp_path: Path, capsy
     told = json.loads(capsys.readouterr().out)
     assert told["pairs"] == 4
     assert len(told["percentiles"]["Fz"]) == 3
-    with pytest.raises(GenerationImpossible, match="pairs of at least 1"):
+    with pytest.raises(InputError, match="pairs of at least 1"):
         tyro.cli(SimulateDatasetCommand, args=["--out", str(tmp_path), "--pairs", "-3"]).run()
 
 

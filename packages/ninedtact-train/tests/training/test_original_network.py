@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import torch
 
+from ninedtact.errors import FileFormatError
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified, Wrench
 from ninedtact.reading import Reading
-from ninedtact_train.training.networks import build_densenet
+from ninedtact_train.training.networks import DenseNet
 from ninedtact_train.training.original_network import (
     WRENCH_MAX,
     WRENCH_MIN,
     OriginalNetworkForce,
-    OriginalWeightsUnusable,
     read_original_network,
 )
 
@@ -25,7 +25,7 @@ ROWS, COLS, MM_PER_PX = 345, 460, 0.0522
 def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Random ones; names and shapes as torchvision's densenet169 with a classifier of six."""
     torch.manual_seed(0)
-    state = build_densenet("densenet169", 3, 6).state_dict()
+    state = DenseNet("densenet169", 3, 6).state_dict()
     assert len(state) == 1015
     assert state["features.denseblock4.denselayer32.conv2.weight"].shape == (32, 128, 3, 3)
     assert state["features.transition3.norm.running_var"].shape == (1280,)
@@ -100,9 +100,9 @@ def test_what_are_not_these_weights_is_refused(weights: Path, tmp_path: Path) ->
     for part in (0, 10, 5000, len(whole) // 2, len(whole) - 20):
         (tmp_path / "cut.pt").write_bytes(whole[:part])
         told(tmp_path / "cut.pt")
-    torch.save(build_densenet("densenet121", 3, 6).state_dict(), tmp_path / "other.pt")
+    torch.save(DenseNet("densenet121", 3, 6).state_dict(), tmp_path / "other.pt")
     assert "missing" in told(tmp_path / "other.pt")
-    torch.save(build_densenet("densenet169", 3, 5).state_dict(), tmp_path / "five.pt")
+    torch.save(DenseNet("densenet169", 3, 5).state_dict(), tmp_path / "five.pt")
     assert "shapes" in told(tmp_path / "five.pt")
     torch.save([1, 2, 3], tmp_path / "list.pt")
     assert "state_dict" in told(tmp_path / "list.pt")
@@ -110,7 +110,7 @@ def test_what_are_not_these_weights_is_refused(weights: Path, tmp_path: Path) ->
 
 
 def told(path: Path) -> str:
-    with pytest.raises(OriginalWeightsUnusable) as refusal:
+    with pytest.raises(FileFormatError) as refusal:
         read_original_network(path)
     sentence = str(refusal.value)
     assert sentence.startswith("expected") and str(path) in sentence and "\n" not in sentence

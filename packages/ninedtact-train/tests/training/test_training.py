@@ -12,6 +12,7 @@ import pytest
 import torch
 from toy import IMAGES, PAIRS, ROWS, of_heights, of_images, toy_settings
 
+from ninedtact.errors import InputError
 from ninedtact.force.network_input import InputChannels
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact_train.dataset.split import SplitRows
@@ -26,7 +27,7 @@ from ninedtact_train.training.examples import (
 )
 from ninedtact_train.training.networks import WrenchNetwork
 from ninedtact_train.training.onnx_export import rewrite_card
-from ninedtact_train.training.settings import PAPER_TRAINING, TrainingImpossible, TrainingSettings
+from ninedtact_train.training.settings import PAPER_TRAINING, TrainingSettings
 from ninedtact_train.training.train import (
     CHECKPOINT_FOLDER,
     TrainingFolderTaken,
@@ -244,7 +245,7 @@ def test_the_papers_labels_are_parts_of_ranges_below_the_skin(tmp_path: Path) ->
 
 
 def test_settings_that_train_nothing_are_refused() -> None:
-    with pytest.raises(TrainingImpossible, match="epochs"):
+    with pytest.raises(InputError, match="epochs"):
         replace(toy_settings(), epochs=0)
 
 

@@ -1,7 +1,8 @@
 from ._version import __version__
-from .calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
+from .calibration.procedure import CalibrationImages, calibrate
 from .calibration.save import save_sensor
 from .calibration.sensor_folder import SensorFolder, load_sensor
+from .calibration.settings import CalibrationSettings
 from .capture.frame_pacing import LatestFrameSource
 from .capture.frame_source import FIXED_EXPOSURE, CameraSettings, FrameSource, SourceEnded
 from .capture.strict_image_reading import read_image
@@ -9,9 +10,8 @@ from .capture.wrench_source import WrenchSource
 from .design import SensorDesign
 from .errors import NinedtactError
 from .force.estimator_interface import ForceEstimator
-from .force.estimator_loading import load_estimator
 from .mechanics.pose import Pose
-from .open_sensor import open, source_for  # noqa: A004
+from .open_sensor import open  # noqa: A004
 from .quantities import (
     Deformation,
     EstimateWarning,
@@ -30,17 +30,17 @@ from .recording.reader import Recording
 from .recording.recorder import record
 from .reference_images import ReferenceImages
 from .sensor import Sensor
-from .shape.coloured_height_map import draw_height_map_figure
+from .shape.coloured_height_map import draw_height_map_figure, render_relief
 from .shape.export import export_shape, read_height_png
 from .shape.measures import summarise_shape
 from .shape.orthorectification import orthorectify
-from .shape.relief_image import render_relief
 from .shape.surface import point_cloud, surface_mesh
 from .simulation.objects.catalogue import indenter_from_name
 from .simulation.press_sequence import ObjectTrajectory, PressSequence
 from .simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
 from .simulation.trajectory import ScriptedPress, press_trajectory
 from .simulation.twin import Twin, default_twin
+from .source_addresses import source_for
 
 __all__ = [
     "FIXED_EXPOSURE",
@@ -83,7 +83,6 @@ __all__ = [
     "draw_height_map_figure",
     "export_shape",
     "indenter_from_name",
-    "load_estimator",
     "load_sensor",
     "open",
     "orthorectify",

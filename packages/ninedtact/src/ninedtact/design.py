@@ -4,18 +4,24 @@ only what differs from the published sensor. The defaults are the published 9DTa
 
 import tomllib
 from dataclasses import asdict, dataclass, fields, is_dataclass
-from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_type_hints
 
 import msgspec
 import tomli_w
+from msgspec import Meta
 
+from ninedtact import field_bounds
 from ninedtact.checked_reading import convert_tables_to_class, read_text_file
 from ninedtact.errors import FileFormatError, InputError
 
 ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX = 1.49, 1.41
 """Handbook values of window and gel; no maker states those of these sheets and silicones."""
+
+
+_MarginMm = Annotated[float, Meta(ge=0, le=50)]
+_OriginMm = Annotated[float, Meta(ge=-1000, le=1000)]
+_AngleDeg = Annotated[float, Meta(ge=-360, le=360)]
 
 
 class DesignImpossible(InputError):
@@ -29,39 +35,11 @@ def require_positive(name: str, value: float) -> None:
 
 
 @dataclass(frozen=True)
-class Bounds:
-    """The least and greatest value of a dimension: what moulds, silicones, lenses, printers and a computer's memory can do.
-
-    They stand beside the type of a field, `Annotated[float, Bounds(0.3, 15.0)]`; each of several numbers keeps them. Every part of
-    a `SensorDesign` keeps its own. Gels that belong to no sensor, as those of closed forms, are free; a camera very far away is one
-    whose lines of sight are parallel.
-    """
-
-    least: float
-    most: float
-
-
-def require_within_bounds(table: str, part: object) -> None:
-    """Refuse a part of which a dimension is out of its bounds; raises `DesignImpossible`.
-
-    table: name of the part in the design file, for the message.
-    """
-    hints = get_type_hints(type(part), include_extras=True)
-    for name, value in vars(part).items():
-        for bounds in getattr(hints[name], "__metadata__", ()):
-            for number in value if isinstance(value, tuple) else (value,):
-                if not bounds.least <= number <= bounds.most:
-                    raise DesignImpossible(
-                        f"expected {table}.{name} from {bounds.least:g} to {bounds.most:g}, got {number:g}; correct the design"
-                    )
-
-
-@dataclass(frozen=True)
 class Gel:
     """The translucent layer that is pressed, bonded to a stiffer transparent one."""
 
-    thickness_mm: Annotated[float, Bounds(0.3, 15.0)] = 2.5
-    shear_modulus_mpa: Annotated[float, Bounds(0.003, 3.0)] = 0.093
+    thickness_mm: Annotated[float, Meta(ge=0.3, le=15.0)] = 2.5
+    shear_modulus_mpa: Annotated[float, Meta(ge=0.003, le=3.0)] = 0.093
     """That of Shore A 5 by Gent's relation (docs/references.md); a calibration with known loads measures it far better."""
     poisson_ratio: float = 0.5
     """Silicone keeps its volume: 0.5 is exact, not a limit."""
@@ -69,6 +47,7 @@ class Gel:
     """Share of what neo-Hookean rubber does otherwise than a linear layer when it is pressed deep, 0 to 1; `calibrate` fits it."""
 
     def __post_init__(self) -> None:
+        # A gel of a closed form, or of one step of a fit, may be thicker or softer than one that is made.
         require_positive("gel.thickness_mm", self.thickness_mm)
         require_positive("gel.shear_modulus_mpa", self.shear_modulus_mpa)
         if not -1 < self.poisson_ratio <= 0.5:
@@ -105,55 +84,44 @@ def shear_modulus_mpa_to_shore_a(shear_modulus_mpa: float) -> float:
 class RectifiedImageSize:
     """The rectified image: its size in pixels, and the raw image for which one pixel there is one pixel here."""
 
-    rows: Annotated[int, Bounds(16, 4000)] = 345
-    cols: Annotated[int, Bounds(16, 4000)] = 460
-    raw_long_side_px: Annotated[int, Bounds(64, 10_000)] = 640
+    rows: Annotated[int, Meta(ge=16, le=4000)] = 345
+    cols: Annotated[int, Meta(ge=16, le=4000)] = 460
+    raw_long_side_px: Annotated[int, Meta(ge=64, le=10_000)] = 640
     """A raw image of another size is rectified to the same number of mm, in the same number of pixels."""
 
     def __post_init__(self) -> None:
-        for name in ("rows", "cols", "raw_long_side_px"):
-            require_positive(f"field_of_view.{name}", getattr(self, name))
+        field_bounds.require_within_bounds(self, "field_of_view", DesignImpossible)
 
 
 @dataclass(frozen=True)
 class CameraGeometry:
     """The wide-angle camera under the gel, which looks straight up through the middle of the skin."""
 
-    distance_mm: Annotated[float, Bounds(2.0, 1e7)] = 14.05
+    distance_mm: Annotated[float, Meta(ge=2.0, le=1e7)] = 14.05
     """From the lens front to the untouched skin. So near, pressed skin is seen displaced outwards, see docs/accuracy.md."""
 
-    lens_angle_deg: float = 160.0
+    lens_angle_deg: Annotated[float, Meta(ge=20, le=170)] = 160.0
     """Angle that the lens sees in air, from side to side along the image's diagonal."""
 
     def __post_init__(self) -> None:
-        require_positive("camera.distance_mm", self.distance_mm)
-        if not 20 <= self.lens_angle_deg <= 170:
-            raise DesignImpossible(
-                f"expected camera.lens_angle_deg from 20 to 170, got {self.lens_angle_deg}; correct the design"
-            )
+        field_bounds.require_within_bounds(self, "camera", DesignImpossible)
 
 
 @dataclass(frozen=True)
 class SensingArea:
     """The part of the skin that is evaluated, in the middle of a larger gel."""
 
-    width_mm: Annotated[float, Bounds(4.0, 200.0)] = 24.0
+    width_mm: Annotated[float, Meta(ge=4.0, le=200.0)] = 24.0
     """Along x, the image's columns."""
-    height_mm: Annotated[float, Bounds(4.0, 200.0)] = 18.0
+    height_mm: Annotated[float, Meta(ge=4.0, le=200.0)] = 18.0
     """Along y, the image's rows."""
-    margin_mm: Annotated[tuple[float, float], Bounds(0.0, 50.0)] = (2.25, 1.75)
+    margin_mm: tuple[_MarginMm, _MarginMm] = (2.25, 1.75)
     """Distance of the area from the wall of the gel's opening, x and y: near a wall the gel is stiffer."""
-    overlap_mm: Annotated[float, Bounds(0.0, 20.0)] = 0.5
+    overlap_mm: Annotated[float, Meta(ge=0.0, le=20.0)] = 0.5
     """How far the pressed gel lies on the rim around the opening, on each side."""
 
     def __post_init__(self) -> None:
-        require_positive("sensing_area.width_mm", self.width_mm)
-        require_positive("sensing_area.height_mm", self.height_mm)
-        if not (min(self.margin_mm) >= 0 and self.overlap_mm >= 0):
-            raise DesignImpossible(
-                f"expected sensing_area margins and overlap of zero or more, got {self.margin_mm} and {self.overlap_mm}; "
-                "correct the design"
-            )
+        field_bounds.require_within_bounds(self, "sensing_area", DesignImpossible)
 
     @property
     def area_mm2(self) -> float:
@@ -180,18 +148,13 @@ class SensingArea:
 class PinBoard:
     """The calibration board: coplanar pins on a square lattice, long side along x."""
 
-    rows: Annotated[int, Bounds(3, 60)] = 7
-    cols: Annotated[int, Bounds(3, 60)] = 9
-    pitch_mm: Annotated[float, Bounds(0.5, 30.0)] = 2.5
-    pin_diameter_mm: Annotated[float, Bounds(0.2, 15.0)] = 1.2
+    rows: Annotated[int, Meta(ge=3, le=60)] = 7
+    cols: Annotated[int, Meta(ge=3, le=60)] = 9
+    pitch_mm: Annotated[float, Meta(ge=0.5, le=30.0)] = 2.5
+    pin_diameter_mm: Annotated[float, Meta(ge=0.2, le=15.0)] = 1.2
 
     def __post_init__(self) -> None:
-        require_positive("pin_board.pitch_mm", self.pitch_mm)
-        require_positive("pin_board.pin_diameter_mm", self.pin_diameter_mm)
-        if self.rows < 3 or self.cols < 3:
-            raise DesignImpossible(
-                f"expected a pin board of at least 3 x 3 pins, got {self.cols} x {self.rows}; a lens cannot be fitted to fewer"
-            )
+        field_bounds.require_within_bounds(self, "pin_board", DesignImpossible)
 
     @property
     def count(self) -> int:
@@ -203,19 +166,19 @@ class PinBoard:
 class BallGauge:
     """The ball with which depth is calibrated."""
 
-    radius_mm: Annotated[float, Bounds(0.5, 60.0)] = 4.0
+    radius_mm: Annotated[float, Meta(ge=0.5, le=60.0)] = 4.0
 
     def __post_init__(self) -> None:
-        require_positive("ball.radius_mm", self.radius_mm)
+        field_bounds.require_within_bounds(self, "ball", DesignImpossible)
 
 
 @dataclass(frozen=True)
 class ForceTorqueMount:
     """Position and orientation of a force/torque sensor under the tactile sensor: its own frame in the sensor frame."""
 
-    origin_mm: Annotated[tuple[float, float, float], Bounds(-1000.0, 1000.0)] = (0.0, 0.0, -35.0)
+    origin_mm: tuple[_OriginMm, _OriginMm, _OriginMm] = (0.0, 0.0, -35.0)
     """Origin of its frame; that of the paper lies 35 mm below the skin."""
-    rotation_deg: Annotated[tuple[float, float, float], Bounds(-360.0, 360.0)] = (0.0, 0.0, 0.0)
+    rotation_deg: tuple[_AngleDeg, _AngleDeg, _AngleDeg] = (0.0, 0.0, 0.0)
     """Rotation of its frame about the sensor's x axis, then y, then z. With none, its z points out of the skin as the
     sensor's does."""
     sign: Literal[1, -1] = 1
@@ -223,11 +186,7 @@ class ForceTorqueMount:
     reaction."""
 
     def __post_init__(self) -> None:
-        for name in ("origin_mm", "rotation_deg"):
-            if not all(map(isfinite, getattr(self, name))):
-                raise DesignImpossible(
-                    f"expected force_torque.{name} of three numbers, got {getattr(self, name)}; correct the design"
-                )
+        field_bounds.require_within_bounds(self, "force_torque", DesignImpossible)
 
 
 @dataclass(frozen=True)
@@ -243,8 +202,7 @@ class SensorDesign:
     force_torque: ForceTorqueMount = ForceTorqueMount()
 
     def __post_init__(self) -> None:
-        for table, part in vars(self).items():
-            require_within_bounds(table, part)
+        field_bounds.require_within_bounds(self.gel, "gel", DesignImpossible)
 
 
 HARDWARE_TABLE = "hardware"
@@ -290,7 +248,7 @@ def convert_tables_to_design(tables: dict[str, Any], kind: type[Design], path: P
         return convert_tables_to_class(tables, kind)
     except msgspec.ValidationError as trouble:
         raise DesignFileUnreadable(
-            f"expected every value of {path} to have its own type, got: {trouble}; correct the file"
+            f"expected {path} to hold a possible value in every place, got: {trouble}; correct the file"
         ) from trouble
 
 

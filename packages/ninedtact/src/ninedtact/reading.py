@@ -139,7 +139,7 @@ def read_frame(
     """Return the reading of a frame: its shape against a reference image, still without a wrench.
 
     depth_reader: of the same calibration, with the reference image. watch: measures the stages. dropped: number of frames that
-    were never read. Raises `WrongImageSize`.
+    were never read. Raises `FileFormatError`.
     """
     watch = Stopwatch() if watch is None else watch
     rectified = shape.rectify(frame)

@@ -15,9 +15,10 @@ from ninedtact.calibration.board.detection import BoardNotFound, find_board_cand
 from ninedtact.calibration.board.lens_fit import fit_lens_with_terms, rms_vector_length
 from ninedtact.calibration.guidance import search_board_pins
 from ninedtact.calibration.press_brightness import ImageUnusable
-from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
+from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.design import PinBoard, SensorDesign
 
 BOARD = PinBoard()

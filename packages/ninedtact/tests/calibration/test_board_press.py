@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, calibrate
+from ninedtact.calibration.procedure import Calibration, CalibrationImages, calibrate
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
 from ninedtact.calibration.twin.lens_refinement import _invert_lens_projection, fit_board_press_and_lens
 from ninedtact.design import SensorDesign

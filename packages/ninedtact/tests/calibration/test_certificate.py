@@ -28,8 +28,9 @@ from ninedtact.calibration.certificate.checks import (
 from ninedtact.calibration.certificate.html_page import DEPTH_METHOD_TEXT, LENS_MODEL_TEXT, render_certificate_html
 from ninedtact.calibration.certificate.plot_board import arrow_magnification
 from ninedtact.calibration.certificate.plot_style import draw_board_not_found, stretch_contrast
-from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, LensKind, calibrate
+from ninedtact.calibration.procedure import Calibration, CalibrationImages, calibrate
 from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
+from ninedtact.calibration.settings import CalibrationSettings, LensKind
 from ninedtact.design import Gel
 from ninedtact.shape.depth import DepthMethod
 

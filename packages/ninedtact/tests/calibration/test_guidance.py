@@ -13,11 +13,8 @@ from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.guidance import (
     CalibrationStepAdvice,
     PinSearchResult,
-    _ball_press_advice,
     _BallPressWatcher,
     _BoardPressWatcher,
-    _side_in_words,
-    _StillFrameAverager,
     exposure_advice,
     guided_capture_steps,
     make_still_press_watcher,
@@ -26,7 +23,7 @@ from ninedtact.calibration.guidance import (
     search_board_pins,
 )
 from ninedtact.calibration.press_brightness import BgrImage
-from ninedtact.calibration.procedure import CalibrationSettings
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.shape.lens import LensModel
 from ninedtact.shape.rectification import rectification_of_projection
@@ -51,23 +48,6 @@ UNTOUCHED = grey(120, (100, 120))
 
 def sentences(watch: Watch, images: Iterable[BgrImage]) -> list[str]:
     return [watch(image).sentence for image in images]
-
-
-@pytest.mark.parametrize(
-    ("towards", "words"),
-    [
-        ((0.13, 0.13), "lower right"),
-        ((-0.13, -0.13), "upper left"),
-        ((0.11, -0.13), "upper"),
-        ((-0.5, 0.11), "left"),
-        ((0.9, -0.11), "right"),
-        ((0.0, 0.2), "lower"),
-        ((0.11, -0.11), "middle"),
-        ((0.12, 0.0), "right"),
-    ],
-)
-def test_a_direction_has_words(towards: tuple[float, float], words: str) -> None:
-    assert _side_in_words(np.array(towards)) == words
 
 
 @pytest.mark.parametrize(
@@ -110,26 +90,6 @@ def test_pins_that_a_lens_predicts_are_missing_on_their_side(
     assert (pins.contrast_grey_levels, pins.noise_grey_levels) == (9.5, 0.7)
 
 
-def test_eight_images_that_differ_by_less_than_a_level_and_a_half_are_averaged() -> None:
-    still = _StillFrameAverager()
-    levels = [100, 101, 100, 101, 101, 101, 100, 101]
-    means = [still.add(grey(level)) for level in levels]
-    assert means[:7] == [None] * 7 and len(still) == 8
-    assert means[7] is not None and means[7].shape == (60, 80, 3) and (means[7] == 101).all()  # 100.6
-    assert (np.asarray(still.add(grey(100))) == 101).all()  # of the last eight
-    assert still.add(grey(103)) is None and len(still) == 1  # unlike the first of them
-    assert [still.add(grey(level)) for level in (104, 105)] == [None] * 2 and len(still) == 1
-
-
-@pytest.mark.parametrize(("side", "moves"), [(7, False), (9, True), (11, True)])
-def test_what_is_narrower_than_three_pixels_is_noise_and_not_motion(side: int, moves: bool) -> None:
-    still, other = _StillFrameAverager(), grey(100)
-    other[20 : 20 + side, 30 : 30 + side] += 2
-    still.add(grey(100))
-    still.add(other)
-    assert (len(still) == 1) == moves
-
-
 @pytest.mark.parametrize(
     ("dark", "bright", "words"),
     [(60, 60, ""), (59, 59, "too dark"), (120, 250, "overexposed"), (120, 249, ""), (250, 250, "overexposed")],
@@ -140,14 +100,6 @@ def test_advice_about_the_exposure(dark: int, bright: int, words: str) -> None:
     assert words in exposure_advice(image) and bool(words) == bool(exposure_advice(image))
     image[1:] = dark
     assert ("overexposed" in exposure_advice(image)) == (dark == 250)
-
-
-def test_the_share_of_overexposed_pixels_has_a_limit_of_a_fiftieth() -> None:
-    image = grey(120, (100, 100))
-    image[:2] = 255
-    assert exposure_advice(image) == ""
-    image[2, :30] = 255
-    assert "overexposed" in exposure_advice(image)
 
 
 def test_the_change_is_the_largest_one_beside_that_of_the_whole_image() -> None:
@@ -234,21 +186,6 @@ def test_the_fourth_press_with_a_lens_is_taken_as_it_is(monkeypatch: pytest.Monk
 
 FEW = RectifiedImageSize(30, 40)
 LENS = LensModel((0.0625, 0.0, 0.0, 0.0, 0.0625, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0), (100, 120))
-BALL_ADVICE = {
-    0.99: "press deeper",
-    1.0: "press straight down, it is sheared",
-    1.01: "press straight down, it is sheared",
-    2.19: "press straight down, it is sheared",
-    2.2: "press straight down, it is sheared",
-    2.21: "press less deep",
-}
-
-
-@pytest.mark.parametrize("depth_mm", BALL_ADVICE)
-def test_a_ball_is_pressed_deep_enough_and_straight(depth_mm: float) -> None:
-    assert _ball_press_advice(depth_mm, 0.081) == BALL_ADVICE[depth_mm]
-    straight = "" if "sheared" in BALL_ADVICE[depth_mm] else BALL_ADVICE[depth_mm]
-    assert _ball_press_advice(depth_mm, 0.08) == straight
 
 
 def ball_watcher(monkeypatch: pytest.MonkeyPatch, radius_px: float, asymmetry: float = 0.0) -> _BallPressWatcher:

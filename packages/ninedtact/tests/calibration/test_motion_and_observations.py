@@ -1,52 +1,21 @@
 """Closed forms of small parts: the motion of the skin and its error, and which pixels of a press are fitted."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.board.detection import lattice_to_skin_mm
 from ninedtact.calibration.board.lens_fit import fit_lens_with_terms
-from ninedtact.calibration.drift import diagnosis_and_reference_check as diagnosis
-from ninedtact.calibration.drift.brightness_change import BrightnessChange
-from ninedtact.calibration.drift.drift_measurement import (
-    DriftMeasurement,
-    _jackknife_error,
-    _undo_motion,
-)
 from ninedtact.calibration.twin.ball_press_fit import _autocorrelation_sums, effective_observation_count
 from ninedtact.calibration.twin.ball_press_model import REACH_MM, ObservedBallPress
 from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
 from ninedtact.design import PinBoard
 from ninedtact.quantities import Rectified, skin_grid_mm
 from ninedtact.shape.lens import LensModel
-from ninedtact.shape.skin_texture import _pearson_correlation
 
 RNG = np.random.default_rng(0)
 STRAIGHT = LensModel((0.0625, 0.0, 0.0, 0.0, 0.0625, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0), (480, 640))
 """20 pixels per mm, without distortion."""
-
-
-def test_the_jackknife_of_a_mean_is_its_standard_error() -> None:
-    values = RNG.normal(2.0, 0.7, (12, 3))
-    found = _jackknife_error(np.tile(np.eye(3), (12, 1, 1)), values)
-    np.testing.assert_allclose(found, values.std(axis=0, ddof=1) / np.sqrt(12), rtol=1e-9)
-
-
-def test_a_motion_is_undone_about_the_middle_of_the_image() -> None:
-    image = RNG.random((30, 41)).astype(np.float32)
-    there = np.roll(image, (2, 5), (0, 1))
-    np.testing.assert_allclose(_undo_motion(there, np.array([5.0, 2.0, 0.0]))[:-2, :-5], image[:-2, :-5], atol=1e-6)
-    half_turn = _undo_motion(image, np.array([0.0, 0.0, np.pi * 41 / 2]))
-    np.testing.assert_allclose(half_turn, image[::-1, ::-1], atol=0.02)
-
-
-def test_images_correlate_between_minus_one_and_one() -> None:
-    image = RNG.random((9, 8), np.float32)
-    assert _pearson_correlation(image, 3 * image + 2) == pytest.approx(1, abs=1e-5)
-    assert _pearson_correlation(image, 5 - image) == pytest.approx(-1, abs=1e-5)
-    assert _pearson_correlation(image, np.full((9, 8), 4, np.float32)) == 0
 
 
 def test_autocorrelation_sums_are_those_of_the_definition() -> None:
@@ -95,24 +64,3 @@ def test_the_pixels_among_the_pins_are_fitted_but_for_those_near_a_missing_pin()
     expected[::3, ::3] = among[::3, ::3]
     np.testing.assert_array_equal(press.fitted_pixels, expected)
     np.testing.assert_allclose(press.pixel_density(points_mm[:5]), 1, rtol=1e-4)
-
-
-def of_kind(kind: type[Any], **parts: object) -> Any:
-    """One of this kind of which nothing else is asked."""
-    one = object.__new__(kind)
-    for name, part in parts.items():
-        object.__setattr__(one, name, part)
-    return one
-
-
-@pytest.mark.parametrize(
-    ("gain", "said"), [(1.125, None), (0.875, None), (1.126, "light brighter"), (0.874, "light dimmer")]
-)
-def test_a_change_of_brightness_up_to_the_limit_is_no_finding(
-    gain: float, said: str | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(diagnosis, "_MAX_BRIGHTNESS_CHANGE", 0.125)
-    monkeypatch.setattr(diagnosis, "_equivalent_height_mm", lambda drift, change: 100 * change)
-    finding = diagnosis._find_brightness_change(of_kind(DriftMeasurement, change=of_kind(BrightnessChange, gain=gain)))
-    assert (finding and finding.diagnosis) == said
-    assert finding is None or finding.height_mm == pytest.approx(100 * (gain - 1))

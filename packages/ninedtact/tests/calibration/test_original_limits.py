@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ninedtact.calibration.board.board_fit import calibrated_area_mm
 from ninedtact.calibration.original_9dtact import folder_format
 from ninedtact.calibration.original_9dtact.folder_format import (
     OriginalCalibration,
@@ -15,19 +14,8 @@ from ninedtact.calibration.original_9dtact.folder_format import (
     read_original_calibration,
     write_original_calibration,
 )
-from ninedtact.calibration.original_9dtact.import_export import (
-    OriginalExportImpossible,
-    _calibrated_area_mm,
-    _curve_from_depth_list,
-    _extend_source_px,
-    _grid_start,
-    _require_grid_fits,
-)
-from ninedtact.calibration.sensor_folder import build_projection
-from ninedtact.calibration.sensor_toml_schema import LensModelTable
-from ninedtact.design import RectifiedImageSize, SensorDesign
-from ninedtact.shape.lens import LensModel
-from ninedtact.shape.rectification import OUT_OF_VIEW_PX, Rectification, rectification_of_projection
+from ninedtact.design import RectifiedImageSize
+from ninedtact.shape.rectification import OUT_OF_VIEW_PX
 
 VIEW = RectifiedImageSize(30, 40)
 ROWS, COLS = np.mgrid[:60, :80].astype(np.int32)
@@ -151,40 +139,6 @@ def test_pixels_without_a_source_are_out_of_view() -> None:
     assert source[0, 1].tolist() == [21, 15] and source[-1, -1].tolist() == [59, 44]
 
 
-def test_the_calibrated_area_is_that_of_the_pins_about_the_central_one() -> None:
-    design = SensorDesign(field_of_view=VIEW)
-    off = replace(
-        GOOD, position_scale=np.array([32.0, 37.0, 0.05])
-    )  # the crop begins at (17, 17), its middle is (31.5, 36.5)
-    left, right, top, bottom = calibrated_area_mm(design)
-    expected = (left + 0.025, right + 0.025, top + 0.025, bottom + 0.025)
-    assert _calibrated_area_mm(off, design) == pytest.approx(expected)
-    further = replace(off, position_scale=np.array([32.8, 37.4, 0.05]))
-    expected = (left + 0.045, right + 0.045, top + 0.065, bottom + 0.065)
-    assert _calibrated_area_mm(further, design) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(
-    ("middle_px", "start"), [((40, 30), (15, 20)), ((78, 58), (29, 39)), ((1, 2), (0, 0)), ((50.6, 20.4), (5, 31))]
-)
-def test_a_grid_lies_in_the_maps_as_near_to_its_pixels_as_there_is_room(
-    middle_px: tuple[float, float], start: tuple[int, int]
-) -> None:
-    lens = LensModel((0.625, 0.0, 0.0, 0.0, 0.625, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0,), (0.0, 0.0), (60, 80))
-    homography = list(lens.homography)  # 20 pixels per mm, moved so that its middle appears there
-    unit = lens.unit_px * np.ones(2)
-    homography[2], homography[5] = ((np.array(middle_px) - lens.middle_px) / unit).tolist()
-    scale = 1 / (homography[0] * unit[0])
-    table = LensModelTable(tuple(homography), (0.0, 0.0), (0.0,), (0.0, 0.0))
-    projection = build_projection(table, (60, 80))
-    rectify = rectification_of_projection(projection, RectifiedImageSize(31, 41), scale, (60, 80), (-1, 1, -1, 1))
-    assert _grid_start(rectify) == start
-    source = _extend_source_px(rectify, table, _grid_start(rectify))
-    assert source.shape == (60, 80, 2)
-    np.testing.assert_allclose(np.diff(source[..., 0], axis=1), 1, atol=1e-3)  # without a seam at the edges of the grid
-    np.testing.assert_allclose(np.diff(source[..., 1], axis=0), 1, atol=1e-3)
-
-
 def test_the_only_sensor_in_a_folder_is_meant(tmp_path: Path) -> None:
     for name in ("sensor_1", "sensor_not this", "another_1"):
         (tmp_path / name).mkdir()
@@ -207,22 +161,3 @@ def test_a_file_holds_one_array_of_numbers(tmp_path: Path) -> None:
     assert folder_format.read_finite_npy(tmp_path / "new" / "folder" / "whole.npy", 1).tolist() == [0, 1, 2]
     with pytest.raises(ValueError, match="Object arrays"):
         folder_format.write_npy(tmp_path / "objects.npy", np.array([{}, 1]))
-    assert folder_format._first_line(ValueError("one\ntwo")) == "one"
-    assert folder_format._first_line(EOFError()) == "EOFError"
-
-
-def test_a_list_becomes_a_curve_from_zero_through_the_levels_that_have_a_depth() -> None:
-    curve = _curve_from_depth_list(np.array([0.9, 0.1, 0.0, 0.3, 0.5, 0.4, 1.6]))
-    assert curve.signal == "difference" and curve.darkening == (0, 1, 3, 4, 5, 6)
-    np.testing.assert_allclose(curve.indentation_mm, [0, 0.1, 0.3, 0.45, 0.45, 1.6])
-    np.testing.assert_allclose(curve.error_mm[1:], 0.0304)
-
-
-@pytest.mark.parametrize(("rows", "cols", "fits"), [(60, 80, True), (61, 80, False), (60, 81, False), (61, 81, False)])
-def test_a_grid_fits_into_maps_of_the_size_of_the_image(rows: int, cols: int, fits: bool) -> None:
-    rectify = Rectification(np.zeros((rows, cols, 2), np.float32), 0.05, (60, 80), (-1, 1, -1, 1))
-    if fits:
-        _require_grid_fits(rectify)
-    else:
-        with pytest.raises(OriginalExportImpossible, match=f"at least {cols} x {rows} pixels.* got 80 x 60"):
-            _require_grid_fits(rectify)

@@ -1,17 +1,12 @@
 """What no table of a sensor's file may be, and what is not written where it is not there."""
 
-import numpy as np
 import pytest
-from known_sensor import LENS
 
 from ninedtact.calibration.sensor_toml_schema import (
     GridTable,
     LensCorrectionTable,
     PinMapTable,
-    make_lens_model_table,
-    make_pin_map_table,
 )
-from ninedtact.shape.lens import LensModelCorrection, RadialBasisProjection
 
 
 def test_points_come_with_as_many_values() -> None:
@@ -34,17 +29,3 @@ def test_a_calibrated_area_has_a_width_and_a_height(
     else:
         with pytest.raises(ValueError, match=sentence):
             GridTable(0.05, 480, 640, area)
-
-
-def test_a_lens_is_written_with_its_correction_where_it_has_one() -> None:
-    points = np.array([[0.0, 1.0], [2.0, 3.0]])
-    table = make_lens_model_table(LENS, None)
-    assert (table.homography, table.centre, table.radial, table.tangential, table.correction) == (
-        *(LENS.homography, LENS.centre, LENS.radial, LENS.tangential),
-        None,
-    )
-    corrected = make_lens_model_table(LENS, LensModelCorrection(points, points + 5, 1.5)).correction
-    assert corrected == LensCorrectionTable(1.5, [(0.0, 1.0), (2.0, 3.0)], [(5.0, 6.0), (7.0, 8.0)])
-    assert make_pin_map_table(RadialBasisProjection(points, points + 5)) == PinMapTable(
-        corrected.points_mm, corrected.weights_px
-    )

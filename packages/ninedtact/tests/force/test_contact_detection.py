@@ -41,9 +41,10 @@ def reading(
     return Reading(Frame(np.zeros((1, 1, 3), np.uint8)), rectified, height, reference=kept)
 
 
-@pytest.mark.parametrize("lamp", [0.95, 1.0, 1.06])
-@pytest.mark.parametrize("noise", [0.2, 1.0, 3.0])
-@pytest.mark.parametrize(("shape", "mm_per_px"), [FULL, ((180, 240), 0.1)])
+@pytest.mark.parametrize(
+    ("shape", "mm_per_px", "noise", "lamp"),
+    [(*FULL, 0.2, 0.95), (*FULL, 3.0, 1.06), ((180, 240), 0.1, 1.0, 1.0), ((180, 240), 0.1, 3.0, 0.95)],
+)
 def test_noise_and_lamps_are_no_touch(shape: tuple[int, int], mm_per_px: float, noise: float, lamp: float) -> None:
     assert not any(detect_contact(reading(shape, mm_per_px, seed, lamp=lamp, noise=noise)) for seed in range(20))
 

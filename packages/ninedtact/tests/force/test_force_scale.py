@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ninedtact.errors import FileFormatError
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.known_load_scale import (
     FORCE_SCALE_FILE,
     UNCALIBRATED,
     ForceScale,
-    ForceScaleFileDamaged,
     ForceScaleImpossible,
     KnownLoadPress,
     ScaledForceEstimator,
@@ -147,7 +147,7 @@ def test_a_scale_is_not_used_for_another_model_of_the_same_name(tmp_path: Path) 
 )
 def test_a_damaged_file_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / FORCE_SCALE_FILE).write_text(text)
-    with pytest.raises(ForceScaleFileDamaged, match="'ninedtact adapt' again"):
+    with pytest.raises(FileFormatError, match="'ninedtact adapt' again"):
         read_force_scales(tmp_path)
 
 

@@ -7,7 +7,8 @@ import pytest
 from linear_model import SMALL, a_card, linear_model
 
 from ninedtact.design import Gel
-from ninedtact.force.network_force import ModelNeedsSensorFeatures, NetworkForce
+from ninedtact.errors import ForceEstimationError
+from ninedtact.force.network_force import NetworkForce
 from ninedtact.force.network_input import (
     TYPICAL_FEATURES,
     InputChannels,
@@ -114,11 +115,11 @@ def test_two_threads_that_share_a_network_do_not_share_references() -> None:
 def test_a_model_with_sensor_features_refuses_to_run_without_them() -> None:
     card = a_card(settings=NetworkInputSettings(InputChannels.HEIGHTS_AND_SENSOR, rows=6, cols=8, mm_per_px=3.0))
     model = parse_force_model(linear_model(card).SerializeToString(), "linear.onnx")
-    with pytest.raises(ModelNeedsSensorFeatures, match=r"expected the features of the sensor .* load_estimator"):
+    with pytest.raises(ForceEstimationError, match=r"expected the features of the sensor .*\.estimator\("):
         NetworkForce(model, Gel())
     assert NetworkForce(model, Gel(), features=TYPICAL_FEATURES).estimate(reading(0.5)).touching
 
 
 def test_the_shipped_model_refuses_to_run_without_sensor_features() -> None:
-    with pytest.raises(ModelNeedsSensorFeatures, match="which was trained with them"):
+    with pytest.raises(ForceEstimationError, match="which was trained with them"):
         NetworkForce(read_force_model(SHIPPED_MODEL), Gel())

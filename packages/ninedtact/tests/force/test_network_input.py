@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from ninedtact.errors import ForceEstimationError
 from ninedtact.force.network_input import (
     InputChannels,
     NetworkInputBuilder,
-    NetworkInputImpossible,
     NetworkInputSettings,
     SensorFeatures,
     stack_height_channels,
@@ -78,5 +78,5 @@ def test_images_live_and_in_batches_of_torch_are_alike(channels: InputChannels) 
 
 
 def test_an_input_without_columns_is_refused() -> None:
-    with pytest.raises(NetworkInputImpossible, match="0 x 60"):
+    with pytest.raises(ForceEstimationError, match=r"expected input\.cols from 1 to 4000, got 0"):
         NetworkInputSettings(cols=0)

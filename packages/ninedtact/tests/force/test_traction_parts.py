@@ -28,7 +28,7 @@ from ninedtact.force.traction.linearisation import (
 )
 from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, solve_nonnegative_qp
 from ninedtact.force.traction.observation import _EXTENSION_FACTOR, BrightnessObservationModel, brightness_law_of_curve
-from ninedtact.force.traction.traction_from_brightness import UncertaintyModel, _count_peaks, _wrench_operator
+from ninedtact.force.traction.traction_from_brightness import UncertaintyModel
 from ninedtact.mechanics.layer_compliance import layered_compliance
 from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.surface_displacement import Skin, gel_skin
@@ -225,14 +225,6 @@ def gaussian_peaks(rows: int, width: float = 3.0, apart: int = 24) -> np.ndarray
     return np.asarray(sum(np.exp(-((x - apart) ** 2 + (y - (i + 1) * apart) ** 2) / 2 / width**2) for i in range(rows)))
 
 
-def test_separate_peaks_of_pressure_are_counted() -> None:
-    for scale, width in ((1.0, 2.0), (0.03, 3.0), (5.0, 4.0)):
-        assert _count_peaks(scale * gaussian_peaks(1, width)) == pytest.approx(1, rel=0.05)
-    for number in (2, 5):
-        assert _count_peaks(gaussian_peaks(number)) == pytest.approx(number, rel=0.05)
-    assert _count_peaks(np.zeros((4, 4))) == 1
-
-
 def test_thin_gel_blurred_light_and_fine_structure_widen_the_stated_error() -> None:
     cells, model = cell_grid_over_image((69, 92), 0.26, 3.0), UncertaintyModel()
 
@@ -335,14 +327,6 @@ def test_light_scatters_into_the_cells_with_the_variance_of_the_point_spread_and
         assert weights[middle].sum() == pytest.approx(1, abs=1e-4)
         assert weights[middle] @ place_mm == pytest.approx(0, abs=1e-3)
         assert weights[middle] @ place_mm**2 == pytest.approx(0.6**2 + CELLS.pitch_mm**2 / 12, rel=0.03)
-
-
-def test_the_wrench_is_linear_in_the_unknowns() -> None:
-    line = linearised()
-    unknowns = drawn(len(line.jacobian)).astype(float)
-    tractions = line.tractions(unknowns)
-    wrench = Traction(tractions[0], tractions[1:], CELLS.pitch_mm).wrench()
-    np.testing.assert_allclose(_wrench_operator(line) @ unknowns, wrench.six, rtol=1e-4, atol=1e-6)
 
 
 def test_pressure_is_free_at_first_where_it_was_and_shear_everywhere() -> None:

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from ninedtact.errors import InputError
 from ninedtact.quantities import HeightSource, Rectified
 from ninedtact.shape.calibrated_shape import ReferenceUnusable, mean_rectified_image
 from ninedtact.shape.deblurring import Deblurring, deconvolve_gaussian_blur, upsample, wiener_deconvolution_filter
@@ -14,7 +15,6 @@ from ninedtact.shape.depth import (
     FINE_SMOOTHING,
     CurveContinuation,
     DepthCurve,
-    DepthCurveImpossible,
     DepthReader,
     GlobalDimmingModel,
     Smoothing,
@@ -84,9 +84,9 @@ def test_skin_darker_than_the_end_of_the_curve_is_clipped(
 def test_a_continuation_is_stored_with_the_curve_and_must_rise() -> None:
     assert msgspec.convert(msgspec.to_builtins(CURVE), DepthCurve) == CURVE
     for wrong in (((0.15, 0.6), (1.3, 1.8), (0.1, 0.2)), ((0.35, 0.6), (1.3, 1.2), (0.1, 0.2))):
-        with pytest.raises(DepthCurveImpossible, match="rises"):
+        with pytest.raises(InputError, match="rises"):
             DepthCurve("ratio", (0.0, 0.2), (0.0, 1.0), (0.0, 0.02), beyond=CurveContinuation(*wrong))
-    with pytest.raises(DepthCurveImpossible, match="expected 3 errors"):
+    with pytest.raises(InputError, match="expected 3 errors"):
         DepthCurve("ratio", (0.0, 0.2), (0.0, 1.0), (0.0, 0.02), beyond=CurveContinuation((0.4,), (1.4,), ()))
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, grid, plane, with_hole
 
+from ninedtact.errors import InputError
 from ninedtact.shape.export import export_shape
-from ninedtact.shape.surface import SpacingUnusable, point_cloud, surface_mesh
+from ninedtact.shape.surface import point_cloud, surface_mesh
 
 
 @pytest.mark.parametrize("shape", [(30, 41), (31, 40), (2, 2), (1, 5), (5, 1)])
@@ -84,10 +85,10 @@ def test_a_cloud_shares_no_memory_with_the_next_nor_with_its_height_map(make):
 def test_a_spacing_below_one_is_refused_and_nothing_is_written(every, tmp_path):
     height = plane(30, 41, 0.3, -0.2)
     for make in (point_cloud, surface_mesh):
-        with pytest.raises(SpacingUnusable, match="at least 1"):
+        with pytest.raises(InputError, match="at least 1"):
             make(height, every)
     for name in ("skin.ply", "skin.stl", "skin.obj"):
-        with pytest.raises(SpacingUnusable, match="at least 1"):
+        with pytest.raises(InputError, match="at least 1"):
             export_shape(height, tmp_path / name, every)
     assert list(tmp_path.iterdir()) == []
 
@@ -95,9 +96,9 @@ def test_a_spacing_below_one_is_refused_and_nothing_is_written(every, tmp_path):
 def test_a_spacing_that_leaves_no_mesh_is_refused_and_nothing_is_written(tmp_path):
     height = plane(30, 41, 0.3, -0.2)
     assert len(surface_mesh(height, 29).faces) == 2 * 1 * 1 and len(point_cloud(height, 1000).points_mm) == 1
-    with pytest.raises(SpacingUnusable, match=r"every=30 to keep at least two of 30 rows .*; give at most 29"):
+    with pytest.raises(InputError, match=r"every=30 to keep at least two of 30 rows .*; give at most 29"):
         surface_mesh(height, 30)
     for name in ("skin.ply", "skin.stl", "skin.obj"):
-        with pytest.raises(SpacingUnusable, match="at most 29"):
+        with pytest.raises(InputError, match="at most 29"):
             export_shape(height, tmp_path / name, 1000)
     assert list(tmp_path.iterdir()) == []

@@ -8,9 +8,10 @@ import pytest
 from scipy import ndimage
 
 from ninedtact.design import RectifiedImageSize
+from ninedtact.errors import FileFormatError
 from ninedtact.quantities import Frame, HeightSource
 from ninedtact.shape.lens import LensModel, PixelNotOnSkin, central_mm_per_px
-from ninedtact.shape.rectification import Rectification, WrongImageSize, rectification_of_projection
+from ninedtact.shape.rectification import Rectification, rectification_of_projection
 
 LENS = LensModel(
     (0.059, -0.0003, 0.025, 0.0002, 0.059, 0.0005, 0.0005, -0.0008),
@@ -59,7 +60,7 @@ def test_what_lies_outside_the_image_is_said() -> None:
 
 
 def test_another_size_is_refused() -> None:
-    with pytest.raises(WrongImageSize, match="640x480"):
+    with pytest.raises(FileFormatError, match="640x480"):
         made()(Frame(RAW[:400]))
 
 
@@ -67,13 +68,14 @@ def test_another_size_is_refused() -> None:
 OTHER_IMAGES = """
 import numpy as np
 from ninedtact.quantities import Frame
-from ninedtact.shape.rectification import Rectification, WrongImageSize
+from ninedtact.errors import FileFormatError
+from ninedtact.shape.rectification import Rectification
 rectify = Rectification(np.zeros((4, 4, 2), np.float32), 0.1, (6, 8), (-1.0, 1.0, -1.0, 1.0))
 rectify(Frame(np.zeros((6, 8, 3), np.uint8)))
 for image in (np.zeros((6, 8), np.uint8), np.zeros((6, 8, 3), np.uint16), np.zeros((6, 8, 3), np.float32)):
     try:
         rectify(Frame(image))
-    except WrongImageSize as refusal:
+    except FileFormatError as refusal:
         print(refusal)
 """
 

@@ -6,7 +6,7 @@ import trimesh
 from skins import MM_PER_PX, ball_print, plane, skin, with_hole
 
 from ninedtact.quantities import Mesh
-from ninedtact.shape.surface import point_cloud, solid_mesh, surface_mesh
+from ninedtact.shape.surface import point_cloud, surface_mesh
 
 
 def solid(mesh: Mesh) -> trimesh.Trimesh:
@@ -34,23 +34,6 @@ def test_only_squares_wholly_in_view_are_covered_and_vertices_are_the_points_of_
     np.testing.assert_array_equal(mesh.vertices_mm, point_cloud(height).points_mm)
 
 
-@pytest.mark.parametrize("every", [1, 3])
-@pytest.mark.parametrize("make", [lambda: ball_print(61, 80), lambda: with_hole(ball_print(61, 80))])
-def test_the_solid_is_closed_and_faces_outwards(make, every):
-    block = solid(solid_mesh(make(), base_mm=2.0, every=every))
-    block.remove_unreferenced_vertices()
-    assert block.is_watertight
-    assert block.is_winding_consistent
-    assert block.volume > 0
-
-
-def test_the_solid_reaches_the_stated_depth_and_encloses_the_stated_volume():
-    level = solid(solid_mesh(skin(np.full((31, 41), -0.5)), base_mm=2.0))
-    assert level.bounds[:, 2] == pytest.approx([-2.5, -0.5])
-    assert level.volume == pytest.approx(30 * 40 * MM_PER_PX**2 * 2.0, rel=1e-5)
-
-
 def test_a_skin_out_of_view_gives_a_mesh_of_nothing():
     height = skin(np.zeros((4, 5)), np.zeros((4, 5), np.uint8))
     assert len(surface_mesh(height).faces) == len(surface_mesh(height).vertices_mm) == 0
-    assert len(solid_mesh(height).faces) == 0

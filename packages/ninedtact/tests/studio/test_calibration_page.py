@@ -22,11 +22,12 @@ from small_sensor import sensor_folder, wait_until
 from viser import ViserServer
 
 from ninedtact.calibration.guidance import search_board_pins
-from ninedtact.calibration.procedure import CalibrationSettings
 from ninedtact.calibration.sensor_folder import load_sensor
-from ninedtact.cli.calibrate import CalibrateCommand, InvalidCalibrateOption
+from ninedtact.calibration.settings import CalibrationSettings
+from ninedtact.cli.calibrate import CalibrateCommand
 from ninedtact.cli.calibration_page import CalibrationPageOptions, serve_calibrated_sensor
 from ninedtact.design import SensorDesign
+from ninedtact.errors import InputError
 from ninedtact.studio.calibration_page import CalibrationPage
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession
 from ninedtact.studio.guided_page import GuidedPageLayout
@@ -158,7 +159,7 @@ def test_the_command_serves_the_page_until_ctrl_c_and_writes_nothing(tmp_path: P
 
 
 def test_a_page_takes_the_images_itself(tmp_path: Path) -> None:
-    with pytest.raises(InvalidCalibrateOption, match=r"expected --page alone or with --source, .* drop --page"):
+    with pytest.raises(InputError, match=r"expected --page alone or with --source, .* drop --page"):
         CalibrateCommand(tmp_path / "s", images=tmp_path, on_page=CalibrationPageOptions(page=True)).run()
 
 

@@ -12,7 +12,7 @@ from small_calibrated_twin import TWIN, PluggedCamera
 from small_sensor import sensor_folder, wait_until
 
 from ninedtact.calibration.guidance import PinSearchResult
-from ninedtact.calibration.procedure import CalibrationSettings
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.capture.frame_source import CameraNotFound, FrameSource, SourceEnded
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame

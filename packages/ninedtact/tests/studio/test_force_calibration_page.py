@@ -45,7 +45,7 @@ PATIENCE_S = 120.0
 STIFFNESS = 1.2
 STIFFER = replace(Gel(), shear_modulus_mpa=Gel().shear_modulus_mpa * STIFFNESS)
 TWIN = replace(default_twin(), compliance_of=partial(bonded_layer_compliance, gel=STIFFER))
-ESTIMATOR = "ninedtact.calibration.force_calibration.load_unscaled_estimator"
+ESTIMATOR = "ninedtact.calibration.sensor_folder.SensorFolder.estimator"
 
 
 @pytest.fixture
@@ -58,7 +58,9 @@ def session(
     camera: SimulatedCalibrationCamera, twin_sensor: SensorFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[ForceCalibrationSession]:
     # The sensor of the tests is calibrated by the method that is done soonest, which has no model of its brightness.
-    monkeypatch.setattr(ESTIMATOR, lambda force, folder: TractionForce(HeightObservationModel(), Gel()))
+    monkeypatch.setattr(
+        ESTIMATOR, lambda folder, force, with_force_scale: TractionForce(HeightObservationModel(), Gel())
+    )
     folder = load_sensor(shutil.copytree(twin_sensor.path, tmp_path / "s"))
     one = ForceCalibrationSession(
         SwitchableCamera(lambda address: camera, "sim"),
@@ -210,7 +212,9 @@ def test_a_press_is_dropped_once_and_a_load_that_still_rests_is_not_taken_for_it
 def test_the_live_page_that_follows_shows_the_estimator_that_was_calibrated(
     twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ESTIMATOR, lambda force, folder: TractionForce(HeightObservationModel(), Gel()))
+    monkeypatch.setattr(
+        ESTIMATOR, lambda folder, force, with_force_scale: TractionForce(HeightObservationModel(), Gel())
+    )
     served: list[PageSettings] = []
     monkeypatch.setattr(
         "ninedtact.cli.calibration_page.serve_sensor_page", lambda parts, settings, ends: served.append(settings)

@@ -30,7 +30,7 @@ from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.cli.serve_sensor_page import installed_exporters
 from ninedtact.errors import NinedtactError
-from ninedtact.force.estimator_interface import NoForceEstimator
+from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
@@ -76,11 +76,15 @@ def scaled_force(reading: Reading) -> WrenchEstimate:
     return WrenchEstimate(wrench, np.diag(np.full(6, 0.01)), deep_mm > 0, warnings)
 
 
-class ScaledForce(NoForceEstimator):
+class ScaledForce(ForceEstimator):
     """Estimates by `scaled_force`."""
+
+    name = "scaled"
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         return scaled_force(reading)
+
+    def forget(self) -> None: ...
 
 
 class Bench:

@@ -11,8 +11,8 @@ from hand_fed import HandFed
 from small_sensor import SHAPE, UNTOUCHED, SkinCamera, sensor_on, skin, wait_until
 
 from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback, RepeatingSource
-from ninedtact.capture.image_and_video_files import ImageFolder
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
+from ninedtact.capture.strict_image_reading import ImageFolder
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
 from ninedtact.simulation.simulated_sources import SimulatedCamera

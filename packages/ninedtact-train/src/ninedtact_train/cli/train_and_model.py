@@ -44,7 +44,7 @@ class Train:
     By default the calibrations that the recordings of a data set carried are used, and simulated sensors are calibrated from their
     own simulated images."""
     network: str | None = None
-    """moments, densenet121, 161, 169 or 201, resnet18 or 50, vit."""
+    """moments, densenet121 or densenet169."""
     channels: Literal["heights", "heights_and_gel", "heights_and_sensor", "physics", "deformation", "mixed"] | None = (
         None
     )
@@ -107,7 +107,7 @@ class Train:
             require_sensor_calibrations(self.data, self.sensors, ", or train on images: --channels deformation")
 
     def settings(self) -> "TrainingSettings":
-        """Return the preset with these options; raises `TrainingImpossible`, `NetworkUnknown`."""
+        """Return the preset with these options; raises `InputError`."""
         from ninedtact.force.network_input import InputChannels, resize_input_settings
         from ninedtact_train.training.settings import TRAINING_PRESETS
         from ninedtact_train.workflows.dataset_training import match_input_width_to_dataset

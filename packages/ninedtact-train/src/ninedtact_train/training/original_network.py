@@ -24,15 +24,12 @@ from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_e
 from ninedtact.force.network_input import InputChannels, NetworkInputBuilder, full_resolution_input_settings
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
 from ninedtact.reading import Reading
+from ninedtact_train.collecting.training_pair_rule import wrench_limits
 from ninedtact_train.evaluation.evaluation import PUBLISHED_SCORES_AT_SKIN
-from ninedtact_train.training.networks import DenseNet, build_densenet
+from ninedtact_train.training.networks import DenseNet
 
 NETWORK = "densenet169"
-WRENCH_MIN, WRENCH_MAX = np.array([-3, -3, -12, -0.2, -0.2, -0.05]), np.array([3, 3, 0, 0.2, 0.2, 0.05])
-
-
-class OriginalWeightsUnusable(FileFormatError):
-    """A file does not hold the weights of the original project's network, or holds more than weights."""
+WRENCH_MIN, WRENCH_MAX = wrench_limits()
 
 
 @dataclass
@@ -73,15 +70,15 @@ class OriginalNetworkForce(ForceEstimator):
 def read_original_network(path: Path | str, contact_test: ContactTest = detect_contact) -> OriginalNetworkForce:
     """Return the network with the weights of a .pt file, which is read without running any code in it.
 
-    Raises `OriginalWeightsUnusable`.
+    Raises `FileFormatError`.
     """
-    network = build_densenet(NETWORK, InputChannels.MIXED.number, 6)
+    network = DenseNet(NETWORK, InputChannels.MIXED.number, 6)
     state = read_pt_weights(Path(path))
     require_weight_names(state, network.state_dict(), path)
     try:
         network.load_state_dict(state, strict=True)
     except RuntimeError as trouble:
-        raise OriginalWeightsUnusable(
+        raise FileFormatError(
             f"expected weights of {NETWORK} in {path}, got some of other shapes; give the original project's .pt file"
         ) from trouble
     estimator = OriginalNetworkForce(network.eval(), contact_test)
@@ -90,29 +87,29 @@ def read_original_network(path: Path | str, contact_test: ContactTest = detect_c
 
 
 def read_pt_weights(path: Path) -> dict[str, Tensor]:
-    """Read the weights of a .pt file by name, without running code in it; raises `OriginalWeightsUnusable`."""
+    """Read the weights of a .pt file by name, without running code in it; raises `FileFormatError`."""
     try:
         state: Any = torch.load(path, map_location="cpu", weights_only=True)
     except UnpicklingError as trouble:
-        raise OriginalWeightsUnusable(
+        raise FileFormatError(
             f"expected weights and nothing else in {path}, got a file that is damaged, or that would run code when it is read; "
             "it was not run: save the network's state_dict() alone with torch.save"
         ) from trouble
     except Exception as trouble:  # torch raises many kinds of error for a damaged file
         said = (str(trouble).splitlines() or [""])[0]
-        raise OriginalWeightsUnusable(f"expected a whole .pt file in {path}, got: {said}; copy it again") from trouble
+        raise FileFormatError(f"expected a whole .pt file in {path}, got: {said}; copy it again") from trouble
     if not isinstance(state, dict) or not all(isinstance(weight, Tensor) for weight in state.values()):
-        raise OriginalWeightsUnusable(
+        raise FileFormatError(
             f"expected the weights of a network by name in {path}, got something else; save its state_dict() with torch.save"
         )
     return state
 
 
 def require_weight_names(state: dict[str, Tensor], wanted: dict[str, Tensor], path: Path | str) -> None:
-    """Raise `OriginalWeightsUnusable` for weights whose names are not those of the network."""
+    """Raise `FileFormatError` for weights whose names are not those of the network."""
     missing, unknown = wanted.keys() - state.keys(), state.keys() - wanted.keys()
     if missing or unknown:
-        raise OriginalWeightsUnusable(
+        raise FileFormatError(
             f"expected the {len(wanted)} weights of torchvision's {NETWORK} in {path}, got {len(missing)} missing and "
             f"{len(unknown)} others (such as {min(missing or unknown)!r}); give the original project's .pt file"
         )

@@ -77,7 +77,7 @@ def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progr
 
     given: a folder with a sensor folder for each sensor, by name; where None, the calibrations that the recordings of the data set
     carried are read, or its simulated sensors are calibrated. workers: number of processes that calibrate, or a cluster. Raises
-    `SensorCalibrationMissing`, `SensorFolderDamaged`, `ForceScaleFileDamaged`, `DatasetDamaged`.
+    `SensorCalibrationMissing`, `SensorFolderDamaged`, `FileFormatError`, `DatasetDamaged`.
     """
     require_sensor_calibrations(data, given)
     refused: dict[str, str] = {}
@@ -173,7 +173,7 @@ def calibrate_simulated_sensor(folder: Path, name: str, member: SampledSensor) -
 
 
 def _load_calibrated_sensor(folder: Path) -> DatasetSensorCalibration:
-    """Read a sensor folder; raises `SensorFolderDamaged`, `ForceScaleFileDamaged`."""
+    """Read a sensor folder; raises `SensorFolderDamaged`, `FileFormatError`."""
     sensor = load_sensor(folder)
     digest = sha256((folder / SENSOR_FILE).read_bytes()).hexdigest()
     force_scales = tuple(read_force_scales(folder).scales.items())

@@ -6,11 +6,10 @@ from pathlib import Path
 
 from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.image_and_video_files import ImageFileList
-from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.capture.strict_image_reading import ImageFileList, read_image
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_interface import ForceEstimator
-from ninedtact.force.estimator_loading import CORRECTED, NONE, PHYSICS, load_unscaled_estimator
+from ninedtact.force.estimator_loading import CORRECTED, NONE, PHYSICS
 from ninedtact.force.known_load_scale import (
     ForceScaleFit,
     ForceScaleImpossible,
@@ -24,10 +23,6 @@ from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, read_frame
 from ninedtact.shape.depth import DepthReader
 from ninedtact.shape.image_plausibility import require_plausible_image
-
-
-class NoForceToCalibrate(InputError):
-    """The named estimator has no force that could be calibrated."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +46,7 @@ def calibrate_force(
     """Fit the force scale of a sensor to images of presses with known loads, and save it in the sensor folder.
 
     reference: images without contact. presses: images with the load of each in grams. force: the estimator, as after `--force`.
-    Raises `NoForceToCalibrate`, `ForceScaleImpossible`, and what reading images and sensor folders raises.
+    Raises `InputError`, `ForceScaleImpossible`, and what reading images and sensor folders raises.
     """
     _require_one_load_for_each_image(presses)
     reader = UnscaledForceReader(folder, force)
@@ -66,12 +61,12 @@ class UnscaledForceReader:
     """Estimates the force of single presses by an estimator without its force scale, for the calibration with known loads."""
 
     def __init__(self, folder: SensorFolder, force: str = PHYSICS) -> None:
-        """force: the estimator, as after `--force`; raises `NoForceToCalibrate` and what loading it raises."""
+        """force: the estimator, as after `--force`; raises `InputError` and what loading it raises."""
         if force == NONE:
-            raise NoForceToCalibrate(
+            raise InputError(
                 f"expected an estimator to calibrate, got --force {NONE}; name {CORRECTED}, {PHYSICS} or a force model"
             )
-        self.estimator: ForceEstimator = load_unscaled_estimator(force, folder)
+        self.estimator: ForceEstimator = folder.estimator(force, with_force_scale=False)
         self._shape, self._check = folder.shape, load_reference_image_checker(folder)
         self._depth_reader: DepthReader | None = None
 

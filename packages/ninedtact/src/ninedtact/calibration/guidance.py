@@ -27,7 +27,7 @@ from ninedtact.calibration.press_brightness import (
     to_grey_float,
 )
 from ninedtact.calibration.press_limits import MAX_ASYMMETRY
-from ninedtact.calibration.procedure import CalibrationSettings
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
-from typing import Literal, get_args
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -19,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball, fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import BallFit, find_ball_press, simulate_height_noise_mm
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
-from ninedtact.calibration.board.board_fit import BoardFit, LensKind, build_rectification, fit_board
+from ninedtact.calibration.board.board_fit import BoardFit, build_rectification, fit_board
 from ninedtact.calibration.board.lens_fit import rms_vector_length
 from ninedtact.calibration.certificate.checks import press_through_gel_warnings, unusual_fit_warnings
 from ninedtact.calibration.drift.diagnosis_and_reference_check import different_skin_warnings
@@ -46,6 +45,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     make_pin_map_table,
     require_sensor_id,
 )
+from ninedtact.calibration.settings import CalibrationSettings, LensKind
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit, fit_board_press_and_lens, refine_board_lens
@@ -54,7 +54,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.quantities import Frame
 from ninedtact.shape.depth import DepthMethod, Smoothing
-from ninedtact.shape.rectification import CameraRotation, Rectification
+from ninedtact.shape.rectification import Rectification
 from ninedtact.simulation.fitted_parameters import deviation_from_population
 
 _MAX_ALTERNATIONS = 2
@@ -81,39 +81,6 @@ class CalibrationImages:
     def ball_pair(self) -> tuple[BgrImage, BgrImage] | None:
         """The skin before the ball and under it; None where the ball was not pressed."""
         return None if self.ball_reference is None or self.ball is None else (self.ball_reference, self.ball)
-
-
-class CalibrationImagesMissing(InputError):
-    """Too few images: those of the board are needed, or an imported rectification and those of the ball."""
-
-
-class CalibrationSettingUnknown(InputError):
-    """A choice of a calibration is none of those that exist."""
-
-
-@dataclass(frozen=True)
-class CalibrationSettings:
-    """Choices of a calibration: lens, camera rotation, depth method and smoothing; the defaults suit every sensor seen so far.
-
-    Raises `CalibrationSettingUnknown` for a choice that does not exist.
-    """
-
-    lens: LensKind = "model"
-    """`paper` reproduces the paper's map (central anchors, equidistant grid, cubic radial basis)."""
-    camera_rotation_deg: CameraRotation | Literal["auto"] = "auto"
-    """Angle from the image's columns to the sensor's x axis, clockwise on the screen."""
-    method: DepthMethod = "physics"
-    """`physics` fits contact mechanics and light; `ratio` pairs the ball's cap with the brightness factor, `table` with grey
-    differences (the paper's)."""
-    smoothing: Smoothing = Smoothing()
-
-    def __post_init__(self) -> None:
-        rotations = (*get_args(CameraRotation), "auto")
-        choices = {"lens": get_args(LensKind), "camera_rotation_deg": rotations, "method": get_args(DepthMethod)}
-        for name, allowed in choices.items():
-            if (value := getattr(self, name)) not in allowed:
-                expected = ", ".join(map(repr, allowed))
-                raise CalibrationSettingUnknown(f"expected {name} to be one of {expected}, got {value!r}; correct it")
 
 
 @dataclass(frozen=True)
@@ -171,7 +138,7 @@ def calibrate(
     imported: SensorFolder | None = None,
 ) -> Calibration:
     """Calibrate a sensor; raises `BoardNotFound`, `BallPressUnusable`, `ImageUnusable`, whose messages say what to do, and
-    `CalibrationImagesMissing`, `SensorIdImpossible`.
+    `InputError`.
 
     on_step: called with what is fitted next, in words. imported: a sensor whose rectification is used in place of a board's. Linear
     algebra runs on one thread meanwhile: its matrices are small, so that several threads would mostly wait for each other, at three
@@ -200,7 +167,7 @@ def _fit_presses(
         board = fit_board(*images.board_pair, design.pin_board, settings.camera_rotation_deg)
         rectify = build_rectification(board, design, settings.lens)
     else:
-        raise CalibrationImagesMissing(
+        raise InputError(
             "expected images of the board, or an imported rectification and images of the ball, got neither; give the images of one"
         )
     if images.ball_pair is None:
@@ -367,12 +334,13 @@ def repeat_calibration(
     ball: tuple[BgrImage, BgrImage] | None = None,
     design: SensorDesign | None = None,
     on_step: Callable[[str], None] = lambda step: None,
+    smoothing: Smoothing | None = None,
 ) -> Calibration:
     """Calibrate from the stored images, with the stored lens and mounting, or through the imported rectification.
 
-    ball: new images of the skin before the ball and under it, in place of stored ones. design: in place of the stored one. Raises
-    `SensorFolderDamaged` where images are missing, `DepthNotCalibrated` where none of a ball are stored or given, and what
-    `calibrate` raises.
+    ball: new images of the skin before the ball and under it, in place of stored ones. design, smoothing: in place of the stored
+    ones. Raises `SensorFolderDamaged` where images are missing, `DepthNotCalibrated` where none of a ball are stored or given, and
+    what `calibrate` raises.
     """
     names = ("ball_reference", "ball") if folder.is_imported else ("board_reference", "board", "ball_reference", "ball")
     new = {} if ball is None else {"ball_reference": ball[0], "ball": ball[1]}
@@ -381,7 +349,7 @@ def repeat_calibration(
     )
     record = folder.record
     lens: LensKind = "paper" if isinstance(record.lens, PinMapTable) else "model"
-    smoothing = Smoothing() if record.depth is None else record.depth.smoothing
+    smoothing = smoothing or (Smoothing() if record.depth is None else record.depth.smoothing)
     settings = CalibrationSettings(lens, record.grid.camera_rotation_deg, method, smoothing)
     imported = folder if folder.is_imported else None
     return calibrate(images, design or record.design, settings, record.id, on_step, imported)

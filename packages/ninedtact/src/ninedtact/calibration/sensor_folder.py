@@ -12,7 +12,6 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-import msgspec
 import numpy as np
 
 from ninedtact.calibration.sensor_toml_schema import (
@@ -32,7 +31,7 @@ from ninedtact.checked_reading import (
     read_regular_file,
     read_text_file,
 )
-from ninedtact.design import Gel, SensorDesign
+from ninedtact.design import Gel
 from ninedtact.errors import CalibrationError, FileFormatError, NinedtactError
 from ninedtact.quantities import EstimateWarning, Frame, HeightSource
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -201,16 +200,33 @@ class SensorFolder:
 
         return build_twin_from_folder(self)
 
-    def estimator(self, spec: str = "physics") -> "ForceEstimator":
-        """Load a force estimator for this sensor: `physics`, `corrected`, `none`, or the path of a force model (.onnx).
+    def estimator(self, spec: str = "physics", with_force_scale: bool = True) -> "ForceEstimator":
+        """Build a force estimator for this sensor, with the force scale of its folder.
 
-        Raises what `force.estimator_loading.load_estimator` raises.
+        Where the folder has none, the spread of the gel's modulus is part of the stated errors.
+
+        spec: `physics`, `corrected` (physics, corrected by the shipped model), `none`, or the path of a force model (.onnx) or of
+        the original project's weights (.pt). with_force_scale: without, forces are those before the calibration with known loads.
+        Raises `InputError`, `ForceModelUnusable`, `FileFormatError`, and
+        `TractionImpossible` for a sensor that was imported or calibrated without scattering of light.
 
         >>> estimator = ninedtact.load_sensor("my_sensor").estimator("physics")
+        >>> estimator.name
+        'force by physics'
         """
-        from ninedtact.force.estimator_loading import load_estimator
+        from ninedtact.force.estimator_loading import CORRECTED, NONE, PHYSICS, build_estimator
+        from ninedtact.force.known_load_scale import apply_sensor_force_scale
 
-        return load_estimator(spec, self)
+        if spec in (PHYSICS, CORRECTED) and self.shape.deblurring is None:
+            from ninedtact.force.traction.observation import TractionImpossible
+
+            raise TractionImpossible(
+                expected=f"{self.path} to be calibrated for force by physics",
+                got="a calibration that does not know how the gel scatters light (imported, or of another method than 'physics')",
+                remedy=f"run: {self.completion_command}",
+            )
+        estimator = build_estimator(spec, self.shape, self.gel)
+        return apply_sensor_force_scale(estimator, self.path) if with_force_scale and spec != NONE else estimator
 
     def _verify_file(self, file: str, digest: str) -> Path:
         """Return the path of a file of the folder after its content has been checked against the stored hash."""
@@ -235,8 +251,7 @@ class SensorFolder:
 def load_sensor(folder: Path | str) -> SensorFolder:
     """Read and check a sensor folder; return it as a `SensorFolder`.
 
-    Raises `SensorFolderDamaged`. For a folder of an older format the message holds the command that calibrates the sensor again
-    from its own stored images.
+    Raises `SensorFolderDamaged`, also for a folder of another format.
 
     >>> folder = ninedtact.load_sensor("my_sensor")
     """
@@ -268,44 +283,14 @@ def _parse_record(folder: Path, text: str) -> tuple[SensorTomlRecord, Any, str]:
 
 
 def _require_current_format(folder: Path, tables: dict[str, Any]) -> None:
-    """Refuse a file of another format, newer or older; raises `SensorFolderDamaged`."""
+    """Refuse a file of another format; raises `SensorFolderDamaged`."""
     version = tables.get("format")
-    if not isinstance(version, int) or version == SENSOR_FORMAT:
-        return
-    if version > SENSOR_FORMAT:
+    if isinstance(version, int) and version != SENSOR_FORMAT:
         raise SensorFolderDamaged(
-            f"expected {folder / SENSOR_FILE} in format {SENSOR_FORMAT}, got format {version} from a newer ninedtact; update "
-            "ninedtact"
+            expected=f"{folder / SENSOR_FILE} in format {SENSOR_FORMAT}",
+            got=f"format {version} of another version of ninedtact",
+            remedy="calibrate the sensor again with 'ninedtact calibrate --images' from its own images, or install that version",
         )
-    raise SensorFolderDamaged(
-        f"expected {folder / SENSOR_FILE} in format {SENSOR_FORMAT}, got format {version} from an older ninedtact; run: "
-        f"{_recalibration_command(folder, tables)}"
-    )
-
-
-def _recalibration_command(folder: Path, tables: dict[str, Any]) -> str:
-    """Return the command that calibrates an older sensor again from its own stored files."""
-    out = quote(f"{folder}_recalibrated")
-    stored = sorted(folder.glob("*/ball_reference.png"))
-    if not stored:
-        return f"ninedtact import-calibration {quote(str(folder / 'upstream'))} --out {out}"
-    words = ["ninedtact calibrate", "--images", quote(str(stored[0].parent)), "--out", out]
-    if isinstance(tables.get("id"), str):
-        words += ["--id", quote(tables["id"])]
-    if tables.get("design") != msgspec.json.decode(msgspec.json.encode(SensorDesign())):
-        words += ["--design", quote(str(folder / SENSOR_FILE))]
-    return " ".join([*words, *_recalibration_options(tables)])
-
-
-def _recalibration_options(tables: dict[str, Any]) -> list[str]:
-    """Return the options by which an older sensor was calibrated, where they are not the defaults."""
-    grid, lens, depth = (
-        found if isinstance(found := tables.get(name), dict) else {} for name in ("grid", "lens", "depth")
-    )
-    rotation = grid.get("camera_rotation_deg", grid.get("mounting_deg"))
-    words = ["--camera-rotation-deg", str(rotation)] if rotation in (90, 180, 270) else []
-    words += ["--lens", "paper"] if lens.get("kind") == "paper" else []
-    return words + (["--method", depth["method"]] if depth.get("method") in ("ratio", "table") else [])
 
 
 def build_projection(lens: LensModelTable | PinMapTable, raw_shape: tuple[int, int]) -> Projection:

@@ -10,8 +10,9 @@ from typing import Annotated
 
 from msgspec import Meta, Struct, field
 
-from ninedtact.design import Gel, SensorDesign, require_within_bounds
+from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import InputError
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact.shape.deblurring import Deblurring
 from ninedtact.shape.depth import DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
 from ninedtact.shape.lens import LensModel, LensModelCorrection, Points, RadialBasisProjection
@@ -19,9 +20,7 @@ from ninedtact.shape.rectification import CameraRotation
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
 SENSOR_FORMAT = 4
-"""Format number, raised with every change that makes older files unreadable. `sensor_folder` refuses such a file with the
-command that calibrates the sensor again from its images.
-"""
+"""Format number, raised with every change that makes older files unreadable."""
 NOT_CALIBRATED = ("format", "id", "created", "software")
 """Keys at the top of the file that the checksum leaves out: they may change without a change of any calibrated number."""
 
@@ -262,21 +261,17 @@ class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=T
     board_press: BoardPressFitTable | None = None
 
     def __post_init__(self) -> None:
-        require_within_bounds("gel", self.gel)
+        require_within_bounds(self.gel, "gel")
 
 
 _SENSOR_ID = re.compile(r"(?!\.{1,2}\Z)[^\x00-\x1f\x7f/\\]{1,100}")
 """Names are shown on pages, stand in tables and may become names of folders."""
 
 
-class SensorIdImpossible(InputError):
-    """The name of a sensor is empty, too long, or holds what no name of a folder can."""
-
-
 def require_sensor_id(sensor_id: str) -> None:
-    """Raise `SensorIdImpossible` for text that is no name of a sensor."""
+    """Raise `InputError` for text that is no name of a sensor."""
     if not _SENSOR_ID.fullmatch(sensor_id):
-        raise SensorIdImpossible(
+        raise InputError(
             "expected a name of a sensor of 1 to 100 characters without slashes and control characters, got "
             f"{sensor_id[:120]!r}; choose another"
         )

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from msgspec import structs
 
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.cli.calibration_page import (
     CalibrationPageOptions,
     CalibrationPageServer,
@@ -33,39 +34,25 @@ from ninedtact.cli.result_and_interrupt import (
 )
 from ninedtact.cli.shared_options import (
     AutomaticOption,
-    CalibrationOptions,
     DesignFileOption,
-    DesignGivenTwice,
     JsonOption,
     camera_settings,
     read_design_or_default,
 )
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CameraError, InputError, NinedtactError, OutputError
-from ninedtact.open_sensor import is_twin_address, source_for
+from ninedtact.source_addresses import is_twin_address, source_for
 
 if TYPE_CHECKING:
     from ninedtact.calibration.guidance import CaptureStep
     from ninedtact.calibration.press_brightness import BgrImage
-    from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings
+    from ninedtact.calibration.procedure import Calibration, CalibrationImages
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
 
 _IMAGE_NAMES = ("board_reference", "board", "ball_reference", "ball")
 _IMAGE_OPTIONS = ", ".join("--" + name.replace("_", "-") for name in _IMAGE_NAMES)
 _BOARD_NAMES, _BALL_NAMES = _IMAGE_NAMES[:2], _IMAGE_NAMES[2:]
-
-
-class InvalidCalibrateOption(InputError):
-    """The command was given neither four images, nor those of one press where these are enough, nor a folder, nor a camera."""
-
-
-class DepthWouldBeLost(InputError):
-    """Images of the board alone would replace a calibration that has depth."""
-
-
-class CalibrationRecordingTooShort(CameraError):
-    """A recording ended before all four images were taken."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +87,7 @@ class CalibrateCommand:
     """Radius of the ball. Without it, the design's radius is used (4 mm for the published sensor)."""
     id: str | None = None
     """Name of the sensor. Without it, the folder's name is used."""
-    options: Annotated[CalibrationOptions, tyro.conf.arg(name="")] = CalibrationOptions()
+    settings: Annotated[CalibrationSettings, tyro.conf.arg(name="")] = CalibrationSettings()
     on_page: Annotated[CalibrationPageOptions, tyro.conf.arg(name="")] = CalibrationPageOptions()
     design_file: DesignFileOption = None
     """Design file of the sensor (TOML). Its dimensions can also be given one by one, see below."""
@@ -145,13 +132,13 @@ class CalibrateCommand:
             return save_sensor(self.out, made)
 
     def _calibrate_on_page(self) -> "SensorFolder | None":
-        """Serve the guided calibration in the browser until Ctrl-C; None without a sensor; raises `InvalidCalibrateOption`."""
+        """Serve the guided calibration in the browser until Ctrl-C; None without a sensor; raises `InputError`."""
         images_given = self.images is not None or any(getattr(self, name) for name in _IMAGE_NAMES)
         if images_given or self.from_import is not None:
-            raise InvalidCalibrateOption(
+            raise InputError(
                 "expected --page alone or with --source, since it takes the images itself, got images or --from-import; drop --page"
             )
-        design, settings, name = self.resolved_design, self.options.settings(), self.sensor_id
+        design, settings, name = self.resolved_design, self.settings, self.sensor_id
         page = CalibrationPageServer(self.out, name, design, settings, self.on_page, self.source, self.automatic)
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
             return page.serve()
@@ -164,7 +151,7 @@ class CalibrateCommand:
             return self._add_ball(self._lens_folder(scratch), images.ball_pair, on_step)
         if images.ball_pair is None:
             _require_no_depth_lost(self.out)
-        return calibrate(images, self.resolved_design, self.options.settings(), self.sensor_id, on_step)
+        return calibrate(images, self.resolved_design, self.settings, self.sensor_id, on_step)
 
     def _add_ball(
         self, folder: "SensorFolder", ball: "tuple[BgrImage, BgrImage]", on_step: Callable[[str], None]
@@ -174,18 +161,19 @@ class CalibrateCommand:
 
         given, standard, kept = self.resolved_design, SensorDesign(), folder.record.design
         if replace(given, ball=kept.ball) not in (replace(standard, ball=kept.ball), kept):
-            raise DesignGivenTwice(
+            raise InputError(
                 f"expected the design that {folder.path} was made with, got another one; leave out --design, or give the images of "
                 "the board as well"
             )
-        _require_kept_lens(self.options, folder)
+        _require_kept_lens(self.settings, folder)
         is_ball_given = self.ball_radius_mm is not None or given.ball != standard.ball
         design = replace(kept, ball=given.ball if is_ball_given else kept.ball)
-        made = repeat_calibration(folder, self.options.method, ball, design, on_step)
+        smoothing = None if self.settings.smoothing == CalibrationSettings().smoothing else self.settings.smoothing
+        made = repeat_calibration(folder, self.settings.method, ball, design, on_step, smoothing)
         return replace(made, record=structs.replace(made.record, id=self.id or folder.id))
 
     def _lens_folder(self, scratch: Path) -> "SensorFolder":
-        """Return the sensor whose lens is kept: --from-import, or the sensor that is at --out; raises `InvalidCalibrateOption`."""
+        """Return the sensor whose lens is kept: --from-import, or the sensor that is at --out; raises `InputError`."""
         from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
         from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 
@@ -193,7 +181,7 @@ class CalibrateCommand:
         if (origin / SENSOR_FILE).is_file():
             return load_sensor(origin)
         if self.from_import is None:
-            raise InvalidCalibrateOption(
+            raise InputError(
                 f"expected --out to be a sensor that was calibrated with the board, got images of the ball alone and {self.out}, "
                 "which is none; give the images of the board as well"
             )
@@ -201,11 +189,11 @@ class CalibrateCommand:
 
     @property
     def resolved_design(self) -> SensorDesign:
-        """The design with the ball radius that was given; raises `DesignGivenTwice` and what `read_design_file` raises."""
+        """The design with the ball radius that was given; raises `InputError` and what `read_design_file` raises."""
         design = self.design
         if self.design_file is not None:
             if design != SensorDesign():
-                raise DesignGivenTwice(
+                raise InputError(
                     f"expected --design {self.design_file} or single --design.… options, got both; write them into the file"
                 )
             design = read_design_or_default(self.design_file)
@@ -216,7 +204,7 @@ class CalibrateCommand:
     def obtain_images(self, taken: "dict[str, BgrImage] | None" = None) -> "CalibrationImages":
         """Read the images of both presses, or of one, from files or from a folder, or take all with a camera.
 
-        taken: receives each image that a camera takes, by its name, if it is given. Raises `InvalidCalibrateOption`.
+        taken: receives each image that a camera takes, by its name, if it is given. Raises `InputError`.
         """
         given = [name for name in _IMAGE_NAMES if getattr(self, name)]
         ways = [bool(given), self.images is not None, self.source is not None]
@@ -224,7 +212,7 @@ class CalibrateCommand:
             return _capture_guided_images(
                 self.source,
                 self.resolved_design,
-                self.options.settings(),
+                self.settings,
                 self.automatic,
                 {} if taken is None else taken,
             )
@@ -235,17 +223,17 @@ class CalibrateCommand:
         got = ["--" + name.replace("_", "-") for name in given]
         got += [name for name, way in zip(("--images", "--source"), ways[1:], strict=True) if way]
         if self.from_import is not None:
-            raise InvalidCalibrateOption(
+            raise InputError(
                 "expected --ball-reference and --ball beside --from-import, or --images with a folder of them, got "
                 f"{', '.join(got) or 'none of them'}; give the two images of the ball"
             )
         lacking = [partner for pair in (_BOARD_NAMES, _BALL_NAMES) for partner in pair if len({*pair} & {*given}) == 1]
         if sum(ways) == 1 and lacking:
             missing = ", ".join("--" + name.replace("_", "-") for name in lacking if name not in given)
-            raise InvalidCalibrateOption(
+            raise InputError(
                 f"expected two images of each press, without and with contact, got {', '.join(got)} alone; give {missing} as well"
             )
-        raise InvalidCalibrateOption(
+        raise InputError(
             f"expected all of {_IMAGE_OPTIONS}, or the two of one press, or --images alone, or --source alone, got "
             f"{', '.join(got) or 'none of them'}; give the four images, a folder of them, or a camera"
         )
@@ -274,35 +262,35 @@ def _read_images(paths: dict[str, tuple[Path, ...]]) -> "CalibrationImages":
 
 
 def _require_no_depth_lost(out: Path) -> None:
-    """Raise `DepthWouldBeLost` where the folder holds a sensor that is calibrated for depth."""
+    """Raise `InputError` where the folder holds a sensor that is calibrated for depth."""
     from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 
     if (out / SENSOR_FILE).is_file() and load_sensor(out).record.depth is not None:
-        raise DepthWouldBeLost(
+        raise InputError(
             f"expected images of the ball as well, since {out} is calibrated for depth, got those of the board alone; give all "
             "four, or choose another --out"
         )
 
 
-def _require_kept_lens(options: CalibrationOptions, folder: "SensorFolder") -> None:
-    """Raise `InvalidCalibrateOption` for another lens or camera rotation than those of a sensor that keeps its lens."""
+def _require_kept_lens(settings: CalibrationSettings, folder: "SensorFolder") -> None:
+    """Raise `InputError` for another lens or camera rotation than those of a sensor that keeps its lens."""
     from ninedtact.calibration.sensor_toml_schema import PinMapTable
 
-    asked, kept = options.settings().camera_rotation_deg, folder.record.grid.camera_rotation_deg
+    asked, kept = settings.camera_rotation_deg, folder.record.grid.camera_rotation_deg
     refused = [] if asked in ("auto", kept) else [f"--camera-rotation-deg {asked}"]
-    if options.lens == "paper" and not isinstance(folder.record.lens, PinMapTable):
+    if settings.lens == "paper" and not isinstance(folder.record.lens, PinMapTable):
         refused.append("--lens paper")
     if refused:
-        raise InvalidCalibrateOption(
+        raise InputError(
             f"expected the lens and the camera rotation ({kept}°) of {folder.path}, which images of the ball alone keep, got "
             f"{' and '.join(refused)}; leave that out, or give the images of the board as well"
         )
 
 
 def _capture_guided_images(
-    source: str, design: SensorDesign, settings: "CalibrationSettings", automatic: bool, taken: "dict[str, BgrImage]"
+    source: str, design: SensorDesign, settings: CalibrationSettings, automatic: bool, taken: "dict[str, BgrImage]"
 ) -> "CalibrationImages":
-    """Take the four images with a camera into `taken`; raises what the camera raises, and `CalibrationRecordingTooShort` for a
+    """Take the four images with a camera into `taken`; raises what the camera raises, and `CameraError` for a
     recording."""
     from ninedtact.calibration.guidance import guided_capture_steps
     from ninedtact.calibration.procedure import CalibrationImages
@@ -360,6 +348,6 @@ def _follow_step(
             status.update(advice.sentence)
             if advice.image is not None:
                 return advice.image
-    raise CalibrationRecordingTooShort(
+    raise CameraError(
         f"expected images until the step '{step.instruction}' was done, got the end of the recording; record it longer"
     )

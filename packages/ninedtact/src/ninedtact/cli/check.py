@@ -17,10 +17,6 @@ if TYPE_CHECKING:
     from ninedtact.calibration.drift.drift_measurement import DriftMeasurement
 
 
-class NoImageToCheck(InputError):
-    """No image was named."""
-
-
 @dataclass(frozen=True)
 class CheckCommand:
     """Compare today's reference image (no contact) with the calibrated one: light, camera and gel.
@@ -40,9 +36,7 @@ class CheckCommand:
         from ninedtact.capture.strict_image_reading import read_image
 
         if not self.reference:
-            raise NoImageToCheck(
-                "expected at least one reference image (no contact), got none; name it after the options"
-            )
+            raise InputError("expected at least one reference image (no contact), got none; name it after the options")
         folder = load_sensor_with_notices(self.sensor)
         known = load_calibrated_reference(folder)
         measured = [measure_drift(known, read_image(path)) for path in self.reference]

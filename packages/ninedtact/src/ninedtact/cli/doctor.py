@@ -34,7 +34,7 @@ EXTRAS = {
     ),
     "objects": (("trimesh", "thingi10k"), "mesh files as objects of the twin"),
     "hardware": (
-        ("ninedtact_hardware", "build123d", "ezdxf", "shapely"),
+        ("ninedtact_hardware", "build123d", "ezdxf"),
         "parts, moulds, drawings, circuit board: hardware",
     ),
     "raspberry-pi": (("picamera2",), "a camera on a Raspberry Pi's ribbon cable"),
@@ -85,7 +85,7 @@ class Doctor:
         from ninedtact.capture.camera_check import check_camera
         from ninedtact.capture.source_from_address import camera_or_file_source
         from ninedtact.capture.uvc_camera import list_cameras
-        from ninedtact.open_sensor import source_for
+        from ninedtact.source_addresses import source_for
 
         with StepLine() as line:
             if self.source is not None:

@@ -18,10 +18,6 @@ if TYPE_CHECKING:
     from ninedtact.calibration.force_calibration import ForceCalibration
 
 
-class InvalidAdaptOption(InputError):
-    """The options name neither images with their loads nor a page that takes them, or both."""
-
-
 @dataclass(frozen=True)
 class Adapt:
     """Calibrate the force of a sensor with presses whose load is known, from images or on a page that guides through them.
@@ -64,7 +60,7 @@ class Adapt:
         return print_result(self.json, figures, _format_force_calibration(found))
 
     def _require_one_way(self) -> None:
-        """Refuse images beside the page, and neither of both; raises `InvalidAdaptOption`."""
+        """Refuse images beside the page, and neither of both; raises `InputError`."""
         given = {
             "--reference": self.reference,
             "--press": self.press,
@@ -76,7 +72,7 @@ class Adapt:
         takes_images = bool(self.reference and self.press) and not (self.on_page.page or self.source)
         takes_page = self.on_page.page and not (self.reference or self.press or self.dry_run)
         if not (takes_images or takes_page):
-            raise InvalidAdaptOption(
+            raise InputError(
                 f"expected --reference and --press with images, or --page alone or with --source, got {got}; give the images, or "
                 "let the page take them"
             )

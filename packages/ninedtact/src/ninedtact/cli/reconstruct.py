@@ -20,10 +20,6 @@ if TYPE_CHECKING:
 _HeightFormat = Literal["npy", "png", "ply", "stl", "obj"]
 
 
-class NoImageToReconstruct(InputError):
-    """No image was named."""
-
-
 @dataclass(frozen=True)
 class ReconstructCommand:
     """Reconstruct the shape of what touches the gel, from images."""
@@ -37,7 +33,7 @@ class ReconstructCommand:
     formats: tuple[_HeightFormat, ...] = ("npy", "png", "ply", "stl")
     """npy: heights in mm; png: 16 bits, 1 level = 1 µm; ply: points with normals and triangles; stl, obj: triangles."""
     drawings: bool = True
-    """Also draw a colour image and a shaded 3D image."""
+    """Also draw a colour image and a shaded one."""
     json: bool = False
     """Print the figures of every image as one JSON object."""
 
@@ -50,9 +46,7 @@ class ReconstructCommand:
         from ninedtact.shape.image_plausibility import ImageImplausible, require_plausible_image
 
         if not self.images:
-            raise NoImageToReconstruct(
-                "expected at least one image of the pressed skin, got none; name it after the options"
-            )
+            raise InputError("expected at least one image of the pressed skin, got none; name it after the options")
         folder = load_sensor_with_notices(self.sensor)
         shape = folder.shape
         depth = shape.depth_reader(*load_reference_image_checker(folder).read_images(self.reference))
@@ -93,9 +87,8 @@ class ReconstructCommand:
     def _write_files(self, name: str, height: "HeightMap") -> Iterator[tuple[str, Path]]:
         """Write the files of one height map; kind and path of each."""
         from ninedtact.atomic_write import write_file_atomically
-        from ninedtact.shape.coloured_height_map import draw_height_map_figure
+        from ninedtact.shape.coloured_height_map import draw_height_map_figure, render_relief
         from ninedtact.shape.export import export_shape
-        from ninedtact.shape.relief_image import render_relief
 
         with _folder_for_files(self.out):
             for ending in self.formats:

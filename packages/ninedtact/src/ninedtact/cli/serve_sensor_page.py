@@ -233,7 +233,7 @@ def twin_sensor_and_true_wrench(
     from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
     from ninedtact.studio.wrench_history import WrenchPoller
 
-    untouched = shape.depth_reader(*(references or shown.reference_frames))
+    untouched = shape.depth_reader(*(references or shown.camera.reference_frames))
     return Sensor(LatestFrameSource(shown.camera), shape, ReferenceImages(untouched)), [
         WrenchPoller(shown.force_torque, "true", TRUE_WRENCH_MEANING)
     ]
@@ -243,10 +243,9 @@ def _estimate_history(sensor: "Sensor", force: str, folder: "SensorFolder") -> "
     """Give the sensor its estimator, and return the history of its estimates, still empty; no history for --force none."""
     if force == NONE:
         return []
-    from ninedtact.force.estimator_loading import load_estimator
     from ninedtact.studio.wrench_history import WrenchHistory
 
-    sensor.estimator = estimator = load_estimator(force, folder)
+    sensor.estimator = estimator = folder.estimator(force)
     meaning = f"what {estimator.name} reads from the image alone, ± one standard deviation"
     return [WrenchHistory("estimated", meaning, estimator.notices, states_errors=True)]
 

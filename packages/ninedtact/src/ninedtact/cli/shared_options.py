@@ -5,7 +5,6 @@ packages that give a choice its meaning are loaded when a command runs.
 """
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,7 +14,6 @@ from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.procedure import CalibrationSettings
     from ninedtact.capture.frame_source import CameraSettings
 
 
@@ -167,10 +165,6 @@ def camera_settings(automatic: bool) -> "CameraSettings":
     return DEFAULT_CAMERA if automatic else FIXED_EXPOSURE
 
 
-class DesignGivenTwice(InputError):
-    """A design in a file and another one beside it."""
-
-
 def read_design_or_default(path: Path | None) -> SensorDesign:
     """The design in the file, or that of the published sensor; raises what `read_design_file` raises."""
     if path is None:
@@ -181,31 +175,6 @@ def read_design_or_default(path: Path | None) -> SensorDesign:
 
 
 def refuse_design_beside_sensor(sensor: Path | None, design: Path | None) -> None:
-    """Refuse a calibrated sensor, whose folder has its design, beside a design file; raises `DesignGivenTwice`."""
+    """Refuse a calibrated sensor, whose folder has its design, beside a design file; raises `InputError`."""
     if sensor is not None and design is not None:
-        raise DesignGivenTwice(
-            f"expected --sensor or --design, got both ({sensor} has its own design); drop one of them"
-        )
-
-
-@dataclass(frozen=True)
-class CalibrationOptions:
-    """How to calibrate; the defaults suit every sensor seen so far."""
-
-    lens: Literal["model", "paper"] = "model"
-    """Lens model, or the paper's map (central anchors, equidistant grid, cubic radial basis) for reproduction."""
-    camera_rotation_deg: Literal["auto", "0", "90", "180", "270"] = "auto"
-    """Angle from the image's columns to the sensor's x axis, clockwise on the screen."""
-    method: Literal["physics", "ratio", "table"] = "physics"
-    """Depth from contact mechanics and light, fitted to the whole image of the ball, or from the ball's cap alone: from the
-    brightness factor (ratio), or from the paper's mapping list of grey differences (table)."""
-
-    def settings(self) -> "CalibrationSettings":
-        """Return the settings of the calibration."""
-        from ninedtact.calibration.board.detection import CAMERA_ROTATIONS
-        from ninedtact.calibration.procedure import CalibrationSettings
-
-        ways = {str(way): way for way in CAMERA_ROTATIONS}
-        return CalibrationSettings(
-            lens=self.lens, camera_rotation_deg=ways[self.camera_rotation_deg], method=self.method
-        )
+        raise InputError(f"expected --sensor or --design, got both ({sensor} has its own design); drop one of them")

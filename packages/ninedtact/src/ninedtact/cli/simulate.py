@@ -174,7 +174,7 @@ class _Press:
 
     @cached_property
     def folder(self) -> "SensorFolder | None":
-        """The sensor that is pressed, where one is given; raises `DesignGivenTwice`, and what `load_sensor` raises."""
+        """The sensor that is pressed, where one is given; raises `InputError`, and what `load_sensor` raises."""
         refuse_design_beside_sensor(self.sensor, self.design_file)
         return None if self.sensor is None else load_sensor_with_notices(self.sensor)
 

@@ -4,6 +4,6 @@ that a network corrects.
     by physics     HeightMap ──gel compliance──▶ Traction ──▶ Wrench
     by learning    Rectified ──deformation──▶ Deformation ──network──▶ Wrench
 
-All estimators implement `estimator_interface.ForceEstimator` and are interchangeable. `estimator_loading.load_estimator` builds one
-by name.
+All estimators implement `estimator_interface.ForceEstimator` and are interchangeable. `SensorFolder.estimator` builds one by
+name, with the force scale of the sensor.
 """

@@ -33,10 +33,6 @@ SAME_SCALE = 1e-3
 """Relative difference in mm per pixel up to which two images are taken to be of one sensor."""
 
 
-class ImagesDoNotMatch(InputError):
-    """An image and its reference have different sizes, or the requested size would distort the skin."""
-
-
 class NotAMixedImage(FileFormatError):
     """An image has pixel values that the original project's mixed image cannot have."""
 
@@ -52,14 +48,14 @@ class ChannelLayout(StrEnum):
 
 @dataclass(frozen=True)
 class DeformationBuilder:
-    """Computes deformations relative to one reference image (no contact); raises `ImagesDoNotMatch`."""
+    """Computes deformations relative to one reference image (no contact); raises `InputError`."""
 
     reference: Rectified
     shape: tuple[int, int] | None = None
     """Rows and columns of the deformation; None keeps those of the images."""
 
     def __call__(self, rectified: Rectified) -> Deformation:
-        """Return the deformation of an image at the requested size; raises `ImagesDoNotMatch`."""
+        """Return the deformation of an image at the requested size; raises `InputError`."""
         require_same_pixel_grid(rectified, self.reference)
         small = resize_to(rectified, self.shape)
         darker, brighter = split_darker_brighter(small.grey, self.small_reference.grey)
@@ -76,7 +72,7 @@ class DeformationBuilder:
 def compute_image_deformation(
     rectified: Rectified, reference: Rectified, shape: tuple[int, int] | None = None
 ) -> Deformation:
-    """Return the darker, brighter and reference channels of one image; raises `ImagesDoNotMatch`.
+    """Return the darker, brighter and reference channels of one image; raises `InputError`.
 
     shape: rows and columns of the result; None keeps those of the image.
     """
@@ -166,22 +162,22 @@ def render_deformation(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
 
 
 def require_same_pixel_grid(rectified: Rectified, reference: Rectified) -> None:
-    """Raise `ImagesDoNotMatch` where an image and its reference differ in size or in mm per pixel."""
+    """Raise `InputError` where an image and its reference differ in size or in mm per pixel."""
     sizes = [format_image_size(image.grey) for image in (rectified, reference)]
     scales = rectified.mm_per_px, reference.mm_per_px
     if sizes[0] != sizes[1] or abs(scales[0] / scales[1] - 1) > SAME_SCALE:
-        raise ImagesDoNotMatch(
+        raise InputError(
             f"expected an image and its reference alike, got {sizes[0]} at {scales[0]:.4f} and {sizes[1]} at "
             f"{scales[1]:.4f} mm per pixel; take the reference from the same sensor and session"
         )
 
 
 def require_aspect(shape: tuple[int, int], wanted: tuple[int, int]) -> None:
-    """Raise `ImagesDoNotMatch` for a size whose aspect ratio is off by more than one row, so that pixels would not be square."""
+    """Raise `InputError` for a size whose aspect ratio is off by more than one row, so that pixels would not be square."""
     rows, cols = shape
     fitting = rows * wanted[1] / cols
     if min(wanted) < 1 or abs(wanted[0] - fitting) > 1:
-        raise ImagesDoNotMatch(
+        raise InputError(
             f"expected a size with the sides of {cols} x {rows} pixels, got {wanted[1]} x {wanted[0]}; ask for "
             f"{max(wanted[1], 1)} x {max(round(fitting), 1)}"
         )

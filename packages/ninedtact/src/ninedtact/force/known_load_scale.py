@@ -258,10 +258,6 @@ def weight_of_grams_n(grams: float) -> float:
 FORCE_SCALE_FILE = "force.toml"
 
 
-class ForceScaleFileDamaged(FileFormatError):
-    """The file of force scales cannot be read."""
-
-
 @dataclass(frozen=True)
 class ForceScaleTables:
     """The content of the file of force scales."""
@@ -275,7 +271,7 @@ class ForceScaleTables:
 def apply_sensor_force_scale(estimator: ForceEstimator, sensor: Path) -> ScaledForceEstimator:
     """Return an estimator with the force scale of a sensor folder, `UNCALIBRATED` where there is none.
 
-    A scale that was fitted to another model of the same name is not used, and a notice says so. Raises `ForceScaleFileDamaged`.
+    A scale that was fitted to another model of the same name is not used, and a notice says so. Raises `FileFormatError`.
     """
     found = read_force_scales(sensor)
     notices = [_EDITED_NOTICE] if found.is_edited else []
@@ -295,7 +291,7 @@ def select_force_scale(estimator: ForceEstimator, scales: Mapping[str, ForceScal
 
 
 def write_force_scale(sensor: Path, estimator: ForceEstimator, adaptation: ForceScale) -> Path:
-    """Add or replace the table of one estimator and return the file; raises `ForceScaleFileDamaged`, `FileNotWritten`.
+    """Add or replace the table of one estimator and return the file; raises `FileFormatError`, `FileNotWritten`.
 
     A file in which the tables of other estimators were edited gets no checksum, so that it still counts as edited.
     """
@@ -310,7 +306,7 @@ def write_force_scale(sensor: Path, estimator: ForceEstimator, adaptation: Force
 
 
 def read_force_scales(sensor: Path) -> ForceScaleTables:
-    """Return the force scales of a sensor folder, none where there is no file; raises `ForceScaleFileDamaged`."""
+    """Return the force scales of a sensor folder, none where there is no file; raises `FileFormatError`."""
     path = sensor / FORCE_SCALE_FILE
     if not path.exists():
         return ForceScaleTables({})
@@ -319,6 +315,6 @@ def read_force_scales(sensor: Path) -> ForceScaleTables:
         is_edited = tables.pop(CHECKSUM_KEY, None) != mapping_checksum(tables)
         return ForceScaleTables(convert_tables_to_class(tables, dict[str, ForceScale]), is_edited)
     except (OSError, ValueError, RecursionError) as trouble:
-        raise ForceScaleFileDamaged(
+        raise FileFormatError(
             f"expected {path} as 'ninedtact adapt' wrote it, got: {trouble}; delete it and run 'ninedtact adapt' again"
         ) from trouble

@@ -29,15 +29,11 @@ _RANGE_MARGIN = 0.05
 """Fraction of the training's range by which a wrench may exceed it without a warning."""
 
 
-class ModelNeedsSensorFeatures(ForceEstimationError):
-    """A model that was trained with the features of its sensors is used without those of this sensor."""
-
-
 @dataclass
 class NetworkForce(ForceEstimator):
-    """A force model on a sensor with this gel. `estimator_loading.load_estimator` builds it from a sensor folder.
+    """A force model on a sensor with this gel. `SensorFolder.estimator` builds it.
 
-    Raises `ModelNeedsSensorFeatures` where the model needs features of the sensor and none are given.
+    Raises `ForceEstimationError` where the model needs features of the sensor and none are given.
     """
 
     model: ForceModel
@@ -50,9 +46,9 @@ class NetworkForce(ForceEstimator):
     def __post_init__(self) -> None:
         self.name, self.model_sha256 = self.model.card.name, self.model.sha256
         if self.features is None and self.model.card.input.channels.needs_sensor_features:
-            raise ModelNeedsSensorFeatures(
+            raise ForceEstimationError(
                 f"expected the features of the sensor for the force model {self.name!r}, which was trained with them, got none; "
-                "use load_estimator(MODEL, load_sensor(FOLDER)), or give features=sensor_features_of(shape, gel)"
+                "use load_sensor(FOLDER).estimator(MODEL), or give features=sensor_features_of(shape, gel)"
             )
         self.input = NetworkInputBuilder(self.model.card.input, self.features or SensorFeatures(self.gel.thickness_mm))
         self._no_contact_std: Float64[Array, 6] | None = None

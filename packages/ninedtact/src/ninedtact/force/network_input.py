@@ -25,6 +25,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import PUBLISHED_MM_PER_PX, Gel, RectifiedImageSize, SensingArea
 from ninedtact.errors import ForceEstimationError
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact.force.brightness_channels import (
     ChannelLayout,
     DeformationBuilder,
@@ -75,10 +76,6 @@ def sensor_features_of(shape: CalibratedShape, gel: Gel) -> SensorFeatures:
         typical.point_spread_mm if shape.deblurring is None else shape.deblurring.point_spread_mm,
         shape.loss.global_dimming,
     )
-
-
-class NetworkInputImpossible(ForceEstimationError):
-    """The settings of a network's input are invalid, or it cannot be built from this reading."""
 
 
 class InputChannels(StrEnum):
@@ -134,7 +131,7 @@ _TRACTION_CHANNELS = 3
 
 @dataclass(frozen=True)
 class NetworkInputSettings:
-    """Channels and grid of a network's input; raises `NetworkInputImpossible`."""
+    """Channels and grid of a network's input; raises `ForceEstimationError`."""
 
     channels: InputChannels = InputChannels.HEIGHTS_AND_GEL
     rows: Annotated[int, Meta(ge=1, le=4000)] = 60
@@ -142,11 +139,7 @@ class NetworkInputSettings:
     mm_per_px: Annotated[float, Meta(ge=0.001, le=20)] = 0.3
 
     def __post_init__(self) -> None:
-        if min(self.rows, self.cols) < 1 or not self.mm_per_px > 0:
-            raise NetworkInputImpossible(
-                f"expected an input of at least one pixel that covers some skin, got {self.cols} x {self.rows} pixels of "
-                f"{self.mm_per_px} mm; correct them"
-            )
+        require_within_bounds(self, "input", ForceEstimationError)
 
     @property
     def grid(self) -> SkinGrid:
@@ -187,11 +180,11 @@ class NetworkInputBuilder:
     _reader: DeformationBuilder | None = field(default=None, init=False, repr=False)
 
     def __call__(self, reading: Reading) -> Float32[Array, "channels rows cols"]:
-        """Return the input for one reading; raises `NetworkInputImpossible`, `ImagesDoNotMatch`."""
+        """Return the input for one reading; raises `ForceEstimationError`, `InputError`."""
         if self.settings.channels.of_physics:
-            raise NetworkInputImpossible(
+            raise ForceEstimationError(
                 "expected the tractions that physics found for a network that corrects them, got a reading alone; load the model "
-                "with load_estimator"
+                "with load_sensor(FOLDER).estimator(MODEL)"
             )
         if self.settings.channels.of_heights:
             return self.of_height(reading.height)
@@ -211,7 +204,7 @@ class NetworkInputBuilder:
         return np.asarray(stack_height_channels(z_mm, self.features.row, self.settings.channels, relative))
 
     def of_image(self, rectified: Rectified, reference: Rectified) -> Float32[Array, "channels rows cols"]:
-        """Return the input for an image and its reference, resized whole to the network's size; raises `ImagesDoNotMatch`."""
+        """Return the input for an image and its reference, resized whole to the network's size; raises `InputError`."""
         reader = self._reader
         if reader is None or reader.reference is not reference:
             self._reader = reader = DeformationBuilder(reference, (self.settings.rows, self.settings.cols))

@@ -5,5 +5,5 @@ image for display.
 The path of one frame is `rectification` (raw image to the skin's square grid, through a projection of `lens`), then `depth`
 (brightness to height, sharpened by `deblurring`). `calibrated_shape.CalibratedShape` holds both for one sensor.
 `orthorectification` moves heights from lines of sight to places on the skin, `measures` reduces a height map to a few numbers,
-`surface` makes points and triangles, `export` writes files, and `coloured_height_map`, `relief_image` and `relief_renderer` draw.
+`surface` makes points and triangles, `export` writes files, and `coloured_height_map` draws.
 """

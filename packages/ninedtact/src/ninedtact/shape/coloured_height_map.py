@@ -1,18 +1,20 @@
-"""The image of a height map for display: colours of height, contour lines, the edge of the contact, and hatching where heights are
-extrapolated. Blue is indented, red is bulging, and nearly white is undeformed skin.
+"""Images of a height map for display, in colours of height: with contour lines and the edge of the contact
+(`draw_height_map_figure`), or shaded as if lit from one side (`render_relief`). Blue is indented, red is bulging, nearly white is
+undeformed skin; heights are hatched where they are extrapolated.
 
 The module also holds what the still images share: a page measured in pixels, its text, and the colour bar. matplotlib is slow to
 import, so it is imported when an image is drawn; its global state is never changed.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Float32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.quantities import HeightMap, HeightSource
@@ -188,20 +190,38 @@ BEYOND: dict[str, Any] = {"facecolor": "none", "hatch": "..", "edgecolor": EXTRA
 
 
 def draw_height_map_figure(height: HeightMap, title: str = "Height of the skin") -> bytes:
-    """Return a PNG with the height map as the camera sees it, axes and heights in mm."""
+    """Return a PNG with the height map as the camera sees it, axes and heights in mm, and contour lines inside the contact."""
+    scale = fit_colour_scale(height)
+    edge = format_with_minus_sign(-round(ContactRule().threshold_mm(height.noise_mm), 3))
+    colours = colourise_heights(height, scale)[..., ::-1]
+    return draw_map_page(
+        height, title, colours, scale, f"dark line: edge of the contact, {edge} mm", _draw_contour_lines
+    )
+
+
+def draw_map_page(
+    height: HeightMap,
+    title: str,
+    colours: UInt8[Array, "rows cols 3"],
+    scale: ColourScale,
+    caption: str,
+    draw_over: "Callable[[Axes, HeightMap, ColourScale], None] | None" = None,
+) -> bytes:
+    """Return a PNG with the RGB colours of a height map between axes in mm, the colour bar of their scale, and what hatching means.
+
+    caption: what the picture shows besides, in words. draw_over: draws onto the axes.
+    """
     rows, cols = height.z_mm.shape
     width_px, height_px = cols * LONGEST_PX // max(rows, cols), rows * LONGEST_PX // max(rows, cols)
-    figure, scale = (
-        new_figure_page(title, shape_summary_sentence(summarise_shape(height)), width_px, height_px),
-        fit_colour_scale(height),
-    )
+    figure = new_figure_page(title, shape_summary_sentence(summarise_shape(height)), width_px, height_px)
     axes = add_axes_at(figure, LEFT_PX, TOP_PX, width_px, height_px)
-    _draw_colours(axes, height, scale)
-    _draw_contour_lines(axes, height, scale)
+    _draw_colours(axes, height, colours)
+    if draw_over is not None:
+        draw_over(axes, height, scale)
     _draw_range(axes, height)
-    _draw_legend(axes, height, height_px)
     add_colour_bar(figure, scale, LEFT_PX + width_px + 36, height_px)
-    add_text_at(figure, LEFT_PX, TOP_PX + height_px + 100, _where_it_is(height))
+    add_text_at(figure, LEFT_PX, TOP_PX + height_px + 66, _where_it_is(height))
+    add_text_at(figure, LEFT_PX, TOP_PX + height_px + 88, " · ".join([caption, *_hatching_in_words(height)]))
     return figure_to_png(figure)
 
 
@@ -211,18 +231,19 @@ def _where_it_is(height: HeightMap) -> str:
     return f"as the camera sees it{place} · 1 pixel = {height.mm_per_px:.4f} mm"
 
 
-def _draw_colours(axes: "Axes", height: HeightMap, scale: ColourScale) -> None:
+def _hatching_in_words(height: HeightMap) -> list[str]:
+    """Return the meaning of the hatchings that occur."""
+    words = ["orange dots: extrapolated"] if (height.source == HeightSource.EXTRAPOLATED).any() else []
+    return [*words, *([] if height.in_view.all() else ["grey: out of view"])]
+
+
+def _draw_colours(axes: "Axes", height: HeightMap, colours: UInt8[Array, "rows cols 3"]) -> None:
     """Draw colours where there is a height, and hatching where there is none."""
     x, y = height.axes_mm
     half = height.mm_per_px / 2
     axes.patch.set(**UNSEEN)
-    axes.imshow(
-        np.ma.masked_where(~height.in_view, height.z_mm),
-        cmap=_matplotlib_colour_map(scale),
-        vmin=-scale.pressed_mm,
-        vmax=scale.bulged_mm,
-        extent=(x[0] - half, x[-1] + half, y[-1] + half, y[0] - half),
-    )
+    opacity = np.where(height.in_view, np.uint8(255), np.uint8(0))
+    axes.imshow(np.dstack([colours, opacity]), extent=(x[0] - half, x[-1] + half, y[-1] + half, y[0] - half))
     axes.set_xlabel("x (mm)", color=INK)
     axes.set_ylabel("y (mm)", color=INK)
     axes.tick_params(colors=INK, labelsize=9)
@@ -258,25 +279,30 @@ def _contour_levels(deepest_mm: float) -> list[float]:
     return [-step * count for count in range(int(deepest_mm / step), 0, -1)]
 
 
-def _draw_legend(axes: "Axes", height: HeightMap, axes_height_px: int) -> None:
-    """Draw the legend of the lines and hatchings that occur."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
+TOWARDS_LIGHT = np.array([-0.43, -0.43, 0.79])
+"""Direction from the skin to the light, in front of the upper left corner."""
+AMBIENT = 0.3
+"""Fraction of the light that is ambient."""
+SMOOTHING_PX = 2.0
+"""Standard deviation of the Gaussian on the heights that are shaded; grazing light would otherwise amplify noise."""
 
-    edge = format_with_minus_sign(-round(ContactRule().threshold_mm(height.noise_mm), 3))
-    entries: list[Line2D | Patch] = [Line2D([], [], color=INK, linewidth=1.2, label=f"edge of the contact, {edge} mm")]
-    if (height.source == HeightSource.EXTRAPOLATED).any():
-        entries.append(Patch(label="extrapolated", linestyle="dashed", **BEYOND))
-    if not height.in_view.all():
-        entries.append(Patch(label="out of view", **UNSEEN))
-    axes.legend(
-        handles=entries,
-        loc="upper left",
-        bbox_to_anchor=(0, -58 / axes_height_px),
-        ncol=3,
-        borderaxespad=0,
-        borderpad=0,
-        frameon=False,
-        fontsize=9,
-        labelcolor=PALE_INK,
-    )
+
+def render_relief(height: HeightMap, title: str = "Height of the skin") -> bytes:
+    """Return a PNG with the skin in colours of height, shaded as if lit from the upper left; axes and heights are in mm."""
+    scale = fit_colour_scale(height)
+    return draw_map_page(height, title, shade_heights(height, scale)[..., ::-1], scale, "lit from the upper left")
+
+
+def shade_heights(height: HeightMap, scale: ColourScale = ColourScale()) -> UInt8[Array, "rows cols 3"]:
+    """Return heights as a BGR image, in the colours of `colourise_heights` and shaded by `facing_light`."""
+    z_mm = cv2.GaussianBlur(np.where(height.in_view, height.z_mm, np.float32(0)), (0, 0), SMOOTHING_PX)
+    light = np.where(height.in_view, facing_light(z_mm, height.mm_per_px), np.float32(1))
+    return np.asarray(np.clip(colourise_heights(height, scale) * light[..., None], 0, 255), np.uint8)
+
+
+def facing_light(z_mm: Float32[Array, "rows cols"], mm_per_px: float) -> Float32[Array, "rows cols"]:
+    """Return the brightness of a surface of these heights, 1 where it is level: ambient light and Lambert's cosine law."""
+    slope_y, slope_x = np.gradient(z_mm, mm_per_px)
+    to_x, to_y, to_z = TOWARDS_LIGHT
+    cosine = (to_z - slope_x * to_x - slope_y * to_y) / np.sqrt(1 + slope_x**2 + slope_y**2)
+    return np.asarray(AMBIENT + (1 - AMBIENT) * np.maximum(cosine, 0) / to_z, np.float32)

@@ -93,10 +93,6 @@ DIMMEST_REFERENCE = 1.0
 """Grey level below which a ratio is meaningless; darker pixels of the reference image are raised to it."""
 
 
-class DepthCurveImpossible(InputError):
-    """The given points are not a valid depth curve."""
-
-
 _Signal = Annotated[float, Meta(ge=0, le=255)]
 _KnotMm = Annotated[float, Meta(ge=0, le=15)]
 """Height or error at a knot; no gel is thicker (`design.Gel`)."""
@@ -131,9 +127,7 @@ class DepthCurve:
         _require_valid_curve("darkening", *self.pressed[:2])
         _require_valid_curve("brightening", self.brightening, self.bulge_mm)
         if len(self.pressed[2]) != len(self.pressed[0]):
-            raise DepthCurveImpossible(
-                f"expected {len(self.pressed[0])} errors, one for each knot, got {len(self.pressed[2])}"
-            )
+            raise InputError(f"expected {len(self.pressed[0])} errors, one for each knot, got {len(self.pressed[2])}")
 
     @cached_property
     def pressed(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
@@ -205,7 +199,7 @@ def _require_valid_curve(name: str, signal: tuple[float, ...], length_mm: tuple[
         or (np.diff(values[0]) <= 0).any()
         or (np.diff(values[1]) < 0).any()
     ):
-        raise DepthCurveImpossible(
+        raise InputError(
             f"expected a {name} curve of finite numbers that starts at (0, 0) and rises, got {len(signal)} and "
             f"{len(length_mm)} numbers that do not; calibrate again"
         )

@@ -40,16 +40,8 @@ TEXT_PLACE = len(SIGNATURE) + 25
 """Byte offset at which a PNG may first carry text: after its header chunk."""
 
 
-class HeightNotStorable(OutputError):
-    """A height lies outside the range that 16 bits of micrometres can represent."""
-
-
-class HeightImageUnreadable(FileFormatError):
-    """The file is not a PNG, or it does not contain heights."""
-
-
 def encode_height_png(height: HeightMap) -> bytes:
-    """Encode heights, rounded to the micrometre; raises `HeightNotStorable` beyond ±32.767 mm."""
+    """Encode heights, rounded to the micrometre; raises `OutputError` beyond ±32.767 mm."""
     png = cv2.imencode(".png", heights_to_grey_levels(height))[1].tobytes()
     numbers = {name: repr(float(getattr(height, name))) for name in SCALES}
     text = {"Description": LEGEND, **numbers, "stamp_ns": str(height.stamp_ns)}
@@ -62,16 +54,16 @@ def heights_to_grey_levels(height: HeightMap) -> UInt16[Array, "rows cols"]:
     # The comparison is written so that NaN is refused too.
     if not (np.abs(z_mm) <= REACH_MM).all():
         worst = np.abs(z_mm).max()
-        raise HeightNotStorable(f"expected heights up to {REACH_MM} mm for a .png, got {worst} mm; write .npy instead")
+        raise OutputError(f"expected heights up to {REACH_MM} mm for a .png, got {worst} mm; write .npy instead")
     return np.where(height.in_view, np.rint(z_mm * LEVELS_PER_MM) + ZERO_LEVEL, OUT_OF_VIEW_LEVEL).astype(np.uint16)
 
 
 def read_height_png(path: Path | str) -> HeightMap:
-    """Read back what `encode_height_png` encoded; raises `HeightImageUnreadable`."""
+    """Read back what `encode_height_png` encoded; raises `FileFormatError`."""
     try:
         return decode_height_png(read_regular_file(path))
     except (OSError, ValueError, KeyError, struct.error, cv2.error) as trouble:
-        raise HeightImageUnreadable(
+        raise FileFormatError(
             f"expected {path} to be an undamaged height image (16-bit grey PNG with its scale as text), "
             f"got: {trouble}; export it again"
         ) from trouble
@@ -115,14 +107,10 @@ PLY_FACE = np.dtype([("corners", "u1"), ("faces", "<i4", 3)])
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
-class FormatUnknown(InputError):
-    """The extension of a file name is not that of a supported format."""
-
-
 def export_shape(height: HeightMap, path: Path | str, every: int = 1) -> None:
     """Write `height` in the format given by the extension of `path`: .npy, .png (16 bit), .ply, .stl or .obj.
 
-    `every` = 3 keeps each third row and column of a mesh. Raises `FormatUnknown`, `FileNotWritten`, and `SpacingUnusable` where
+    `every` = 3 keeps each third row and column of a mesh. Raises `InputError`, `FileNotWritten`, and `InputError` where
     that leaves no mesh.
     """
     match Path(path).suffix.lower():
@@ -138,7 +126,7 @@ def export_shape(height: HeightMap, path: Path | str, every: int = 1) -> None:
         case ".obj":
             write_obj(path, surface_mesh(height, every))
         case other:
-            raise FormatUnknown(
+            raise InputError(
                 f"expected a file name ending in .npy, .png, .ply, .stl or .obj, got {other or path!s}; rename it"
             )
 

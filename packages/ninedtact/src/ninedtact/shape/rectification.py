@@ -25,10 +25,6 @@ OUT_OF_VIEW_PX = -1.0
 """Both coordinates of the source pixel of a rectified pixel that an imported map declares to be outside the raw image."""
 
 
-class WrongImageSize(FileFormatError):
-    """The image has another size than the calibrated one, or is not a colour image of 8 bits."""
-
-
 @dataclass(frozen=True)
 class Rectification:
     """The raw pixel from which every pixel of the rectified grid takes its brightness."""
@@ -41,7 +37,7 @@ class Rectification:
     """Area that the calibration covers; heights outside are marked as extrapolated."""
 
     def __call__(self, frame: Frame) -> Rectified:
-        """Rectify one frame; raises `WrongImageSize`."""
+        """Rectify one frame; raises `FileFormatError`."""
         _require_bgr(frame.image)
         self.require_size(frame.image)
         grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY).astype(np.float32)
@@ -56,7 +52,7 @@ class Rectification:
         """Refuse an image of another size."""
         if image.shape[:2] != self.raw_shape:
             (rows, cols), (got_rows, got_cols) = self.raw_shape, image.shape[:2]
-            raise WrongImageSize(
+            raise FileFormatError(
                 f"expected images of {cols}x{rows} pixels as this sensor was calibrated with, got {got_cols}x{got_rows}; "
                 "set the camera to that size, or calibrate again at the new one"
             )
@@ -86,7 +82,7 @@ class Rectification:
 def _require_bgr(image: Array) -> None:
     """Refuse an image that is not a BGR image of 8 bits: heights of other grey levels would be wrong."""
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise WrongImageSize(
+        raise FileFormatError(
             f"expected BGR images of 8 bits (uint8, rows x cols x 3), got {image.dtype} of shape {image.shape}; convert them, a "
             "grey one with cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)"
         )

@@ -25,18 +25,14 @@ _ROW_WEIGHTS = np.array([[1], [2], [1]], np.float32)
 _NEIGHBOURHOOD = np.ones((3, 3), np.uint8)
 
 
-class SpacingUnusable(InputError):
-    """The number of rows and columns from one point of a surface to the next is not above zero, or too large for a mesh."""
-
-
 def point_cloud(height: HeightMap, every: int = 1) -> PointCloud:
     """Return all points in view, row by row, in the sensor frame (mm), with outward unit normals.
 
     `every` = 3 keeps each third row and column, for display; the normals are still those of the full grid.
-    Raises `SpacingUnusable` where it is below 1.
+    Raises `InputError` where it is below 1.
     """
     if every < 1:
-        raise SpacingUnusable(f"expected every={every} to be at least 1, which keeps all rows and columns; correct it")
+        raise InputError(f"expected every={every} to be at least 1, which keeps all rows and columns; correct it")
     u, v = _plane_coordinates_mm(height.z_mm.shape, height.mm_per_px, every)
     slope_x, slope_y = (_thin(slope, every) for slope in surface_slope(height))
     scale = sightline_scale(height, every)
@@ -49,31 +45,19 @@ def point_cloud(height: HeightMap, every: int = 1) -> PointCloud:
 
 def surface_mesh(height: HeightMap, every: int = 1) -> Mesh:
     """Return the open surface: two triangles per square of pixels wholly in view; vertex k is point k of `point_cloud(height,
-    every)`. Raises `SpacingUnusable`, also where fewer than two rows or columns are kept."""
+    every)`. Raises `InputError`, also where fewer than two rows or columns are kept."""
     require_mesh_spacing(height, every)
     return Mesh(point_cloud(height, every).points_mm.copy(), triangulate_view(height.in_view[::every, ::every]))
 
 
 def require_mesh_spacing(height: HeightMap, every: int) -> None:
-    """Raise `SpacingUnusable` where a mesh of every so many rows and columns would have no triangle."""
+    """Raise `InputError` where a mesh of every so many rows and columns would have no triangle."""
     rows, cols = height.z_mm.shape
     if every >= min(rows, cols):
-        raise SpacingUnusable(
+        raise InputError(
             f"expected every={every} to keep at least two of {rows} rows and {cols} columns for a mesh; give at most "
             f"{min(rows, cols) - 1}"
         )
-
-
-def solid_mesh(height: HeightMap, base_mm: float = 2.0, every: int = 1) -> Mesh:
-    """Return the surface with walls and a flat base `base_mm` below its deepest point: a closed block for 3D printing."""
-    surface = surface_mesh(height, every)
-    base = surface.vertices_mm.copy()
-    base[:, 2] = surface.vertices_mm[:, 2].min(initial=0) - base_mm
-    below = np.int32(len(base))
-    start, end = _boundary_edges(surface.faces).T
-    walls = [np.stack([end, start, start + below], 1), np.stack([end, start + below, end + below], 1)]
-    faces = np.concatenate([surface.faces, surface.faces[:, ::-1] + below, *walls])
-    return Mesh(np.concatenate([surface.vertices_mm, base]), faces)
 
 
 def triangulate_view(in_view: Bool[Array, "rows cols"]) -> Int32[Array, "m 3"]:
@@ -146,13 +130,6 @@ def _triples_in_view(grid: Float32[Array, "rows cols 3"], height: HeightMap, eve
     # numpy selects items of 12 bytes twenty times faster than rows of three floats.
     items = triples.view("V12")[:, 0][height.in_view[::every, ::every].ravel()]
     return np.asarray(items.view(np.float32).reshape(-1, 3))
-
-
-def _boundary_edges(faces: Int32[Array, "m 3"]) -> Int32[Array, "k 2"]:
-    """Return the edges that have a triangle on their left side only."""
-    edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    there, back = (edges @ weights for weights in np.array([[1 << 32, 1], [1, 1 << 32]]))
-    return edges[~np.isin(there, back)]
 
 
 @lru_cache(maxsize=8)

@@ -28,9 +28,10 @@ from ninedtact.calibration.guidance import (
     search_board_pins,
 )
 from ninedtact.calibration.press_brightness import BgrImage, require_same_image_size
-from ninedtact.calibration.procedure import CalibrationImages, CalibrationSettings, calibrate
+from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.design import SensorDesign
 from ninedtact.errors import NinedtactError, OutputError
 from ninedtact.studio.guided_session import GuidedSession, GuidedState

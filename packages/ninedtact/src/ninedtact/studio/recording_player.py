@@ -87,7 +87,7 @@ class RecordedReadings:
         return median_rate_hz(self.stamps_ns)
 
     def reading(self, number: int) -> Reading:
-        """Return a reading; raises `RecordingUnreadable`, `WrongImageSize`, `ReferenceUnusable`."""
+        """Return a reading; raises `RecordingUnreadable`, `FileFormatError`, `ReferenceUnusable`."""
         frame = self.recording.frame(self._images[number])
         reading = read_frame(frame, self._shape, self._depth_reader_at(frame.stamp_ns))
         stored = self._at[Topic.HEIGHTS].get(frame.stamp_ns)

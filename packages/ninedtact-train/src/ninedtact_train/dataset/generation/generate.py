@@ -259,9 +259,7 @@ def generate_dataset(
     """
     require_workers(workers)
     if sessions_per_batch < 1:
-        raise GenerationImpossible(
-            f"expected at least 1 session per batch, got {sessions_per_batch}; give a larger number"
-        )
+        raise InputError(f"expected at least 1 session per batch, got {sessions_per_batch}; give a larger number")
     on = _select_device(device, workers)
     folder = DatasetFolder(out)
     _begin_generation(folder, settings, on.kind)

@@ -43,6 +43,7 @@ from ninedtact.calibration.press_brightness import (
     smooth_gaussian,
 )
 from ninedtact.calibration.press_limits import MAX_MISSING_FRACTION
+from ninedtact.calibration.settings import LensKind
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.shape.lens import (
@@ -55,7 +56,6 @@ from ninedtact.shape.lens import (
 )
 from ninedtact.shape.rectification import Area, CameraRotation, Rectification, rectification_of_projection
 
-LensKind = Literal["model", "paper"]
 """The lens model, or the paper's map through the pins."""
 
 _REFINEMENT_ITERATIONS = 4

@@ -1,14 +1,14 @@
 """The checks of a calibration certificate: each figure with its level (pass, warn or fail), what was expected, and advice. In: a
 `Certificate`. Out: one `CheckResult` per figure, the overall level and a headline.
 
-The limits follow from what a user of the sensor needs, not from what sensors usually reach; the docstring of each limit states the
-reason.
+`BOARD_CHECKS` and `BALL_CHECKS` are all checks: a new one is one more entry there. The limits follow from what a user of the sensor
+needs, not from what sensors usually reach; the comment above each check states the reason.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf, sqrt
-from typing import Literal
+from typing import Generic, Literal, TypeVar
 
 from ninedtact.calibration.press_limits import MAX_ASYMMETRY, MAX_MISSING_FRACTION
 from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
@@ -53,46 +53,154 @@ class CheckLimit:
         return "warn" if sign * value <= sign * self.usable else "fail"
 
 
-MISSING = CheckLimit(0.0, MAX_MISSING_FRACTION)
-"""Fraction of the pins that are missing. A complete board leaves no corner of the view to extrapolation; the upper limit is that of
-the board fit.
-"""
+Quality = TypeVar("Quality", BoardQuality, BallQuality)
+
+
+@dataclass(frozen=True)
+class CertificateCheck(Generic[Quality]):
+    """One check: a figure of the certificate, its limits, and the sentences about it."""
+
+    figure: Callable[[Quality], float]
+    limit: CheckLimit
+    expected: str
+    """The limit in words, with its number in braces; empty where the fact says it."""
+    fact: Callable[[Quality], str]
+    advice: str
+    """What to do where the check does not pass."""
+
+    def result(self, quality: Quality) -> CheckResult:
+        """Return the level with the fact alone where the check passes, and with the advice otherwise."""
+        level = self.limit.level(self.figure(quality))
+        expected = f" (expected: {self.expected.format(self.limit.good)})" if self.expected else ""
+        advice = "" if level == "pass" else f" To do: {self.advice}, and calibrate again."
+        return CheckResult(level, f"{self.fact(quality)}{expected}.{advice}")
+
+
+def relative_contact_radius(ball: BallQuality) -> float:
+    """Return the radius of the contact over that of the ball's section at the depth of the press."""
+    above_mm = max(ball.ball_radius_mm - ball.max_indentation_mm, 0.0)
+    section_mm = sqrt(max(ball.ball_radius_mm**2 - above_mm**2, 0.0))
+    return ball.contact_radius_mm / section_mm if section_mm > 0 else inf
+
+
 LEAVE_ONE_OUT_RMS_MM = CheckLimit(0.06, 0.1)
-"""The lower limit is about one rectified pixel; beyond two, the map is visibly worse than the resolution of its image."""
-LEAVE_ONE_OUT_MAX_MM = CheckLimit(0.18, 0.3)
-"""Three times the limits of the RMS. The largest of some sixty random errors is about twice their RMS, so a larger one is a single
-wrong pin.
-"""
-SCALE_ERROR = CheckLimit(0.005, 0.01)
-"""Relative error of the scale: 0.05 mm, then 0.1 mm on an object of 10 mm, the size of a typical object at a fingertip."""
 CONTRAST_TO_NOISE = CheckLimit(14.0, 0.0)
-"""Ten times the noise of the difference of two images. Below the limit, noise moves the centre of a pin by more than a tenth of its
-width. That raises the leave-one-out error, which fails; this check names the cause.
-"""
-OVEREXPOSED = CheckLimit(0.01, 0.05)
-"""Fraction of the image. Overexposed skin cannot brighten and darkens late, so heights there are wrong without any sign of it."""
-UNEVEN_BULGE = CheckLimit(MAX_ASYMMETRY, float("inf"))
-"""Fraction of the drop. The effect of a sheared press on depth is measured by the halves of the disc, whose check fails."""
-CONTACT_RADIUS = CheckLimit(1.2, 1.35)
-"""Radius of the contact, relative to that of the ball's section at the depth of the press. The gel rises around the ball by up to a
-tenth; a larger contact belongs to another ball.
-"""
-RANGE_MM = CheckLimit(1.0, 0.5)
-"""A firm grasp presses soft gel by about a millimetre; beyond the range, depth is not calibrated."""
-CROSS_VALIDATION_MAE_MM = CheckLimit(0.03, 0.15)
-"""The published sensor measures balls outside its calibration to 0.046 mm (docs/references.md), and the calibration must leave a
-margin for all other errors. An error above a seventh of a millimetre, more than a sheared press causes, makes depths unusable.
-"""
-NOISE_MM = CheckLimit(0.01, 0.03)
-"""The smallest detectable contact is five times the noise. Noise up to 0.01 mm leaves it at 0.05 mm (`shape.measures.ContactRule`);
-at 0.03 mm light touches of 0.15 mm are not detected.
-"""
+
+BOARD_CHECKS: tuple[CertificateCheck[BoardQuality], ...] = (
+    # A complete board leaves no corner of the view to extrapolation; the upper limit is that of the board fit.
+    CertificateCheck(
+        lambda board: 1 - board.pins_found / board.pins_expected,
+        CheckLimit(0.0, MAX_MISSING_FRACTION),
+        "",
+        lambda board: f"Pins: found {board.pins_found} of {board.pins_expected}{_missing_pins_in_words(board)}",
+        "press harder there, or hold the board flatter",
+    ),
+    # The lower limit is about one rectified pixel; beyond two, the map is visibly worse than the resolution of its image.
+    CertificateCheck(
+        lambda board: board.leave_one_out_rms_mm,
+        LEAVE_ONE_OUT_RMS_MM,
+        "at most {:g} mm",
+        lambda board: (
+            f"Lens: a pin left out of the fit is predicted to {board.leave_one_out_rms_mm:.3f} mm RMS"
+            f"{_correction_in_words(board)}"
+        ),
+        "focus the camera on the skin, and press the board evenly",
+    ),
+    # Three times the limits of the RMS. The largest of some sixty random errors is about twice their RMS, so a larger one is a
+    # single wrong pin.
+    CertificateCheck(
+        lambda board: board.leave_one_out_max_mm,
+        CheckLimit(0.18, 0.3),
+        "at most {:g} mm",
+        lambda board: f"Worst pin: predicted to {board.leave_one_out_max_mm:.3f} mm",
+        "find it in the certificate's error map; look there for dirt on the skin, a reflection, or a bent pin of the board",
+    ),
+    # Relative error of the scale: 0.05 mm, then 0.1 mm on an object of 10 mm, the size of a typical object at a fingertip.
+    CertificateCheck(
+        lambda board: board.mm_per_px_std / board.mm_per_px,
+        CheckLimit(0.005, 0.01),
+        "at most ± {:.1%}",
+        lambda board: f"Scale: one pixel is {board.mm_per_px:.5f} mm ± {board.mm_per_px_std / board.mm_per_px:.2%}",
+        "focus the camera on the skin, and press the board evenly",
+    ),
+    # Ten times the noise of the difference of two images. Below the limit, noise moves the centre of a pin by more than a tenth of
+    # its width. That raises the leave-one-out error, which fails; this check names the cause.
+    CertificateCheck(
+        lambda board: board.contrast_grey_levels / board.noise_grey_levels,
+        CONTRAST_TO_NOISE,
+        "at least {:g} times",
+        lambda board: (
+            f"Imprints: {board.contrast_grey_levels:.1f} grey levels deep, "
+            f"{board.contrast_grey_levels / board.noise_grey_levels:.0f} times the camera's noise"
+        ),
+        "press harder, give more light and less gain, or average several images",
+    ),
+)
+BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
+    # Overexposed skin cannot brighten and darkens late, so heights there are wrong without any sign of it.
+    CertificateCheck(
+        lambda ball: ball.overexposed_fraction,
+        CheckLimit(0.01, 0.05),
+        "at most {:.0%}",
+        lambda ball: f"Light: {ball.overexposed_fraction:.1%} of the reference image is overexposed",
+        "lower the exposure, the gain or the light",
+    ),
+    # The effect of a sheared press on depth is measured by the halves of the disc, whose check fails.
+    CertificateCheck(
+        lambda ball: ball.asymmetry,
+        CheckLimit(MAX_ASYMMETRY, inf),
+        "at most {:.0%}",
+        lambda ball: f"Press: the bulge around the ball is uneven by {ball.asymmetry:.1%} of the ball's darkening",
+        "the ball was sheared, so that depths may be off by a tenth of a millimetre: press it straight down",
+    ),
+    # The gel rises around the ball by up to a tenth of the section's radius; a larger contact belongs to another ball.
+    CertificateCheck(
+        relative_contact_radius,
+        CheckLimit(1.2, 1.35),
+        "at most {:g} times",
+        lambda ball: (
+            f"Contact: {ball.contact_radius_mm:.2f} mm in radius at {ball.max_indentation_mm:.2f} mm depth, "
+            f"{relative_contact_radius(ball):.2f} times the section of the ball there"
+        ),
+        "check that the ball's radius is the stated one, and that nothing presses beside it",
+    ),
+    # A firm grasp presses soft gel by about a millimetre; beyond the range, depth is not calibrated.
+    CertificateCheck(
+        lambda ball: ball.range_mm,
+        CheckLimit(1.0, 0.5),
+        "at least {:g} mm",
+        lambda ball: f"Range: depth is calibrated down to {ball.range_mm:.2f} mm",
+        "press the ball deeper, 1 to 2 mm",
+    ),
+    # The published sensor measures balls outside its calibration to 0.046 mm (docs/references.md), and the calibration must leave a
+    # margin for all other errors. An error above a seventh of a millimetre, more than a sheared press causes, is unusable.
+    CertificateCheck(
+        lambda ball: ball.cross_validation_mae_mm,
+        CheckLimit(0.03, 0.15),
+        "at most {:g} mm",
+        lambda ball: (
+            "Depth: half of the ball, read with the curve of the other half, is "
+            f"{ball.cross_validation_mae_mm:.3f} mm off on average"
+        ),
+        "press a clean ball straight down, and check that its radius is the stated one",
+    ),
+    # The smallest detectable contact is five times the noise. Noise up to 0.01 mm leaves it at 0.05 mm
+    # (`shape.measures.ContactRule`); at 0.03 mm light touches of 0.15 mm are not detected.
+    CertificateCheck(
+        lambda ball: ball.noise_mm,
+        CheckLimit(0.01, 0.03),
+        "at most {:g} mm",
+        lambda ball: f"Noise: the depth of one pixel scatters by {ball.noise_mm:.4f} mm from image to image",
+        "give more light and less gain",
+    ),
+)
 
 
 def compute_certificate_checks(certificate: Certificate) -> list[CheckResult]:
     """Return every check, beginning with the board's; those of a press that was not made are left out."""
     board, ball = certificate.board, certificate.ball
-    return [*([] if board is None else _check_board(board)), *([] if ball is None else _check_ball(ball))]
+    of_board = [] if board is None else [check.result(board) for check in BOARD_CHECKS]
+    return of_board + ([] if ball is None else [check.result(ball) for check in BALL_CHECKS])
 
 
 def unusual_fit_warnings(deviation: float, design: SensorDesign) -> list[str]:
@@ -165,103 +273,11 @@ def _outcome_in_words(lines: Sequence[CheckResult]) -> str:
     return f"All {len(lines)} checks passed"
 
 
-def _check_board(board: BoardQuality) -> list[CheckResult]:
-    """Return the checks of the camera calibration."""
-    scale_error, contrast = (
-        board.mm_per_px_std / board.mm_per_px,
-        board.contrast_grey_levels / board.noise_grey_levels,
-    )
-    return [
-        _make_check_result(
-            MISSING.level(1 - board.pins_found / board.pins_expected),
-            f"Pins: found {board.pins_found} of {board.pins_expected}{_missing_pins_in_words(board)}",
-            "press harder there, or hold the board flatter",
-        ),
-        _make_check_result(
-            LEAVE_ONE_OUT_RMS_MM.level(board.leave_one_out_rms_mm),
-            f"Lens: a pin left out of the fit is predicted to {board.leave_one_out_rms_mm:.3f} mm RMS "
-            f"{_correction_in_words(board)}(expected: at most {LEAVE_ONE_OUT_RMS_MM.good:g} mm)",
-            "focus the camera on the skin, and press the board evenly",
-        ),
-        _make_check_result(
-            LEAVE_ONE_OUT_MAX_MM.level(board.leave_one_out_max_mm),
-            f"Worst pin: predicted to {board.leave_one_out_max_mm:.3f} mm (expected: at most {LEAVE_ONE_OUT_MAX_MM.good:g} mm)",
-            "find it in the certificate's error map; look there for dirt on the skin, a reflection, or a bent pin of the board",
-        ),
-        _make_check_result(
-            SCALE_ERROR.level(scale_error),
-            f"Scale: one pixel is {board.mm_per_px:.5f} mm ± {scale_error:.2%} "
-            f"(expected: at most ± {SCALE_ERROR.good:.1%})",
-            "focus the camera on the skin, and press the board evenly",
-        ),
-        _make_check_result(
-            CONTRAST_TO_NOISE.level(contrast),
-            f"Imprints: {board.contrast_grey_levels:.1f} grey levels deep, {contrast:.0f} times the camera's noise "
-            f"(expected: at least {CONTRAST_TO_NOISE.good:g} times)",
-            "press harder, give more light and less gain, or average several images",
-        ),
-    ]
-
-
-def _check_ball(ball: BallQuality) -> list[CheckResult]:
-    """Return the checks of the depth calibration."""
-    return [
-        _make_check_result(
-            OVEREXPOSED.level(ball.overexposed_fraction),
-            f"Light: {ball.overexposed_fraction:.1%} of the reference image is overexposed "
-            f"(expected: at most {OVEREXPOSED.good:.0%})",
-            "lower the exposure, the gain or the light",
-        ),
-        _make_check_result(
-            UNEVEN_BULGE.level(ball.asymmetry),
-            f"Press: the bulge around the ball is uneven by {ball.asymmetry:.1%} of the ball's darkening "
-            f"(expected: at most {UNEVEN_BULGE.good:.0%})",
-            "the ball was sheared, so that depths may be off by a tenth of a millimetre: press it straight down",
-        ),
-        _make_check_result(
-            CONTACT_RADIUS.level(_relative_contact_radius(ball)),
-            f"Contact: {ball.contact_radius_mm:.2f} mm in radius at {ball.max_indentation_mm:.2f} mm depth, "
-            f"{_relative_contact_radius(ball):.2f} times the section of the ball there (expected: at most {CONTACT_RADIUS.good:g} "
-            "times)",
-            "check that the ball's radius is the stated one, and that nothing presses beside it",
-        ),
-        _make_check_result(
-            RANGE_MM.level(ball.range_mm),
-            f"Range: depth is calibrated down to {ball.range_mm:.2f} mm (expected: at least {RANGE_MM.good:g} mm)",
-            "press the ball deeper, 1 to 2 mm",
-        ),
-        _make_check_result(
-            CROSS_VALIDATION_MAE_MM.level(ball.cross_validation_mae_mm),
-            f"Depth: half of the ball, read with the curve of the other half, is {ball.cross_validation_mae_mm:.3f} mm off "
-            f"on average (expected: at most {CROSS_VALIDATION_MAE_MM.good:g} mm)",
-            "press a clean ball straight down, and check that its radius is the stated one",
-        ),
-        _make_check_result(
-            NOISE_MM.level(ball.noise_mm),
-            f"Noise: the depth of one pixel scatters by {ball.noise_mm:.4f} mm from image to image "
-            f"(expected: at most {NOISE_MM.good:g} mm)",
-            "give more light and less gain",
-        ),
-    ]
-
-
-def _relative_contact_radius(ball: BallQuality) -> float:
-    """Return the radius of the contact over that of the ball's section at the depth of the press."""
-    above_mm = max(ball.ball_radius_mm - ball.max_indentation_mm, 0.0)
-    section_mm = sqrt(max(ball.ball_radius_mm**2 - above_mm**2, 0.0))
-    return ball.contact_radius_mm / section_mm if section_mm > 0 else inf
-
-
-def _make_check_result(level: CheckLevel, fact: str, advice: str) -> CheckResult:
-    """Return a check with the fact alone where it passes, and with the advice otherwise."""
-    return CheckResult(level, f"{fact}." if level == "pass" else f"{fact}. To do: {advice}, and calibrate again.")
-
-
 def _correction_in_words(board: BoardQuality) -> str:
     """Return that a smooth correction on top of the lens model is used, and the error without it, or an empty text."""
     before_mm = board.uncorrected_rms_mm
     return (
-        "" if before_mm is None else f"with a smooth correction on top of the lens model, {before_mm:.3f} mm without "
+        "" if before_mm is None else f" with a smooth correction on top of the lens model, {before_mm:.3f} mm without"
     )
 
 

@@ -16,11 +16,16 @@ from ninedtact.calibration.certificate.plot_ball import (
     plot_depth_curve,
     plot_radial_profile,
     plot_twin_residual,
-    twin_table_rows,
 )
 from ninedtact.calibration.certificate.plot_board import plot_leave_one_out_errors, plot_pin_detection
 from ninedtact.calibration.procedure import Calibration
-from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, SensorTomlRecord
+from ninedtact.calibration.sensor_toml_schema import (
+    BallQuality,
+    BoardPressFitTable,
+    BoardQuality,
+    SensorTomlRecord,
+    TwinTable,
+)
 from ninedtact.design import SensorDesign
 
 BOARD_IMAGES = {"detection": plot_pin_detection, "left_out": plot_leave_one_out_errors}
@@ -63,7 +68,7 @@ def render_certificate_html(calibration: Calibration) -> str:
         images={name: b64encode(content).decode() for name, content in _plot_certificate_images(calibration).items()},
         board_rows=_without_meaning([*_board_table_rows(record.certificate.board), *_view_table_rows(record)]),
         ball_rows=_without_meaning(_ball_table_rows(record.certificate.ball)),
-        twin_rows=twin_table_rows(record.twin) if record.twin else [],
+        twin_rows=_twin_table_rows(record.twin) if record.twin else [],
         design_rows=_without_meaning(_design_table_rows(record.design)),
     )
 
@@ -166,3 +171,65 @@ def _dimension_in_words(name: str, value: float | tuple[float, ...]) -> str:
     *words, unit = name.split("_")
     number = f"({', '.join(f'{part:g}' for part in value)})" if isinstance(value, tuple) else f"{value:g}"
     return f"{' '.join(words)} {number} {unit}" if unit in UNITS else f"{name.replace('_', ' ')} {number}"
+
+
+PARAMETER_MEANINGS = {
+    "x_mm": "Where the ball's centre is, along the sensor's x axis.",
+    "y_mm": "Where the ball's centre is, along the sensor's y axis.",
+    "depth_mm": "How deep the ball was pressed.",
+    "drag_x_mm": "How far the ball was dragged along x after it had touched.",
+    "drag_y_mm": "How far the ball was dragged along y after it had touched.",
+    "thickness_mm": "Thickness with which the gel acts: thinner gel bulges higher and closer to the ball.",
+    "point_spread_mm": "How far light scatters in the gel (standard deviation); finer structure is blurred.",
+    "saturation": "How much faster thin gel darkens than thick gel; zero is a straight line.",
+    "inverse_distance_per_mm": "How much pressed skin appears displaced outwards, per mm of height and mm from the axis.",
+    "finite_strain": "How the gel bulges at large strain: 0 as a linear layer does, 1 as neo-Hookean rubber.",
+    "loss": "Relative change of the whole image's brightness in this press; light is lost where it is negative.",
+    "darkening_per_mm": "Relative darkening where indentation begins.",
+    "brightening_per_mm": "Relative brightening where the gel bulges.",
+}
+"""What every fitted parameter of the twin is, in one sentence."""
+
+
+def _twin_table_rows(twin: TwinTable) -> list[tuple[str, str, str]]:
+    """Return every parameter with its standard deviation and most correlated parameter, and with a sentence about what it is."""
+    fit = twin.fit
+    rows = [
+        ("residual, whole image (RMS)", f"{fit.image_rmse_grey_levels:.2f} grey levels", ""),
+        ("residual, radial profile (RMS)", f"{fit.radial_rmse_grey_levels:.2f} grey levels", ""),
+        (
+            "effective independent observations",
+            f"{fit.effective_observations:.0f}",
+            "The residual is smooth, so that neighbouring pixels are correlated.",
+        ),
+    ]
+    if twin.board_press is not None:
+        rows += _board_press_table_rows(twin.board_press)
+    for name, parameter in fit.parameters.items():
+        other = parameter.most_correlated_with
+        std = "" if parameter.std is None else f" ± {parameter.std:.3f}"
+        correlation = "" if other is None else f", {parameter.correlation:+.2f} with {other.replace('_', ' ')}"
+        rows.append((name.replace("_", " "), f"{parameter.value:.3f}{std}{correlation}", PARAMETER_MEANINGS[name]))
+    return rows
+
+
+def _board_press_table_rows(board_press: BoardPressFitTable) -> list[tuple[str, str, str]]:
+    """Return the figures of the fit to the board image, and whether it was accepted."""
+    outcome = "used for the lens" if board_press.accepted else "not used: the board differs from its design"
+    return [
+        (
+            "board: imprints' depth",
+            f"{board_press.depth_mm:.2f} mm ± {board_press.depth_std_mm:.2f}, {outcome}",
+            "How deep the pins pressed, from the darkness of their imprints.",
+        ),
+        (
+            "board: inverse viewing distance (1/mm)",
+            f"{board_press.inverse_distance_per_mm:.3f} ± {board_press.inverse_distance_std_per_mm:.3f}",
+            "How much the imprints appear displaced outwards, for which a lens that uses the fit is corrected.",
+        ),
+        (
+            "board: residual (RMS)",
+            f"{board_press.residual_rms_grey_levels:.2f} of {board_press.contrast_grey_levels:.1f} grey levels",
+            "",
+        ),
+    ]

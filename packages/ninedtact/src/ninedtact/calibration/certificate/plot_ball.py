@@ -18,7 +18,6 @@ from ninedtact.calibration.certificate.plot_style import (
     stretch_contrast,
 )
 from ninedtact.calibration.procedure import Calibration
-from ninedtact.calibration.sensor_toml_schema import BoardPressFitTable, TwinTable
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.quantities import Rectified
 from ninedtact.shape.coloured_height_map import figure_to_png
@@ -26,7 +25,6 @@ from ninedtact.shape.depth import BrightnessSignal, DepthCurve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.axes._secondary_axes import SecondaryAxis
 
 
 CIRCLE = "#ffb000"
@@ -88,8 +86,7 @@ def plot_depth_curve(calibration: Calibration) -> bytes:
         **shades,
     )
     _plot_curve_with_band(axes, curve)
-    top = _add_other_signal_axis(axes, curve.signal, mean_reference_grey)
-    top.tick_params(colors=PALE_INK, labelsize=8, width=0.6, length=3)
+    _add_other_signal_axis(axes, curve.signal, mean_reference_grey)
     axes.set(xlim=(0, 1.06 * curve.darkening[-1]), ylim=(0, 1.06 * curve.max_indentation_mm))
     axes.legend(loc="lower right", fontsize=8, frameon=False, labelcolor=INK)
     return figure_to_png(figure)
@@ -116,13 +113,13 @@ def _plot_curve_with_band(axes: "Axes", curve: DepthCurve) -> None:
     )
 
 
-def _add_other_signal_axis(axes: "Axes", signal: BrightnessSignal, mean_grey: float) -> "SecondaryAxis":
+def _add_other_signal_axis(axes: "Axes", signal: BrightnessSignal, mean_grey: float) -> None:
     """Add an axis at the top for the other method's signal, where the reference image has the disc's mean brightness."""
     other: BrightnessSignal = "ratio" if signal == "difference" else "difference"
     factor = mean_grey if signal == "ratio" else 1 / mean_grey
     top = axes.secondary_xaxis("top", functions=(lambda at: np.multiply(at, factor), lambda at: np.divide(at, factor)))
     top.set_xlabel(f"{DARKENING[other]} where I₀ = {mean_grey:.0f}", color=PALE_INK, fontsize=8)
-    return top
+    top.tick_params(colors=PALE_INK, labelsize=8, width=0.6, length=3)
 
 
 def plot_ball_residual(calibration: Calibration) -> bytes:
@@ -224,65 +221,3 @@ def _skin_cross_section(fit: TwinFit) -> tuple[Float[Array, " n"], Float[Array, 
     x_mm = contact.skin.grid.positions_mm[0][row]
     height_mm = np.asarray(contact.height_mm[row], float)
     return x_mm[x_mm > 0], height_mm[x_mm > 0]
-
-
-PARAMETER_MEANINGS = {
-    "x_mm": "Where the ball's centre is, along the sensor's x axis.",
-    "y_mm": "Where the ball's centre is, along the sensor's y axis.",
-    "depth_mm": "How deep the ball was pressed.",
-    "drag_x_mm": "How far the ball was dragged along x after it had touched.",
-    "drag_y_mm": "How far the ball was dragged along y after it had touched.",
-    "thickness_mm": "Thickness with which the gel acts: thinner gel bulges higher and closer to the ball.",
-    "point_spread_mm": "How far light scatters in the gel (standard deviation); finer structure is blurred.",
-    "saturation": "How much faster thin gel darkens than thick gel; zero is a straight line.",
-    "inverse_distance_per_mm": "How much pressed skin appears displaced outwards, per mm of height and mm from the axis.",
-    "finite_strain": "How the gel bulges at large strain: 0 as a linear layer does, 1 as neo-Hookean rubber.",
-    "loss": "Relative change of the whole image's brightness in this press; light is lost where it is negative.",
-    "darkening_per_mm": "Relative darkening where indentation begins.",
-    "brightening_per_mm": "Relative brightening where the gel bulges.",
-}
-"""What every fitted parameter of the twin is, in one sentence."""
-
-
-def twin_table_rows(twin: TwinTable) -> list[tuple[str, str, str]]:
-    """Return every parameter with its standard deviation and most correlated parameter, and with a sentence about what it is."""
-    fit = twin.fit
-    rows = [
-        ("residual, whole image (RMS)", f"{fit.image_rmse_grey_levels:.2f} grey levels", ""),
-        ("residual, radial profile (RMS)", f"{fit.radial_rmse_grey_levels:.2f} grey levels", ""),
-        (
-            "effective independent observations",
-            f"{fit.effective_observations:.0f}",
-            "The residual is smooth, so that neighbouring pixels are correlated.",
-        ),
-    ]
-    if twin.board_press is not None:
-        rows += _board_press_table_rows(twin.board_press)
-    for name, parameter in fit.parameters.items():
-        other = parameter.most_correlated_with
-        std = "" if parameter.std is None else f" ± {parameter.std:.3f}"
-        correlation = "" if other is None else f", {parameter.correlation:+.2f} with {other.replace('_', ' ')}"
-        rows.append((name.replace("_", " "), f"{parameter.value:.3f}{std}{correlation}", PARAMETER_MEANINGS[name]))
-    return rows
-
-
-def _board_press_table_rows(board_press: BoardPressFitTable) -> list[tuple[str, str, str]]:
-    """Return the figures of the fit to the board image, and whether it was accepted."""
-    outcome = "used for the lens" if board_press.accepted else "not used: the board differs from its design"
-    return [
-        (
-            "board: imprints' depth",
-            f"{board_press.depth_mm:.2f} mm ± {board_press.depth_std_mm:.2f}, {outcome}",
-            "How deep the pins pressed, from the darkness of their imprints.",
-        ),
-        (
-            "board: inverse viewing distance (1/mm)",
-            f"{board_press.inverse_distance_per_mm:.3f} ± {board_press.inverse_distance_std_per_mm:.3f}",
-            "How much the imprints appear displaced outwards, for which a lens that uses the fit is corrected.",
-        ),
-        (
-            "board: residual (RMS)",
-            f"{board_press.residual_rms_grey_levels:.2f} of {board_press.contrast_grey_levels:.1f} grey levels",
-            "",
-        ),
-    ]

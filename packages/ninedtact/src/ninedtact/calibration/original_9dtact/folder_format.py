@@ -35,53 +35,53 @@ class OriginalFolderDamaged(FileFormatError):
     """The folder is not a calibration of the original project, or something in it is missing or wrong."""
 
 
+def _require(
+    holds: bool | np.bool_, expected: str, got: str, remedy: str = "copy the file again or calibrate again"
+) -> None:
+    """Raise `OriginalFolderDamaged` where a condition does not hold."""
+    if not holds:
+        raise OriginalFolderDamaged(expected=expected, got=got, remedy=remedy)
+
+
 def find_original_sensor_folder(folder: Path, files: Sequence[str]) -> Path:
     """Return the folder itself where it contains one of the files, or the only `sensor_N` in it."""
     if any((folder / file).exists() for file in files):
         return folder
     inside = sorted(path for path in folder.glob("sensor_*") if path.is_dir() and NAME.fullmatch(path.name))
-    if len(inside) == 1:
-        return inside[0]
-    got = ", ".join(path.name for path in inside) if inside else "none" if folder.is_dir() else "no such folder"
-    raise OriginalFolderDamaged(
-        f"expected {folder} to be a sensor_N folder of the original project, or to hold one, got {got}; "
-        "name the folder that holds camera_calibration and depth_calibration"
+    _require(
+        len(inside) == 1,
+        f"{folder} to be a sensor_N folder of the original project, or to hold one",
+        ", ".join(path.name for path in inside) if inside else "none" if folder.is_dir() else "no such folder",
+        "name the folder that holds camera_calibration and depth_calibration",
     )
+    return inside[0]
 
 
 def read_finite_npy(path: Path, dimensions: int) -> Float[Array, "..."]:
     """Return the finite numbers of a .npy file with this many dimensions; raises `OriginalFolderDamaged`."""
     array = _load_npy(path)
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "iuf":
-        raise _make_damaged_file_error(path, "an array of numbers", f"{getattr(array, 'dtype', 'an archive')}")
-    if array.ndim != dimensions or not array.size:
-        raise _make_damaged_file_error(
-            path, f"{dimensions} dimension{'s' if dimensions > 1 else ''}", f"shape {array.shape}"
-        )
+        kind = str(getattr(array, "dtype", "an archive"))
+        raise OriginalFolderDamaged(expected=f"an array of numbers in {path}", got=kind, remedy="copy the file again")
+    is_shaped = array.ndim == dimensions and array.size > 0
+    _require(is_shaped, f"{dimensions} dimension{'s' if dimensions > 1 else ''} in {path}", f"shape {array.shape}")
     numbers = np.array(array, float)
-    if not np.isfinite(numbers).all():
-        raise _make_damaged_file_error(path, "finite numbers", f"{int((~np.isfinite(numbers)).sum())} that are not")
+    infinite = int((~np.isfinite(numbers)).sum())
+    _require(infinite == 0, f"finite numbers in {path}", f"{infinite} that are not")
     return numbers
 
 
 def _load_npy(path: Path) -> object:
     """Return the content of a .npy file, memory-mapped, so that a damaged header cannot cause an excessive allocation."""
-    if not path.is_file():
-        raise OriginalFolderDamaged(
-            f"expected {path}, got no such file; copy the whole sensor_N folder of the original project"
-        )
+    remedy = "copy the whole sensor_N folder of the original project"
+    _require(path.is_file(), str(path), "no such file", remedy)
     try:
         return np.load(path, mmap_mode="r", allow_pickle=False)
     except NPY_READ_ERRORS as trouble:
-        raise _make_damaged_file_error(
-            path, "a whole .npy file without Python objects", _first_line(trouble)
+        first_line = (str(trouble).splitlines() or [type(trouble).__name__])[0]
+        raise OriginalFolderDamaged(
+            expected=f"a whole .npy file without Python objects in {path}", got=first_line, remedy="copy the file again"
         ) from trouble
-
-
-def _require_whole_numbers(path: Path, numbers: Float[Array, "..."]) -> None:
-    """Refuse indices that are not whole numbers."""
-    if (numbers != np.rint(numbers)).any():
-        raise _make_damaged_file_error(path, "whole numbers", "fractions")
 
 
 def write_npy(path: Path, numbers: Shaped[Array, "..."]) -> None:
@@ -90,16 +90,6 @@ def write_npy(path: Path, numbers: Shaped[Array, "..."]) -> None:
     content = BytesIO()
     np.save(content, numbers, allow_pickle=False)
     write_file_atomically(path, content.getvalue())
-
-
-def _first_line(trouble: Exception) -> str:
-    """Return the first line of an exception's message."""
-    return (str(trouble).splitlines() or [type(trouble).__name__])[0]
-
-
-def _make_damaged_file_error(path: Path, expected: str, got: str) -> OriginalFolderDamaged:
-    """Return the error for one damaged file."""
-    return OriginalFolderDamaged(f"expected {expected} in {path}, got {got}; copy the file again or calibrate again")
 
 
 ROW_INDEX = "camera_calibration/row_index.npy"
@@ -163,7 +153,8 @@ def read_original_calibration(folder: Path, view: RectifiedImageSize, thickness_
     """Read `sensor_N`, or the one `sensor_N` in a folder, of a gel of this thickness; raises `OriginalFolderDamaged`."""
     where = find_original_sensor_folder(folder, ORIGINAL_FILES)
     row_index, col_index = _read_index_map(where / ROW_INDEX, 0), _read_index_map(where / COL_INDEX, 1)
-    _require_equal_shapes(where, row_index.shape, col_index.shape)
+    shapes = row_index.shape, col_index.shape
+    _require(shapes[0] == shapes[1], f"index maps of one size in {where}", f"{shapes[0]} and {shapes[1]}")
     calibration = OriginalCalibration(
         row_index,
         col_index,
@@ -187,67 +178,62 @@ def write_original_calibration(folder: Path, calibration: OriginalCalibration) -
 def _read_index_map(path: Path, axis: int) -> Int32[Array, "rows cols"]:
     """Return an index map, checked to stay inside the raw image, which has the map's own size."""
     index = read_finite_npy(path, 2)
-    _require_whole_numbers(path, index)
-    size = index.shape[axis]
-    if index.min() < 0 or index.max() >= size:
-        raise OriginalFolderDamaged(
-            f"expected pixels 0 to {size - 1} in {path}, got {index.min():g} to {index.max():g}; calibrate "
-            "the camera again"
-        )
+    _require(bool((index == np.rint(index)).all()), f"whole numbers in {path}", "fractions")
+    last, got = index.shape[axis] - 1, f"{index.min():g} to {index.max():g}"
+    _require(index.min() >= 0 and index.max() <= last, f"pixels 0 to {last} in {path}", got)
     return index.astype(np.int32)
 
 
 def _read_position_scale(path: Path) -> Float[Array, "3"]:
     """Return the centre row, the centre column and a plausible scale."""
     numbers = read_finite_npy(path, 1)
-    if numbers.size != 3:
-        raise OriginalFolderDamaged(
-            f"expected row, column and mm per pixel in {path}, got {numbers.size} numbers; calibrate the camera again"
-        )
-    if not FINEST_MM_PER_PX < numbers[2] < COARSEST_MM_PER_PX:
-        raise OriginalFolderDamaged(
-            f"expected mm per pixel (about 0.05) as the third number of {path}, got {numbers[2]:g}; if that is pixels "
-            "per mm, store its inverse"
-        )
+    _require(numbers.size == 3, f"row, column and mm per pixel in {path}", f"{numbers.size} numbers")
+    _require(
+        FINEST_MM_PER_PX < numbers[2] < COARSEST_MM_PER_PX,
+        f"mm per pixel (about 0.05) as the third number of {path}",
+        f"{numbers[2]:g}",
+        "if that is pixels per mm, store its inverse",
+    )
     return numbers
 
 
 def _read_depth_list(path: Path, thickness_mm: float) -> Float[Array, " levels"]:
     """Return a depth list, checked to hold a depth for at least one grey level, none beyond the gel, and to rise."""
     depth_mm = read_finite_npy(path, 1)
-    if depth_mm.size > GREY_LEVELS or not (depth_mm[1:] > 0).any():
-        raise OriginalFolderDamaged(
-            f"expected depths in mm for up to {GREY_LEVELS} grey levels in {path}, got {depth_mm.size} numbers of "
-            f"which {int((depth_mm[1:] > 0).sum())} are depths; calibrate the depth again"
-        )
-    known = depth_mm[1:][depth_mm[1:] > 0]
-    slope = known.max() / depth_mm.size
-    if depth_mm[1:].min() < 0 or not _SLOPE_RANGE[0] <= slope <= _SLOPE_RANGE[1]:
-        raise OriginalFolderDamaged(
-            f"expected depths in mm, none below zero and about 0.03 mm more for every grey level, in {path}, got "
-            f"{depth_mm[1:].min():g} to {known.max():g} mm for {depth_mm.size} levels; copy the file again or calibrate the depth "
-            "again"
-        )
-    if (fall := np.sqrt(np.mean((isotonic_regression(known).x - known) ** 2))) > _MAX_FALL_MM:
-        raise OriginalFolderDamaged(
-            f"expected depths that rise with the darkening in {path}, got a list that is {fall:.2f} mm (RMS) from any that does; "
-            "calibrate the depth again"
-        )
-    if known.max() < MIN_PRESS_DEPTH_MM:
-        raise OriginalFolderDamaged(
-            f"expected depths to at least {MIN_PRESS_DEPTH_MM:g} mm in {path}, got a list of {depth_mm.size} levels that ends at "
-            f"{known.max():g} mm; copy the whole file again, or calibrate the depth again with a deeper press"
-        )
-    if (bend := _measure_bend(depth_mm)) > _MAX_BEND:
-        raise OriginalFolderDamaged(
-            f"expected depths that rise about evenly with the darkening in {path}, got a list that is {bend:.0%} of its end from "
-            "even; copy the file again or calibrate the depth again"
-        )
-    if known.max() > thickness_mm:
-        raise OriginalFolderDamaged(
-            f"expected depths up to the gel's thickness of {thickness_mm:g} mm in {path}, got {known.max():g} mm; give the "
-            "thickness of your gel with --gel-mm, or calibrate the depth again"
-        )
+    size, known = depth_mm.size, depth_mm[1:][depth_mm[1:] > 0]
+    _require(
+        size <= GREY_LEVELS and known.size > 0,
+        f"depths in mm for up to {GREY_LEVELS} grey levels in {path}",
+        f"{size} numbers of which {known.size} are depths",
+    )
+    _require(
+        depth_mm[1:].min() >= 0 and _SLOPE_RANGE[0] <= known.max() / size <= _SLOPE_RANGE[1],
+        f"depths in mm, none below zero and about 0.03 mm more for every grey level, in {path}",
+        f"{depth_mm[1:].min():g} to {known.max():g} mm for {size} levels",
+    )
+    fall_mm = float(np.sqrt(np.mean((isotonic_regression(known).x - known) ** 2)))
+    _require(
+        fall_mm <= _MAX_FALL_MM,
+        f"depths that rise with the darkening in {path}",
+        f"a list that is {fall_mm:.2f} mm (RMS) from any that does",
+    )
+    _require(
+        known.max() >= MIN_PRESS_DEPTH_MM,
+        f"depths to at least {MIN_PRESS_DEPTH_MM:g} mm in {path}",
+        f"a list of {size} levels that ends at {known.max():g} mm",
+        "copy the whole file again, or calibrate the depth again with a deeper press",
+    )
+    _require(
+        (bend := _measure_bend(depth_mm)) <= _MAX_BEND,
+        f"depths that rise about evenly with the darkening in {path}",
+        f"a list that is {bend:.0%} of its end from even",
+    )
+    _require(
+        known.max() <= thickness_mm,
+        f"depths up to the gel's thickness of {thickness_mm:g} mm in {path}",
+        f"{known.max():g} mm",
+        "give the thickness of your gel with --gel-mm, or calibrate the depth again",
+    )
     return depth_mm
 
 
@@ -261,25 +247,22 @@ def _measure_bend(depth_mm: Float[Array, " levels"]) -> float:
 
 def _require_lens_maps(folder: Path, calibration: OriginalCalibration, view: RectifiedImageSize) -> None:
     """Refuse index maps that no lens gives: mirrored, folded, constant or torn somewhere, or far from even."""
-    magnification = _measure_magnification(calibration.source_px(view))
-    if not magnification.size:
-        raise OriginalFolderDamaged(
-            f"expected index maps with a pixel for most of the crop in {folder}, got almost none; copy the files again or "
-            "calibrate the camera again"
-        )
+    magnification, maps = _measure_magnification(calibration.source_px(view)), f"{folder / ROW_INDEX} and {COL_INDEX}"
+    _require(magnification.size > 0, f"a pixel for most of the crop in {maps}", "almost none")
     middle = float(np.median(magnification))
-    if middle < 0:
-        raise OriginalFolderDamaged(
-            f"expected index maps of an image that is not mirrored in {folder}, got mirrored ones; check that {ROW_INDEX} and "
-            f"{COL_INDEX} are not exchanged, or calibrate the camera again"
-        )
+    _require(
+        middle >= 0,
+        f"index maps of an image that is not mirrored in {folder}",
+        "mirrored ones",
+        f"check that {ROW_INDEX} and {COL_INDEX} are not exchanged, or calibrate the camera again",
+    )
     least, most = middle / _MAX_MAGNIFICATION_FACTOR, middle * _MAX_MAGNIFICATION_FACTOR
     wrong = float(np.mean((magnification <= 0) | (magnification < least) | (magnification > most)))
-    if wrong > _MAX_WRONG_SHARE:
-        raise OriginalFolderDamaged(
-            f"expected the smooth maps of a lens in {folder / ROW_INDEX} and {COL_INDEX}, which rise everywhere at about the same "
-            f"rate, got maps that do not on {wrong:.1%} of the crop; copy the files again or calibrate the camera again"
-        )
+    _require(
+        wrong <= _MAX_WRONG_SHARE,
+        f"the smooth maps of a lens in {maps}, which rise everywhere at about the same rate",
+        f"maps that do not on {wrong:.1%} of the crop",
+    )
 
 
 def _measure_magnification(source_px: Float32[Array, "rows cols 2"]) -> Float[Array, " places"]:
@@ -299,28 +282,21 @@ def _require_centre_in_place(folder: Path, calibration: OriginalCalibration, vie
     row, col = centre.astype(int)
     shown = np.array([calibration.row_index[row, col], calibration.col_index[row, col]])
     off_px = np.abs(np.clip(shown, half, np.array(calibration.row_index.shape) - half) - centre)
-    if off_px.max() > _MAX_CENTRE_OFFSET_PX:
-        raise OriginalFolderDamaged(
-            f"expected index maps in {folder} that leave the central pin at row {centre[0]:g}, column {centre[1]:g}, got ones that "
-            f"show row {shown[0]}, column {shown[1]} there; copy {ROW_INDEX}, {COL_INDEX} and {POSITION_SCALE} of one calibration"
-        )
-
-
-def _require_equal_shapes(folder: Path, shape: tuple[int, ...], other: tuple[int, ...]) -> None:
-    """Refuse maps of different shapes."""
-    if shape != other:
-        raise OriginalFolderDamaged(
-            f"expected index maps of one size in {folder}, got {shape} and {other}; calibrate the camera again"
-        )
+    _require(
+        off_px.max() <= _MAX_CENTRE_OFFSET_PX,
+        f"index maps in {folder} that leave the central pin at row {centre[0]:g}, column {centre[1]:g}",
+        f"ones that show row {shown[0]}, column {shown[1]} there",
+        f"copy {ROW_INDEX}, {COL_INDEX} and {POSITION_SCALE} of one calibration",
+    )
 
 
 def _require_crop_inside(folder: Path, calibration: OriginalCalibration, view: RectifiedImageSize) -> None:
     """Refuse maps that do not contain the crop."""
-    shape = calibration.row_index.shape
+    rows, cols = calibration.row_index.shape
     row, col = calibration.position_scale[:2] - np.array([view.rows, view.cols]) / 2
-    if row < 0 or col < 0 or row + view.rows > shape[0] or col + view.cols > shape[1]:
-        raise OriginalFolderDamaged(
-            f"expected a crop of {view.rows} x {view.cols} (rows x columns) about the central pin inside the "
-            f"{shape[0]} x {shape[1]} maps of {folder}, got one that reaches beyond them; give the crop_size of your "
-            "shape_config.yaml"
-        )
+    _require(
+        row >= 0 and col >= 0 and row + view.rows <= rows and col + view.cols <= cols,
+        f"a crop of {view.rows} x {view.cols} (rows x columns) about the central pin inside the {rows} x {cols} maps of {folder}",
+        "one that reaches beyond them",
+        "give the crop_size of your shape_config.yaml",
+    )

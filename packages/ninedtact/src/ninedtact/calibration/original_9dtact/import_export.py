@@ -96,10 +96,6 @@ def _mean_reference_grey(sensor: SensorFolder) -> float:
 Index = Int32[Array, "raw_rows raw_cols"]
 
 
-class OriginalExportImpossible(OutputError):
-    """The original project's layout cannot represent the sensor, or the destination may not be written."""
-
-
 def _build_index_maps(sensor: SensorFolder) -> tuple[Index, Index, tuple[int, int]]:
     """Return row and column of the raw pixel, (0, 0) where the camera sees nothing, and the row and column of the centre."""
     rectify, lens = sensor.rectification, sensor.record.lens
@@ -118,7 +114,7 @@ def _require_grid_fits(rectify: Rectification) -> None:
     """Refuse a grid larger than the raw image, which has the size of the maps."""
     (rows, cols), (raw_rows, raw_cols) = rectify.source_px.shape[:2], rectify.raw_shape
     if rows > raw_rows or cols > raw_cols:
-        raise OriginalExportImpossible(
+        raise OutputError(
             f"expected raw images of at least {cols} x {rows} pixels, the size of the rectified one, got "
             f"{raw_cols} x {raw_rows}; calibrate the sensor with larger images"
         )
@@ -232,12 +228,10 @@ def export_original_calibration(sensor: SensorFolder, out: Path) -> None:
     """Write the original project's layout into the new folder `out` (`…/calibration/sensor_N`), all or nothing.
 
     Index maps take the nearest raw pixel; for the list of grey levels see `_depth_list_from_curve`. Raises
-    `OriginalExportImpossible`, `OriginalFolderDamaged`, `SensorFolderDamaged`, `FileNotWritten`, `OSError`.
+    `OutputError`, `OriginalFolderDamaged`, `SensorFolderDamaged`, `FileNotWritten`, `OSError`.
     """
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise OriginalExportImpossible(
-            f"expected {out} to be new or an empty folder, got one with content; choose another name"
-        )
+        raise OutputError(f"expected {out} to be new or an empty folder, got one with content; choose another name")
     calibration = replace(_maps_to_export(sensor), pixel_to_depth_mm=_depth_list_from_curve(sensor))
     with create_sensor_folder(out) as partial:
         write_original_calibration(partial, calibration)

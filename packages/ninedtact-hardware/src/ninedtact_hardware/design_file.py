@@ -1,0 +1,67 @@
+"""Reading and writing of design files with the dimensions of the parts, which the tables `[hardware.shell]` and so on change."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, get_args
+
+import tomli_w
+
+from ninedtact.design import (
+    HARDWARE_TABLE,
+    DesignFileUnreadable,
+    SensorDesign,
+    convert_tables_to_design,
+    design_to_toml,
+    read_design_tables,
+    sensor_design_from_tables,
+)
+from ninedtact_hardware.design import PART_TABLES, DesignVariant, HardwareDesign, hardware_design_of_variant
+
+VARIANT_KEY = "variant"
+
+
+def read_hardware_design(path: Path | str | None, variant: DesignVariant) -> HardwareDesign:
+    """Read a design file with its hardware tables. Without a file, return the variant in the published size.
+
+    variant: what the file's dimensions are applied to, unless the file names a variant of its own. Raises what
+    `read_design_file` raises.
+    """
+    if path is None:
+        return hardware_design_of_variant(SensorDesign(), variant)
+    tables = read_design_tables(path)
+    hardware = tables.get(HARDWARE_TABLE, {})
+    named, parts = _split_variant(hardware, variant, path)
+    return _replace_dimensions(hardware_design_of_variant(sensor_design_from_tables(tables, path), named), parts, path)
+
+
+def _split_variant(hardware: Any, variant: DesignVariant, path: Path | str) -> tuple[DesignVariant, Any]:
+    """Return the variant that the tables name, or else the given one, and the tables without it."""
+    if not isinstance(hardware, dict) or VARIANT_KEY not in hardware:
+        return variant, hardware
+    named = hardware[VARIANT_KEY]
+    if named not in get_args(DesignVariant):
+        raise DesignFileUnreadable(
+            f"expected hardware.variant of {path} to be one of {', '.join(get_args(DesignVariant))}, got {named!r}; correct it"
+        )
+    return named, {name: table for name, table in hardware.items() if name != VARIANT_KEY}
+
+
+def _replace_dimensions(design: HardwareDesign, tables: Any, path: Path | str) -> HardwareDesign:
+    """Return a design in which the dimensions of these tables replace its own."""
+    if not isinstance(tables, dict) or not all(isinstance(table, dict) for table in tables.values()):
+        raise DesignFileUnreadable(
+            f"expected [hardware] of {path} to hold tables, got values; write [hardware.shell] and the like"
+        )
+    if unknown := [name for name in tables if name not in PART_TABLES]:
+        raise DesignFileUnreadable(
+            f"expected [hardware] tables {', '.join(PART_TABLES)}, got {unknown[0]!r} in {path}; correct or remove it"
+        )
+    merged = {name: {**asdict(getattr(design, name)), **table} for name, table in tables.items()}
+    found = convert_tables_to_design(merged, HardwareDesign, path)
+    return replace(design, **{name: getattr(found, name) for name in tables})
+
+
+def hardware_design_to_toml(design: HardwareDesign) -> str:
+    """Return a design file with every dimension, which `read_hardware_design` reads back as the same design."""
+    parts = {name: asdict(getattr(design, name)) for name in PART_TABLES}
+    return f"{design_to_toml(design.sensor)}\n{tomli_w.dumps({HARDWARE_TABLE: {VARIANT_KEY: design.variant, **parts}})}"

@@ -1,0 +1,95 @@
+"""The catalogue of parts: name, manufacturing method and builder of each part, and the built parts of a design."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+from build123d import Part
+
+from ninedtact.design import DesignImpossible
+from ninedtact_hardware.design import HardwareDesign
+from ninedtact_hardware.part_solids import (
+    build_acrylic_window,
+    build_base_board,
+    build_black_gel,
+    build_calibration_board,
+    build_camera,
+    build_first_mould,
+    build_isolation_ring,
+    build_led_board,
+    build_second_mould,
+    build_sensor_base,
+    build_sensor_shell,
+    build_translucent_gel,
+    build_transparent_gel,
+)
+
+ManufacturingMethod = Literal["printed", "cut", "cast", "bought"]
+
+
+@dataclass(frozen=True)
+class _CatalogueEntry:
+    """Name, manufacturing method and builder of one part."""
+
+    name: str
+    method: ManufacturingMethod
+    build: Callable[[HardwareDesign], Part]
+
+
+PART_CATALOGUE = (
+    _CatalogueEntry("sensor_base", "printed", build_sensor_base),
+    _CatalogueEntry("sensor_shell", "printed", build_sensor_shell),
+    _CatalogueEntry("isolation_ring", "printed", build_isolation_ring),
+    _CatalogueEntry("calibration_board", "printed", build_calibration_board),
+    _CatalogueEntry("acrylic_window", "cut", build_acrylic_window),
+    _CatalogueEntry("base_board", "cut", build_base_board),
+    _CatalogueEntry("first_mould", "cut", build_first_mould),
+    _CatalogueEntry("second_mould", "cut", build_second_mould),
+    _CatalogueEntry("transparent_gel", "cast", build_transparent_gel),
+    _CatalogueEntry("translucent_gel", "cast", build_translucent_gel),
+    _CatalogueEntry("black_gel", "cast", build_black_gel),
+    _CatalogueEntry("camera", "bought", build_camera),
+    _CatalogueEntry("led_board", "bought", build_led_board),
+)
+METHODS_WITH_FILES = ("printed", "cut")
+"""Manufacturing methods that need files. Gels come from moulds, bought parts from shops."""
+
+
+@dataclass(frozen=True)
+class BuiltPart:
+    """One part of one design as a solid."""
+
+    name: str
+    method: ManufacturingMethod
+    solid: Part
+
+    @cached_property
+    def size_mm(self) -> tuple[float, float, float]:
+        """Size of the part's bounding box."""
+        size = self.solid.bounding_box().size
+        return float(size.X), float(size.Y), float(size.Z)
+
+    @cached_property
+    def volume_mm3(self) -> float:
+        """Volume of the part."""
+        return float(self.solid.volume)
+
+
+def build_parts(design: HardwareDesign) -> dict[str, BuiltPart]:
+    """Build all parts of a design that keeps all rules and return them by name.
+
+    Raises `DesignImpossible` for a part that the modelling library cannot build, mostly for a fillet that does not fit its edges.
+    """
+    return {made.name: BuiltPart(made.name, made.method, _build_part(made, design)) for made in PART_CATALOGUE}
+
+
+def _build_part(made: _CatalogueEntry, design: HardwareDesign) -> Part:
+    """Build one part; raises `DesignImpossible`."""
+    try:
+        return made.build(design)
+    except (ValueError, RuntimeError) as trouble:
+        raise DesignImpossible(
+            f"expected dimensions from which the {made.name} can be modelled, got: {trouble}; change its fillets, its chamfers or "
+            "the widths beside them"
+        ) from trouble

@@ -1,0 +1,26 @@
+"""The choices of a calibration, which are the options of `ninedtact calibrate` too."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from ninedtact.field_bounds import require_within_bounds
+from ninedtact.shape.depth import DepthMethod, Smoothing
+
+LensKind = Literal["model", "paper"]
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """How to calibrate; the defaults suit every sensor seen so far. Raises `InputError` for a choice that does not exist."""
+
+    lens: LensKind = "model"
+    """Lens model, or the paper's map (central anchors, equidistant grid, cubic radial basis) for reproduction."""
+    camera_rotation_deg: Literal["auto", 0, 90, 180, 270] = "auto"
+    """Angle from the image's columns to the sensor's x axis, clockwise on the screen."""
+    method: DepthMethod = "physics"
+    """Depth from contact mechanics and light, fitted to the whole image of the ball, or from the ball's cap alone: from the
+    brightness factor (ratio), or from the paper's mapping list of grey differences (table)."""
+    smoothing: Smoothing = Smoothing()
+
+    def __post_init__(self) -> None:
+        require_within_bounds(self)
