@@ -26,7 +26,7 @@ from ninedtact.simulation.twin import PoseOutOfView
 from ninedtact_train.batched import executor
 from ninedtact_train.batched.executor import BatchExecutor, Device, DeviceMissing, choose_compute_device
 from ninedtact_train.batched.session_requests import ContactSummary, RenderRequest, StepRequest
-from ninedtact_train.dataset.folder import DatasetFolderTaken
+from ninedtact_train.dataset.folder import FolderTaken
 from ninedtact_train.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
 from ninedtact_train.dataset.generation.settings import (
     GenerationImpossible,
@@ -127,9 +127,9 @@ def test_kinds_of_devices_are_not_mixed(together: GenerationResult, by_processor
     assert json.loads((together.folder / "settings.json").read_text())["device"] == "torch-cpu"
     assert "with `--device torch-cpu`" in (together.folder / "README.md").read_text()
     assert json.loads((by_processor.folder / "settings.json").read_text())["device"] == "cpu"
-    with pytest.raises(DatasetFolderTaken, match=r"another device \(device: cpu instead of torch-cpu\)"):
+    with pytest.raises(FolderTaken, match=r"another device \(device: cpu instead of torch-cpu\)"):
         generate_dataset(together.folder, SMALL)
-    with pytest.raises(DatasetFolderTaken, match=r"another device \(device: torch-cpu instead of cpu\)"):
+    with pytest.raises(FolderTaken, match=r"another device \(device: torch-cpu instead of cpu\)"):
         generate_dataset(by_processor.folder, SMALL, device="torch-cpu")
 
 

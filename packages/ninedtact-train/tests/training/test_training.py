@@ -15,6 +15,7 @@ from toy import IMAGES, PAIRS, ROWS, of_heights, of_images, toy_settings
 from ninedtact.errors import InputError
 from ninedtact.force.network_input import InputChannels
 from ninedtact.force.onnx_model import read_force_model
+from ninedtact_train.dataset.folder import FolderTaken, begin_or_resume_folder
 from ninedtact_train.dataset.split import SplitRows
 from ninedtact_train.training.augmentation import NO_AUGMENTATION, GeometricAugmentation
 from ninedtact_train.training.compute_settings import ComputeSettings
@@ -30,10 +31,8 @@ from ninedtact_train.training.onnx_export import rewrite_card
 from ninedtact_train.training.settings import PAPER_TRAINING, TrainingSettings
 from ninedtact_train.training.train import (
     CHECKPOINT_FOLDER,
-    TrainingFolderTaken,
     TrainingResult,
     fit_network,
-    open_training_folder,
     train_network,
 )
 from ninedtact_train.training.training_module import (
@@ -282,15 +281,15 @@ def test_labels_that_are_no_numbers_are_refused() -> None:
 
 
 def test_another_training_in_the_same_folder_is_refused(trained: TrainingResult, tmp_path: Path) -> None:
-    with pytest.raises(TrainingFolderTaken, match="another settings"):
+    with pytest.raises(FolderTaken, match="another seed"):
         train_network(of_heights(), ROWS, toy_settings(seed=1), trained.path.parent, machine=CPU)
     heights = of_heights()
     features = np.full((PAIRS, 5), 0.1, np.float32)
     for other in (replace(heights, images=2 * heights.images), replace(heights, sensor_features=features)):
-        with pytest.raises(TrainingFolderTaken, match="another examples"):
+        with pytest.raises(FolderTaken, match="another examples"):
             train_network(other, ROWS, toy_settings(), trained.path.parent, machine=CPU)
     (tmp_path / "something").write_text("else")
-    with pytest.raises(TrainingFolderTaken, match="something else"):
+    with pytest.raises(FolderTaken, match="something else"):
         train_network(of_heights(), ROWS, toy_settings(), tmp_path, machine=CPU)
 
 
@@ -300,12 +299,12 @@ def test_processes_of_one_training_open_its_folder_at_once(tmp_path: Path) -> No
     (tmp_path / "begun" / ".settings.partial").touch()
     for out in (tmp_path / "begun", *(tmp_path / f"new_{number}" for number in range(10))):
         with ThreadPoolExecutor(8) as ranks:
-            list(ranks.map(open_training_folder, [out] * 8, [{"name": "one"}] * 8))
-        with pytest.raises(TrainingFolderTaken, match="another name"):
-            open_training_folder(out, {"name": "other"})
+            list(ranks.map(begin_or_resume_folder, [out] * 8, [{"name": "one"}] * 8))
+        with pytest.raises(FolderTaken, match="another name"):
+            begin_or_resume_folder(out, {"name": "other"})
         (out / "settings.json").write_text("[1]")
-        with pytest.raises(TrainingFolderTaken, match="another name"):
-            open_training_folder(out, {"name": "one"})
+        with pytest.raises(FolderTaken, match="another name"):
+            begin_or_resume_folder(out, {"name": "one"})
 
 
 def test_wrenches_at_one_modulus() -> None:

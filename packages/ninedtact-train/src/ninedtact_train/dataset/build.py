@@ -86,7 +86,7 @@ def build_dataset(
     """Build a data set from sources, or continue a build that was stopped.
 
     out: folder of the data set: new, empty, or begun with the same sources and settings. workers: number of processes, or a cluster
-    whose workers read the sources at the same paths. Raises `SourceUnknown`, `DatasetFolderTaken`, `NoUsablePairs`,
+    whose workers read the sources at the same paths. Raises `SourceUnknown`, `FolderTaken`, `NoUsablePairs`,
     `FileNotWritten`, `InputError`.
     """
     require_workers(workers)

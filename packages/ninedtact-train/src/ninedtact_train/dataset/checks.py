@@ -40,7 +40,7 @@ _CHECKED_COLUMNS = ("id", "image", "reference_id", "wrench", "wrench_delay_ms")
 
 @dataclass(frozen=True)
 class PairCheckSettings:
-    """The limits beyond which a pair is listed. Raises `InputError`."""
+    """The limits beyond which a pair is listed."""
 
     max_wrench: tuple[_Limit, _Limit, _Limit, _Limit, _Limit, _Limit] = tuple(
         (2 * np.abs(wrench_limits()).max(0)).tolist()
