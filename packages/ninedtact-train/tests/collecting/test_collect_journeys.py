@@ -53,8 +53,8 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> dict:
         ("--source no.mcap --force-torque no.mcap", "no such file"),
         ("--source sim --force-torque sim --min-difference 0", "min_difference above 0"),
         ("--source sim --force-torque sim --objects bal", "got 'bal'"),
-        ("--source sim --force-torque sim --pairs 0", "--pairs of at least 1"),
-        ("--source sim --force-torque sim --seed -1", "--seed of zero or more"),
+        ("--source sim --force-torque sim --pairs 0", "pairs of at least 1"),
+        ("--source sim --force-torque sim --seed -1", "seed of at least 0"),
     ],
 )
 def test_wrong_use_is_one_sentence_and_leaves_nothing(

@@ -30,7 +30,7 @@ class HeldOutSettings:
     """Held-out part of the objects, of the sensors or of the pairs."""
     split: Path | None = None
     """Split file. Its test part is not used at all."""
-    seed: int = 0
+    seed: Annotated[int, Meta(ge=0)] = 0
     """Seed of the held-out pairs, and in a training of the initial weights, the order and the augmentation."""
 
     def __post_init__(self) -> None:
