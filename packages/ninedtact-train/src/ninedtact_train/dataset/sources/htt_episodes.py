@@ -78,8 +78,9 @@ class _Episode:
     def probe(self) -> str | None:
         """The name of the probe that pressed; None where the file does not say it."""
         number = self.arrays.get("probe")
-        is_number = number is not None and number.size == 1 and number.dtype.kind in "iu"
-        return f"probe_{int(number.ravel()[0])}" if is_number else None
+        if number is None or number.size != 1 or number.dtype.kind not in "iu":
+            return None
+        return f"probe_{int(number.ravel()[0])}"
 
     def _damage(self, expected: str, got: Array) -> TransformerEpisodeDamaged:
         return _episode_damage(self.path, expected, f"{got.dtype} of shape {got.shape}")
