@@ -178,9 +178,13 @@ def test_gone_on_with_after_a_stop_it_learns_the_same(tmp_path: Path) -> None:
 def test_a_training_of_ten_steps_ends(tmp_path: Path) -> None:
     rows, settings = SplitRows(np.arange(32), np.arange(32, 40)), replace(toy_settings(), epochs=10)
     objects = ["none" if number % 8 == 0 else f"object_{number % 5}" for number in range(PAIRS)]
-    done = train_network(replace(of_heights(), objects=objects), rows, settings, tmp_path / "out", machine=CPU)
-    assert done is not None and done.model.card.training.epochs == 10
-    assert done.model.card.training.objects == 5, "the absence of an object is none"
+    examples = replace(of_heights(), objects=objects)
+    learner = ForceTrainingModule(settings, fit_label_scaling(examples.wrench[rows.train], settings))
+    history = fit_network(learner, examples, rows, tmp_path, CPU).history
+    trained = TrainedNetwork(learner.model.eval(), examples, rows, settings)
+    card = trained.build_card(trained.evaluate_held_out(), history, "little", "MIT")
+    assert len(history.epochs) == card.training.epochs == 10
+    assert card.training.objects == 5, "the absence of an object is none"
 
 
 def test_the_best_epoch_stays_the_best_where_the_folder_is_moved_between_two_runs(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.save import SensorFolderNotReplaceable, save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, load_sensor
 from ninedtact.cli import main
-from ninedtact.studio.calibration_page import _result_html
+from ninedtact.studio.calibration_page import calibration_result_html
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationState
 
 
@@ -107,7 +107,7 @@ def test_a_failed_calibration_and_the_sensor_that_stays_are_named(
     assert (out / SENSOR_FILE).read_bytes() == before
 
     beside = load_sensor(Path(f"{out}_failed"))
-    on_page = _result_html(CalibrationState(source="sim", phase=CalibrationPhase.RESULT, result=beside), out)
-    assert sentence in on_page and sentence not in _result_html(
+    on_page = calibration_result_html(CalibrationState(source="sim", phase=CalibrationPhase.RESULT, result=beside), out)
+    assert sentence in on_page and sentence not in calibration_result_html(
         CalibrationState(source="sim", phase=CalibrationPhase.RESULT, result=beside), beside.path
     )

@@ -7,8 +7,7 @@ from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.board.detection import lattice_to_skin_mm
 from ninedtact.calibration.board.lens_fit import fit_lens_with_terms
 from ninedtact.calibration.twin.ball_press_fit import _autocorrelation_sums, effective_observation_count
-from ninedtact.calibration.twin.ball_press_model import REACH_MM, ObservedBallPress
-from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
+from ninedtact.calibration.twin.observed_presses import REACH_MM, ObservedBallPress, ObservedBoardPress
 from ninedtact.design import PinBoard
 from ninedtact.quantities import Rectified, skin_grid_mm
 from ninedtact.shape.lens import LensModel

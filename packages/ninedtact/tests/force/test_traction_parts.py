@@ -18,7 +18,7 @@ from ninedtact.force.traction.brightness_from_traction import (
     influence_window_indices,
     influence_windows,
 )
-from ninedtact.force.traction.cell_grid import CellGrid, _averaging_weights, cell_grid_over_image
+from ninedtact.force.traction.cell_grid import CellGrid, cell_grid_over_image
 from ninedtact.force.traction.linearisation import (
     DiscretePrior,
     LinearisedBrightnessProblem,
@@ -30,12 +30,11 @@ from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, solve_nonnega
 from ninedtact.force.traction.observation import _EXTENSION_FACTOR, BrightnessObservationModel, brightness_law_of_curve
 from ninedtact.force.traction.traction_from_brightness import UncertaintyModel
 from ninedtact.mechanics.layer_compliance import layered_compliance
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
-from ninedtact.mechanics.surface_displacement import Skin, gel_skin
-from ninedtact.quantities import Rectified, Traction
+from ninedtact.mechanics.skin import PeriodicGrid, Skin, gel_skin
+from ninedtact.quantities import Rectified, Traction, centred_axis_mm
 from ninedtact.shape.depth import DepthCurve, GlobalDimmingModel
 
-CELLS = CellGrid(20, 26, 0.5)
+CELLS = CellGrid(20, 26, 0.5, 0.05)
 FORWARD = ForwardModel(CELLS, 2.5, 0.5, 0.6)
 RNG = np.random.default_rng(0)
 
@@ -44,22 +43,31 @@ def drawn(*shape: int) -> np.ndarray:
     return RNG.standard_normal(shape).astype(np.float32)
 
 
-def test_the_view_and_its_cells() -> None:
-    pitch_mm = []
-    for thickness_mm in (1.2, 1.7, 3.0):
-        cells = cell_grid_over_image((345, 460), 0.0522, thickness_mm)
-        assert cells.image_shape[1] * cells.pitch_mm == pytest.approx(24.0, rel=0.015)
-        assert cells.image_shape[0] * cells.pitch_mm == pytest.approx(18.0, rel=0.015)
-        pitch_mm.append(cells.pitch_mm)
-    # A thin gel transmits finer structure, within limits.
+@pytest.mark.parametrize("shape", [(345, 460), (460, 345), (230, 307), (90, 120)])
+@pytest.mark.parametrize("thickness_mm", [1.2, 1.7, 2.2, 3.0])
+def test_cells_are_squares_of_their_pitch(shape: tuple[int, int], thickness_mm: float) -> None:
+    """The mean of the position over a cell is where the cell says that it is."""
+    mm_per_px = 24 / max(shape)
+    cells = cell_grid_over_image(shape, mm_per_px, thickness_mm)
+    position_mm = np.meshgrid(*(centred_axis_mm(side, mm_per_px) for side in shape[::-1]))
+    inner = (slice(2, -2), slice(2, -2))
+    for axis_mm, cell_mm in zip(position_mm, cells.coordinates_mm, strict=True):
+        np.testing.assert_allclose(cells.average(axis_mm)[inner], cell_mm[inner], atol=mm_per_px / 10)
+    overhang_mm = np.array(cells.image_shape) * cells.pitch_mm - np.array(shape) * mm_per_px
+    assert (overhang_mm > -1e-6).all() and overhang_mm.min() < 1e-6 and overhang_mm.max() < cells.pitch_mm
+
+
+def test_thin_gel_has_finer_cells_within_limits() -> None:
+    pitch_mm = [cell_grid_over_image((345, 460), 0.0522, thickness).pitch_mm for thickness in (1.2, 1.7, 3.0)]
     np.testing.assert_allclose(pitch_mm, [0.5, 0.35 * 1.7, 0.7], rtol=0.03)
-    assert cell_grid_over_image((40, 300), 0.1, 3.0).image_shape == (8, 43)
+    assert cell_grid_over_image((40, 300), 0.1, 3.0).image_shape == (8, 60)
 
 
 def test_cells_are_means_of_their_pixels() -> None:
-    assert _averaging_weights(6, 3)[1:-1] @ np.arange(6) == pytest.approx([0.5, 2.5, 4.5])
-    assert _averaging_weights(5, 2)[1:-1] @ np.arange(5) == pytest.approx([0.8, 3.2])
-    assert _averaging_weights(345, 26).sum(axis=1) == pytest.approx(np.ones(28), abs=1e-6)
+    field = np.random.default_rng(3).random((90, 120), np.float32)
+    cells = cell_grid_over_image(field.shape, 0.2, 3.0)
+    assert cells.average(np.ones_like(field)) == pytest.approx(1, abs=1e-6)
+    assert cells.average(field)[1:-1, 1:-1].mean() == pytest.approx(field.mean(), abs=2e-3)
 
 
 def test_heights_are_those_of_the_contact_mechanics() -> None:
