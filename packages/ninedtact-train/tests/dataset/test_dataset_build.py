@@ -58,12 +58,6 @@ def test_the_twin_s_output_comes_through_byte_by_byte(twins: Path, tmp_path: Pat
         assert np.array_equal(references_in(tmp_path / "out")[name], image)
 
 
-def test_a_built_one_built_again_is_the_same(twins: Path, tmp_path: Path) -> None:
-    built_from(tmp_path / "a", twins)
-    built_from(tmp_path / "b", tmp_path / "a")
-    assert rows_in(tmp_path / "a") == rows_in(tmp_path / "b")
-
-
 def test_simulated_sensors_and_their_calibrations_come_along(twins: Path, tmp_path: Path) -> None:
     source = shutil.copytree(twins, tmp_path / "source")
     (source / "sensors" / "twin_0_001").mkdir(parents=True)
@@ -256,12 +250,6 @@ def full_disk(largest_file: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-def test_a_folder_that_may_not_be_made_is_told(tree: LittleTree, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("in the way")
-    with pytest.raises(FileNotWritten, match="make the folder"):
-        built_from(tmp_path / "file" / "out", tree.root)
 
 
 def test_sources_that_are_none_are_refused(twins: Path, tmp_path: Path) -> None:

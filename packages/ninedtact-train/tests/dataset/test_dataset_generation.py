@@ -209,14 +209,6 @@ def test_another_mesh_in_the_same_file_is_another_data_set(tmp_path: Path) -> No
     assert ball != box
 
 
-def test_a_folder_with_something_else_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "thesis.tex").write_text("precious")
-    for taken in (tmp_path, tmp_path / "thesis.tex"):
-        with pytest.raises(FolderTaken, match="holds something else"):
-            generate_dataset(taken, TWINS)
-    assert (tmp_path / "thesis.tex").read_text() == "precious"
-
-
 @pytest.mark.parametrize(
     "wrong",
     [
