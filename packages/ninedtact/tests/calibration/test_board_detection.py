@@ -204,8 +204,8 @@ def test_an_image_without_contact_has_less_range_than_four_times_its_noise() -> 
     for range_levels, touched in ((0.39, False), (0.41, True)):
         change = (range_levels * 104 / 100 * spot).astype(np.float32)
         error = make_board_not_found_error(change, SMALL, np.ones((3, 2)))
-        assert ("nothing touched" in str(error), error.found) == ((False, 3) if touched else (True, 0))
-        assert error.missing_px.shape == (0, 2) and error.expected == 20
+        assert ("nothing touched" in str(error), error.found_pins) == ((False, 3) if touched else (True, 0))
+        assert error.missing_px.shape == (0, 2) and error.expected_pins == 20
 
 
 def test_other_pins_are_predicted_for_a_plausible_board_of_which_something_was_seen() -> None:
@@ -215,7 +215,7 @@ def test_other_pins_are_predicted_for_a_plausible_board_of_which_something_was_s
     assert len(make_board_not_found_error(change, SMALL, seen, plausible).missing_px) == 8
     for spots, candidate in ((seen, unlike), (seen[:0], plausible), (seen, None)):
         error = make_board_not_found_error(change, SMALL, spots, candidate)
-        assert error.missing_px.shape == (0, 2) and error.found == len(spots)
+        assert error.missing_px.shape == (0, 2) and error.found_pins == len(spots)
         assert "press harder" in str(error)
 
 
@@ -252,4 +252,9 @@ def test_a_drawing_is_named_in_the_same_error() -> None:
     given = ("words", 3, 63, np.ones((3, 2)), np.zeros((4, 5), np.float32), np.zeros((2, 2)))
     error = BoardNotFound(*given).with_drawing(Path("drawn.png"))
     assert str(error) == "words; what was detected is drawn in drawn.png"
-    assert (error.found, error.expected, error.detected_px.shape, error.missing_px.shape) == (3, 63, (3, 2), (2, 2))
+    assert (error.found_pins, error.expected_pins, error.detected_px.shape, error.missing_px.shape) == (
+        3,
+        63,
+        (3, 2),
+        (2, 2),
+    )
