@@ -171,9 +171,7 @@ def test_a_skin_without_structure_is_judged_by_its_light(drawn: tuple[KnownSenso
     assert diagnose_drift(fine) == []
     assert not fine.moved.observable
     assert diagnoses(known, sensor.image(0.9 * untouched, 4)) == ["light dimmer"]
-    assert diagnoses(known, sensor.image(sensor.ball_factor(), 5)) == ["something touches the gel"]
     assert diagnoses(known, sensor.image(sensor.board_factor(), 6)) == ["something touches the gel"]
-    assert diagnoses(known, spotted(sensor.image(untouched, 7), -0.08, 15)) == ["gel changed"]
 
 
 def test_an_image_that_cannot_be_compared_is_refused(drawn: tuple[KnownSensor, CalibratedReference]) -> None:

@@ -1,6 +1,5 @@
 """A calibration that failed its checks is saved, but never in the place of a better one."""
 
-import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -76,10 +75,10 @@ def test_what_is_beside_the_sensor_is_kept_too(twin_sensor: SensorFolder, failed
         save_sensor(tmp_path / "finger_failed_2", failed)
 
 
-def test_a_failed_calibration_and_the_sensor_that_stays_are_named(
+def test_everyone_is_told_that_a_calibration_failed_and_which_sensor_stays(
     twin_sensor: SensorFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A glaring strip at the border makes the check of the light fail."""
+    """A glaring strip at the border makes the check of the light fail; the gel is stated half as thick as it is."""
     images, out = tmp_path / "images", tmp_path / "finger"
     shutil.copytree(twin_sensor.path / "images", images)
     for name in ("ball_reference", "ball"):
@@ -88,11 +87,17 @@ def test_a_failed_calibration_and_the_sensor_that_stays_are_named(
         cv2.imwrite(str(images / f"{name}.png"), image)
     shutil.copytree(twin_sensor.path, out)
     before = (out / SENSOR_FILE).read_bytes()
-    assert main(["calibrate", f"--images={images}", f"--out={out}", "--method=ratio", "--json"]) == 1
-    said, beside = capsys.readouterr(), Path(f"{out}_failed")
-    assert json.loads(said.out)["sensor"] == str(beside)
-    sentence = f"the new calibration failed its checks and is saved in {beside}; {out} keeps the older calibration"
-    assert said.err == f"ninedtact: {sentence}\n"
-    assert (out / SENSOR_FILE).read_bytes() == before
-    assert kept_calibration_notices(out, load_sensor(beside)) == [sentence]
-    assert kept_calibration_notices(beside, load_sensor(beside)) == []
+    command = ["calibrate", f"--images={images}", f"--out={out}", "--method=ratio", "--design.gel.thickness-mm=1.0"]
+    assert main(command) == 1
+    said, beside = capsys.readouterr(), load_sensor(Path(f"{out}_failed"))
+    assert "Do not measure with this calibration" in said.out
+    sentence = f"the new calibration failed its checks and is saved in {beside.path}; {out} keeps the older calibration"
+    assert f"ninedtact: {sentence}\n" in said.err and (out / SENSOR_FILE).read_bytes() == before
+    assert kept_calibration_notices(out, beside) == [sentence]
+    assert kept_calibration_notices(beside.path, beside) == []
+    certificate = beside.record.certificate
+    assert certificate is not None and any("which is impossible" in each for each in certificate.warnings)
+    main(["check", f"--sensor={beside.path}", str(twin_sensor.path / "images" / "ball_reference.png")])
+    said_later = capsys.readouterr().err
+    assert f"the calibration of {beside.path} failed its checks; do not measure with it" in said_later
+    assert load_sensor(out).notices == ()

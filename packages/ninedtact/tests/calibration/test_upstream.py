@@ -194,7 +194,7 @@ def assert_refused(folder: Path, sentence: str) -> None:
 
 @given(position=st.integers(0, 200), byte=st.integers(0, 255), cut=st.integers(1, 200))
 @example(position=20, byte=ord("O"), cut=200)
-@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 def test_any_damage_to_a_file_is_refused_or_harmless(tmp_path: Path, position: int, byte: int, cut: int) -> None:
     path = tmp_path / "list.npy"
     np.save(path, np.arange(9.0))
