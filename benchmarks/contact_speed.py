@@ -20,16 +20,14 @@ from numpy import ndarray as Array
 from turns import Tasks, Times, in_turns
 
 from ninedtact.design import Gel
-from ninedtact.mechanics.alternating_solver import SolverSettings
-from ninedtact.mechanics.array_namespace import forward_transform, inverse_transform
-from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.contact_arrays import forward_transform, inverse_transform
+from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
 from ninedtact.mechanics.contact_result import Contact, periodic_image_error_mm
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.layer_compliance import half_space_compliance
 from ninedtact.mechanics.normal_contact import ContactConstraint, PressureSolution, solve_pressure
-from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.surface_displacement import Skin, gel_skin
+from ninedtact.mechanics.skin import PeriodicGrid, Skin, gel_skin, padded_grid
 from ninedtact.simulation.twin import default_twin
 
 AREA_MM, PITCH_MM, MARGIN_MM = (24.0, 18.0), 0.2, 4.0
@@ -122,11 +120,11 @@ def live_steps(grid: PeriodicGrid, tolerance: float) -> Callable[[int], Contact]
 def live_frames() -> Callable[[int], object]:
     """The same through the default twin, with its image."""
     twin = default_twin()
-    poses, contacts = cycle(live_poses()), [twin.model.initial_contact()]
+    poses, presses = cycle(live_poses()), [twin.hover(BALL, Pose())]
 
     def frame(call: int) -> object:
-        contacts[0] = twin.step(contacts[0], BALL, next(poses))
-        return twin.renderer(contacts[0], call)
+        presses[0] = twin.press(presses[0], BALL, next(poses))
+        return twin.renderer(presses[0].corrected, call)
 
     return frame
 

@@ -136,11 +136,11 @@ def read_press(name: str, stored: np.lib.npyio.NpzFile) -> FePress:
 def press_twin(twin: Twin, press: FePress) -> Contact:
     """Press the same object down to the same depth, then drag it to the same place, by the linear mechanics."""
     start = FIRST_PLACE.get(press.name, (press.pose.x_mm, press.pose.y_mm))
-    contact = twin.model.initial_contact()
+    last = None
     down = replace(press.pose, x_mm=start[0], y_mm=start[1])
     for depth in np.linspace(0, press.pose.depth_mm, int(np.ceil(press.pose.depth_mm / STEP_MM)) + 1)[1:]:
-        contact = twin.step(contact, press.indenter, replace(down, depth_mm=float(depth)))
-    return contact if down == press.pose else twin.step(contact, press.indenter, press.pose)
+        last = twin.press(last, press.indenter, replace(down, depth_mm=float(depth)))
+    return (last if last and down == press.pose else twin.press(last, press.indenter, press.pose)).solved
 
 
 FIRST_PLACE = {"ball4_light_1": (3.0, -2.0), "ball8_mid_5": (0.0, 0.0), "ball8_off_1": (-6.0, -4.0)}

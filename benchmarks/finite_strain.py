@@ -32,9 +32,8 @@ from ninedtact.mechanics.finite_strain import (
     finite_strain_traction_mpa,
 )
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.surface_displacement import Skin, gel_skin
+from ninedtact.mechanics.skin import PeriodicGrid, Skin, gel_skin
 
 GEL = Gel(thickness_mm=2.5, shear_modulus_mpa=1.0, poisson_ratio=0.5)
 DEPTHS_MM = tuple(np.round(np.arange(0.1, 1.95, 0.1), 3).tolist())

@@ -27,7 +27,7 @@ from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CalibrationError
 from ninedtact.force.estimator_loading import build_estimator
-from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading

@@ -16,9 +16,9 @@ from typing import Any
 import tyro
 from figures import Figure, answer, at_least
 
+from ninedtact.simulation.twin import Press
 from ninedtact_train.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
 from ninedtact_train.batched.session_requests import (
-    ContactSummary,
     RenderRequest,
     SessionRequest,
     SimulatedSetup,
@@ -109,7 +109,7 @@ class Clock:
         kind, start = type(requests[0]), perf_counter()
         responses = self.method(requests)
         self.seconds[kind] += perf_counter() - start
-        self.done[kind] += sum(kind is RenderRequest or isinstance(one, ContactSummary) for one in responses)
+        self.done[kind] += sum(kind is RenderRequest or isinstance(one, Press) for one in responses)
         self.batches += kind is StepRequest
         return responses
 

@@ -14,9 +14,10 @@ import viser
 from ninedtact import Frame, FrameSource
 from ninedtact.design import Gel
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
+from ninedtact.studio.page_server import PageServer, page_server
 from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.sensor_page import SensorPage
 
 CLIENTS = Path(__file__).parents[1] / "packages/ninedtact/tests/studio/reading_clients.py"
 sys.path.append(str(CLIENTS.parent))
@@ -55,7 +56,7 @@ class CameraInMemory(FrameSource):
 @contextmanager
 def shown_page(
     sensors: Sequence[DisplayedSensor], shape: CalibratedShape, hz: float, readings: Path
-) -> Iterator[tuple[viser.ViserServer, SensorPage]]:
+) -> Iterator[tuple[PageServer, SensorPage]]:
     """Serve the page of sensors whose pollers run; yields server and page. readings: folder of what the page would save."""
     with page_server("127.0.0.1", 0) as server:
         controller, stop = PageController(sensors, readings), threading.Event()
@@ -70,17 +71,17 @@ def shown_page(
 
 
 @contextmanager
-def crowd(server: viser.ViserServer, clients: int, silent: int = 1, others: int = 0) -> Iterator[None]:
+def crowd(server: PageServer, clients: int, silent: int = 1, others: int = 0) -> Iterator[None]:
     """Connect clients, some of which never read, beside others, wait for all, and let them leave at the end."""
-    command = [sys.executable, str(CLIENTS), f"ws://127.0.0.1:{server.get_port()}", f"viser-v{viser.__version__}"]
+    command = [sys.executable, str(CLIENTS), f"ws://127.0.0.1:{server.port}", f"viser-v{viser.__version__}"]
     process = subprocess.Popen([*command, str(clients), str(silent)])
     try:
-        while len(server.get_clients()) < clients + others:
+        while len(server.viser.get_clients()) < clients + others:
             time.sleep(0.1)
         time.sleep(1)
         yield
     finally:
         process.kill()
         process.wait()
-    while len(server.get_clients()) > others:
+    while len(server.viser.get_clients()) > others:
         time.sleep(0.1)

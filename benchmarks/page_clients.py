@@ -17,9 +17,9 @@ from real_images import real_sensor
 
 from ninedtact import Sensor
 from ninedtact.capture.frame_pacing import LatestFrameSource
+from ninedtact.live.sensor_poller import SensorPoller
 from ninedtact.reference_images import ReferenceImages
 from ninedtact.studio.page_controller import DisplayedSensor
-from ninedtact.studio.sensor_poller import SensorPoller
 
 CAMERA_HZ, DISPLAY_HZ = 30.0, 15.0
 READINGS = Path("out/readings")

@@ -24,14 +24,13 @@ from websockets.sync.client import ClientConnection, connect
 
 from ninedtact import SensorFolder
 from ninedtact.calibration.save import save_sensor
-from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
+from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.live.wrench_history import WrenchHistory
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_controller import DisplayedSensor
 from ninedtact.studio.press_control import TwinPressController
-from ninedtact.studio.sensor_poller import SensorPoller
 from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM
-from ninedtact.studio.wrench_history import WrenchHistory
 
 DISPLAY_HZ = 30.0
 DEPTHS_MM = (0.6, 0.75)
@@ -85,7 +84,7 @@ def page_interaction(moves: int = 60, quick: bool = False, json: bool = False) -
 
 def press_through_page(folder: SensorFolder, moves: int, watch_s: float) -> tuple[list[float], float, dict[str, float]]:
     """Return the ms of each move, the updates per second, and the ms of each stage of the last reading."""
-    sources = demo_sources(build_twin_from_folder(folder))
+    sources = demo_sources(folder.twin())
     sensor, pollers = twin_sensor_and_true_wrench(folder.shape, sources)
     sensor.estimator = estimator = folder.estimator("physics")
     estimates = WrenchHistory("estimated", "by physics", estimator.notices, states_errors=True)
@@ -99,12 +98,12 @@ def press_through_page(folder: SensorFolder, moves: int, watch_s: float) -> tupl
         control = TwinPressController(sources.simulation)
         twin = DisplayedSensor(poller, [pollers[0].history, estimates], control)
         with shown_page([twin], folder.shape, DISPLAY_HZ, Path("out/readings")) as (server, page):
-            person = context.Process(target=move_handle, args=(server.get_port(), moves, watch_s, there))
+            person = context.Process(target=move_handle, args=(server.port, moves, watch_s, there))
             person.start()
             while not page.viewers:
                 time.sleep(0.05)
             with crowd(server, 1, silent=0, others=1):
-                here.send(page.viewers[0].client.scene._owner_id)
+                here.send(str(page.viewers[0].client.client_id))
                 took_ms, updates_hz = here.recv()
             person.join()
             reading = poller.snapshot(0).reading

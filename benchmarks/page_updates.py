@@ -80,7 +80,7 @@ def page_updates(seconds: float = 20.0, quick: bool = False, json: bool = False)
             _,
         ),
     ):
-        client = context.Process(target=watch, args=(server.get_port(), settle_s, seconds, there))
+        client = context.Process(target=watch, args=(server.port, settle_s, seconds, there))
         keep_threads_on({min(cores)})
         alone = load_while(poller.sensor, lambda: time.sleep(seconds))
         client.start()

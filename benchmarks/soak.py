@@ -26,10 +26,10 @@ from real_images import calibrated
 from ninedtact import Recording, Sensor, SensorFolder, record, save_sensor
 from ninedtact.__main__ import limit_memory_arenas
 from ninedtact.capture.frame_pacing import LatestFrameSource
+from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.live.wrench_history import WrenchHistory
 from ninedtact.reference_images import FollowingSettings, ReferenceImages
 from ninedtact.studio.page_controller import DisplayedSensor
-from ninedtact.studio.sensor_poller import SensorPoller
-from ninedtact.studio.wrench_history import WrenchHistory
 
 SETTLED = 8
 """Number of the round from which growth counts: until then, the allocator's arenas of the threads fill."""

@@ -26,7 +26,8 @@ LAYERS = {
         {"force", "simulation"},
         {"calibration", "reference_images"},
         {"recording", "sensor"},
-        {"open_sensor"},
+        {"source_addresses"},
+        {"open_sensor", "live"},
         {"studio"},
         {"interop"},
         {"cli"},
@@ -46,8 +47,6 @@ LAYERS = {
 }
 """The packages and files of each distribution, from the lowest layer to the highest; those of a layer do not import each other. The
 hardware is one layer."""
-EXCEPTIONS = {("calibration", "simulation.gel_brightness")}
-"""The ball fit is the twin's forward model."""
 BELOW = {"ninedtact": set(), "ninedtact_train": {"ninedtact"}, "ninedtact_hardware": {"ninedtact"}}
 """What a distribution may import of the others."""
 
@@ -57,7 +56,7 @@ HEAVY = {
     "onnx": {"ninedtact_train.training"},
     "onnxruntime": {"ninedtact.force.onnx_model"},
     "viser": {"ninedtact.studio"},
-    "websockets": {"ninedtact.studio", "ninedtact.interop"},
+    "websockets": {"ninedtact.live", "ninedtact.studio", "ninedtact.interop"},
     "build123d": {"ninedtact_hardware"},
     "ezdxf": {"ninedtact_hardware.part_files"},
     "cyclonedds": {"ninedtact.interop"},
@@ -125,7 +124,7 @@ def is_below(own: str, here: str, name: str) -> bool:
         return True
     if other != own:
         return other in BELOW[own]
-    if not LAYERS[own] or any(here == a and target.startswith(b) for a, b in EXCEPTIONS):
+    if not LAYERS[own]:
         return True
     return layer(own, first) < layer(own, here)
 

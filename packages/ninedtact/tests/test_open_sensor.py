@@ -26,7 +26,7 @@ from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.cli import main
 from ninedtact.cli.estimate import Estimate
 from ninedtact.force.contact_detection import detect_contact
-from ninedtact.force.estimator_interface import NoForceEstimator
+from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_estimate
 from ninedtact.force.traction.estimator import _on_one_blas_thread
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.open_sensor import assemble_live_sensor
@@ -315,12 +315,12 @@ def test_only_readings_against_a_faulty_reference_of_a_recording_are_warned_of(t
 
 
 def test_every_reference_of_a_recording_ends_what_the_estimator_remembers(tmp_path: Path) -> None:
-    class CountingEstimator(NoForceEstimator):
-        estimated, forgotten_at = 0, list[int]()
+    class CountingEstimator(ForceEstimator):
+        name, estimated, forgotten_at = "counting", 0, list[int]()
 
         def estimate(self, reading: Reading) -> WrenchEstimate:
             self.estimated += 1
-            return super().estimate(reading)
+            return unknown_wrench_estimate(reading.stamp_ns)
 
         def forget(self) -> None:
             self.forgotten_at.append(self.estimated)
@@ -340,7 +340,7 @@ def test_the_twin_of_the_sensor_is_estimated_and_not_that_of_the_published_desig
         with source:
             return np.asarray(source.read().image)
 
-    shown = first_image(Estimate(("sim",)).frames(physical_sensor))
+    shown = first_image(Estimate(("sim",)).open_on_source(physical_sensor).source)
     assert (shown == first_image(ninedtact.source_for("sim", sensor=physical_sensor))).all()
     assert (shown != first_image(ninedtact.source_for("sim"))).any()
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from ninedtact.mechanics.alternating_solver import SolverSettings
-from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.renderer import BatchRenderer

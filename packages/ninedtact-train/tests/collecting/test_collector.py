@@ -11,15 +11,10 @@ from hand import BEGAN_NS, BIAS, NOISE, REST_TOUCHES, TOUCH_S, TOUCHES, UNTOUCHE
 from twin_folder import twin_folder
 
 from ninedtact.calibration.sensor_folder import load_sensor
-from ninedtact.capture.force_torque.sample_checks import (
-    CheckedWrenchSource,
-    ClockDriftMonitor,
-    SampleCheckSettings,
-    SampleChecksInvalid,
-    SampleFault,
-)
+from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.wrench_source import WrenchSaturated
 from ninedtact.design import ForceTorqueMount
+from ninedtact.errors import InputError
 from ninedtact.quantities import NO_OBJECT, Frame, Wrench
 from ninedtact.recording.background_reader import Arrival
 from ninedtact.recording.errors import WrenchSourceMismatched
@@ -43,6 +38,7 @@ from ninedtact_train.collecting.collection_sources import (
 from ninedtact_train.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact_train.collecting.merge_streams import MergedArrival, merge_recorded_streams
 from ninedtact_train.collecting.pair_selection import CollectSettings, CollectSettingsInvalid
+from ninedtact_train.collecting.sample_faults import ClockDriftMonitor, SampleFault
 from ninedtact_train.collecting.training_pair_rule import SamplingRuleSettings
 
 SETTINGS = CollectSettings(checks=SampleCheckSettings(range_n=(50, 50, 50)))
@@ -321,7 +317,7 @@ def test_settings_refuse_nonsense() -> None:
         with pytest.raises(CollectSettingsInvalid, match=r"expected .* got .*; correct"):
             replace(CollectSettings(), **wrong)
     for limits in ((0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, np.nan)):
-        with pytest.raises(SampleChecksInvalid, match=r"expected three ranges .* got .*; take them"):
+        with pytest.raises(InputError, match=r"expected three ranges .* got .*; take them"):
             SampleCheckSettings(range_n=limits)
 
 

@@ -1,22 +1,24 @@
-"""Open a sensor by name: its folder, the source that it is read from, and the estimator of its force.
+"""Open a sensor: its folder, the source that it is read from, its reference images, and the estimator of its force.
 
-A program calls this as `ninedtact.open`; the commands use it to understand `--sensor` and `--source`. Packages are imported when a
-sensor is opened, so that `ninedtact --help` stays quick.
+    address ──▶ source ──▶ reference images ──▶ estimator ──▶ Sensor
+
+A program calls this as `ninedtact.open`; the live page and the bridges read the same in real time (`assemble_live_sensor`).
+Packages are imported when a sensor is opened, so that `ninedtact --help` stays quick.
 """
 
-import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.recording.errors import (
-    ReferenceMomentRefused,
-    SensorNotGiven,
-    WrenchSourceMismatched,
-    require_recording_libraries,
+from ninedtact.recording.errors import ReferenceMomentRefused
+from ninedtact.source_addresses import (
+    RECORDING_SUFFIX,
+    is_twin_address,
+    load_given_or_recorded_sensor,
+    source_for,
+    source_in_real_time,
 )
 
 if TYPE_CHECKING:
@@ -29,11 +31,6 @@ if TYPE_CHECKING:
     from ninedtact.shape.calibrated_shape import CalibratedShape
     from ninedtact.shape.depth import DepthReader
     from ninedtact.simulation.press_sequence import PressSequence
-
-SIMULATED = "sim"
-"""Name of the sensor's twin as a source."""
-RECORDING_SUFFIX = ".mcap"
-_RECORDING_ADDRESS = re.compile(rf".*{re.escape(RECORDING_SUFFIX)}(#\w+)?", re.IGNORECASE | re.DOTALL)
 
 PathLike = Path | str
 
@@ -85,52 +82,17 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     >>> reading.wrench.force_n  # nothing touches yet
     array([0., 0., 0.])
     """
+    from ninedtact.capture.frame_pacing import LatestFrameSource
+    from ninedtact.capture.frame_source import FIXED_EXPOSURE
+
     source = str(source) if isinstance(source, Path | int) else source
     references = [reference] if isinstance(reference, Path | str) else reference or ()
     moments_s = [reference_at_s] if isinstance(reference_at_s, int | float) else reference_at_s
     with load_given_or_recorded_sensor(sensor, source) as folder:
-        estimator = None if force == "none" else folder.estimator(force)
-        frames = newest_frame_source_for(source, folder, settings) if isinstance(source, str) else source
-        return assemble_sensor(folder, frames, source, references, moments_s, estimator, follow_reference)
-
-
-def assemble_sensor(
-    sensor: "SensorFolder",
-    frames: "FrameSource",
-    source: "str | FrameSource",
-    references: Sequence[PathLike] = (),
-    reference_at_s: Sequence[float] = (),
-    estimator: "ForceEstimator | None" = None,
-    follow_reference: bool | None = None,
-) -> "Sensor":
-    """Return a sensor on frames, not yet opened, with the reference images that are given or that its source brings.
-
-    source: where the frames come from, as `open` takes it. A recording and the twin bring their reference. The other parameters,
-    and what is raised, are those of `open`.
-    """
-    from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
-    from ninedtact.reference_images import ReferenceImages, following_settings_for
-    from ninedtact.sensor import Sensor
-
-    shape, check = sensor.shape, load_reference_image_checker(sensor)
-    given, recorded = _read_given_reference(references, shape, check), None
-    if given is None and source == SIMULATED:
-        from ninedtact.simulation.simulated_sources import simulate_reference_frames
-
-        given = shape.depth_reader(*simulate_reference_frames(sensor.twin()))
-    elif given is None and frames.recording is not None:
-        from ninedtact.recording.recorded_source import RecordedFrameSource
-
-        assert isinstance(frames, RecordedFrameSource)
-        given = load_recorded_reference(frames.recording, sensor, check)
-        if given is not None:
-            faults = given.reference_faults
-            recorded = partial(
-                frames.depth_reader_at, shape=shape, find_faults=check.find_faults, rectified_faults=faults
-            )
-    at_moments = _references_at_moments(frames, reference_at_s, shape, check, given)
-    following = following_settings_for(frames, follow_reference)
-    return Sensor(frames, shape, ReferenceImages(given, recorded, at_moments, check.find_faults, following), estimator)
+        frames = source_for(source, settings or FIXED_EXPOSURE, folder) if isinstance(source, str) else source
+        if isinstance(source, str) and frames.is_live and not frames.is_simulated:
+            frames = LatestFrameSource(frames)  # a slow reader neither lags behind nor hears late of a loss
+        return _assemble(folder, frames, folder.estimator(force), references, follow_reference, moments_s)
 
 
 @dataclass(frozen=True)
@@ -149,7 +111,7 @@ def assemble_live_sensor(
     settings: "CameraSettings | None" = None,
     follow_reference: bool = True,
     loop: bool = False,
-    estimator: "ForceEstimator | None" = None,
+    estimator: "str | ForceEstimator" = "none",
     name: str = "",
     notify: Callable[[str], None] = lambda sentence: None,
 ) -> LiveSensor:
@@ -160,169 +122,63 @@ def assemble_live_sensor(
     of the sensor among several, each of whose twins has noise of its own. notify: receives a sentence about a camera that is lost
     or is back. The other parameters, and what is raised, are those of `open`.
     """
-    from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
-    from ninedtact.capture.frame_pacing import LatestFrameSource
-    from ninedtact.reference_images import ReferenceImages, following_settings_for
-    from ninedtact.sensor import Sensor
-
-    shape, check = folder.shape, load_reference_image_checker(folder)
-
-    def assemble(frames: "FrameSource", given: "DepthReader | None") -> Sensor:
-        following = following_settings_for(frames) if follow_reference else None
-        images = ReferenceImages(given, find_faults=check.find_faults, following=following)
-        return Sensor(LatestFrameSource(frames), shape, images, estimator)
-
-    given = _read_given_reference(references, shape, check)
-    if is_twin_address(source):
-        from ninedtact.simulation.simulated_sources import demo_sources
-
-        twin = demo_sources(folder.twin().with_noise_of(name))
-        sensor = assemble(twin.camera, given or shape.depth_reader(*twin.reference_frames))
-        return LiveSensor(sensor, twin.force_torque, twin.simulation)
-    if given is None and is_recording_address(source):
-        given = load_recorded_reference(source, folder, check)
-    return LiveSensor(assemble(_reconnecting_source(source, settings, loop, name, notify), given))
-
-
-def _reconnecting_source(
-    source: str, settings: "CameraSettings | None", loop: bool, name: str, notify: Callable[[str], None]
-) -> "FrameSource":
-    """Return the source in real time, which a lost camera does not end; the parameters are those of `assemble_live_sensor`."""
-    from ninedtact.capture.frame_pacing import RepeatingSource
+    from ninedtact.capture.frame_pacing import LatestFrameSource, RepeatingSource
     from ninedtact.capture.frame_source import FIXED_EXPOSURE
     from ninedtact.capture.reconnecting import ReconnectingFrameSource
 
     of = f"{name}: " if name else ""
-    played = source_in_real_time(source, settings or FIXED_EXPOSURE, lambda sentence: notify(f"{of}{sentence}"))
-    return ReconnectingFrameSource(
-        RepeatingSource(played) if loop else played,
-        on_lost=lambda loss: notify(f"{of}{loss}; waiting for it"),
-        on_back=lambda: notify(f"{of}it is back"),
-    )
-
-
-def source_for(
-    text: str, settings: "CameraSettings | None" = None, sensor: "SensorFolder | None" = None
-) -> "FrameSource":
-    """Return the source that `text` names, not yet opened.
-
-    `text` is a camera, stream, video file, folder of images, recording (.mcap) or "sim", the twin of `sensor`. Without a
-    sensor it is the default twin. `settings` apply to cameras on this computer. Raises `SourceUnknown`.
-
-    >>> ninedtact.source_for("0").name
-    'camera 0'
-    """
-    if is_twin_address(text):
+    follow, twin = None if follow_reference else False, None
+    if is_twin_address(source):
         from ninedtact.simulation.simulated_sources import demo_sources
-        from ninedtact.simulation.twin import default_twin
 
-        return demo_sources(default_twin() if sensor is None else sensor.twin()).camera
-    if is_recording_address(text):
-        require_recording_libraries()
-        from ninedtact.recording.recorded_source import RecordedFrameSource
-
-        return RecordedFrameSource(Path(text).expanduser())
-    from ninedtact.capture import source_from_address
-    from ninedtact.capture.frame_source import DEFAULT_CAMERA
-
-    return source_from_address.camera_or_file_source(text, settings or DEFAULT_CAMERA)
-
-
-def newest_frame_source_for(
-    text: str, sensor: "SensorFolder", settings: "CameraSettings | None" = None
-) -> "FrameSource":
-    """Return the source that `text` names, of which a slow reader gets the newest frame of a camera or stream.
-
-    So it neither lags behind nor hears late of a loss. Files, recordings and the twin serve every frame. The exposure of a camera
-    is fixed unless `settings` say otherwise.
-    """
-    from ninedtact.capture.frame_pacing import LatestFrameSource
-    from ninedtact.capture.frame_source import FIXED_EXPOSURE
-
-    source = source_for(text, settings or FIXED_EXPOSURE, sensor)
-    return LatestFrameSource(source) if source.is_live and not is_twin_address(text) else source
-
-
-def load_recorded_reference(
-    address: str, sensor: "SensorFolder", check: "ReferenceImageChecker"
-) -> "DepthReader | None":
-    """Return a depth reader for the reference image that a recording starts with; None where it starts with none."""
-    require_recording_libraries()
-    from ninedtact.recording.recorded_source import read_first_reference
-
-    return read_first_reference(Path(address).expanduser(), sensor, check)
-
-
-def source_in_real_time(
-    text: str, settings: "CameraSettings | None" = None, notify: Callable[[str], None] | None = None
-) -> "FrameSource":
-    """Return the source that `text` names; files and recordings play at their own pace, stamped as their frames are read.
-
-    notify: receives a sentence where images of a file are missing or damaged; without it, reading raises this at the end.
-    """
-    from ninedtact.capture.frame_pacing import LivePlayback
-
-    return LivePlayback(source_for(text, settings), notify)
-
-
-def is_recording_address(text: str) -> bool:
-    """Return whether the text names a file that `ninedtact record` or `collect` writes, or one sensor of it: `grasp.mcap#left`."""
-    return _RECORDING_ADDRESS.fullmatch(text) is not None and "://" not in text
-
-
-def is_twin_address(text: str) -> bool:
-    """Return whether the text names the twin of the sensor."""
-    return text == SIMULATED
-
-
-def require_matching_force_source(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:
-    """Raise `WrenchSourceMismatched` unless images and forces come from the same kind: devices, a simulation or recordings."""
-    if force_torque is not None and any(kind(source) != kind(force_torque) for kind in kinds):
-        raise WrenchSourceMismatched(
-            f"expected --source and --force-torque to be both devices, both {SIMULATED} or both recordings, got '{source}' "
-            f"and '{force_torque}'; name two that belong together"
+        twin = demo_sources(folder.twin().with_noise_of(name))
+        frames: FrameSource = twin.camera
+    else:
+        played = source_in_real_time(source, settings or FIXED_EXPOSURE, lambda sentence: notify(f"{of}{sentence}"))
+        frames = ReconnectingFrameSource(
+            RepeatingSource(played) if loop else played,
+            on_lost=lambda loss: notify(f"{of}{loss}; waiting for it"),
+            on_back=lambda: notify(f"{of}it is back"),
         )
+    chosen = folder.estimator(estimator) if isinstance(estimator, str) else estimator
+    sensor = _assemble(folder, LatestFrameSource(frames), chosen, references, follow)
+    return LiveSensor(sensor) if twin is None else LiveSensor(sensor, twin.force_torque, twin.simulation)
 
 
-@contextmanager
-def load_given_or_recorded_sensor(
-    sensor: "PathLike | SensorFolder | None", source: "str | FrameSource"
-) -> "Iterator[SensorFolder]":
-    """Load the sensor that is named, or else the one that a recording carries.
+def _assemble(
+    folder: "SensorFolder",
+    frames: "FrameSource",
+    estimator: "ForceEstimator",
+    references: Sequence[PathLike],
+    follow_reference: bool | None,
+    moments_s: Sequence[float] = (),
+) -> "Sensor":
+    """Return a sensor on frames, not yet opened, with the reference images that are given or that its source brings."""
+    from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
+    from ninedtact.reference_images import ReferenceImages, following_settings_for
+    from ninedtact.sensor import Sensor
 
-    A sensor restored from a recording is deleted when the block ends; what was loaded from it stays usable. Raises
-    `SensorNotGiven`, `SensorFolderDamaged`.
-    """
-    from tempfile import TemporaryDirectory
+    shape, check = folder.shape, load_reference_image_checker(folder)
+    images = ReferenceImages(find_faults=check.find_faults, following=following_settings_for(frames, follow_reference))
+    if references:
+        images.given = shape.depth_reader(*check.read_images([Path(path) for path in references]))
+    elif frames.reference_frames:
+        images.given = shape.depth_reader(*frames.reference_frames)
+    elif frames.recording is not None:
+        from ninedtact.recording.recorded_source import RecordedFrameSource, read_first_reference
 
-    from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
-
-    if isinstance(sensor, SensorFolder):
-        yield sensor
-        return
-    if sensor is not None:
-        yield load_sensor(sensor)
-        return
-    recording = source.recording if not isinstance(source, str) else source if is_recording_address(source) else None
-    if recording is None:
-        name = source if isinstance(source, str) else source.name
-        raise SensorNotGiven(
-            f"expected --sensor with --source {name}, got none; name the folder that 'ninedtact calibrate --out' wrote"
-        )
-    require_recording_libraries()
-    from ninedtact.recording.reader import extract_sensor_folder
-
-    with TemporaryDirectory(prefix="ninedtact_") as folder:
-        yield load_sensor(extract_sensor_folder(Path(recording).expanduser(), Path(folder) / "sensor"))
-
-
-def _read_given_reference(
-    references: Sequence[PathLike], shape: "CalibratedShape", check: "ReferenceImageChecker"
-) -> "DepthReader | None":
-    """Return a depth reader for the reference images that are given; None where none is."""
-    if not references:
-        return None
-    return shape.depth_reader(*check.read_images([Path(path) for path in references]))
+        images.given = read_first_reference(frames.recording, folder, check)
+        if images.given is not None and isinstance(
+            frames, RecordedFrameSource
+        ):  # wrapped, its frames have other stamps
+            faults = images.given.reference_faults
+            images.recorded = partial(
+                frames.depth_reader_at, shape=shape, find_faults=check.find_faults, rectified_faults=faults
+            )
+    if moments_s:
+        images.at_moments = _references_at_moments(frames, moments_s, shape, check, images.given)
+    images.begin()
+    return Sensor(frames, shape, images, estimator)
 
 
 def _references_at_moments(
@@ -337,8 +193,6 @@ def _references_at_moments(
     first: in use until the first moment, where it is not that of the recording's first images. Raises `ReferenceMomentRefused`,
     also where the source is not a recording.
     """
-    if not moments_s:
-        return ()
     if frames.recording is None:
         raise ReferenceMomentRefused(
             f"expected a recording ({RECORDING_SUFFIX}) with a moment for the reference, got {frames.name}; drop the moment, or "

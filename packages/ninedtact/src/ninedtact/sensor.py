@@ -12,7 +12,7 @@ from types import TracebackType
 
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.errors import CalibrationError
-from ninedtact.force.estimator_interface import ForceEstimator
+from ninedtact.force.estimator_interface import ForceEstimator, NoForceEstimator
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, Stopwatch, read_frame
 from ninedtact.reference_images import ReferenceImages
@@ -35,8 +35,8 @@ class Sensor:
     shape: CalibratedShape
     references: ReferenceImages = field(default_factory=ReferenceImages)
     """The reference image in use, and what replaces it."""
-    estimator: ForceEstimator | None = None
-    """Estimates the wrench of every reading; None leaves `Reading.wrench` empty."""
+    estimator: ForceEstimator = field(default_factory=NoForceEstimator)
+    """Estimates the wrench of every reading; `NoForceEstimator` leaves `Reading.wrench` empty."""
     reference_frames: int = REFERENCE_FRAMES
     """Number of frames of a reference image that is taken."""
     frames_read: int = field(default=0, init=False)
@@ -57,8 +57,8 @@ class Sensor:
         depth_reader = self._depth_reader_at(frame.stamp_ns)
         watch.mark("capture")
         reading = read_frame(frame, self.shape, depth_reader, watch, self._count_dropped(frame))
-        if self.estimator is not None:
-            reading = reading.with_force(self.estimator.estimate(reading))
+        reading = self.estimator.add_force(reading)
+        if reading.force is not None:
             watch.mark("force")
         return self.references.follow(reading)
 
@@ -144,8 +144,7 @@ class Sensor:
 
     def _forget(self) -> None:
         """Estimate the next wrench as if it were the first: the images before it had another reference."""
-        if self.estimator is not None:
-            self.estimator.forget()
+        self.estimator.forget()
 
     def __iter__(self) -> Iterator[Reading]:
         """Yield readings until the source ends; a camera never does."""

@@ -1,29 +1,24 @@
 """Laws of the parts that find the board and fit the lens: lattices, imprints, the lens and its errors."""
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 from known_sensor import LENS
 
-from ninedtact.calibration.board import lens_fit, pin_imprint_centres
-from ninedtact.calibration.board.board_fit import BoardWithoutCentralPin, PublishedPinMap, _integer_spot_centre
+from ninedtact.calibration.board import pin_imprint_centres
+from ninedtact.calibration.board.board_fit import BoardWithoutCentralPin, PublishedPinMap
 from ninedtact.calibration.board.detection import (
     BoardCandidate,
     DarkSpots,
     PinLattice,
-    _lattice_seeds,
-    _spans_square_lattice,
     detect_dark_spots,
     find_pin_lattices,
     lattice_to_skin_mm,
     predict_missing_pins,
 )
 from ninedtact.calibration.board.lens_fit import (
-    LensCorrectionFit,
     LensFit,
-    _fit_affine_lens,
     _fit_correction,
     fit_lens,
     fit_lens_with_terms,
@@ -31,15 +26,12 @@ from ninedtact.calibration.board.lens_fit import (
     rms_vector_length,
 )
 from ninedtact.calibration.board.pin_imprint_centres import (
-    _extract_pin_patches,
-    _fit_ring_plane,
-    _is_inside_image,
     find_stray_pins,
     locate_imprints_mm,
     measure_pins,
 )
 from ninedtact.design import PinBoard
-from ninedtact.shape.lens import LensModel, LensModelCorrection, central_mm_per_px
+from ninedtact.shape.lens import LensModel, central_mm_per_px
 
 RNG = np.random.default_rng(0)
 BOARD = PinBoard()
@@ -76,22 +68,6 @@ def test_spots_are_found_where_they_are_strongest_first() -> None:
     np.testing.assert_allclose(spots.strength[:3], [2.5, 1.5, 1.0], rtol=0.02)
 
 
-@pytest.mark.parametrize(
-    ("u", "v", "spans"),
-    [
-        ((10, 0), (0, 10), True),
-        ((10, 0), (0, 15.9), True),
-        ((10, 0), (0, 16.1), False),
-        ((16.1, 0), (0, 10), False),
-        ((10, 0), (3.4, 9.4), True),
-        ((10, 0), (3.6, 9.3), False),
-        ((10, 0), (-3.6, 9.3), False),
-    ],
-)
-def test_steps_of_like_length_at_right_angles_span_a_square_lattice(u, v, spans) -> None:
-    assert _spans_square_lattice(np.array(u, float), np.array(v, float)) == spans
-
-
 def test_a_lattice_grows_over_a_bent_grid_and_leaves_out_what_is_off_it() -> None:
     column, row = NODES.T.astype(float)
     points = np.column_stack([40 + 30 * column + 0.6 * column**2, 30 + 28 * row + 0.5 * row * column])
@@ -106,24 +82,6 @@ def test_a_lattice_grows_over_a_bent_grid_and_leaves_out_what_is_off_it() -> Non
     part = largest.window(3, 2)
     assert sorted(part.strength.tolist(), reverse=True) == [63**2, 62**2, 61**2, 54**2, 53**2, 52**2]
     assert part.nodes.min(axis=0).tolist() == [0, 0] and part.nodes.max(axis=0).tolist() == [2, 1]
-
-
-def test_a_window_larger_than_the_lattice_holds_all_of_it() -> None:
-    small = PinLattice(np.array([(2, 3), (3, 3), (2, 4)]), np.zeros((3, 2)), np.ones(3))
-    assert len(small.window(5, 6)) == 3
-    assert set(small.corners(2, 2)) == {(2, 3)}
-    assert set(small.corners(3, 2)) == {(1, 3), (2, 3)}
-    assert set(small.corners(2, 3)) == {(2, 2), (2, 3)}
-
-
-def test_a_step_to_the_right_and_one_down_start_a_lattice() -> None:
-    points = np.array([(200.0, 110.0), (230, 116), (170, 104), (206, 80), (194, 140), (260, 122)])
-    found = [
-        (seed, tuple(u), tuple(v))
-        for seed, u, v in _lattice_seeds(DarkSpots(points, np.ones(6)), points[0])
-        if seed == 0
-    ]
-    assert found == [(0, (30, 6), (-6, 30))]
 
 
 def test_a_missing_side_is_predicted_where_it_puts_the_board_into_the_middle() -> None:
@@ -176,39 +134,6 @@ def test_errors_are_lengths_of_vectors() -> None:
     assert fit.leave_one_out_rms_mm == pytest.approx(rms_vector_length(fit.leave_one_out_errors_mm))
 
 
-@pytest.mark.parametrize(("factor", "stray"), [(1.05, True), (0.95, False)])
-def test_a_pin_is_stray_beyond_a_tenth_of_the_pitch(
-    factor: float, stray: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    errors = np.full((63, 2), [0.003, 0.004])
-    errors[5] = [0.25 * factor, 0.0]
-    fit = replace(fit_lens_with_terms(POINTS_MM, noisy_pins(0, 0), (480, 640), 1))
-    monkeypatch.setattr(LensFit, "leave_one_out_errors_mm", errors)
-    assert find_stray_pins(fit, BOARD)[5] == stray
-    errors[:, 1] += 0.06
-    assert not find_stray_pins(fit, BOARD).any()  # five times the median counts as well
-    errors[5, 0] = 0.33
-    assert np.flatnonzero(find_stray_pins(fit, BOARD)).tolist() == [5]
-
-
-@pytest.mark.parametrize(("left", "used"), [(0.89, True), (0.91, False), (1.1, False)])
-def test_a_correction_removes_a_tenth_of_the_error_or_is_not_used(
-    left: float, used: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fit = fit_lens_with_terms(POINTS_MM, noisy_pins(0.1, 3), (480, 640), 3)
-    correction = LensModelCorrection(POINTS_MM, np.zeros((63, 2)), 3.0)
-    tried = []
-
-    def fitted(fit: LensFit, width_mm: float, noise: float) -> LensCorrectionFit:
-        tried.append((width_mm, noise))
-        share = left if (width_mm, noise) == (5.0, 0.03) else 2.0
-        return LensCorrectionFit(correction, share * fit.leave_one_out_errors_mm)
-
-    monkeypatch.setattr(lens_fit, "_fit_correction", fitted)
-    assert (fit_smooth_lens_residual(fit, 2.5) is not None) == used
-    assert set(tried) == set(product((3.75, 5.0, 7.5), (0.3, 0.03, 0.003, 0.0003)))
-
-
 def linear_fit(residual_px: np.ndarray, derivative: np.ndarray) -> LensFit:
     """A fit with these residuals and this Jacobian."""
     return LensFit(STRAIGHT, POINTS_MM, STRAIGHT.to_px(POINTS_MM) - residual_px, derivative)
@@ -240,51 +165,6 @@ def test_a_correction_that_leaves_out_a_pin_is_the_closed_form_of_the_regression
     assert found.correction.width_mm == 3.0
 
 
-@pytest.mark.parametrize(("pins", "expected"), [(13, [1]), (14, [1]), (15, [1, 2]), (16, [1, 2, 3]), (63, [1, 2, 3])])
-def test_radial_terms_are_as_many_as_leave_more_pins_than_parameters(
-    pins: int, expected: list[int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    tried = []
-
-    def refine(points_mm: np.ndarray, points_px: np.ndarray, start: LensModel) -> LensFit:
-        tried.append(start.radial)
-        fit = linear_fit(np.zeros((63, 2)), np.zeros((126, 4)))
-        return with_error(fit, [0.3, 0.1, 0.2][len(start.radial) - 1])
-
-    monkeypatch.setattr(lens_fit, "refine_lens", refine)
-    near = replace(STRAIGHT, radial=(0.5, 0.25))
-    chosen = fit_lens(POINTS_MM[:pins], STRAIGHT.to_px(POINTS_MM[:pins]), near)
-    assert tried == [(0.5, 0.25, 0.0)[:terms] for terms in expected]
-    assert chosen.leave_one_out_rms_mm == pytest.approx(0.3 if expected == [1] else 0.1)
-
-
-def with_error(fit: LensFit, error_mm: float) -> LensFit:
-    """The same fit, of which every leave-one-out error has this length."""
-    fit.__dict__["leave_one_out_errors_mm"] = np.tile([error_mm, 0.0], (len(fit.points_mm), 1))
-    return fit
-
-
-def test_a_lens_starts_from_the_affine_map() -> None:
-    affine = np.array([[21.0, 0.5], [-0.25, 19.0]])
-    start = _fit_affine_lens(POINTS_MM, POINTS_MM @ affine.T + [300.0, 250.0], (480, 640), 3)
-    np.testing.assert_allclose(start.to_px(POINTS_MM), POINTS_MM @ affine.T + [300.0, 250.0], atol=1e-9)
-    assert (start.radial, start.tangential, start.centre) == ((0.0,) * 3, (0.0, 0.0), (0.0, 0.0))
-    np.testing.assert_allclose(
-        start.parameters[:8], [21 / 320, 0.5 / 320, -19.5 / 320, -0.25 / 320, 19 / 320, 10.5 / 320, 0, 0]
-    )
-
-
-def test_fixed_pins_have_the_lens_that_they_had() -> None:
-    """Every constant of the fit has a part in these figures; who changes one on purpose writes them anew."""
-    points_px = noisy_pins(0.3, 6)
-    points_px[[11, 40]] += [[4.0, -3.0], [-2.0, 2.5]]
-    fit = fit_lens_with_terms(POINTS_MM, points_px, (480, 640), 2)
-    figures = [fit.leave_one_out_rms_mm, fit.mm_per_px_std(2.5), central_mm_per_px(fit.lens, 2.5)]
-    np.testing.assert_allclose(figures, [0.0454849, 1.194181e-4, 0.0510365], rtol=1e-4)
-    seen_px = fit.lens.to_px(np.array([[8.0, -6.0], [0.0, 0.0]]))
-    np.testing.assert_allclose(seen_px, [[514.5045, 100.3593], [327.2603, 240.0667]], atol=0.003)
-
-
 def test_a_smooth_residual_is_corrected_and_a_straight_lens_is_left_alone() -> None:
     x, y = POINTS_MM.T
     bent_px = noisy_pins(0.02, 4) + np.column_stack([3 * np.sin(x / 2) * np.cos(y / 3), 2 * np.cos(x / 2.5)])
@@ -302,9 +182,6 @@ def test_an_imprint_is_located_on_tilted_brightness() -> None:
     image = (0.002 * x - 0.001 * y - 0.3 * spots).astype(np.float32)
     found = locate_imprints_mm(image, STRAIGHT, true_mm + np.array([[0.2, -0.15], [-0.1, 0.2]]), 1.3)
     np.testing.assert_allclose(found, true_mm, atol=0.01)
-    patches = _extract_pin_patches(image, STRAIGHT, true_mm, 1.3)
-    np.testing.assert_allclose(patches.depth, 0.3, rtol=0.03)
-    np.testing.assert_allclose(patches.centroid_mm, 0, atol=0.01)
 
 
 def drawn_pins(depths: np.ndarray, offsets_mm: np.ndarray) -> np.ndarray:
@@ -341,71 +218,6 @@ def test_pins_are_found_inside_the_image_by_half_their_width(cols: int, rows: in
     """The last pins lie at 519.5 and 389.5 pixels, and a pin is 24 pixels wide."""
     image = drawn_pins(np.full(63, 10.0), np.zeros((63, 2)))
     assert measure_pins(image[:rows, :cols], STRAIGHT, POINTS_MM, 0.5, BOARD)[2].sum() == seen
-
-
-def test_fixed_imprints_have_the_centres_that_they_had() -> None:
-    """Every constant of a patch has a part in these figures; who changes one on purpose writes them anew."""
-    y, x = np.mgrid[:120, :160]
-    image = sum(
-        depth * np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / 2 / width**2)
-        for depth, cx, cy, width in ((-9, 80, 60, 7), (-5, 101, 66, 6), (3, 70, 42, 9), (-2, 78, 76, 3))
-    )
-    lens = replace(STRAIGHT, raw_shape=(120, 160), homography=(0.25, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0, 0.0))
-    found = locate_imprints_mm(image.astype(np.float32), lens, np.array([[0.4, 0.3], [0.0, 0.0]]), 1.3)
-    np.testing.assert_allclose(found, [[0.125868, 0.073913], [0.125407, 0.073738]], atol=5e-5)
-    patch = _extract_pin_patches(image.astype(np.float32), lens, found, 1.3)
-    np.testing.assert_allclose(patch.depth, [8.85253, 8.85066], rtol=1e-4)
-    np.testing.assert_allclose(patch.darkening.sum(axis=(1, 2)), [1955.10, 1954.38], rtol=1e-4)
-
-
-def test_the_background_of_a_patch_is_the_plane_through_its_ring() -> None:
-    x, y = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9))
-    plane = np.stack([0.5 + 2 * x - y, 1 - 0.3 * x + 0.2 * y]).astype(np.float32)
-    ring = np.hypot(x, y) > 0.8
-    dented = np.where(ring, plane, plane - 5).astype(np.float32)
-    np.testing.assert_allclose(_fit_ring_plane(dented, ring, x, y), plane, atol=1e-5)
-
-
-def test_a_pin_is_inside_with_its_margin() -> None:
-    inside = [(2.5, 2.5), (636.5, 476.5), (300.0, 200.0)]
-    outside = [(2.4, 200.0), (300.0, 2.4), (636.6, 200.0), (300.0, 476.6)]
-    assert _is_inside_image(np.array(inside), (480, 640), 2.5).all()
-    assert not _is_inside_image(np.array(outside), (480, 640), 2.5).any()
-
-
-def test_the_papers_pin_centre_is_that_of_the_half_dark_pixels_rounded_down() -> None:
-    image = np.zeros((40, 50), np.float32)
-    image[10:14, 20:27] = -1.0
-    image[10, 30] = -1.0  # another spot
-    assert _integer_spot_centre(image, np.array([22.2, 11.8]), 12).tolist() == [23, 11]
-    assert _integer_spot_centre(image[9:, 18:], np.array([3.0, 2.0]), 12).tolist() == [5, 2]
-
-
-@pytest.mark.parametrize(
-    ("point", "dark", "centre"),
-    [
-        ((30, 20), np.s_[20, 28:60], [31, 20]),  # the window ends at 35
-        ((30, 20), np.s_[18:40, 30], [30, 21]),
-        ((30, 20), np.s_[20, :32], [28, 20]),  # and begins at 25
-        ((30, 20), np.s_[:22, 30], [30, 18]),
-        ((2, 20), np.s_[20, :4], [1, 20]),  # or at the border of the image
-        ((30, 2), np.s_[:4, 30], [30, 1]),
-    ],
-)
-def test_a_spot_is_followed_as_far_as_its_window(
-    point: tuple[int, int], dark: tuple[slice | int, slice | int], centre: list[int]
-) -> None:
-    image = np.full((40, 60), 10, np.float32)
-    image[dark] = 4
-    assert _integer_spot_centre(image, np.array(point, float), 5).tolist() == centre
-
-
-def test_pixels_at_half_the_depth_of_a_spot_do_not_belong_to_it() -> None:
-    image = np.full((40, 60), 10, np.float32)
-    image[18:21, 30] = 4
-    for level, centre in ((7.0, [30, 19]), (6.9, [30, 20])):
-        image[21:23, 30] = level
-        assert _integer_spot_centre(image, np.array([30.0, 19.0]), 5).tolist() == centre
 
 
 def test_the_papers_map_without_a_pin_predicts_it_from_the_others() -> None:

@@ -8,8 +8,8 @@ import pytest
 
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, calibrate
 from ninedtact.calibration.settings import CalibrationSettings
-from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
 from ninedtact.calibration.twin.lens_refinement import _invert_lens_projection, fit_board_press_and_lens
+from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
 from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame, skin_grid_mm
 from ninedtact.shape.lens import PixelNotOnSkin

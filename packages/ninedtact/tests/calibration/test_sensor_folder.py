@@ -29,10 +29,15 @@ from ninedtact.calibration.save import (
     save_sensor,
     to_sensor_toml,
 )
-from ninedtact.calibration.sensor_folder import DepthNotCalibrated, SensorFolder, SensorFolderDamaged, load_sensor
+from ninedtact.calibration.sensor_folder import (
+    DepthNotCalibrated,
+    SensorFolder,
+    SensorFolderDamaged,
+    TwinMissing,
+    load_sensor,
+)
 from ninedtact.calibration.sensor_toml_schema import GridTable, LensCorrectionTable, PinMapTable
 from ninedtact.calibration.settings import CalibrationSettings
-from ninedtact.calibration.twin.sensor_twin import TwinMissing
 from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
 from ninedtact.cli import main
 from ninedtact.cli.calibrate import CalibrateCommand

@@ -13,7 +13,7 @@ from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
-from ninedtact.calibration.twin.sensor_twin import assemble_twin, fitted_gel
+from ninedtact.calibration.twin.sensor_twin import assemble_twin
 from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import finite_strain_ball_change_mm
@@ -70,7 +70,7 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
     assert fit.press.drag_mm == pytest.approx((0.4, -0.2), abs=0.03)
     assert fit.press.centre_mm == pytest.approx((0.5, 0.4), abs=0.02)
     assert fit.press.thickness_mm == pytest.approx(2.3, abs=0.15)
-    assert fit.press.point_spread_mm == pytest.approx(np.hypot(0.5, fit.forward.observed.blur_mm), abs=0.04)
+    assert fit.press.point_spread_mm == pytest.approx(np.hypot(0.5, fit.problem.observed.blur_mm), abs=0.04)
     assert fit.parameters["brightening_per_mm"] == pytest.approx(0.33, rel=0.1)
     assert fit.image_rmse_grey_levels < 0.3 and fit.radial_rmse_grey_levels < 0.1
     assert fit.press.finite_strain < 0.2, "the gel of the twin is a linear layer"
@@ -92,7 +92,7 @@ def test_gel_at_finite_strain_is_not_taken_for_thinner_gel(twin: Twin, calibrate
     assert fit.press.finite_strain > 0.7
     assert fit.press.depth_mm == pytest.approx(1.5, abs=0.04)
     assert fit.press.thickness_mm == pytest.approx(2.3, rel=0.05)
-    assert fitted_gel(fit).finite_strain == fit.press.finite_strain
+    assert fit.gel.finite_strain == fit.press.finite_strain
     deepest = np.array(-1.5)
     assert fit.light.brightness_change(deepest) == pytest.approx(LIGHT.brightness_change(deepest), rel=0.03)
 
@@ -102,7 +102,7 @@ def test_the_twin_of_gel_at_finite_strain_bears_more_load_at_the_same_depth(cali
     for share in (0.0, 0.8):
         gel = replace(GEL, finite_strain=share)
         one = assemble_twin("rubber", gel, LIGHT, calibrated_a.rectify, untouched, NOISE)
-        loads_n.append(-pressed_and_corrected(one, Pose(depth_mm=1.2)).wrench().force_n[2])
+        loads_n.append(one.press(None, Ball(4.0), Pose(depth_mm=1.2)).load_n)
     assert 1.05 < loads_n[1] / loads_n[0] < 1.3
 
 
@@ -111,12 +111,7 @@ def test_the_twin_of_a_wide_sensor_has_its_skin(sensor_a: SensorFolder) -> None:
     assert (folder.twin().area_mm, folder.twin().gel_mm) == ((24, 18), (29.5, 22.5))
     design = replace(folder.record.design, sensing_area=SensingArea(30, 22.5))
     wide = replace(folder, record=structs.replace(folder.record, design=design)).twin()
-    assert wide.step(wide.model.initial_contact(), LyingCylinder(3, 12), Pose(10.0, 0.0, 0.5)).touches
-
-
-def pressed_and_corrected(twin: Twin, at: Pose) -> Contact:
-    ball = Ball(4.0)
-    return twin.correct_contact(pressed(twin, ball, at), ball)
+    assert wide.press(None, LyingCylinder(3, 12), Pose(10.0, 0.0, 0.5)).touches
 
 
 @pytest.fixture(scope="module")

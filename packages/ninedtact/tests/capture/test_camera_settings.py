@@ -17,9 +17,9 @@ from ninedtact.capture.frame_source import (
     CameraSettings,
     SourceNotOpen,
 )
-from ninedtact.capture.image_and_video_files import ImageFileList
-from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera, _libcamera_controls
+from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.shared_video_capture import ThreadSafeVideoCapture
+from ninedtact.capture.strict_image_reading import ImageFileList
 from ninedtact.capture.uvc_camera import UvcCamera
 
 
@@ -161,13 +161,6 @@ def test_a_stamp_of_another_clock_is_not_taken(delay_ms: float | None) -> None:
         assert before <= camera.read().stamp_ns <= time.monotonic_ns()
 
 
-def test_a_stamp_is_taken_up_to_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("time.monotonic_ns", lambda: 20_000_000_000)
-    for delay_ms, stamp_ns in ((9_999.0, 10_001_000_000), (10_000.0, 20_000_000_000), (0.0, 20_000_000_000)):
-        with UvcCamera(0, opener=BenchCamera(driver_delay_ms=delay_ms).open_capture) as camera:
-            assert camera.read().stamp_ns == stamp_ns
-
-
 def test_two_damaged_images_are_read_over_and_a_camera_of_three_is_lost() -> None:
     bench = BenchCamera()
     with UvcCamera(0, opener=bench.open_capture) as camera:
@@ -180,16 +173,6 @@ def test_two_damaged_images_are_read_over_and_a_camera_of_three_is_lost() -> Non
         bench.plugged_in = False
         with pytest.raises(CameraLost):
             camera.read()
-
-
-def test_a_camera_that_is_silent_beyond_the_limit_is_not_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = BenchCamera()
-    with UvcCamera(0, opener=bench.open_capture) as camera:
-        monkeypatch.setattr("ninedtact.capture.uvc_camera._SILENCE_LIMIT_S", 0)
-        bench.damaged_images = 3
-        with pytest.raises(CameraLost):
-            camera.read()
-        assert bench.damaged_images == 2
 
 
 @pytest.mark.parametrize(
@@ -234,18 +217,6 @@ def test_a_device_is_neither_read_nor_asked_after_its_release() -> None:
         with pytest.raises(SourceNotOpen, match="expected camera 0 to be open"):
             use()
     assert bench.held == 0
-
-
-def test_only_the_settings_that_are_given_are_sent_to_a_raspberry_pi() -> None:
-    assert dict(_libcamera_controls(CameraSettings())) == {}
-    assert dict(_libcamera_controls(CameraSettings(auto_exposure=True))) == {"AeEnable": True}
-    assert dict(_libcamera_controls(CameraSettings(exposure_ms=8.0))) == {"AeEnable": False, "ExposureTime": 8000}
-    rest = CameraSettings(auto_white_balance=False, gain=2.0, rate_hz=60.0)
-    assert dict(_libcamera_controls(rest)) == {"FrameRate": 60.0, "AnalogueGain": 2.0, "AwbEnable": False}
-
-
-def test_the_first_camera_is_taken_unless_another_is_named() -> None:
-    assert UvcCamera(opener=BenchCamera().open_capture).name == "camera 0"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no Video4Linux")

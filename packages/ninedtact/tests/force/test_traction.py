@@ -26,9 +26,8 @@ from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.layer_compliance import layered_compliance
-from ninedtact.mechanics.periodic_grid import padded_grid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.surface_displacement import Skin, gel_skin
+from ninedtact.mechanics.skin import Skin, gel_skin, padded_grid
 from ninedtact.quantities import (
     EstimateWarning,
     Frame,

@@ -27,11 +27,11 @@ from ninedtact.force.traction.linearisation import (
 from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, solve_nonnegative_qp
 from ninedtact.force.traction.observation import BrightnessObservationModel, brightness_law_of_curve
 from ninedtact.mechanics.layer_compliance import layered_compliance
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
-from ninedtact.mechanics.surface_displacement import Skin, gel_skin
+from ninedtact.mechanics.skin import PeriodicGrid, Skin, gel_skin
+from ninedtact.quantities import centred_axis_mm
 from ninedtact.shape.depth import DepthCurve, GlobalDimmingModel
 
-CELLS = CellGrid(20, 26, 0.5)
+CELLS = CellGrid(20, 26, 0.5, 0.05)
 FORWARD = ForwardModel(CELLS, 2.5, 0.5, 0.6)
 RNG = np.random.default_rng(0)
 
@@ -47,11 +47,18 @@ def drawn(*shape: int) -> np.ndarray:
     return RNG.standard_normal(shape).astype(np.float32)
 
 
-def test_cells_cover_the_view_and_are_finer_on_a_thin_gel() -> None:
-    thin, thick = (cell_grid_over_image((345, 460), 0.0522, thickness_mm) for thickness_mm in (1.2, 3.0))
-    for cells in (thin, thick):
-        assert [side * cells.pitch_mm for side in cells.image_shape] == pytest.approx([18.0, 24.0], rel=0.015)
-    assert thin.pitch_mm < thick.pitch_mm
+@pytest.mark.parametrize("shape", [(345, 460), (460, 345), (230, 307), (90, 120)])
+@pytest.mark.parametrize("thickness_mm", [1.2, 3.0])
+def test_cells_are_squares_of_their_pitch(shape: tuple[int, int], thickness_mm: float) -> None:
+    """The mean of the position over a cell is where the cell says that it is."""
+    mm_per_px = 24 / max(shape)
+    cells = cell_grid_over_image(shape, mm_per_px, thickness_mm)
+    position_mm = np.meshgrid(*(centred_axis_mm(side, mm_per_px) for side in shape[::-1]))
+    inner = (slice(2, -2), slice(2, -2))
+    for axis_mm, cell_mm in zip(position_mm, cells.coordinates_mm, strict=True):
+        np.testing.assert_allclose(cells.average(axis_mm)[inner], cell_mm[inner], atol=mm_per_px / 10)
+    overhang_mm = np.array(cells.image_shape) * cells.pitch_mm - np.array(shape) * mm_per_px
+    assert (overhang_mm > -1e-6).all() and overhang_mm.min() < 1e-6 and overhang_mm.max() < cells.pitch_mm
 
 
 @pytest.mark.parametrize("base", [None, COMPLIANT_BASE])

@@ -144,7 +144,7 @@ def sensor_on_ros2(
     out: Path,
     period_s: float = 0.01,
     measured: WrenchSource | None = None,
-    estimator: ForceEstimator | None = None,
+    estimator: ForceEstimator = NoForceEstimator(),
 ) -> Iterator[Running]:
     camera, over = SkinCamera(period_s), Event()
     with DdsParticipant(DOMAIN, INTERFACE) as participant:

@@ -12,27 +12,19 @@ import pytest
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
 from ninedtact import CalibrationImages, calibrate, default_twin, save_sensor  # noqa: E402
-from ninedtact.design import Gel  # noqa: E402
 from ninedtact.errors import InputError, SimulationError  # noqa: E402
 from ninedtact.interop.mujoco import (  # noqa: E402
     TactileReading,
     TactileSensor,
 )
-from ninedtact.mechanics.contact_result import Contact  # noqa: E402
-from ninedtact.mechanics.finite_strain import correct_for_finite_strain  # noqa: E402
-from ninedtact.mechanics.indenter import Indenter  # noqa: E402
+from ninedtact.mechanics.indenter import FlatPunch  # noqa: E402
+from ninedtact.mechanics.pose import Pose  # noqa: E402
 from ninedtact.simulation.calibration_images import simulate_calibration_images  # noqa: E402
 from ninedtact.simulation.twin import Twin  # noqa: E402
 from ninedtact_train.environments.mujoco_batch import TactileSensorBatch  # noqa: E402
 
 TWIN = default_twin()
-
-
-def at_finite_strain(contact: Contact, indenter: Indenter | None = None) -> Contact:
-    return correct_for_finite_strain(contact, Gel().thickness_mm, indenter)
-
-
-AT_FINITE_STRAIN = replace(TWIN, correct_contact=at_finite_strain)
+AT_FINITE_STRAIN = replace(TWIN, finite_strain=1.0)
 
 
 @pytest.fixture(autouse=True)
@@ -155,6 +147,28 @@ def test_a_rolling_ball_moves_over_the_skin_and_keeps_its_load() -> None:
     assert lowest[-1] - lowest[5] > 3.0
     assert lowest[-1] == pytest.approx(1.0 + 1e3 * data.qpos[0], abs=0.5)
     assert reading.wrench.force_n[2] == pytest.approx(-1.0, abs=0.05)
+
+
+def test_a_body_that_turns_on_turns_the_skin_on() -> None:
+    """The gel resists with the torque of the whole twist, not with that of the last step."""
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option gravity="0 0 0"/><worldbody><body name="sensor">{GEL}</body><body pos="0 0 0.004">
+        <joint type="slide" axis="0 0 1" damping="5"/><joint type="hinge" axis="0 0 1"/>
+        <geom type="cylinder" size="0.003 0.004" mass="0.02" condim="4"/></body></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    sensor = TactileSensor(model, data, "sensor", TWIN, TWIN.pitch_mm)
+    data.qfrc_applied[0] = -5.0
+    mujoco.mj_step(model, data, 200)
+    twisted = None
+    for step in range(5):
+        data.qpos[1], data.qvel[:] = 0.03 * step, 0
+        mujoco.mj_forward(model, data)
+        reading = sensor.step()
+        twin, load_n = replace(TWIN, friction=float(reading.contact.friction)), -reading.scene_wrench.force_n[2]
+        twisted = twin.press(twisted, FlatPunch(3.0, 0.05), Pose(depth_mm=0.3, twist_rad=0.03 * step), load_n)
+    assert twisted.wrench.torque_nm[2] > 1.5e-3
+    assert reading.wrench.torque_nm[2] == pytest.approx(twisted.wrench.torque_nm[2], rel=0.05)
 
 
 def test_a_scene_told_twice_gives_the_same_readings() -> None:

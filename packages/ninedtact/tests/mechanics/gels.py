@@ -6,13 +6,11 @@ from typing import Any
 import numpy as np
 
 from ninedtact.design import Gel
-from ninedtact.mechanics.alternating_solver import SolverSettings
-from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Ball, Heights, Indenter
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.surface_displacement import gel_skin
+from ninedtact.mechanics.skin import PeriodicGrid, gel_skin
 
 GEL = Gel(thickness_mm=2.5, shear_modulus_mpa=0.1, poisson_ratio=0.5)
 BALL = Ball(4.0)

@@ -9,13 +9,12 @@ import pytest
 import torch
 from gels import BALL, DOUBLE, GEL, model
 
-from ninedtact.mechanics import shrinking_batch
-from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics import contact_arrays
+from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Cone, LyingCylinder
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.surface_displacement import gel_skin
+from ninedtact.mechanics.skin import PeriodicGrid, gel_skin
 
 BEGUN = [Pose(depth_mm=0.8), Pose(3.0, -2.0, 0.4, 0.3), Pose(depth_mm=-0.2), Pose(1.0, 2.0, 1.2, 0.0, 0.1, -0.05)]
 MOVED = [Pose(0.3, 0.1, 0.8), Pose(3.0, -1.8, 0.5, 0.5), Pose(depth_mm=0.3), Pose(1.2, 2.0, 1.2, 0.1, 0.05, 0.0)]
@@ -101,7 +100,7 @@ def test_who_is_done_waits_for_nobody_and_is_not_changed_by_it(monkeypatch: pyte
     poses = Pose(np.linspace(0, 1, 12), 0.0, depths, np.linspace(0, 0.5, 12)), Pose(np.linspace(0, 1, 12), 0.2, depths)
     found = []
     for fewest in (100, 1):
-        monkeypatch.setattr(shrinking_batch, "MIN_CONTACTS_TO_SPLIT", fewest)
+        monkeypatch.setattr(contact_arrays, "MIN_CONTACTS_TO_SPLIT", fewest)
         found.append(list(pressing.follow(BALL, poses))[-1])
     waited, halved = found
     assert waited.iterations.tolist() == halved.iterations.tolist()
@@ -116,9 +115,9 @@ def test_who_is_done_waits_for_nobody_and_is_not_changed_by_it(monkeypatch: pyte
 def test_half_a_batch_has_all_in_it_that_go_on(
     going: list[int], half: list[int] | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(shrinking_batch, "MIN_CONTACTS_TO_SPLIT", 1)
+    monkeypatch.setattr(contact_arrays, "MIN_CONTACTS_TO_SPLIT", 1)
     for which in (np.array(going) > 0, torch.tensor(going) > 0):
-        found = shrinking_batch.half_with_all_unconverged(which[:, None, None])
+        found = contact_arrays.half_with_all_unconverged(which[:, None, None])
         assert (None if found is None else found.tolist()) == half
 
 

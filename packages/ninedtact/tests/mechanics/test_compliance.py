@@ -14,7 +14,7 @@ from ninedtact.mechanics.layer_compliance import (
     half_space_compliance,
     layered_compliance,
 )
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
+from ninedtact.mechanics.skin import PeriodicGrid
 
 # From a program written apart from this one, h = 2.5, G = 1: k, ν, N, L, M, each to its last printed digit.
 TABLE = [

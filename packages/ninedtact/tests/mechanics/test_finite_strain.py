@@ -17,9 +17,8 @@ from ninedtact.mechanics.finite_strain import (
     finite_strain_traction_mpa,
 )
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.surface_displacement import gel_skin
+from ninedtact.mechanics.skin import PeriodicGrid, gel_skin
 
 THICKNESS_MM = 2.5
 DEPTHS_MM = (0.5, 1.0, 1.5, 1.9)

@@ -9,14 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ninedtact.design import Gel
-from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.closed_forms import SQUARE_LATTICE_SUM, hertz_contact, mindlin_shear_force_n
+from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.friction import FrictionLimit, ShearSolution, solve_shear
 from ninedtact.mechanics.layer_compliance import half_space_compliance
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.surface_displacement import Skin
+from ninedtact.mechanics.skin import PeriodicGrid, Skin
 
 DOWN = Pose(depth_mm=1.0)
 FINE = SolverSettings(tolerance=1e-4)

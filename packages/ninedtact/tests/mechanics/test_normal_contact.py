@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ninedtact.design import Gel
-from ninedtact.mechanics.alternating_solver import SolverSettings
 from ninedtact.mechanics.closed_forms import (
     BallContactSolution,
     flat_punch_load_n,
@@ -17,14 +16,13 @@ from ninedtact.mechanics.closed_forms import (
     periodic_half_space_shortfall_mm,
     thin_layer_contact,
 )
-from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
 from ninedtact.mechanics.contact_result import Contact, ContactNotConverged
 from ninedtact.mechanics.indenter import FlatPunch, Indenter
 from ninedtact.mechanics.layer_compliance import half_space_compliance
 from ninedtact.mechanics.normal_contact import ContactConstraint, PressureSolution, solve_pressure
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
 from ninedtact.mechanics.pose import InvalidPose, Pose
-from ninedtact.mechanics.surface_displacement import Skin
+from ninedtact.mechanics.skin import PeriodicGrid, Skin
 
 UNIT = Gel(2.5, 1.0, 0.5)
 

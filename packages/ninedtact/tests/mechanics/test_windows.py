@@ -14,11 +14,10 @@ from ninedtact.mechanics.active_region import (
     find_touchable_region,
     whole_grid_region,
 )
-from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.contact_result import ContactLeavesGrid, periodic_image_error_mm
-from ninedtact.mechanics.periodic_grid import PeriodicGrid, PeriodicGridTooSmall, padded_grid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.surface_displacement import gel_skin
+from ninedtact.mechanics.skin import PeriodicGrid, PeriodicGridTooSmall, gel_skin, padded_grid
 
 MOVES = (Pose(depth_mm=0.8), Pose(0.4, -0.2, 0.9, 0.1))
 

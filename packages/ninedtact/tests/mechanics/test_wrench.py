@@ -6,7 +6,7 @@ from gels import BALL, SMALL, model, pressed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.pose import Pose
 
 FINE = SolverSettings(tolerance=1e-5)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
+from ninedtact.mechanics.skin import PeriodicGrid
 from ninedtact.simulation.gel_brightness import BrightnessModel, InvalidBrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import REFINEMENT, SightlineGrid, blur_and_refine_fields, refine_fields
 

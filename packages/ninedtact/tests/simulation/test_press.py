@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 from small_press_simulation import TWIN
 
-from ninedtact.design import Gel, PinBoard
-from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.finite_strain import correct_for_finite_strain
-from ninedtact.mechanics.indenter import Ball, FlatPunch, Indenter
+from ninedtact.design import PinBoard
+from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.quantities import HeightSource
 from ninedtact.simulation.calibration_images import pin_board_indenter, simulate_calibration_images
@@ -36,20 +34,17 @@ def test_it_ends_where_it_was_sent() -> None:
 
 @pytest.mark.parametrize("load_n", [0.3, 3.0, 12.0])
 def test_a_load_is_that_of_the_gel_as_it_acts_at_finite_strain(load_n: float) -> None:
-    def at_finite_strain(contact: Contact, indenter: Indenter | None = None) -> Contact:
-        return correct_for_finite_strain(contact, Gel().thickness_mm, indenter)
-
-    twin, ball = replace(TWIN, correct_contact=at_finite_strain), Ball(4.0)
+    twin, ball = replace(TWIN, finite_strain=1.0), Ball(4.0)
     pressed = ScriptedPress(load_n=load_n, drag_mm=(0.3, 0.0)).simulate(twin, ball)
     assert -pressed.wrench().force_n[2] == pytest.approx(load_n, rel=LOAD_TOLERANCE)
     linear = ScriptedPress(load_n=load_n).simulate(TWIN, ball)
     assert pressed.pose.depth_mm < linear.pose.depth_mm or load_n < 1  # the gel stiffens
     hand = SimulatedHand()
     hand.aim(HandTarget(Pose(0.0, 0.0), load_n=load_n))
-    contact = twin.step(twin.model.initial_contact(), ball, Pose(depth_mm=0.05))
+    press = twin.press(None, ball, Pose(depth_mm=0.05))
     for _ in range(60):
-        contact = hand.step(twin, contact, ball)
-    assert twin.load_n(contact) == pytest.approx(load_n, rel=LOAD_TOLERANCE)
+        press = hand.step(twin, press, ball)
+    assert press.load_n == pytest.approx(load_n, rel=LOAD_TOLERANCE)
 
 
 def test_a_load_is_held_all_the_way() -> None:
@@ -79,7 +74,7 @@ def test_what_a_twin_cannot_answer_for_is_refused() -> None:
     with pytest.raises(InvalidPress, match=r"the gel is thick, 2.5 mm, got 2.7 mm"):
         ScriptedPress(2.7).simulate(TWIN, Ball(4.0))
     with pytest.raises(InvalidPose, match=r"its base, 2.5 mm, got 2.59"):
-        TWIN.step(TWIN.model.initial_contact(), Ball(4.0), Pose(depth_mm=2.6))
+        TWIN.press(None, Ball(4.0), Pose(depth_mm=2.6))
     for large, at in ((FlatPunch(18.0), (0.0, 0.0)), (FlatPunch(13.0), (0.0, 0.0)), (Ball(4.0), (13.5, 0.0))):
         with pytest.raises(ContactLeavesGel, match=r"touch no more than the gel of 29.5 x 22.5 mm, .* smaller object"):
             ScriptedPress(1.0, at_mm=at).simulate(TWIN, large)

@@ -15,7 +15,7 @@ from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.hand_moved_object import HandTarget
 from ninedtact.simulation.press_sequence import (
-    KEPT_CONTACTS,
+    KEPT_PRESSES,
     ObjectTrajectory,
     PressSequence,
     PressSequenceTimingInvalid,
@@ -42,12 +42,12 @@ def test_many_threads_see_the_same() -> None:
     stage = small_press_simulation()
     with ThreadPoolExecutor(4) as pool:
         contacts = list(pool.map(lambda _: stage.contact(9), range(8)))
-    assert all(contact is contacts[0] for contact in contacts) and list(stage.contacts) == list(range(10))
+    assert all(contact is contacts[0] for contact in contacts) and list(stage.presses) == list(range(10))
 
 
 def test_what_is_long_ago_is_refused_and_not_made_up() -> None:
     stage = small_press_simulation(hz=30.0)
-    stage.contact(KEPT_CONTACTS + 3)
+    stage.contact(KEPT_PRESSES + 3)
     with pytest.raises(SimulationStepNoLongerStored, match=r"from 4 on, got 3, .* open all sources together"):
         stage.contact(3)
     assert np.isfinite(stage.wrench_six_at(0.0)).all()  # wrenches are small and are kept for longer
@@ -57,7 +57,7 @@ def test_in_real_time_steps_are_skipped_and_not_made_up_for() -> None:
     stage = small_press_simulation(real_time=True)
     stage.contact(0)
     late = stage.contact(12)
-    assert list(stage.contacts) == [0, 12] and late.touches
+    assert list(stage.presses) == [0, 12] and late.touches
     assert stage.contact(11) is late and stage.contact(2) is stage.contact(0)  # the nearest that there is
     between = stage.wrench_six_at(0.6)
     assert between == pytest.approx((stage.wrenches[0] + stage.wrenches[12]) / 2)
@@ -66,7 +66,7 @@ def test_in_real_time_steps_are_skipped_and_not_made_up_for() -> None:
 def test_in_real_time_a_source_that_waited_for_another_sees_the_first_step_that_was_solved() -> None:
     stage = small_press_simulation(real_time=True)
     first = stage.contact(14)
-    assert list(stage.contacts) == [14] and stage.contact(0) is first
+    assert list(stage.presses) == [14] and stage.contact(0) is first
     assert stage.wrench_six_at(0.0) == pytest.approx(stage.wrenches[14])
 
 
@@ -75,10 +75,10 @@ def test_while_a_hand_holds_an_object_in_real_time_no_step_is_solved_ahead() -> 
     stage.contact(0)
     stage.hand.take(Ball(4.0))
     assert stage.wrench_six_at(0.05) == pytest.approx(stage.wrenches[0])
-    assert list(stage.contacts) == [0]
+    assert list(stage.presses) == [0]
     stage.hand.release()
     stage.wrench_six_at(0.05)
-    assert list(stage.contacts) == [0, 1]
+    assert list(stage.presses) == [0, 1]
 
 
 class LockWithSomebodyWaiting(AbstractContextManager[None]):
@@ -99,7 +99,7 @@ def test_an_object_that_is_taken_during_a_step_starts_on_untouched_skin() -> Non
     assert stage.contact(5).touches
     stage.hand._lock = LockWithSomebodyWaiting(lambda: stage.hand.take(other))  # type: ignore[assignment]
     contacts = {number: stage.contact(number) for number in range(6, 12)}
-    with_other = [contact for number, contact in contacts.items() if stage.indenters[number] is other]
+    with_other = [contact for number, contact in contacts.items() if stage.presses[number].indenter is other]
     assert not with_other[0].touches and with_other[-1].touches
 
 
@@ -133,7 +133,7 @@ def test_a_touch_comes_down_drags_twists_and_lifts() -> None:
     assert (pressed.x_mm, pressed.depth_mm) == pytest.approx((1.5, 1.0))
     assert np.degrees(pressed.twist_rad) == pytest.approx(10)
     assert motion.pose_at(0).depth_mm < 0 and motion.pose_at(motion.duration_s + 1).depth_mm < 0
-    depths = np.array([pose.depth_mm for pose in motion.sample_poses(100.0)])
+    depths = np.array([motion.pose_at(number / 100).depth_mm for number in range(int(100 * motion.duration_s) + 1)])
     assert np.abs(np.diff(depths)).max() < 0.06  # nothing jumps
     assert Trajectory(Pose(), ()).lift_start_s == 0 and Trajectory(Pose(), ()).pose_at(1) == Pose()
 
@@ -152,7 +152,6 @@ def test_motions_in_turn_go_from_one_to_the_next() -> None:
         lambda: TrajectorySegment(Pose(), 0.0),
         lambda: TrajectorySegment(Pose(), math.inf),
         *(partial(press_trajectory, Pose(), speed=speed) for speed in IMPOSSIBLE),
-        *(partial(list, press_trajectory(Pose()).sample_poses(hz)) for hz in IMPOSSIBLE),
     ):
         with pytest.raises(InvalidTrajectory, match="expected"):
             bad()

@@ -32,8 +32,9 @@ DRAW_RARELY = (
 """Lets pages draw about four frames a second: without a graphics card, a frame of the 3D view takes the processor from all else."""
 
 
-@pytest.fixture
-def browser() -> Iterator[Browser]:
+@pytest.fixture(scope="module")
+def started_browser() -> Iterator[Browser]:
+    """One browser for all tests of a file."""
     names = ("chromium", "chromium-browser", "google-chrome")
     found = next(filter(None, map(shutil.which, names)), None)
     if found is None:
@@ -50,3 +51,11 @@ def browser() -> Iterator[Browser]:
         browser.new_page = open_calm_page  # type: ignore[method-assign]
         yield browser
         browser.close()
+
+
+@pytest.fixture
+def browser(started_browser: Browser) -> Iterator[Browser]:
+    """The browser, whose pages are closed after each test."""
+    yield started_browser
+    for context in started_browser.contexts:
+        context.close()

@@ -1,97 +1,146 @@
-"""A viewer of a page without a browser, who uses its controls by their names."""
+"""A viewer of a page without a browser, who uses its controls by their names and keeps what the page sends."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from threading import Thread
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 import viser
 from reading_clients import CAMERA, unpack_text
 from small_sensor import wait_until
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from ninedtact.studio.page_and_server import SensorPage
+from ninedtact.studio.page_server import PageServer
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.viewer import ViewerPage
+
+PROTOCOL = f"viser-v{viser.__version__}"
 
 
 class PageClient:
-    """What a person does in a browser, as its messages."""
+    """What a person does in a browser, as its messages, and what viser's page would show, from the messages that arrive."""
 
-    def __init__(self, socket: ClientConnection, viewer: ViewerPage) -> None:
-        self.socket, self.viewer = socket, viewer
+    def __init__(self, socket: ClientConnection) -> None:
+        self.socket = socket
+        self.messages: list[dict[str, Any]] = []
+        """All that the page has sent, without its arrays."""
+        self.controls: dict[str, SimpleNamespace] = {}
+        """The controls that are there by their uuid: `label`, `value`, `visible`, `options` and so on."""
         self.notices: list[str] = []
-        """Titles and texts of the notifications that this viewer was shown."""
-        notify = viewer.notify
+        """Titles and texts of the notifications."""
+        self._thread = Thread(target=self._read, daemon=True)
+        self._thread.start()
 
-        def keep(title: str, body: str, colour: Any) -> None:
-            self.notices.append(f"{title}: {body}")
-            notify(title, body, colour)
+    def _read(self) -> None:
+        with suppress(ConnectionClosed):
+            self._keep_messages()
 
-        viewer.notify = keep  # type: ignore[method-assign]
+    def _keep_messages(self) -> None:
+        for packed in self.socket:
+            for message in msgspec.msgpack.decode(unpack_text(packed))["messages"]:
+                kind, uuid, props = message["type"], message.get("uuid"), message.get("props") or {}
+                if kind == "NotificationShowMessage":
+                    self.notices.append(f"{props['title']}: {props['body']}")
+                elif kind == "GuiRemoveMessage":
+                    self.controls.pop(uuid, None)
+                elif kind == "GuiUpdateMessage" and uuid in self.controls:
+                    vars(self.controls[uuid]).update(message["updates"])
+                elif kind.startswith("Gui") and props:
+                    self.controls[uuid] = SimpleNamespace(**props, value=message.get("value"), uuid=uuid)
+                self.messages.append(message)
 
     def send(self, message: dict[str, Any]) -> None:
         """Send one message."""
         self.socket.send(msgspec.msgpack.encode(message))
 
     def control(self, label: str) -> Any:
-        """Return the control of this name."""
-        handles = self.viewer.client.gui._gui_input_handle_from_uuid.values()
-        return next(handle for handle in handles if getattr(handle, "label", None) == label)
+        """Return the control of this name, once it is there."""
+        found = [one for one in list(self.controls.values()) if getattr(one, "label", None) == label]
+        if not found:
+            wait_until(lambda: any(getattr(one, "label", None) == label for one in list(self.controls.values())))
+            return self.control(label)
+        return found[0]
 
     def use(self, label: str, value: Any = True) -> None:
-        """Press a button, or give a control a value."""
-        self.send({"type": "GuiUpdateMessage", "uuid": self.control(label)._impl.uuid, "updates": {"value": value}})
+        """Press a button, or give a control a value, which a browser shows at once."""
+        control = self.control(label)
+        control.value = value
+        self.set_value(control.uuid, value)
+
+    def set_value(self, uuid: str, value: Any) -> None:
+        """Send the value of a control, also one that no browser would send."""
+        self.send({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}})
 
     def upload(self, label: str, name: str, content: bytes) -> None:
         """Choose a file at an upload button."""
-        ids = {"source_component_uuid": self.control(label)._impl.uuid, "transfer_uuid": name}
+        ids = {"source_component_uuid": self.control(label).uuid, "transfer_uuid": name + str(time.monotonic_ns())}
         size = {"part_count": 1, "size_bytes": len(content)}
         self.send({"type": "FileTransferStartUpload", "filename": name, "mime_type": "model/stl"} | ids | size)
         self.send({"type": "FileTransferPart", "part_index": 0, "content": content} | ids)
 
     def downloaded(self, name: str) -> bytes:
-        """Wait until a file is offered to the browser, and return its content."""
-        uuid, size, parts = "", -1, dict[int, bytes]()
-        for message in received_messages(self.socket):
-            if message["type"] == "FileTransferStartDownload" and message["filename"] == name:
-                uuid, size = message["transfer_uuid"], message["size_bytes"]
-            elif message["type"] == "FileTransferPart" and message["transfer_uuid"] == uuid:
-                parts[message["part_index"]] = message["content"]
-            if sum(map(len, parts.values())) == size:
-                return b"".join(parts[number] for number in sorted(parts))
-        raise EOFError(f"expected {name}, got the end of the connection")
+        """Wait until a file has been offered to the browser, and return its content."""
+        start = self.until_sent(lambda one: one["type"] == "FileTransferStartDownload" and one["filename"] == name)
+
+        def content() -> bytes:
+            parts = [one for one in list(self.messages) if one["type"] == "FileTransferPart"]
+            parts = [one for one in parts if one["transfer_uuid"] == start["transfer_uuid"]]
+            return b"".join(one["content"] for one in sorted(parts, key=lambda one: one["part_index"]))
+
+        wait_until(lambda: len(content()) == start["size_bytes"])
+        return content()
+
+    def until_sent(self, is_wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        """Wait for a message of the page, and return the newest of its kind."""
+        wait_until(lambda: any(map(is_wanted, list(self.messages))))
+        return next(filter(is_wanted, reversed(list(self.messages))))
+
+    def shows(self, text: str) -> bool:
+        """Return whether a text stands in a control that is visible."""
+        return any(text in str(getattr(one, "content", "")) for one in list(self.controls.values()) if one.visible)
 
     def give_command(self, label: str) -> None:
         """Press the key of a command."""
-        commands = self.viewer.client.gui._command_handle_from_uuid.items()
-        uuid = next(uuid for uuid, command in commands if command._impl.props.label == label)
-        self.send({"type": "CommandTriggerMessage", "uuid": uuid})
+        command = self.until_sent(
+            lambda one: one["type"] == "RegisterCommandMessage" and one["props"]["label"] == label
+        )
+        self.send({"type": "CommandTriggerMessage", "uuid": command["uuid"]})
 
     def click_on_scene(self, x_mm: float, y_mm: float, modifier: str | None = None) -> None:
         """Click on a place of the plane of the skins, seen from above."""
         ray = {"ray_origin": (x_mm, y_mm, 50.0), "ray_direction": (0.0, 0.0, -1.0), "screen_pos": [(0.5, 0.5)]}
         self.send({"type": "ScenePointerMessage", "event_type": "click", "modifier": modifier} | ray)
 
+    def drag_handle(self, position: tuple[float, float, float], wxyz: tuple[float, float, float, float]) -> None:
+        """Send one pose of the 3D handle while it is dragged."""
+        handle = self.until_sent(lambda one: one["type"] == "TransformControlsMessage")
+        names = {"name": handle["name"], "owner": handle["owner"]}
+        self.send({"type": "TransformControlsUpdateMessage", "position": position, "wxyz": wxyz} | names)
+
+    def end_drag(self) -> None:
+        """Let the 3D handle go."""
+        handle = self.until_sent(lambda one: one["type"] == "TransformControlsMessage")
+        self.send({"type": "TransformControlsDragEndMessage", "name": handle["name"], "owner": handle["owner"]})
+
 
 @contextmanager
-def page_socket(port: int) -> Iterator[ClientConnection]:
+def page_client(server: PageServer, path: str = "") -> Iterator[PageClient]:
     """Connect as a browser does that has loaded the page."""
-    protocols: Any = [f"viser-v{viser.__version__}"]
-    with connect(f"ws://127.0.0.1:{port}", subprotocols=protocols, max_size=None, max_queue=None) as socket:
+    protocols: Any = [PROTOCOL]
+    address = f"ws://127.0.0.1:{server.port}/{path}"
+    with connect(address, subprotocols=protocols, max_size=None, max_queue=None, close_timeout=0.1) as socket:
         socket.send(msgspec.msgpack.encode(CAMERA))
-        yield socket
-
-
-def received_messages(socket: ClientConnection) -> Iterator[dict[str, Any]]:
-    """Yield what the page sends, without its arrays."""
-    for message in socket:
-        yield from msgspec.msgpack.decode(unpack_text(message))["messages"]
+        yield PageClient(socket)
 
 
 @contextmanager
-def page_client(page: SensorPage, port: int) -> Iterator[PageClient]:
-    """Connect one more viewer."""
+def page_viewer(page: SensorPage, server: PageServer) -> Iterator[tuple[PageClient, ViewerPage]]:
+    """Connect one more viewer of a live page, and give its own page too."""
     before = len(page.viewers)
-    with page_socket(port) as socket:
+    with page_client(server) as client:
         wait_until(lambda: len(page.viewers) == before + 1)
-        yield PageClient(socket, page.viewers[-1])
+        yield client, page.viewers[-1]

@@ -4,7 +4,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from subprocess import PIPE
@@ -13,13 +12,12 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
-from page_client import page_socket
+from page_client import page_client
 from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
 from reading_clients import page_errors
 from small_calibrated_twin import TWIN, PluggedCamera
 from small_sensor import sensor_folder, wait_until
-from viser import ViserServer
 
 from ninedtact.calibration.guidance import search_board_pins
 from ninedtact.calibration.sensor_folder import load_sensor
@@ -28,49 +26,16 @@ from ninedtact.cli.calibrate import CalibrateCommand
 from ninedtact.cli.calibration_page import CalibrationPageOptions, serve_calibrated_sensor
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
+from ninedtact.live.socket_guard import SocketGuard
 from ninedtact.studio.calibration_page import CalibrationPage
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession
-from ninedtact.studio.guided_page import GuidedPageLayout
 from ninedtact.studio.guided_session import SwitchableCamera
-from ninedtact.studio.page_and_server import page_server
-from ninedtact.studio.socket_guard import SocketGuard
+from ninedtact.studio.page_server import page_server
 
 PATIENCE_S = 120.0
 
 
-def run_callbacks_late(server: ViserServer, monkeypatch: pytest.MonkeyPatch, delay_s: float = 0.3) -> None:
-    """Run what a control of the page does some time after its value has arrived, as on a busy computer."""
-    submit = server.gui._thread_executor.submit
-
-    def submit_late(callback: Callable[..., Any], *args: Any) -> Any:
-        return submit(lambda: (time.sleep(delay_s), callback(*args)))
-
-    monkeypatch.setattr(server.gui._thread_executor, "submit", submit_late)
-
-
-def test_no_image_is_kept_for_a_browser_that_left_while_its_page_was_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    session = CalibrationSession(SwitchableCamera(lambda address: PluggedCamera(TWIN, SensorDesign()), "sim"), tmp_path)
-    with page_server("127.0.0.1", 0) as server:
-        layout = GuidedPageLayout(server, session, lambda: {"sim": "simulated sensor"}, "Calibration")
-        run_callbacks_late(server, monkeypatch)
-        layout.serve()
-        with page_socket(server.get_port()):
-            wait_until(lambda: len(server.get_clients()) == 1)
-            wait_until(lambda: len(layout._images) == 1)
-        wait_until(lambda: not layout._images)
-        made = []
-        monkeypatch.setattr("ninedtact.studio.guided_page.ThemeChoice", made.append)
-        with page_socket(server.get_port()):
-            wait_until(lambda: len(server.get_clients()) == 1)
-        wait_until(lambda: len(made) == 1)  # after the browser has left
-        wait_until(lambda: not layout._images)
-
-
-def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
-    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(browser: Browser, tmp_path: Path) -> None:
     camera, settings = PluggedCamera(TWIN, SensorDesign(), rate_hz=60.0), CalibrationSettings(method="ratio")
     session = CalibrationSession(
         SwitchableCamera(lambda address: camera, "sim"),
@@ -94,20 +59,24 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(
             return text in tab.inner_text("body")
 
         for tab in (desk, phone):
-            tab.goto(f"http://127.0.0.1:{server.get_port()}")
+            tab.goto(f"http://127.0.0.1:{server.port}")
             wait(lambda tab=tab: says(tab, "Choose the camera") and says(tab, "sharpness"))
         assert not says(desk, "replace the sensor") and phone.locator("img").count() > 0
         assert phone.evaluate("document.documentElement.scrollWidth") == 390
         box = phone.get_by_role("button", name="Start").bounding_box()
         assert box is not None and box["width"] > 330  # the controls fill the phone
 
-        menu = page._layout._camera._camera
-        cameras["/dev/video9"] = "a camera"  # is plugged in
-        wait(lambda: menu.options == ("sim: simulated sensor", "/dev/video9: a camera"))
-        cameras.clear()  # the one that is shown stays, even if it was unplugged
-        wait(lambda: menu.options == ("sim: simulated sensor",) and menu.value == menu.options[0])
+        with page_client(server) as client:
 
-        run_callbacks_late(server, monkeypatch)  # the page must not set the box back meanwhile
+            def offers(*names: str) -> bool:
+                menu = client.control("camera")
+                return (*menu.options,) == names and menu.value == names[0]
+
+            cameras["/dev/video9"] = "a camera"  # is plugged in
+            wait(lambda: offers("sim: simulated sensor", "/dev/video9: a camera"))
+            cameras.clear()  # the one that is shown stays, even if it was unplugged
+            wait(lambda: offers("sim: simulated sensor"))
+
         desk.get_by_role("button", name="brighter").click()
         wait(lambda: session.state.exposure is not None and session.state.exposure.now_ms == 12.5)
         wait(lambda: session.state.quality is not None and session.state.quality.mean_grey > 180)

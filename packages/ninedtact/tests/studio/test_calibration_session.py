@@ -15,9 +15,10 @@ from ninedtact.calibration.guidance import PinSearchResult
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.capture.frame_source import CameraNotFound, FrameSource, SourceEnded
 from ninedtact.design import SensorDesign
+from ninedtact.errors import OutputError
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject
-from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession, SensorWouldBeReplaced
+from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession
 from ninedtact.studio.guided_page import draw_found_pins
 from ninedtact.studio.guided_session import ImageQuality, SwitchableCamera, measure_image_quality
 
@@ -83,7 +84,7 @@ def test_a_person_is_led_through_both_presses(session: CalibrationSession, camer
     wait_until(lambda: session.state.phase is CalibrationPhase.REFUSED)
     assert "holds a calibrated sensor" in session.state.advice and session.state.step == 4
     assert (session.out / "sensor.toml").read_bytes() == other
-    with pytest.raises(SensorWouldBeReplaced):
+    with pytest.raises(OutputError):
         session.fit_again()
     session.back()
     assert session.state.step == 2  # the images of the board stay
@@ -139,7 +140,7 @@ def test_a_sensor_is_not_forgotten_when_one_person_starts_over_and_another_opens
 
 def test_an_existing_sensor_is_replaced_only_by_agreement(session: CalibrationSession) -> None:
     sensor_folder(session.out)
-    with pytest.raises(SensorWouldBeReplaced, match="holds a calibrated sensor; check 'replace the sensor'"):
+    with pytest.raises(OutputError, match="holds a calibrated sensor; check 'replace the sensor'"):
         session.start()
     assert session.state.phase is CalibrationPhase.PREVIEW and session.would_replace
     session.start(replace_sensor=True)

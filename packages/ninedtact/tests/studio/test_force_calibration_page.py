@@ -7,10 +7,10 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import Event
+from typing import Any
 
-import msgspec
 import pytest
-from page_client import page_socket
+from page_client import PageClient, page_client
 from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
 from reading_clients import page_errors
@@ -39,7 +39,7 @@ from ninedtact.studio.force_calibration_session import (
     fit_scale_so_far,
 )
 from ninedtact.studio.guided_session import SwitchableCamera
-from ninedtact.studio.page_and_server import page_server
+from ninedtact.studio.page_server import page_server
 
 PATIENCE_S = 120.0
 STIFFNESS = 1.2
@@ -97,7 +97,7 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
             field.press("Enter")
 
         for tab in (desk, phone):
-            tab.goto(f"http://127.0.0.1:{server.get_port()}")
+            tab.goto(f"http://127.0.0.1:{server.port}")
             wait(lambda tab=tab: says(tab, "Choose the camera") and says(tab, "brightness"))
         assert phone.locator("img").count() > 0 and phone.evaluate("document.documentElement.scrollWidth") == 390
         phone.get_by_role("button", name="Start", exact=True).click()
@@ -189,16 +189,16 @@ def test_a_press_is_dropped_once_and_a_load_that_still_rests_is_not_taken_for_it
     session.on_load = put_on
     with page_server("127.0.0.1", 0) as server:
         page = ForceCalibrationPage(server, session, lambda: {"sim": "simulated sensor"}, 4.0)
-        with page_socket(server.get_port()) as one, page_socket(server.get_port()) as other:
+        with page_client(server) as one, page_client(server) as other:
             session.start()
             wait_until(lambda: session.state.phase is ForceCalibrationPhase.LIFT and stays.is_set(), PATIENCE_S)
             first, second = session.state.presses
             page.refresh()
             for client in (one, other):  # two people press the button that names the second press
-                client.send(msgspec.msgpack.encode(_press_of(page._remove._impl.uuid)))
+                client.set_value(remove_button(client).uuid, True)
             wait_until(lambda: second not in session.state.presses)
             for client in (one, other):  # whose messages have been handled when the answer to a ping is there
-                client.ping().wait(PATIENCE_S)
+                client.socket.ping().wait(PATIENCE_S)
     assert session.state.presses == (first,)
     session.remove(first)
     wait_until(lambda: "something still touches the skin" in session.state.advice, PATIENCE_S)
@@ -219,15 +219,20 @@ def test_the_live_page_that_follows_shows_the_estimator_that_was_calibrated(
     monkeypatch.setattr(
         "ninedtact.cli.calibration_page.serve_sensor_page", lambda parts, settings, ends: served.append(settings)
     )
-    monkeypatch.setattr(ForceCalibrationPage, "refresh", lambda page: page._session.live_requested.set())
+    monkeypatch.setattr("ninedtact.cli.calibration_page._serve_until_wanted", lambda *words: 1234)
     page = ForceCalibrationPageServer(twin_sensor, CalibrationPageOptions(port=0), "0", force="corrected")
     assert page.serve() is None  # no scale was saved
     assert [settings.force for settings in served] == ["corrected"]
 
 
-def _press_of(uuid: str) -> dict[str, object]:
-    """Return the message of a browser whose button is pressed."""
-    return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": True}}
+def remove_button(client: PageClient) -> Any:
+    """The button that names a press, once it is there."""
+
+    def found() -> list[Any]:
+        return [one for one in client.controls.values() if str(getattr(one, "label", "")).startswith("Remove press 2")]
+
+    wait_until(lambda: bool(found()))
+    return found()[0]
 
 
 def test_a_press_that_contradicts_the_others_is_named() -> None:

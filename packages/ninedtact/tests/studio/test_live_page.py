@@ -3,25 +3,25 @@
 import socket
 import threading
 from pathlib import Path
-from typing import Any
 
-import msgspec
 import pytest
-from page_client import page_socket, received_messages
+from page_client import PageClient, page_client
 from playwright.sync_api import Browser
 from reading_clients import open_panel, page_errors
 from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.design import Gel
+from ninedtact.errors import DeviceError
+from ninedtact.live.sensor_poller import SensorPoller
 from ninedtact.studio.calibration_session import CalibrationSession
 from ninedtact.studio.guided_page import GuidedPageLayout
 from ninedtact.studio.guided_session import SwitchableCamera
-from ninedtact.studio.page_and_server import PORTS_TRIED, PagePortRefused, SensorPage, find_default_port, page_server
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
+from ninedtact.studio.page_server import PORTS_TRIED, page_server
 from ninedtact.studio.saved_files import SaveLimits
 from ninedtact.studio.scene_3d import gel_block_under_skin
-from ninedtact.studio.sensor_poller import SensorPoller
+from ninedtact.studio.sensor_page import SensorPage
 
 PATIENCE_S = 90.0
 
@@ -38,7 +38,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
         studio = PageController([DisplayedSensor(loop)], tmp_path, save_limits=SaveLimits(per_minute=1))
         page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
-        address = f"127.0.0.1:{server.get_port()}"
+        address = f"127.0.0.1:{server.port}"
 
         def until_shown(*texts: str) -> None:
             def shown() -> bool:
@@ -84,37 +84,30 @@ def test_a_browser_keeps_the_choice_of_a_dark_page(tmp_path: Path, is_guided: bo
             session = CalibrationSession(SwitchableCamera(lambda address: SkinCamera(), "0"), tmp_path)
             GuidedPageLayout(server, session, lambda: {"0": "a camera"}, "Calibration").serve()
         else:
-            SensorPage(
-                server, PageController([DisplayedSensor(loop)], tmp_path), gel_block_under_skin(SHAPE, Gel()), "small"
-            )
+            controller = PageController([DisplayedSensor(loop)], tmp_path)
+            SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "small")
         for kept, chosen in ((None, True), ("dark", False), ("light", True)):
-            with page_socket(server.get_port()) as browser:
-                messages, themes = received_messages(browser), list[bool]()
-                request = next(one for one in messages if one["type"] == "LocalStorageGetItemRequestMessage")
+            with page_client(server) as browser:
+                request = browser.until_sent(lambda one: one["type"] == "LocalStorageGetItemRequestMessage")
                 answer = {"type": "LocalStorageGetItemResponseMessage", "request_uuid": request["request_uuid"]}
-                browser.send(msgspec.msgpack.encode(answer | {"value": kept, "error": None}))
-                (client,) = server.get_clients().values()
-                controls = client.gui._gui_input_handle_from_uuid.values()
-                dark: Any = next(one for one in controls if one._impl.props.label == "dark")
-                wait_until(lambda dark=dark, kept=kept: dark.value == (kept == "dark"))
+                browser.send(answer | {"value": kept, "error": None})
                 if kept == "dark":
-                    assert next(one for one in messages if one.get("dark_mode"))
-                update = {"type": "GuiUpdateMessage", "uuid": dark._impl.uuid, "updates": {"value": chosen}}
-                browser.send(msgspec.msgpack.encode(update))
-                for one in messages:
-                    if one["type"] == "ThemeConfigurationMessage":
-                        themes.append(one["dark_mode"])
-                    if one["type"] == "LocalStorageSetItemMessage":
-                        break
-                assert (one["key"], one["value"]) == (request["key"], "dark" if chosen else "light")
-                assert themes[-1] == chosen
-            wait_until(lambda: not server.get_clients())
+                    browser.until_sent(lambda one: one.get("dark_mode") is True)
+                browser.use("dark", chosen)
+                said = browser.until_sent(lambda one: one["type"] == "LocalStorageSetItemMessage")
+                assert (said["key"], said["value"]) == (request["key"], "dark" if chosen else "light")
+                wait_until(lambda browser=browser, chosen=chosen: theme(browser) == chosen)
+
+
+def theme(browser: PageClient) -> bool:
+    """Whether the page is dark now."""
+    return bool(browser.until_sent(lambda one: one["type"] == "ThemeConfigurationMessage")["dark_mode"])
 
 
 def test_a_port_in_use_is_refused_and_not_replaced_by_another() -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as other,
-        pytest.raises(PagePortRefused, match=r"free for the page, got it in use .*choose another with --port"),
+        pytest.raises(DeviceError, match=r"free for the page, got it in use .*choose another with --port"),
         page_server("127.0.0.1", other.getsockname()[1]),
     ):
         pass
@@ -123,16 +116,18 @@ def test_a_port_in_use_is_refused_and_not_replaced_by_another() -> None:
 def test_without_a_port_the_next_free_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         taken = other.getsockname()[1]
-        monkeypatch.setattr("ninedtact.studio.page_and_server.DEFAULT_PORT", taken)
-        assert taken < find_default_port("127.0.0.1") < taken + PORTS_TRIED
-        monkeypatch.setattr("ninedtact.studio.page_and_server.PORTS_TRIED", 1)
-        with pytest.raises(PagePortRefused, match="got it in use"):
-            find_default_port("127.0.0.1")
-    with pytest.raises(PagePortRefused, match=r"no\.such\.host\.invalid"):
-        find_default_port("no.such.host.invalid")
+        monkeypatch.setattr("ninedtact.studio.page_server.DEFAULT_PORT", taken)
+        with page_server("127.0.0.1", None) as server:
+            assert taken < server.port < taken + PORTS_TRIED
+        monkeypatch.setattr("ninedtact.studio.page_server.PORTS_TRIED", 1)
+        with pytest.raises(DeviceError, match="got it in use"), page_server("127.0.0.1", None):
+            pass
 
 
-@pytest.mark.parametrize(("host", "port"), [("no.such.host.invalid", 0), ("127.0.0.1", 70_000), ("127.0.0.1", -1)])
-def test_a_place_that_does_not_exist_is_refused(host: str, port: int) -> None:
-    with pytest.raises(PagePortRefused, match=r"expected port .*, got .*; choose another"), page_server(host, port):
+@pytest.mark.parametrize(
+    ("host", "port"),
+    [("no.such.host.invalid", 0), ("no.such.host.invalid", None), ("127.0.0.1", 70_000), ("127.0.0.1", -1)],
+)
+def test_a_place_that_does_not_exist_is_refused(host: str, port: int | None) -> None:
+    with pytest.raises(DeviceError, match=r"expected port .*, got .*; choose another"), page_server(host, port):
         pass

@@ -13,20 +13,20 @@ from small_sensor import SkinCamera, sensor_on, wait_until
 from ninedtact.capture.frame_source import CameraLost
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.errors import InputError, OutputError
+from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.live.wrench_history import WrenchHistory, WrenchWithUncertainty
 from ninedtact.quantities import Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.studio.page_controller import (
     MAX_SLOWDOWN,
     DisplayedSensor,
-    NothingToSave,
     PageController,
     PageMoment,
     next_drawing_slowdown,
 )
 from ninedtact.studio.reading_view import ImageKind, ReadingView, ShownTraction, SkinColouring
-from ninedtact.studio.saved_files import SaveLimits, SaveRefused
-from ninedtact.studio.sensor_poller import SensorPoller
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchWithUncertainty
+from ninedtact.studio.saved_files import SaveLimits
 
 
 class Screen:
@@ -162,7 +162,7 @@ def test_nothing_is_drawn_while_nobody_looks(stage: Stage) -> None:
 
 def test_what_is_saved_is_what_was_shown(stage: Stage, tmp_path: Path) -> None:
     with stage.loop:
-        with pytest.raises(NothingToSave, match="wait for the first image"):
+        with pytest.raises(InputError, match="wait for the first image"):
             stage.studio.save(())
         wait_until(lambda: stage.sees(0.0))
         stage.camera.level = 75
@@ -187,7 +187,7 @@ def test_too_many_saves_are_refused_and_write_nothing(stage: Stage, tmp_path: Pa
         with ThreadPoolExecutor(20) as clicks:
             results = [clicks.submit(hasty.save, stage.screen.moments[-1].sensors) for _ in range(20)]
         refusals = [result.exception() for result in results if result.exception() is not None]
-        with pytest.raises(SaveRefused, match=r"at most 0% of the free disk, 0 MB, got 0 MB and another reading; free"):
+        with pytest.raises(OutputError, match=r"at most 0% of the free disk, 0 MB, got 0 MB and another reading; free"):
             small.save(stage.screen.moments[-1].sensors)
     assert len(refusals) == 18 and len(list((tmp_path / "hasty").iterdir())) == 10 and not (tmp_path / "small").exists()
     assert re.fullmatch(

@@ -2,35 +2,38 @@
 
 import csv
 import json
+import os
 import re
 import resource
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from subprocess import PIPE
 from threading import Thread
+from types import FrameType
+from typing import Any
 from urllib.request import urlopen
 
 import cv2
 import numpy as np
 import pytest
-from page_client import page_client, page_socket
+from page_client import PageClient, page_client, page_viewer
 from playwright.sync_api import Browser, Locator, Page
-from reading_clients import open_panel, page_errors
+from reading_clients import page_errors
 from small_sensor import SkinCamera, sensor_folder, sensor_on, wait_until
-from viser import ViserServer
 
 import ninedtact
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
-from ninedtact.cli.serve_sensor_page import installed_exporters
-from ninedtact.errors import NinedtactError
-from ninedtact.force.estimator_interface import NoForceEstimator
+from ninedtact.errors import InputError, NinedtactError
+from ninedtact.force.estimator_interface import ForceEstimator
+from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.live.wrench_history import MOST_HZ, WrenchHistory, WrenchWithUncertainty
 from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
@@ -40,7 +43,6 @@ from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_cards import time_slider_marks
 from ninedtact.studio.page_controller import (
     DisplayedSensor,
@@ -49,21 +51,20 @@ from ninedtact.studio.page_controller import (
     SensorMoment,
     SensorStatusMessage,
 )
-from ninedtact.studio.page_recorder import NotRecording, PageRecorder, PageSensorToRecord, RecorderState
+from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord, RecorderState
+from ninedtact.studio.page_server import PageServer, page_server
 from ninedtact.studio.reading_view import full_range_colour_scale
 from ninedtact.studio.recording_player import (
-    LabelledSpanRefused,
     RecordedReadings,
     RecordedSensor,
     RecordingPlayer,
     empty_wrench_histories,
 )
 from ninedtact.studio.recordings_panel import WHOLE, RecordingsPanel, RecordingsPanelContext
-from ninedtact.studio.saved_files import Exporter, SaveLimits, SaveQuota, save_surface_sequence, save_video
+from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_surface_sequence, save_video
 from ninedtact.studio.scene_3d import gel_block_under_skin
-from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.viewer import ViewerPage
-from ninedtact.studio.wrench_history import MOST_HZ, WrenchHistory, WrenchWithUncertainty
 
 PATIENCE_S = 90.0
 
@@ -76,11 +77,15 @@ def scaled_force(reading: Reading) -> WrenchEstimate:
     return WrenchEstimate(wrench, np.diag(np.full(6, 0.01)), deep_mm > 0, warnings)
 
 
-class ScaledForce(NoForceEstimator):
+class ScaledForce(ForceEstimator):
     """Estimates by `scaled_force`."""
+
+    name = "scaled"
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         return scaled_force(reading)
+
+    def forget(self) -> None: ...
 
 
 class Bench:
@@ -96,15 +101,15 @@ class Bench:
         self.recorder = PageRecorder(
             [PageSensorToRecord(self.folder, "bench", [self.true, self.estimated])], out, self.quota
         )
-        self.sensor = sensor_on(SkinCamera())
+        self.camera = SkinCamera()
+        self.sensor = sensor_on(self.camera)
         self.sensor.estimator = ScaledForce()
         self.kept: list[Reading] = []
 
     def press(self, levels: list[int]) -> None:
         """Read and record an image of every level."""
-        camera = self.sensor.source._source  # type: ignore[attr-defined]
         for level in levels:
-            camera.level = level
+            self.camera.level = level
             time.sleep(0.02)
             self.sensor.read()
             reading = self.sensor.read()
@@ -249,19 +254,14 @@ def test_labels_are_kept_in_the_file_and_exported_and_the_rest_of_it_stays(
     assert deep.label == "deep" and bench.kept[2].stamp_ns <= deep.begin_ns <= bench.kept[4].stamp_ns <= deep.end_ns
     player = player_of(path, bench)
     player.add_span(0.0, player.duration_s, " whole ")
-    deep_s, (whole, *marks) = player.span_s(deep), time_slider_marks(player)
-    assert whole == (0.0, "whole") and marks[-1][0] == player.duration_s
-    assert {round(value, 6) for value, _ in marks} >= {round(at_s, 6) for at_s in deep_s}
-    assert [label for value, label in marks if value == deep_s[0]] == [
-        "deep" if deep_s[0] > 0.2 * player.duration_s else None
-    ]
+    deep_s, marks = player.span_s(deep), list(time_slider_marks(player))
+    assert marks[0] == (0.0, "whole") and marks[-1] == (player.duration_s, f"{player.duration_s:.1f} s")
+    assert ((deep_s[0], "deep") if deep_s[0] > 0.2 * player.duration_s else deep_s[0]) in marks and deep_s[1] in marks
     size = path.stat().st_size
     player.add_span(0.0, 0.01, "first")
     assert path.stat().st_size < size + 200  # an earlier list of labels does not pile up
     player.remove_span(deep)
-    with pytest.raises(
-        LabelledSpanRefused, match=r"expected a label and an end after its beginning, got ' ' from 0.00"
-    ):
+    with pytest.raises(InputError, match=r"expected a label and an end after its beginning, got ' ' from 0.00"):
         player.add_span(0.0, 0.1, " ")
     player.close()
     with Recording(path) as recording:
@@ -315,8 +315,9 @@ def test_a_full_disk_and_a_used_up_quota_end_a_recording_and_say_what_was_kept(t
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     bench = Bench(tmp_path / "small", tmp_path / "out")
 
-    def press_until_it_ends() -> RecorderState:
+    def press_until_it_ends(saved_bytes: int = 0) -> RecorderState:
         bench.recorder.start()
+        bench.quota.add_bytes(saved_bytes)  # by another save
         while bench.recorder.state().is_running:
             bench.press([80, 60])
         return bench.recorder.stop()
@@ -331,10 +332,9 @@ def test_a_full_disk_and_a_used_up_quota_end_a_recording_and_say_what_was_kept(t
         assert state.path is not None
         with Recording(state.path) as recording:
             assert f"{len(recording.positions(Topic.IMAGES))} of /small/image_raw" in state.trouble
-        bench.recorder._quota = SaveQuota(SaveLimits(disk_share=1e-8))
-        state = press_until_it_ends()
+        state = press_until_it_ends(10**15)
         assert "of the free disk" in state.trouble and "a recording that goes on" in state.trouble
-        with pytest.raises(NotRecording, match="expected a recording and a name for the label"):
+        with pytest.raises(InputError, match="expected a recording and a name for the label"):
             bench.recorder.begin_label("late")
 
 
@@ -345,7 +345,7 @@ def test_a_label_ends_with_a_recording_that_the_quota_ends(tmp_path: Path) -> No
         bench.press([80])
         bench.recorder.begin_label("to the end")
         bench.press([60])
-        bench.recorder._quota = SaveQuota(SaveLimits(disk_share=0.0))
+        bench.quota.add_bytes(10**15)
         wait_until(lambda: not bench.recorder.state().is_running)
         state = bench.recorder.stop()
     assert "a recording that goes on" in state.trouble and state.labels == 1 and state.label is None
@@ -358,26 +358,57 @@ def test_buttons_of_two_viewers_do_what_they_say(recorded: tuple[Path, Bench]) -
     path, bench = recorded
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera()), bench.recorder.keep) as loop:
         page, controller = recordings_page(server, loop, bench, path.parent)
-        with page_client(page, server.get_port()) as client, page_client(page, server.get_port()) as other:
-            panels = [recordings_panel(one.viewer) for one in (client, other)]
+        with page_viewer(page, server) as (client, _), page_viewer(page, server) as (other, _):
 
-            def press_both(
-                button: Callable[[RecordingsPanel, PageRecorder], None], is_shown: Callable[[], bool]
-            ) -> None:
-                wait_until(lambda: controller.refresh(page) and is_shown())
-                for panel in panels:
-                    button(panel, bench.recorder)
+            def press_both(label: str, is_done: Callable[[RecorderState], bool]) -> None:
+                def has(one: PageClient) -> bool:
+                    return any(getattr(each, "label", "") == label for each in one.controls.values())
 
-            record, label = RecordingsPanel._toggle_record, RecordingsPanel._toggle_label
-            press_both(record, lambda: all(not panel._shown_state.is_running for panel in panels))
-            assert bench.recorder.state().is_running
-            panels[0]._live_label.value = panels[1]._live_label.value = "twice"
-            press_both(label, lambda: all(panel._shown_state.is_running for panel in panels))
-            press_both(label, lambda: all(panel._shown_state.label == "twice" for panel in panels))
-            assert bench.recorder.state().label is None
-            press_both(record, lambda: all(panel._shown_state.label is None for panel in panels))
-            assert not bench.recorder.state().is_running and len(list(path.parent.glob("*.mcap"))) == 2
-            assert client.notices[:-1] == other.notices[:-1] == []  # the last one says what was recorded
+                wait_until(lambda: controller.refresh(page) and has(client) and has(other))
+                for one in (client, other):
+                    one.use(label)
+                wait_until(lambda: is_done(bench.recorder.state()))
+                time.sleep(0.3)  # for the second press, which is handled in another thread and changes nothing
+                assert is_done(bench.recorder.state())
+
+            press_both("Record", lambda state: state.is_running)
+            for one in (client, other):
+                one.use("label", "twice")
+            press_both("Begin label", lambda state: state.label == "twice")
+            press_both("End label 'twice'", lambda state: state.label is None)
+            press_both("Stop recording", lambda state: not state.is_running)
+            assert len(list(path.parent.glob("*.mcap"))) == 2
+            wait_until(lambda: bool(client.notices + other.notices))
+            assert set(client.notices + other.notices) == {f"Recorded: {max(path.parent.glob('*.mcap')).name}"}
+
+
+def test_a_reading_is_not_in_a_recording_that_begins_while_it_is_kept(tmp_path: Path) -> None:
+    """Between any two lines of what the sensor's thread does, another person ends the recording and begins the next one."""
+    bench, paths, seen = Bench(tmp_path / "small", tmp_path / "out"), list[Path](), set[int]()
+
+    def begin_another(frame: FrameType, event: str, argument: object) -> Callable[..., Any] | None:
+        if frame.f_code is not PageRecorder.keep.__code__:
+            return None
+        if event == "line" and seen and frame.f_lineno not in seen:
+            bench.recorder.stop()
+            paths.append(bench.recorder.start())
+        seen.update({frame.f_lineno} if event == "line" else ())
+        return begin_another
+
+    with bench.sensor:
+        reading = bench.sensor.read()
+        bench.recorder.start()
+        traced = sys.gettrace()
+        sys.settrace(begin_another)
+        try:
+            bench.recorder.keep(reading)
+        finally:
+            sys.settrace(traced)
+        bench.recorder.stop()
+    assert paths
+    for path in paths:
+        with Recording(path) as recording:
+            assert len(recording.positions(Topic.IMAGES)) == 0
 
 
 class UntilAlone:
@@ -385,11 +416,11 @@ class UntilAlone:
 
     title, icon, side = "Slow", None, "right"
 
-    def __init__(self, viewer: ViewerPage, server: ViserServer, built: list[ViewerPage]) -> None:
+    def __init__(self, viewer: ViewerPage, server: PageServer, built: list[ViewerPage]) -> None:
         self._viewer, self._server, self._built = viewer, server, built
 
     def build(self, gui: object) -> None:
-        wait_until(lambda: self._viewer.client.client_id not in self._server.get_clients())
+        wait_until(lambda: self._viewer.client.client_id not in self._server.viser.get_clients())
         self._built.append(self._viewer)
 
     def update(self, moment: PageMoment) -> None: ...
@@ -400,20 +431,25 @@ def test_a_recording_is_closed_for_a_viewer_who_left_before_it_was_opened(record
     built: list[ViewerPage] = []
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         context, block = (
-            RecordingsPanelContext(server, bench.folder, opens=path),
+            RecordingsPanelContext(bench.folder, opens=path),
             gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel),
         )
         panels = [partial(RecordingsPanel, context=context), partial(UntilAlone, server=server, built=built)]
         page = SensorPage(server, PageController([DisplayedSensor(loop)], path.parent), block, "small", panels)
-        with page_socket(server.get_port()):
-            wait_until(lambda: len(server.get_clients()) == 1)
+        with page_client(server):
+            wait_until(lambda: len(server.viser.get_clients()) == 1)
         wait_until(lambda: len(built) == 1 and not built[0].plays_recording)
-        (player,) = [recordings_panel(built[0])._player]
-        assert player is not None and not page.viewers
-        wait_until(player.sensors[0]._closing.is_set)
-        late = player_of(path, bench)
-        built[0].play(late)  # by a callback that ends after the viewer has left
-        assert late.sensors[0]._closing.is_set() and not built[0].plays_recording
+        assert not page.viewers
+        wait_until(lambda: not is_open(path))
+        built[0].play(player_of(path, bench))  # by a callback that ends after the viewer has left
+        wait_until(lambda: not is_open(path))
+        assert not built[0].plays_recording
+
+
+def is_open(path: Path) -> bool:
+    """Whether this program has a file open."""
+    links = Path("/proc/self/fd").iterdir()
+    return any(os.path.realpath(link) == str(path.resolve()) for link in links)
 
 
 def test_controls_of_a_recording_show_what_is_open(recorded: tuple[Path, Bench]) -> None:
@@ -427,47 +463,39 @@ def test_controls_of_a_recording_show_what_is_open(recorded: tuple[Path, Bench])
         writer.write_image(Frame(bench.kept[0].image, 1, 0))
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         page, controller = recordings_page(server, loop, bench, path.parent)
-        with page_client(page, server.get_port()) as client:
-            panel = recordings_panel(client.viewer)
+        with page_viewer(page, server) as (client, viewer):
 
             def wait_for(is_done: Callable[[], bool]) -> None:
                 wait_until(lambda: controller.refresh(page) and is_done())
 
-            def is_open(name: str) -> bool:
-                return panel._player is not None and panel._player.path.name == name
+            def shows(stamp_ns: int) -> bool:
+                reading = None if viewer.moment is None else viewer.moment.sensors[0].reading
+                return reading is not None and reading.stamp_ns == stamp_ns and viewer.plays_recording
 
-            def shows_other() -> bool:
-                moment = client.viewer.moment
-                reading = None if moment is None else moment.sensors[0].reading
-                return reading is not None and reading.stamp_ns == 1
+            def labels() -> list[str]:
+                return [
+                    name for one in client.controls.values() for name in getattr(one, "options", ()) if " to " in name
+                ]
 
-            wait_for(lambda: len(panel._choice.options) == 4)
+            wait_for(lambda: len(client.control("recording").options) == 4)
             client.use("recording", path.name)
-            wait_for(lambda: is_open(path.name) and len(panel._label_choice.options) == 3)
+            wait_for(lambda: shows(bench.kept[0].stamp_ns) and len(labels()) == 2)
             client.use("Remove label")
             wait_for(lambda: client.notices == [f"Label not changed: {_NO_LABEL}"])
-            between = next(name for name in panel._label_choice.options if name.startswith("between"))
-            client.send(
-                {"type": "GuiUpdateMessage", "uuid": panel._label_choice._impl.uuid, "updates": {"value": between}}
-            )
-            wait_for(lambda: "marked: 0.00 to 0.01 s" in panel._marked.content)
+            between = next(name for name in labels() if name.startswith("between"))
+            choice = next(one for one in client.controls.values() if between in getattr(one, "options", ()))
+            client.set_value(choice.uuid, between)
+            wait_for(lambda: client.shows("marked: 0.00 to 0.01 s"))
             client.use("Surfaces (PLY)")
-            wait_for(
-                lambda: (
-                    client.notices[1:]
-                    == [f"Not exported: expected images in {between}, got none; choose another label"]
-                )
-            )
+            refusal = f"Not exported: expected images in {between}, got none; choose another label"
+            wait_for(lambda: client.notices[1:] == [refusal])
             assert not list(path.parent.glob("*_surfaces_*"))
             client.use("speed", "4 ×")
-            wait_for(lambda: panel._player is not None and panel._player.speed == 4.0)
             client.use("recording", "bad.mcap")
-            wait_for(lambda: len(client.notices) == 3 and panel._choice.value == path.name)
-            assert "an empty file" in client.notices[2] and is_open(path.name)
+            wait_for(lambda: len(client.notices) == 3 and client.control("recording").value == path.name)
+            assert "an empty file" in client.notices[2] and viewer.plays_recording
             client.use("recording", "other.mcap")
-            wait_for(lambda: is_open("other.mcap") and panel._choice.value == "other.mcap")
-            assert panel._player is not None and panel._player.speed == 4.0
-            wait_for(shows_other)
+            wait_for(lambda: shows(1) and client.control("recording").value == "other.mcap")
             client.use("This moment as a web page")
             wait_for(lambda: len(client.notices) == 4)
             (exported,) = path.parent.glob("moment_*.html")
@@ -478,18 +506,13 @@ _NO_LABEL = f"expected a label to remove, got '{WHOLE}'; choose one first"
 
 
 def recordings_page(
-    server: ViserServer, loop: SensorPoller, bench: Bench, out: Path
+    server: PageServer, loop: SensorPoller, bench: Bench, out: Path
 ) -> tuple[SensorPage, PageController]:
     """Return the page of a sensor with the recorder of the bench, and its controller."""
     controller = PageController([DisplayedSensor(loop)], out, save_limits=SaveLimits(per_minute=100))
-    panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, bench.recorder))
+    panel = partial(RecordingsPanel, context=RecordingsPanelContext(bench.folder, bench.recorder))
     block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
     return SensorPage(server, controller, block, "small", [panel]), controller
-
-
-def recordings_panel(viewer: ViewerPage) -> RecordingsPanel:
-    """Return the panel of recordings of a viewer."""
-    return next(panel for panel in viewer._panels if isinstance(panel, RecordingsPanel))
 
 
 def unplayable_files(path: Path, folder: Path) -> dict[Path, str]:
@@ -533,6 +556,28 @@ def test_files_that_cannot_be_played_are_refused_in_one_sentence(
         assert main(["play", str(file), "--port", "0"]) == 1
         captured = capsys.readouterr()
         assert said in captured.err and captured.err.count("\n") == 1 and captured.out == "", file
+
+
+def test_two_images_with_one_stamp_are_both_shown_each_with_its_own_heights(
+    recorded: tuple[Path, Bench], tmp_path: Path
+) -> None:
+    _, bench = recorded
+    first, second, third = bench.kept[0], bench.kept[3], bench.kept[5]
+    path, topics = tmp_path / "twice.mcap", (Topic.IMAGES, Topic.HEIGHTS)
+    attached = sensor_folder_attachments(bench.folder.path)
+    with RecordingWriter(path, RecordingMetadata("small", height_step_mm=0.001), topics, attached) as writer:
+        for number, (reading, stamp_ns) in enumerate(((first, 1), (second, 10**9), (third, 10**9))):
+            writer.write_image(Frame(reading.image, stamp_ns, number))
+            writer.write_height(replace(reading.height, stamp_ns=stamp_ns), number)
+    player = player_of(path, bench)
+    shown = []
+    for _ in range(3):
+        reading = moment_of(player).reading
+        assert reading is not None
+        shown.append((reading.image.min(), round(reading.max_indentation_mm, 2)))
+        player.step(1)
+    player.close()
+    assert shown == [(kept.image.min(), round(kept.max_indentation_mm, 2)) for kept in (first, second, third)]
 
 
 def test_an_image_that_is_damaged_is_said_and_the_last_whole_one_stays(recorded: tuple[Path, Bench]) -> None:
@@ -655,11 +700,11 @@ def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp
 
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep) as loop:
         controller = PageController([DisplayedSensor(loop, [estimated])], out, limits)
-        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, folder, recorder))
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorder))
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
         page = SensorPage(server, controller, block, "small", [panel])
         journey = Journey(tab, out, lambda: controller.refresh(page))
-        tab.goto(f"http://127.0.0.1:{server.get_port()}")
+        tab.goto(f"http://127.0.0.1:{server.port}")
         journey.until_shown("live, ", "0.00 mm")
         path = record_with_a_label(journey, camera)
         stamps_s = (lambda at: (at - at[0]) / 1e9)(Recording(path).stamps_ns(Topic.IMAGES))
@@ -681,104 +726,40 @@ def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp
     assert errors == []
 
 
-def test_a_browser_says_why_a_recording_cannot_be_opened_and_goes_on_after_a_reload(
-    browser: Browser, recorded: tuple[Path, Bench], tmp_path: Path
-) -> None:
-    path, bench = recorded
-    out, tab = tmp_path / "readings", browser.new_page(viewport={"width": 1000, "height": 800})
-    out.mkdir()
-    (out / "whole.mcap").write_bytes(path.read_bytes())
-    errors, files = page_errors(tab), unplayable_files(path, out)
-    tab.set_default_timeout(PATIENCE_S * 200)
-    sensor = sensor_on(SkinCamera())
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
-        controller = PageController([DisplayedSensor(loop)], out)
-        recorder = PageRecorder([PageSensorToRecord(bench.folder, "bench", [])], out, controller.quota)
-        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, recorder))
-        block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
-        page = SensorPage(server, controller, block, "small", [panel])
-        journey = Journey(tab, out, lambda: controller.refresh(page))
-        tab.goto(f"http://127.0.0.1:{server.get_port()}")
-        journey.until_shown("live, ", "0.00 mm")
-        open_panel(tab, "Record")
-        for file, said in files.items():
-            journey.choose(journey.field("recording"), file.name)
-            journey.until_shown("Not opened", said, "live, ")
-        journey.choose(journey.field("recording"), "whole.mcap")
-        journey.until_shown("recorded, 0.00 of ")
-        tab.reload()
-        journey.until_shown("live, ", "0.00 mm")
-    assert errors == []
-
-
 def test_a_viewer_of_a_recording_is_not_frozen_and_takes_no_reference_of_the_sensor(
     recorded: tuple[Path, Bench], tmp_path: Path
 ) -> None:
     path, bench = recorded
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
         controller = PageController([DisplayedSensor(loop)], path.parent)
-        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, bench.folder))
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(bench.folder))
         block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
         page = SensorPage(server, controller, block, "small", [panel])
-        with page_client(page, server.get_port()) as client:
-            viewer = client.viewer
+        with page_viewer(page, server) as (client, viewer):
 
             def shows(sentence: str, freeze: str) -> bool:
                 controller.refresh(page)
                 shown = viewer.moment is not None and viewer.moment.sensors[0].status.sentence.startswith(sentence)
-                return shown and any(each.label == freeze for each in buttons)
+                return shown and any(getattr(one, "label", "") == freeze for one in client.controls.values())
 
-            buttons = [client.control("Freeze")]
             wait_until(lambda: shows("live", "Freeze") and path.name in client.control("recording").options)
             client.use("Freeze")
             wait_until(lambda: shows("frozen", "Resume"))
             client.use("recording", path.name)
             wait_until(lambda: shows("recorded", "Freeze"))
+            before = loop.sensor.current_depth_reader
             client.give_command("Take reference")
             wait_until(lambda: bool(client.notices))
             assert client.notices == [
                 "No reference taken: expected the sensor in the views, got a recording; go back to the sensor first"
             ]
-            assert not loop._reference_wanted.is_set() and loop.snapshot(0).phase is SensorPhase.READING
+            assert loop.snapshot(0).phase is SensorPhase.READING
             client.use("Back to the sensor")
             wait_until(lambda: shows("live", "Freeze"))
-            before = loop.sensor.current_depth_reader
+            assert loop.sensor.current_depth_reader is before
             client.give_command("Take reference")
             wait_until(lambda: loop.sensor.current_depth_reader is not before)
             assert len(client.notices) == 1
-
-
-def test_a_page_exports_into_the_formats_that_its_program_hands_in(recorded: tuple[Path, Bench]) -> None:
-    pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
-    pytest.importorskip("pyarrow", reason="the extra 'datasets' is not installed")
-    path, bench = recorded
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
-        controller = PageController([DisplayedSensor(loop)], path.parent, save_limits=SaveLimits(per_minute=100))
-        exporters = {**installed_exporters(), "Stamps": Exporter(write_stamps, "stamps", "a list", ".txt")}
-        panel = partial(
-            RecordingsPanel, context=RecordingsPanelContext(server, bench.folder, opens=path, exporters=exporters)
-        )
-        block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
-        page = SensorPage(server, controller, block, "small", [panel])
-        with page_client(page, server.get_port()) as client:
-            wait_until(lambda: controller.refresh(page) and client.viewer.moment is not None)
-            for number, (name, exporter) in enumerate(exporters.items(), start=1):
-                assert client.control(name).visible
-                client.use(name)
-                wait_until(lambda number=number: len(client.notices) == number)
-                (written,) = path.parent.glob(f"{path.stem}_{exporter.word}_*{exporter.ending}")
-                assert client.notices[-1] == f"Exported: {written.name}"
-                if written.is_file():  # the browser may be on another computer
-                    assert client.downloaded(written.name) == written.read_bytes()
-    assert {"Rerun (RRD)", "Stamps"} <= set(exporters)
-    assert written.read_text().split() == [str(kept.stamp_ns) for kept in bench.kept]
-
-
-def write_stamps(recordings: Sequence[Recording], out: Path, on_image: Callable[[], None]) -> None:
-    """Write the stamps of the images."""
-    for _ in recordings[0].frames():
-        on_image()
-    out.write_text("\n".join(str(stamp) for stamp in recordings[0].stamps_ns(Topic.IMAGES)))
 
 
 def record_with_a_label(journey: Journey, camera: SkinCamera) -> Path:

@@ -15,7 +15,7 @@ from subprocess import PIPE
 import cv2
 import numpy as np
 import pytest
-from page_client import page_client
+from page_client import PageClient, page_viewer
 from playwright.sync_api import Browser, Page
 from reading_clients import open_panel
 from small_sensor import SkinCamera, sensor_folder, sensor_on, skin, wait_until
@@ -26,11 +26,12 @@ from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.cli import main
 from ninedtact.cli.live import Live
 from ninedtact.cli.shared_options import InvalidLiveOption
+from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.live.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 from ninedtact.quantities import Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import Topic
-from ninedtact.studio.page_and_server import SensorPage, page_server
 from ninedtact.studio.page_controller import (
     DisplayedSensor,
     PageController,
@@ -39,15 +40,14 @@ from ninedtact.studio.page_controller import (
     SensorStatusMessage,
 )
 from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
+from ninedtact.studio.page_server import PageServer, page_server
 from ninedtact.studio.reading_view import full_range_colour_scale
 from ninedtact.studio.recording_player import RecordedSensor, RecordingPlayer
 from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
 from ninedtact.studio.saved_files import SaveLimits
 from ninedtact.studio.scene_3d import FIELD_OF_VIEW_RAD, GelBlock, SideBySideLayout, gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
-from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
-from ninedtact.studio.view_panels import ProfilePanel, ScenePanel
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
+from ninedtact.studio.sensor_page import SensorPage
 
 PATIENCE_S = 90.0
 SMALLEST_IMAGE_PX = 30
@@ -70,7 +70,7 @@ class Gripper:
     controller: PageController
     page: SensorPage
     out: Path
-    address: str
+    server: PageServer
 
     def until_shown(self, tab: Page, *texts: str, limit_s: float = PATIENCE_S) -> None:
         """Refresh until a browser shows some texts."""
@@ -110,10 +110,10 @@ def gripper(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Gripper]
         wait_until(lambda: all(one.poller.snapshot(0).reading is not None for one in sensors))
         recorded = [PageSensorToRecord(folder, "bench", [histories[name]], name) for name in names]
         recorders.append(PageRecorder(recorded, out, controller.quota))
-        panel = partial(RecordingsPanel, context=RecordingsPanelContext(server, folder, recorders[0]))
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorders[0]))
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
         page = SensorPage(server, controller, block, " · ".join(names), [panel])
-        yield Gripper(folder, cameras, controller, page, out, f"http://127.0.0.1:{server.get_port()}")
+        yield Gripper(folder, cameras, controller, page, out, server)
         recorders[0].stop()
 
 
@@ -147,7 +147,7 @@ def test_two_fingers_are_seen_recorded_into_one_file_and_played(
     tab, errors = browser.new_page(viewport={"width": 1200, "height": 900}), []
     tab.set_default_timeout(PATIENCE_S * 200)
     tab.on("pageerror", lambda error: errors.append(str(error)))
-    tab.goto(gripper.address)
+    tab.goto(f"http://127.0.0.1:{gripper.server.port}")
     gripper.until_shown(tab, "left: live", "right: live", "grip force left and right, estimated")
     gripper.cameras["left"].level, gripper.cameras["right"].level = 75, 50  # 1 mm and 2 mm: 2 N and 4 N
     gripper.until_shown(tab, "1.00 mm, ", "2.00 mm, ", "\N{MINUS SIGN}2.00", "\N{MINUS SIGN}4.00", "3.00 N")
@@ -185,32 +185,36 @@ def test_two_fingers_are_seen_recorded_into_one_file_and_played(
 
 @pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
 def test_a_line_is_picked_on_the_nearest_finger_and_within_its_skin(gripper: Gripper) -> None:
-    port = int(gripper.address.rpartition(":")[2])
-    with page_client(gripper.page, port) as hand:
-        viewer = hand.viewer
+    with page_viewer(gripper.page, gripper.server) as (hand, viewer):
         half_x, half_y = viewer.block.width_mm / 2, viewer.block.length_mm / 2
         (left_x, left_y, _), (right_x, right_y, _) = viewer.arrangement.places_mm
         hand.click_on_scene(right_x + 1.0, right_y - 2.0, "shift")
         wait_until(lambda: viewer.options.profile_mm[0] == (1.0, -2.0))
-        assert viewer.options.with_profile and viewer.profiled_sensor == 1 and hand.control("line on the skin").value
+        assert viewer.options.with_profile and viewer.profiled_sensor == 1
+        wait_until(lambda: hand.control("line on the skin").value)
         hand.click_on_scene(right_x + 1000.0, right_y - 1000.0, "shift")
         wait_until(lambda: viewer.options.profile_mm[1] == (round(half_x, 1), round(-half_y, 1)))
         hand.click_on_scene(left_x, left_y)  # nothing: Shift is not held
         hand.use("pick on the skin", value=True)
-        wait_until(lambda: len(viewer.client.scene._scene_pointer_cb) == 2)
+        hand.until_sent(lambda one: one["type"] == "ScenePointerEnableMessage" and len(one["modifiers"]) == 2)
         hand.click_on_scene(left_x + 3.0, left_y)
         wait_until(lambda: viewer.options.profile_mm[0] == (3.0, 0.0))
         assert viewer.profiled_sensor == 0
         gripper.cameras["right"].level = 75
         hand.click_on_scene(right_x, right_y)
         wait_until(lambda: viewer.profiled_sensor == 1)
-        panel = next(panel for panel in viewer._panels if isinstance(panel, ProfilePanel))
 
         def plots_the_right() -> bool:
             gripper.controller.refresh(gripper.page)
-            return "\N{MINUS SIGN}1.00 mm" in panel._text.content
+            return hand.shows("\N{MINUS SIGN}1.00 mm")
 
         wait_until(plots_the_right, pause_s=0.03)
+
+
+def is_visible(client: PageClient, number: int) -> bool:
+    """Whether a sensor stands in the scene."""
+    sent = [one for one in client.messages if one["type"] == "SetSceneNodeVisibilityMessage"]
+    return next((one["visible"] for one in reversed(sent) if one["name"] == f"/sensor_{number}"), True)
 
 
 @pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
@@ -220,21 +224,18 @@ def test_no_skin_of_the_sensors_stands_beside_a_recording_of_one_sensor(gripper:
         path = bench.recorder.start()
         bench.press([75, 75])
         bench.recorder.stop()
-    with page_client(gripper.page, int(gripper.address.rpartition(":")[2])) as client:
-        viewer = client.viewer
-        scene = next(panel for panel in viewer._panels if isinstance(panel, ScenePanel))
+    with page_viewer(gripper.page, gripper.server) as (client, viewer):
 
         def stand(*visible: bool, status: str) -> bool:
             gripper.controller.refresh(gripper.page)
             shown = viewer.moment is not None and viewer.moment.sensors[0].status.sentence.startswith(status)
-            return shown and tuple(frame.visible for frame in scene._frames) == visible
+            return shown and tuple(is_visible(client, number) for number in (0, 1)) == visible
 
         wait_until(lambda: stand(True, True, status="live") and path.name in client.control("recording").options)
         client.use("recording", path.name)
         wait_until(lambda: stand(True, False, status="recorded"))
         client.use("sensor", "right")  # which the recording has not: what is shown of it is the sensor that it has
         wait_until(lambda: stand(False, True, status="recorded"))
-        assert viewer.moment is not None and scene._drawn[1][0] == id(viewer.moment.sensors[0].view)
         client.use("Back to the sensor")
         client.use("sensor", "all side by side")
         wait_until(lambda: stand(True, True, status="live"))
@@ -242,8 +243,7 @@ def test_no_skin_of_the_sensors_stands_beside_a_recording_of_one_sensor(gripper:
 
 @pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
 def test_what_one_finger_reads_is_saved_before_the_other_has_read(gripper: Gripper) -> None:
-    with page_client(gripper.page, int(gripper.address.rpartition(":")[2])) as client:
-        viewer = client.viewer
+    with page_viewer(gripper.page, gripper.server) as (client, viewer):
 
         def has_read() -> bool:
             gripper.controller.refresh(gripper.page)
@@ -260,23 +260,25 @@ def test_what_one_finger_reads_is_saved_before_the_other_has_read(gripper: Gripp
 
 
 @pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
-def test_a_lost_finger_is_said_and_the_other_goes_on(browser: Browser, gripper: Gripper) -> None:
-    tab = browser.new_page(viewport={"width": 1200, "height": 900})
-    tab.goto(gripper.address)
-    gripper.until_shown(tab, "left: live", "right: live")
-    gripper.cameras["left"].plugged_in, gripper.cameras["right"].level = False, 75
-    gripper.until_shown(tab, "left: no image for", "right: live", "1.00 mm, ", "unknown without left")
-    gripper.cameras["left"].plugged_in = True
-    gripper.until_shown(tab, "left: live", "1.00 N")
-    (viewer,) = gripper.page.viewers
-    viewer.toggle_freeze()
-    gripper.cameras["right"].level = 50
-    gripper.until_shown(tab, "left: frozen", "right: frozen", "1.00 N")
-    viewer.toggle_freeze()
-    viewer.choose(sensor=1)
-    gripper.until_shown(tab, "2.00 N")
-    assert viewer.moment is not None and [one.name for one in viewer.choose_shown(viewer.moment)] == ["right"]
-    assert [one.name for one in viewer.shown_sensors] == ["right"]
+def test_a_lost_finger_is_said_and_the_other_goes_on(gripper: Gripper) -> None:
+    with page_viewer(gripper.page, gripper.server) as (client, viewer):
+
+        def until_shown(*texts: str) -> None:
+            wait_until(lambda: gripper.controller.refresh(gripper.page) and all(map(client.shows, texts)), PATIENCE_S)
+
+        until_shown("<b>left</b>: live", "<b>right</b>: live")
+        gripper.cameras["left"].plugged_in, gripper.cameras["right"].level = False, 75
+        until_shown("<b>left</b>: no image for", "<b>right</b>: live", "1.00 mm, ", "unknown without left")
+        gripper.cameras["left"].plugged_in = True
+        until_shown("<b>left</b>: live", "1.00 N")
+        viewer.toggle_freeze()
+        gripper.cameras["right"].level = 50
+        until_shown("<b>left</b>: frozen", "<b>right</b>: frozen", "1.00 N")
+        viewer.toggle_freeze()
+        viewer.choose(sensor=1)
+        until_shown("2.00 N")
+        assert viewer.moment is not None and [one.name for one in viewer.choose_shown(viewer.moment)] == ["right"]
+        assert [one.name for one in viewer.shown_sensors] == ["right"]
 
 
 def overlaps(tab: Page) -> list[str]:
@@ -306,7 +308,7 @@ def overlaps(tab: Page) -> list[str]:
 def test_four_fingers_have_room_on_a_desktop_and_on_a_phone(browser: Browser, gripper: Gripper, tmp_path: Path) -> None:
     for width, height in ((1280, 800), (390, 844)):
         tab = browser.new_page(viewport={"width": width, "height": height})
-        tab.goto(gripper.address)
+        tab.goto(f"http://127.0.0.1:{gripper.server.port}")
         states = [f"{name}: live" for name in gripper.cameras]
         gripper.until_shown(tab, *states, "grip force thumb and first", "grip force second and third")
         for number, camera in enumerate(gripper.cameras.values()):

@@ -11,13 +11,14 @@ from hand_fed import HandFed
 from small_sensor import SHAPE, UNTOUCHED, SkinCamera, sensor_on, skin, wait_until
 
 from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback, RepeatingSource
-from ninedtact.capture.image_and_video_files import ImageFolder
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
+from ninedtact.capture.strict_image_reading import ImageFolder
+from ninedtact.errors import CameraError
+from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 from ninedtact.studio.page_controller import most_urgent_status
-from ninedtact.studio.sensor_poller import RecordingTooShortForReference, SensorPhase, SensorPoller, SensorSnapshot
 
 
 def now_in(loop: SensorPoller) -> SensorSnapshot:
@@ -163,7 +164,7 @@ def test_a_recording_can_go_on_and_on(tmp_path: Path) -> None:
 def test_a_recording_too_short_for_a_reference_is_refused(tmp_path: Path) -> None:
     with SensorPoller(Sensor(recording(tmp_path, 100), SHAPE, reference_frames=3)) as loop:
         wait_until(lambda: now_in(loop).phase is SensorPhase.FAILED)
-        assert isinstance(now_in(loop).trouble, RecordingTooShortForReference)
+        assert isinstance(now_in(loop).trouble, CameraError)
         assert "begin with 3 reference images (no contact) and then to continue, got 1 images" in sentence(loop)
 
 

@@ -3,31 +3,19 @@
 import re
 import time
 from itertools import count
-from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser
-from reading_clients import page_errors
-from small_press_simulation import PRESSED, TWIN
 from small_sensor import wait_until
 
-from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource
-from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
-from ninedtact.design import Gel
 from ninedtact.force.estimator_interface import unknown_wrench_estimate
-from ninedtact.force.traction.estimator import TractionForce
-from ninedtact.force.traction.observation import HeightObservationModel
+from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller, WrenchWithUncertainty
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
-from ninedtact.simulation.simulated_sources import demo_sources
-from ninedtact.studio.page_and_server import SensorPage, page_server
-from ninedtact.studio.page_cards import _curves_of, explained_wrench_table_html, wrench_table_html
-from ninedtact.studio.page_controller import DisplayedSensor, PageController
-from ninedtact.studio.scene_3d import centre_of_pressure_mm, gel_block_under_skin, torque_arc_deg, torque_arc_points_mm
-from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchPoller, WrenchWithUncertainty
+from ninedtact.studio.page_cards import explained_wrench_table_html, wrench_table_html
+from ninedtact.studio.scene_3d import centre_of_pressure_mm, torque_arc_deg, torque_arc_points_mm
+from ninedtact.studio.wrench_curves import component_curve_and_error_band
 
 PATIENCE_S = 90.0
 
@@ -140,7 +128,7 @@ def test_curves_have_the_band_of_their_error_where_samples_are() -> None:
         wrench = Wrench(np.array([0.0, 0.0, -second]), np.zeros(3), stamp_ns=second * 10**9)
         history.add_estimate(WrenchEstimate(wrench, np.eye(6) * 0.25, True))
     at_s = np.array([-12.0, -9.0, -5.5, -1.0, -0.5])
-    value, upper, lower = list(_curves_of(history.snapshot(None, now_ns), at_s, 0, 1.0))[6:]
+    value, upper, lower = component_curve_and_error_band(history.snapshot(None, now_ns), at_s, 2, 1.0)
     np.testing.assert_allclose(value, [np.nan, -1, -4.5, -9, np.nan])
     np.testing.assert_allclose([upper, lower], [[-1, -0.5, -4, -8.5, -9], [-1, -1.5, -5, -9.5, -9]])
 
@@ -151,42 +139,3 @@ def test_a_history_begins_anew_where_time_goes_back() -> None:
         wrench = Wrench(np.array([0.0, 0.0, -second]), np.zeros(3), stamp_ns=second * 10**9)
         history.add_estimate(WrenchEstimate(wrench, np.eye(6), True))
     np.testing.assert_allclose(history.snapshot(None, 2 * 10**9).history[0], [-1, 0])
-
-
-def test_a_browser_shows_the_twin_move_and_its_true_and_estimated_wrench(
-    browser: Browser, tmp_path: Path, twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("ninedtact.simulation.simulated_sources.demo_press_sequence", lambda: [PRESSED])
-    sensor, pollers = twin_sensor_and_true_wrench(twin_sensor.shape, demo_sources(TWIN, rounds=12))
-    sensor.estimator = TractionForce(HeightObservationModel(), Gel())
-    estimated = WrenchHistory("estimated", "by physics", states_errors=True)
-    true, keep_estimate = pollers[0].history, lambda reading: estimated.add_estimate(reading.force)
-    tab, seen, pushes = browser.new_page(viewport={"width": 1200, "height": 800}), set(), set()
-    errors = page_errors(tab)
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep_estimate) as loop, pollers[0]:
-        studio = PageController([DisplayedSensor(loop, [true, estimated])], tmp_path)
-        page = SensorPage(
-            server, studio, gel_block_under_skin(twin_sensor.shape, twin_sensor.record.design.gel), "twin"
-        )
-        tab.goto(f"http://127.0.0.1:{server.get_port()}")
-
-        def moved() -> bool:
-            studio.refresh(page)
-            said = tab.inner_text("body")
-            seen.update(line for line in said.splitlines() if line.endswith("mm"))
-            pushes.update(tuple(line.split("\t")[1:]) for line in said.splitlines() if line.startswith("Fz"))
-            return {"true", "estimated"} <= set(said.split()) and len(seen) > 5 and len(pushes) > 5
-
-        wait_until(moved, PATIENCE_S, pause_s=0.05)
-        assert tab.locator("canvas").count() > 2
-        pressed = Path(tmp_path / "page.png")
-        tab.screenshot(path=pressed)
-        assert pressed.stat().st_size > 10_000
-        reading = studio.sensors[0].shown_reading
-        assert reading is not None and loop.snapshot(0).phase in (SensorPhase.READING, SensorPhase.ENDED)
-        assert reading.force is not None
-        at_reading = true.snapshot(reading.frame.stamp_ns, time.monotonic_ns()).sample
-        assert at_reading is not None and abs(at_reading.wrench.stamp_ns - reading.frame.stamp_ns) < 0.2e9
-        shown = estimated.snapshot(reading.frame.stamp_ns, time.monotonic_ns()).sample
-        assert shown is not None and shown.wrench.stamp_ns == reading.frame.stamp_ns
-    assert errors == []

@@ -23,9 +23,19 @@ from ninedtact.mechanics.active_region import (
     points_inside_rectangles,
     whole_grid_rectangle,
 )
-from ninedtact.mechanics.alternating_solver import SolverSettings
-from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
-from ninedtact.mechanics.contact_model import ContactModel, ContactProblem, build_contact_problem_at_pose
+from ninedtact.mechanics.contact_arrays import (
+    array_namespace_of,
+    drop_grid_axes,
+    expand_over_grid,
+    max_over_grid,
+    to_numpy,
+)
+from ninedtact.mechanics.contact_model import (
+    ContactModel,
+    ContactProblem,
+    SolverSettings,
+    build_contact_problem_at_pose,
+)
 from ninedtact.mechanics.contact_result import (
     Contact,
     ContactLeavesGrid,
@@ -36,17 +46,15 @@ from ninedtact.mechanics.contact_result import (
 from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.normal_contact import ContactConstraint
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.shrinking_batch import drop_grid_axes, expand_over_grid, max_over_grid
-from ninedtact.mechanics.surface_displacement import DisplacementOperators, PointMask, ScalarField, Skin
+from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, Skin
+from ninedtact.simulation.twin import Press
 from ninedtact_train.batched.session_requests import (
-    ContactSummary,
     SimulatedSetup,
     StepRequest,
-    summarize_contacts,
 )
 
-StepResponse = ContactSummary | StepRequest | NinedtactError
-"""The response to a contact step: a contact, a request to be computed in place of the first one, or a refusal."""
+StepResponse = Press | StepRequest | NinedtactError
+"""The response to a contact step: a press, a request to be computed in place of the first one, or a refusal."""
 _Flags = Bool[Array, " batch"]
 
 
@@ -142,7 +150,9 @@ class ContactBatch:
     def problem(self) -> ContactProblem:
         """The contact steps before they are solved. The depth of those that are pressed to a load is a first guess."""
         blank = self.stack.initial_contact
-        last = Contact.stack([request.last or replace(blank, pose=request.pose) for request in self.requests])
+        last = Contact.stack(
+            [request.last.solved if request.last else replace(blank, pose=request.pose) for request in self.requests]
+        )
         indenter = self.store.batch([request.indenter for request in self.requests])
         pose = Pose.stack([request.pose for request in self.requests])
         friction = expand_over_grid(
@@ -192,23 +202,23 @@ class ContactBatch:
         for index, request in enumerate(self.requests):
             if response := self._refusal(index, request):
                 responses[index] = response
-        responses |= self._summaries([index for index in range(len(self.requests)) if index not in responses])
+        responses |= self._presses([index for index in range(len(self.requests)) if index not in responses])
         return [responses[index] for index in range(len(self.requests))]
 
-    def _summaries(self, indices: Iterable[int]) -> dict[int, ContactSummary]:
-        """Return the summaries of these contacts, computed sensor by sensor."""
+    def _presses(self, indices: Iterable[int]) -> dict[int, Press]:
+        """Return the presses of these contacts, finished sensor by sensor."""
         of_sensor: dict[int, list[int]] = defaultdict(list)
         for index in indices:
             of_sensor[self.sensors[index]].append(index)
-        summaries: dict[int, ContactSummary] = {}
+        presses: dict[int, Press] = {}
         for chosen in of_sensor.values():
-            contacts = self.contacts_of_sensor(chosen)
-            corrected = self.requests[chosen[0]].setup.twin.correct_contact(contacts)
-            summaries |= dict(zip(chosen, summarize_contacts(contacts, corrected), strict=True))
-        return summaries
+            indenters, twin = [self.requests[index].indenter for index in chosen], self.requests[chosen[0]].setup.twin
+            press = twin.finish_press(self.contacts_of_sensor(chosen), self.store.batch(indenters))
+            presses |= dict(zip(chosen, press.unstack(indenters), strict=True))
+        return presses
 
     def _refusal(self, index: int, request: StepRequest) -> NinedtactError | StepRequest | None:
-        """Return why a contact is refused, in the order of the checks of `Twin.step`; or the request to solve it on the whole grid.
+        """Return why a contact is refused, in the order of `Twin.press`; or the request to solve it on the whole grid.
 
         The flags of the whole batch show which contacts may be refused; only those are checked one by one, as single contacts are.
         """

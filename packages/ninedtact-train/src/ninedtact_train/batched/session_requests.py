@@ -10,17 +10,14 @@ from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32
 from numpy import ndarray as Array
 
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.shrinking_batch import sum_over_grid
-from ninedtact.quantities import Wrench
-from ninedtact.simulation.twin import Twin
+from ninedtact.simulation.twin import Press, Twin
 from ninedtact_train.population.rectified_renderer import RectifiedRenderer
 from ninedtact_train.population.sensor_population import SampledSensor
 
@@ -37,30 +34,6 @@ class SimulatedSetup:
     renderer: RectifiedRenderer
 
 
-@dataclass(frozen=True)
-class ContactSummary:
-    """A solved contact with its scalar summary, which does not depend on the array library of the contact."""
-
-    contact: Contact
-    """The contact as the model solved it; the next step starts from it."""
-    corrected: Contact
-    """The contact as it is rendered and measured: corrected where the sensor's mechanics are not linear."""
-    wrench: Wrench
-    """The wrench of the corrected contact."""
-    touches: bool
-    max_indentation_mm: float
-    """The maximum indentation of the skin as it was solved."""
-    contact_area_mm2: float
-    """The area under pressure."""
-    stiffening: float
-    """Ratio of the corrected load to the solved load."""
-
-    @property
-    def pose(self) -> Pose:
-        """The pose of the object, with the depth that was found."""
-        return self.contact.pose
-
-
 class SessionRequest(ABC):
     """One request of a session, which waits for its response."""
 
@@ -71,11 +44,11 @@ class SessionRequest(ABC):
 
 @dataclass(frozen=True)
 class StepRequest(SessionRequest):
-    """A move of an object to a pose, or to a load of the linear layer near it; the response is a `ContactSummary`."""
+    """A move of an object to a pose, or to a load of the linear layer near it; the response is a `Press`."""
 
     setup: SimulatedSetup
-    last: Contact | None
-    """The last contact; None before the first."""
+    last: Press | None
+    """The last press; None before the first."""
     indenter: Indenter
     pose: Pose
     load_n: float | None = None
@@ -84,13 +57,9 @@ class StepRequest(SessionRequest):
     this happens within the step.
     """
 
-    def respond(self) -> ContactSummary:
-        """Return the contact; raises what `Twin.step` raises."""
-        twin = self.setup.twin
-        last = twin.model.initial_contact() if self.last is None else self.last
-        contact = twin.step_linear_layer(last, self.indenter, self.pose, self.load_n)
-        corrected = twin.correct_contact(contact)
-        return _contact_summary(contact, corrected, corrected.wrench(), _summary_numbers(contact, corrected))
+    def respond(self) -> Press:
+        """Return the press; raises what `Twin.press` raises."""
+        return self.setup.twin.press(self.last, self.indenter, self.pose, self.load_n, is_linear_load=True)
 
 
 @dataclass(frozen=True)
@@ -135,31 +104,3 @@ def send_to_session(requests: RequestGenerator[Any], response: Any) -> SessionRe
     Raises `StopIteration` where the session has ended.
     """
     return requests.throw(response) if isinstance(response, NinedtactError) else requests.send(response)
-
-
-def summarize_contacts(contacts: Contact, corrected: Contact) -> list[ContactSummary]:
-    """Return the summary of each contact of a batch; all are of one sensor."""
-    numbers, wrenches = _summary_numbers(contacts, corrected), corrected.wrenches()
-    wrench_of = (Wrench(six[:3], six[3:]) for six in wrenches)
-    each = zip(contacts.unstack(), corrected.unstack(), wrench_of, numbers, strict=True)
-    return [_contact_summary(*one) for one in each]
-
-
-def _contact_summary(
-    contact: Contact, corrected: Contact, wrench: Wrench, numbers: Float64[Array, "3"]
-) -> ContactSummary:
-    """Return a summary with the numbers of `_summary_numbers`."""
-    points, max_indentation_mm, stiffening = numbers.tolist()
-    area = points * contact.skin.grid.cell_area_mm2
-    return ContactSummary(contact, corrected, wrench, points > 0, max_indentation_mm, area, stiffening)
-
-
-def _summary_numbers(contacts: Contact, corrected: Contact) -> Float64[Array, "*batch 3"]:
-    """Return the number of points under pressure, the largest indentation and the stiffening, of one contact or each of a batch."""
-    xp, pressed = array_namespace_of(contacts.height_mm), contacts.pressure_mpa > 0
-    solved = sum_over_grid(contacts.pressure_mpa)
-    ratio = sum_over_grid(corrected.pressure_mpa) / xp.where(solved > 0, solved, 1.0)
-    stiffening = xp.where(solved > 0, ratio, 1.0)
-    deepest = -xp.min(contacts.height_mm, axis=(-2, -1), keepdims=True)
-    every = (xp.astype(sum_over_grid(pressed), deepest.dtype), deepest, stiffening)
-    return to_numpy(xp.concat(every, axis=-1))[..., 0, :]

@@ -13,7 +13,6 @@ from threading import Event
 import numpy as np
 
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.force_torque.wrench_source_from_address import DeviceFrameWrenchSource, MountedWrenchSource
 from ninedtact.capture.frame_source import FrameSource
@@ -141,7 +140,7 @@ def build_simulated_collect_setup(
 ) -> CollectSetup:
     """Return the setup of the twin of a sensor, pressed by a script: each object so many times, steps without pauses."""
     names = tuple(objects or _DEFAULT_OBJECTS)
-    simulation = _simulate_script(build_twin_from_folder(folder), names, touches, seed)
+    simulation = _simulate_script(folder.twin(), names, touches, seed)
 
     def object_at(frame: Frame) -> str:
         at_s = (frame.stamp_ns - simulation.clock.start_ns) / 1e9

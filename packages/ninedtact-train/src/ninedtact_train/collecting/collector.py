@@ -18,12 +18,6 @@ import numpy as np
 
 from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.force_torque.sample_checks import (
-    REJECTION_FAULTS,
-    ClockDriftMonitor,
-    SampleFault,
-    SampleFaultHistory,
-)
 from ninedtact.capture.frame_source import SourceIncomplete
 from ninedtact.capture.wrench_source import WrenchSampleRejected
 from ninedtact.quantities import NO_OBJECT, Frame, Wrench
@@ -41,6 +35,12 @@ from ninedtact_train.collecting.pair_selection import (
     PairSelector,
     SavedPairCounts,
     ZeroDriftMonitor,
+)
+from ninedtact_train.collecting.sample_faults import (
+    REJECTION_FAULTS,
+    ClockDriftMonitor,
+    SampleFault,
+    SampleFaultHistory,
 )
 from ninedtact_train.collecting.tare_and_reference import TareInProgress, TareResult
 from ninedtact_train.collecting.training_pair_rule import SamplingRule

@@ -17,17 +17,15 @@ from array_api_compat import to_device
 from ninedtact.errors import InputError, NinedtactError
 from ninedtact.interop.geom_undersides import CompoundIndenter
 from ninedtact.interop.mujoco import ContactSolveRequest, TactileReading, TactileSensor
-from ninedtact.mechanics.contact_model import ContactModel
-from ninedtact.mechanics.contact_result import Contact, ContactLeavesGrid
-from ninedtact.mechanics.indenter import Heights, Indenter, PosedHeights
+from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.indenter import BallUnderside, Heights, Indenter, PosedHeights
 from ninedtact.mechanics.pose import Pose
+from ninedtact.mechanics.skin import Skin
 from ninedtact.simulation.renderer import BatchRenderer
-from ninedtact.simulation.twin import LOAD_ROUNDS, Twin
+from ninedtact.simulation.twin import Press, Twin
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
-
-_FIELDS = ("pressure_mpa", "shear_mpa", "height_mm", "tangential_mm")
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,17 +33,26 @@ class _SolidsOfScenes(Indenter):
     """The bodies of each scene as one indenter: the k-th contact of a batch meets those of the k-th scene."""
 
     each: Sequence[CompoundIndenter]
-    model: ContactModel
-    name = "bodies of several scenes"
+    skin: Skin
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """The names of the bodies of all scenes, joined by commas."""
+        return ", ".join(one.name for one in self.each)
+
+    @property
+    def balls(self) -> tuple[BallUnderside | None, ...]:
+        """The ball of each scene, None where the bodies are no ball."""
+        return tuple(one.balls[0] for one in self.each)
 
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> PosedHeights:
         """Return the undersides of all scenes, computed on the processor, on the device of the skin."""
         x, y = (np.asarray(to_device(axis, "cpu"), float) for axis in (x_mm, y_mm))
-        return self.model.skin.asarray(np.stack([one.underside_mm(x, y) for one in self.each]))
+        return self.skin.asarray(np.stack([one.underside_mm(x, y) for one in self.each]))
 
     def height_over_skin_mm(self, pose: Pose, x_mm: Heights, y_mm: Heights) -> PosedHeights:
         """Return the heights of the undersides over the undeformed skin; the solids are turned already."""
-        depths = self.model.skin.asarray(np.asarray(pose.depth_mm, float)[:, None, None])
+        depths = self.skin.asarray(np.asarray(pose.depth_mm, float)[:, None, None])
         return self.underside_mm(x_mm, y_mm) - depths
 
 
@@ -111,76 +118,57 @@ class TactileSensorBatch:
         """Return the contact of every scene, None where nothing touches."""
         contacts: list[Contact | None] = [None] * len(self.sensors)
         running = {number: sensor.press_steps() for number, sensor in enumerate(self.sensors)}
-        responses: dict[int, Contact | None] = dict.fromkeys(running)
+        responses: dict[int, Press | None] = dict.fromkeys(running)
         while responses:
             requests: dict[int, ContactSolveRequest] = {}
             for number, response in responses.items():
                 try:
                     requests[number] = running[number].send(response)  # type: ignore[arg-type]  # None starts it
                 except StopIteration as ended:
-                    contacts[number] = ended.value
+                    contacts[number] = None if ended.value is None else ended.value.corrected
                 except NinedtactError as refusal:
                     raise _name_scene(refusal, number) from refusal
             responses = self._solve(requests) if requests else {}
         return contacts
 
-    def _solve(self, requests: dict[int, ContactSolveRequest]) -> dict[int, Contact | None]:
-        """Return the contact of each request, solved in one batch for each friction."""
+    def _solve(self, requests: dict[int, ContactSolveRequest]) -> dict[int, Press | None]:
+        """Return the press of each request, solved in one batch for each friction."""
         groups: dict[float, list[int]] = defaultdict(list)
         for number, request in requests.items():
             groups[request.friction].append(number)
-        solved: dict[int, Contact | None] = {}
+        solved: dict[int, Press | None] = {}
         for friction, numbers in groups.items():
-            batch = [requests[number] for number in numbers]
             try:
-                contacts = self._solve_group(self._model(friction), batch)
+                presses = self._solve_group(self._twin(friction), [requests[number] for number in numbers])
             except NinedtactError:
-                contacts = [self._solve_alone(requests[number], number) for number in numbers]  # says whose it was
-            solved |= dict(zip(numbers, contacts, strict=True))
+                presses = [self._solve_alone(requests[number], number) for number in numbers]  # says whose it was
+            solved |= dict(zip(numbers, presses, strict=True))
         return solved
 
-    def _solve_group(self, model: ContactModel, batch: Sequence[ContactSolveRequest]) -> list[Contact]:
-        """Return the contacts of requests with equal friction, copied to the processor."""
-        for request in batch:
-            self.twin.require_in_view(request.pose)
-        last = Contact.stack([request.last for request in batch])
-        on_device: dict[str, Any] = {name: model.skin.asarray(np.asarray(getattr(last, name))) for name in _FIELDS}
-        last = replace(last, skin=model.skin, friction=model.friction, **on_device)
-        indenter = _SolidsOfScenes([request.solids for request in batch], model)
-        poses, each = Pose.stack([request.pose for request in batch]), [request.last for request in batch]
-        for _ in range(LOAD_ROUNDS):
-            wanted = [
-                self.twin.linear_load_n(known, request.load_n) for known, request in zip(each, batch, strict=True)
-            ]
-            contacts = model.step_to_load(last, indenter, poses, np.array(wanted))
-            home: dict[str, Any] = {
-                name: np.asarray(to_device(getattr(contacts, name), "cpu"), np.float32) for name in _FIELDS
-            }
-            each = replace(contacts, skin=self.twin.model.skin, **home).unstack()
-            if all(self.twin.bears(contact, request.load_n) for contact, request in zip(each, batch, strict=True)):
-                break
-        for request, contact in zip(batch, each, strict=True):
-            self.twin.require_on_gel(request.solids, contact)
-        return each
+    def _solve_group(self, twin: Twin, batch: Sequence[ContactSolveRequest]) -> list[Press]:
+        """Return the presses of requests with equal friction, copied to the processor."""
+        skin, solids = twin.model.skin, [request.solids for request in batch]
+        indenter = _SolidsOfScenes(solids, skin)
+        before = [request.last or self.twin.hover(request.solids, Pose()) for request in batch]
+        poses, loads = Pose.stack([request.pose for request in batch]), np.array([request.load_n for request in batch])
+        presses = twin.press(Press.stack(before, indenter).on_skin(skin), indenter, poses, loads)
+        return presses.on_skin(self.twin.model.skin).unstack(solids)
 
-    def _solve_alone(self, request: ContactSolveRequest, number: int) -> Contact:
-        """Return one contact; raises its refusal with the number of the scene."""
+    def _solve_alone(self, request: ContactSolveRequest, number: int) -> Press:
+        """Return one press; raises its refusal with the number of the scene."""
         try:
-            return self._solve_group(self._model(request.friction), [request])[0]
-        except ContactLeavesGrid as beyond:
-            raise _name_scene(self.twin.contact_leaves_gel(request.solids, "more than that"), number) from beyond
+            return self._solve_group(self._twin(request.friction), [request])[0]
         except NinedtactError as refusal:
             raise _name_scene(refusal, number) from refusal
 
-    def _model(self, friction: float) -> ContactModel:
-        """Return the contact model with a friction on the device, kept because it prepares its skin once."""
-        if friction not in self._models:
-            own = self.twin.model
-            self._models[friction] = replace(own, skin=replace(own.skin, like=self.like), friction=friction)
-        return self._models[friction]
+    def _twin(self, friction: float) -> Twin:
+        """Return the twin with a friction on the device, kept because it prepares its skin once."""
+        if friction not in self._twins:
+            self._twins[friction] = replace(self.twin, friction=friction, like=self.like)
+        return self._twins[friction]
 
     @cached_property
-    def _models(self) -> dict[float, ContactModel]:
+    def _twins(self) -> dict[float, Twin]:
         return {}
 
     def _images(self, contacts: Sequence[Contact | None]) -> list[Any]:
@@ -192,7 +180,7 @@ class TactileSensorBatch:
         clean: list[Any] = [renderer.reference] * len(contacts)
         if touched:
             batch = Contact.stack([contact for number in touched if (contact := contacts[number]) is not None])
-            heights = self._model(self.twin.friction).skin.asarray(np.asarray(batch.height_mm))
+            heights = self._twin(self.twin.friction).model.skin.asarray(np.asarray(batch.height_mm))
             images = self._batch_renderer.images(replace(batch, height_mm=heights))
             for number, image in zip(touched, np.asarray(to_device(images, "cpu"), np.float32), strict=True):
                 clean[number] = image

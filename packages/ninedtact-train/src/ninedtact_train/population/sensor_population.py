@@ -12,7 +12,6 @@ Mechanics: two of the three kinds differ from the model with which shape and for
 is computed with the same model for simulation and for estimation.
 """
 
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -21,9 +20,6 @@ import msgspec
 import numpy as np
 
 from ninedtact.design import Gel, SensorDesign
-from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.finite_strain import correct_for_finite_strain
-from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
 from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPressSettings
 from ninedtact.simulation.fitted_parameters import FITTED_PARAMETERS, sample_clipped_normal
@@ -121,16 +117,6 @@ def gel_on_base_compliance(gel: Gel, base: Gel | None) -> ComplianceFunction:
     return partial(bonded_layer_compliance, gel=gel) if base is None else layered_compliance((gel, base))
 
 
-def correct_for_mechanics_kind(
-    contact: Contact, kind: MechanicsKind, gel: Gel, indenter: Indenter | None = None
-) -> Contact:
-    """Return the contact that is rendered and measured, from the one that the linear model solved.
-
-    indenter: the object, where it is known; under a ball the heights of finite strain are those of finite elements.
-    """
-    return correct_for_finite_strain(contact, gel.thickness_mm, indenter) if kind == "finite_strain" else contact
-
-
 @dataclass(frozen=True)
 class ReferenceImageSettings:
     """Arguments of `synthetic_reference_image`."""
@@ -226,12 +212,8 @@ class SampledSensor:
             area_mm=self.design.sensing_area.size_mm,
             thickness_mm=compliant_mm,
             gel_mm=self.design.sensing_area.gel_mm,
-            correct_contact=self.correct_contact,
+            finite_strain=1.0 if self.kind == "finite_strain" else 0.0,
         )
-
-    def correct_contact(self, contact: Contact, indenter: Indenter | None = None) -> Contact:
-        """Return the contact that is rendered and measured, from the one that the twin's linear solver found."""
-        return correct_for_mechanics_kind(contact, self.kind, self.gel, indenter)
 
     def to_json_dict(self) -> dict[str, Any]:
         """Return all parameters as plain numbers; `sampled_sensor_from_json` reads them."""
@@ -271,13 +253,3 @@ def sample_sensor(
         presses=_sample_presses(rng, gel, design),
         glare=_sample_glare(rng),
     )
-
-
-def sample_sensors(
-    seed: int = 0, kinds: NonidealMechanicsShares = NonidealMechanicsShares()
-) -> Iterator[SampledSensor]:
-    """Sample all sensors of a seed, without end."""
-    number = 0
-    while True:
-        yield sample_sensor(number, seed, kinds)
-        number += 1

@@ -51,6 +51,6 @@ def _simulate_presses(member: SampledSensor, shape: CalibratedShape) -> Iterator
     for number, (x, y, load_n) in enumerate(_SIMULATED_PRESSES):
         pose = Pose(x, y, _START_DEPTH_MM)
         ball = Ball(_BALL_RADIUS_MM)
-        contact = twin.correct_contact(twin.step(twin.model.initial_contact(), ball, pose, load_n), ball)
-        reading = read_frame(Frame(twin.renderer(contact, number)), shape, depth_reader)
-        yield reading, -float(contact.wrench().force_n[2])
+        press = twin.press(None, ball, pose, load_n)
+        reading = read_frame(Frame(twin.renderer(press.corrected, number)), shape, depth_reader)
+        yield reading, float(press.load_n)

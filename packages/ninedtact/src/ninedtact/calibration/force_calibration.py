@@ -6,8 +6,7 @@ from pathlib import Path
 
 from ninedtact.calibration.drift.diagnosis_and_reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.image_and_video_files import ImageFileList
-from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.capture.strict_image_reading import ImageFileList, read_image
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.estimator_loading import CORRECTED, NONE, PHYSICS

@@ -47,9 +47,9 @@ from ninedtact.calibration.sensor_toml_schema import (
 )
 from ninedtact.calibration.settings import CalibrationSettings, LensKind
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
-from ninedtact.calibration.twin.board_press_model import ObservedBoardPress
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit, fit_board_press_and_lens, refine_board_lens
-from ninedtact.calibration.twin.sensor_twin import fitted_gel, make_twin_table
+from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
+from ninedtact.calibration.twin.twin_table import make_twin_table
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.quantities import Frame
@@ -278,7 +278,7 @@ def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDe
     warnings = [IMPORTED_LENS_WARNING] if fits.board is None else fits.board.warnings
     warnings += [BALL_MISSING_WARNING] if fits.ball is None else []
     if fits.twin is not None:
-        deviation = deviation_from_population(fits.twin.light, fitted_gel(fits.twin), design)
+        deviation = deviation_from_population(fits.twin.light, fits.twin.gel, design)
         warnings += unusual_fit_warnings(deviation, design)
     if fits.ball is not None:
         warnings += press_through_gel_warnings(fits.ball.max_indentation_mm, design.gel)

@@ -57,6 +57,10 @@ class DepthNotCalibrated(CalibrationError):
     """The sensor was calibrated with the pin board alone, so that it has no depth, no twin and no force."""
 
 
+class TwinMissing(CalibrationError):
+    """The sensor's calibration contains no twin."""
+
+
 @dataclass(frozen=True)
 class SensorFolder:
     """One sensor's folder, read and checked.
@@ -192,13 +196,22 @@ class SensorFolder:
     def twin(self) -> "Twin":
         """Build the sensor's digital twin from what its ball press showed of gel and light.
 
-        Raises `TwinMissing` where the calibration fitted none (`--method ratio` or `table`, imported sensors).
+        Raises `TwinMissing` where the calibration fitted none (`--method ratio` or `table`, imported sensors), and
+        `SensorFolderDamaged` where its images are missing.
 
         >>> twin = ninedtact.load_sensor("my_sensor").twin()
         """
-        from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
+        from ninedtact.calibration.twin.sensor_twin import assemble_twin
 
-        return build_twin_from_folder(self)
+        table = self.record.twin
+        if table is None:
+            raise TwinMissing(
+                f"expected {self.path} to hold a twin, got a sensor without one; run: {self.completion_command}"
+            )
+        reference, area = self.stored_image("ball_reference").image, self.record.design.sensing_area
+        return assemble_twin(
+            self.id, table.gel, table.light, self.rectification, reference, table.noise_grey_levels, area
+        )
 
     def estimator(self, spec: str = "physics", with_force_scale: bool = True) -> "ForceEstimator":
         """Build a force estimator for this sensor, with the force scale of its folder.

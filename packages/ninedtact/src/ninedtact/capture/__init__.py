@@ -2,9 +2,9 @@
 
 In goes an address as a person writes it (`source_from_address.camera_or_file_source`, `force_torque_sensor_for`). Out comes a
 `FrameSource` or a `WrenchSource`, which is opened with `with` and read item by item. Each kind of source is one file
-(`uvc_camera`, `raspberry_pi_camera`, `network_stream`, `image_and_video_files`); a new one is one more file and one more line in
-`source_from_address.SOURCE_TYPES`. `frame_pacing` and `reconnecting` wrap any source. The modules are imported one by one, because
-some of them load OpenCV; the names below load nothing.
+(`uvc_camera`, `raspberry_pi_camera`, `network_stream`, `strict_image_reading`, `video_file`); a new one is one more file and one
+more line in `source_from_address.SOURCE_TYPES`. `frame_pacing` and `reconnecting` wrap any source. The modules are imported one by
+one, because some of them load OpenCV; the names below load nothing.
 """
 
 from ninedtact.capture.frame_source import (

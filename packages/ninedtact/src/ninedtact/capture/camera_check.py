@@ -18,10 +18,6 @@ _SETTLING_IMAGES = 5
 """Number of images that are ignored after opening, because they arrive in a burst."""
 
 
-class FrameRateUnmeasurable(CameraError):
-    """Raised where too few different images arrived to measure a rate."""
-
-
 @dataclass(frozen=True)
 class FrameRate:
     """Result of one frame rate measurement."""
@@ -40,12 +36,12 @@ class FrameRate:
 def measure_frame_rate(source: FrameSource, frames: int = 60, limit_s: float = 5.0) -> FrameRate:
     """Return the frame rate over up to `frames` images of an open source, measured for `limit_s` at most.
 
-    Raises `FrameRateUnmeasurable` for fewer than three different images.
+    Raises `CameraError` for fewer than three different images.
     """
     stamps, is_new = _collect_arrivals(source, frames, limit_s)
     fresh = stamps[is_new]
     if len(fresh) < 3:
-        raise FrameRateUnmeasurable(
+        raise CameraError(
             f"expected at least 3 different images from {source.name} in {limit_s:g} s, got {len(fresh)}; "
             "check the camera, and that its view is not all black"
         )

@@ -10,10 +10,11 @@ import os
 import tomllib
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event
 from time import monotonic, monotonic_ns, sleep
 from typing import Annotated, Literal, TextIO
 
@@ -47,26 +48,6 @@ _LEAST_CONTRAST = 2.0
 """Grey levels between light and dark images."""
 
 
-class CameraDelayUnmeasurable(CameraError):
-    """Raised where a delay cannot be measured, as when the images do not follow the light."""
-
-
-class LightSwitchFailed(InputError):
-    """Raised where the light cannot be switched."""
-
-
-class CameraDelayImpossible(InputError):
-    """Raised for a given delay that no camera has."""
-
-
-class CameraDelayUnreadable(FileFormatError):
-    """Raised where the file that keeps the delay is missing or damaged."""
-
-
-class CameraDelayOfOtherCamera(InputError):
-    """Raised where the delay that a sensor folder keeps is that of another camera."""
-
-
 class CameraDelay(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A measured delay of a camera, as `camera.toml` keeps it."""
 
@@ -87,7 +68,7 @@ class LightSwitch(ABC):
 
     @abstractmethod
     def switch(self, is_on: bool) -> None:
-        """Switch the light on or off; raises `LightSwitchFailed`."""
+        """Switch the light on or off; raises `InputError`."""
 
 
 class TerminalLight(LightSwitch):
@@ -97,9 +78,9 @@ class TerminalLight(LightSwitch):
         self._terminal = terminal
 
     def switch(self, is_on: bool) -> None:
-        """Invert the screen, or show it as usual; raises `LightSwitchFailed` where there is no terminal."""
+        """Invert the screen, or show it as usual; raises `InputError` where there is no terminal."""
         if not self._terminal.isatty():
-            raise LightSwitchFailed(
+            raise InputError(
                 "expected a terminal as the light, got none; run the command in a terminal, or name the file of an LED with --light"
             )
         self._terminal.write("\033[?5h" if is_on else "\033[?5l")
@@ -116,7 +97,7 @@ class FileLight(LightSwitch):
         self._path = path
 
     def switch(self, is_on: bool) -> None:
-        """Write 0, or 1 or the largest brightness; raises `LightSwitchFailed`."""
+        """Write 0, or 1 or the largest brightness; raises `InputError`."""
         largest = self._path.with_name("max_brightness")
         try:
             lit = largest.read_text().strip() if is_on and largest.is_file() else "1"
@@ -126,7 +107,7 @@ class FileLight(LightSwitch):
             finally:
                 os.close(file)
         except OSError as error:
-            raise LightSwitchFailed(
+            raise InputError(
                 f"expected to switch the light by writing to {self._path}, got: {error.strerror}; correct the path and its "
                 "permissions"
             ) from error
@@ -192,18 +173,19 @@ def measure_camera_delay(
 ) -> CameraDelay:
     """Switch the light for some seconds and return the delay of the open camera; the light is off before and afterwards.
 
-    Raises `CameraDelayUnmeasurable`, `LightSwitchFailed`, and what reading the camera raises.
+    Raises `CameraError`, `InputError`, and what reading the camera raises.
     """
     if not camera.is_live:
-        raise CameraDelayUnmeasurable(
+        raise CameraError(
             f"expected a live camera or stream, which can see the light, got {camera.name}, which is recorded; give a live camera"
         )
-    rng, switches = np.random.default_rng(seed), []
+    rng, switches, is_over = np.random.default_rng(seed), [], Event()
     began_at, is_on = monotonic(), False
-    with _BrightnessReader(camera) as reader:
+    with ThreadPoolExecutor(1, f"brightness of {camera.name}") as pool:
+        reading = pool.submit(_read_brightness, camera, is_over)
         try:
             light.switch(False)
-            while reader.is_reading and (elapsed_s := monotonic() - began_at) < seconds:
+            while not reading.done() and (elapsed_s := monotonic() - began_at) < seconds:
                 sleep(rng.uniform(_SHORTEST_S, _LONGEST_S))
                 before_ns, is_on = monotonic_ns(), not is_on
                 light.switch(is_on)
@@ -211,52 +193,26 @@ def measure_camera_delay(
                 on_progress(elapsed_s)
             sleep(_LONGEST_S)
         finally:
-            with suppress(LightSwitchFailed):
+            is_over.set()
+            with suppress(InputError):
                 light.switch(False)
-    stamps_ns, brightness = reader.images()
+    stamps_ns, brightness = reading.result()
     if len(switches) < 2:
-        raise CameraDelayUnmeasurable(f"expected a measurement of some seconds, got {seconds:g} s; measure longer")
+        raise CameraError(f"expected a measurement of some seconds, got {seconds:g} s; measure longer")
     before, after = np.array(switches).T
     found = estimate_delay((before + after) / 2e9, stamps_ns / 1e9, brightness)
     switching_ms = float(np.mean(after - before)) / 2e6
     return msgspec.structs.replace(found, camera=camera.name, error_ms=float(np.hypot(found.error_ms, switching_ms)))
 
 
-class _BrightnessReader:
-    """Reads a camera in the background and keeps stamp and mean brightness of each image."""
-
-    def __init__(self, camera: FrameSource) -> None:
-        self._camera, self._found, self._stop = camera, list[tuple[int, float]](), Event()
-        self._error: BaseException | None = None
-        self._thread = Thread(target=self._read, name=f"brightness of {camera.name}", daemon=True)
-
-    def _read(self) -> None:
-        try:
-            while not self._stop.is_set():
-                frame = self._camera.read()
-                self._found.append((frame.stamp_ns, float(frame.image.mean())))
-        except BaseException as error:  # handed to the thread that switches
-            self._error = error
-
-    def __enter__(self) -> "_BrightnessReader":
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join()
-
-    @property
-    def is_reading(self) -> bool:
-        """Whether the camera still delivers images."""
-        return self._error is None
-
-    def images(self) -> tuple[Array, Float64[Array, " n"]]:
-        """Return stamps in ns and brightness in grey levels; raises what the camera raised."""
-        if self._error is not None:
-            raise self._error
-        found = np.array(self._found).reshape(-1, 2)
-        return np.array([stamp_ns for stamp_ns, _ in self._found], np.int64), found[:, 1]
+def _read_brightness(camera: FrameSource, is_over: Event) -> tuple[Array, Float64[Array, " n"]]:
+    """Return stamps in ns and mean brightness of all images until the measurement is over; raises what the camera raises."""
+    stamps_ns, brightness = list[int](), list[float]()
+    while not is_over.is_set():
+        frame = camera.read()
+        stamps_ns.append(frame.stamp_ns)
+        brightness.append(float(frame.image.mean()))
+    return np.array(stamps_ns, np.int64), np.array(brightness)
 
 
 def estimate_delay(
@@ -264,13 +220,13 @@ def estimate_delay(
 ) -> CameraDelay:
     """Return the delay by which the brightness of images follows a light that was off before the first of the switches.
 
-    Its error is that of a jackknife over ten parts of the images. Raises `CameraDelayUnmeasurable`.
+    Its error is that of a jackknife over ten parts of the images. Raises `CameraError`.
     """
     use = (stamps_s > switches_s[0]) & (stamps_s < switches_s[-1])
     stamps_s, brightness = stamps_s[use], brightness[use]
     contrast = float(np.subtract(*np.percentile(brightness, (90, 10)))) if len(brightness) > 5 * _BLOCKS else 0.0
     if contrast < _LEAST_CONTRAST:
-        raise CameraDelayUnmeasurable(
+        raise CameraError(
             f"expected images that change by at least {_LEAST_CONTRAST:g} grey levels with the light, got {len(brightness)} that "
             f"change by {contrast:.1f}; bring the camera to the light, darken the room, and measure longer"
         )
@@ -278,7 +234,7 @@ def estimate_delay(
     best = np.unravel_index(np.argmax(correlations), np.shape(correlations))
     coarse_s, correlation = float(_DELAYS_S[best[1]]), float(np.max(correlations))
     if correlation < _LEAST_CORRELATION or best[1] in (0, len(_DELAYS_S) - 1):
-        raise CameraDelayUnmeasurable(
+        raise CameraError(
             f"expected the brightness of the images to follow the light by {_DELAYS_S[0]:g} to {_DELAYS_S[-1]:.1f} s with a "
             f"correlation above {_LEAST_CORRELATION}, got {correlation:.2f} at {coarse_s:.2f} s; switch automatic exposure off and "
             "darken the room"
@@ -319,7 +275,7 @@ def write_camera_delay(sensor: Path, delay: CameraDelay) -> Path:
 def read_camera_delay(sensor: Path) -> CameraDelay:
     """Return the delay that a sensor folder keeps.
 
-    Raises `CameraDelayUnreadable`, also where it keeps none or where the numbers are not those that were written; a file without a
+    Raises `FileFormatError`, also where it keeps none or where the numbers are not those that were written; a file without a
     checksum is one that a person wrote.
     """
     path = sensor / CAMERA_FILE
@@ -329,7 +285,7 @@ def read_camera_delay(sensor: Path) -> CameraDelay:
             raise ValueError("other numbers than its checksum")
         return convert_tables_to_class(values, CameraDelay)
     except (OSError, ValueError, RecursionError) as trouble:
-        raise CameraDelayUnreadable(
+        raise FileFormatError(
             f"expected {path} with the delay of the camera, got: {trouble}; measure it with 'ninedtact camera-delay --sensor "
             f"{sensor}', or give it in ms"
         ) from trouble
@@ -338,17 +294,16 @@ def read_camera_delay(sensor: Path) -> CameraDelay:
 def resolve_camera_delay_ms(given: float | Literal["saved"], sensor: Path, camera: str) -> float:
     """Return a delay as it was given, or the one that the sensor folder keeps of this camera, by the name of its source.
 
-    A kept delay that names no camera is that of any. Raises `CameraDelayImpossible`, `CameraDelayUnreadable` or
-    `CameraDelayOfOtherCamera`.
+    A kept delay that names no camera is that of any. Raises `InputError` or `FileFormatError`.
     """
     if given == SAVED:
         kept = read_camera_delay(sensor)
         if kept.camera not in ("", camera):
-            raise CameraDelayOfOtherCamera(
+            raise InputError(
                 f"expected the delay of '{camera}' in {sensor / CAMERA_FILE}, got that of '{kept.camera}'; measure it with "
                 "'ninedtact camera-delay' and the same --source, or give it in ms"
             )
         return kept.delay_ms
     if not isinstance(given, int | float) or not abs(given) <= 5000:
-        raise CameraDelayImpossible(f"expected a delay of the camera of at most 5000 ms, got {given}; correct it")
+        raise InputError(f"expected a delay of the camera of at most 5000 ms, got {given}; correct it")
     return float(given)

@@ -10,7 +10,7 @@ from threading import Condition, Event, Lock, Thread
 from types import TracebackType
 from typing import NamedTuple
 
-from ninedtact.capture.frame_source import ExposureWithLimits, FrameSource, SourceEnded, SourceIncomplete, SourceNotOpen
+from ninedtact.capture.frame_source import FrameSource, FrameSourceWrapper, SourceEnded, SourceIncomplete, SourceNotOpen
 from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
 
@@ -26,7 +26,7 @@ class NoRecentFrame(CameraError):
     """Raised where no frame arrived that is both new to the reader and recent enough."""
 
 
-class LatestFrameSource(FrameSource):
+class LatestFrameSource(FrameSourceWrapper):
     """Reads another source in the background and returns its newest frame, so that a slow reader lags by one frame at most.
 
     Each frame is returned at most once and none older than `max_age_ms`; frames that nobody read are counted as dropped.
@@ -38,12 +38,11 @@ class LatestFrameSource(FrameSource):
     """
 
     def __init__(self, source: FrameSource, max_age_ms: float = 200.0, timeout_ms: float = 2000.0) -> None:
-        self.name, self.is_live, self.is_simulated = source.name, source.is_live, source.is_simulated
+        super().__init__(source)
         self.dropped = 0
         """Frames that were too old or replaced by a newer one before anybody read them."""
         self.newest_arrival: Arrival | None = None
         """The newest frame of the source, read or not, also one that is too old to be read; None before the first."""
-        self._source = source
         self._max_age_ms, self._timeout_ms = max_age_ms, timeout_ms
         self._changed = Condition()
         self._unread: Frame | None = None
@@ -130,7 +129,7 @@ class LatestFrameSource(FrameSource):
             self._changed.notify_all()
 
 
-class LivePlayback(FrameSource):
+class LivePlayback(FrameSourceWrapper):
     """Plays a recording at its own rate and stamps each frame when it is read, as a camera would.
 
     The stamps of the recording itself are too old to be shown live. The frames of a live source pass unchanged.
@@ -139,8 +138,8 @@ class LivePlayback(FrameSource):
     def __init__(self, source: FrameSource, notify: Callable[[str], None] | None = None) -> None:
         """notify: receives a sentence, once, where images of a file are missing or damaged, which then ends as a whole one does;
         without it, this is raised."""
-        self.name, self.is_live, self.is_simulated = source.name, source.is_live, source.is_simulated
-        self._source, self._notify, self._has_notified = source, notify, False
+        super().__init__(source)
+        self._notify, self._has_notified = notify, False
         self._closing = Event()
         self._due_at = 0.0
 
@@ -170,49 +169,30 @@ class LivePlayback(FrameSource):
                 self._notify(str(damage))
             return self._source.read()  # which ends the file
 
-    @property
-    def exposure(self) -> ExposureWithLimits | None:
-        """The exposure of the source."""
-        return self._source.exposure
-
-    def set_exposure(self, exposure_ms: float) -> None:
-        """Set the exposure of the source."""
-        self._source.set_exposure(exposure_ms)
-
     def close(self) -> None:
         """Close the source and end a wait for the next frame."""
         self._closing.set()
         self._source.close()
 
 
-class DelayCorrectedSource(FrameSource):
+class DelayCorrectedSource(FrameSourceWrapper):
     """Wraps a source and subtracts the delay of its camera from every stamp, which then is the time of the exposure."""
 
     def __init__(self, source: FrameSource, delay_ms: float) -> None:
-        self.name, self.is_live, self.is_simulated = source.name, source.is_live, source.is_simulated
-        self._source, self._delay_ns = source, round(delay_ms * 1e6)
-
-    def open(self) -> None:
-        """Open the source; raises what it raises."""
-        self._source.open()
-        self.recorded_hz = self._source.recorded_hz
+        super().__init__(source)
+        self._delay_ns = round(delay_ms * 1e6)
 
     def read(self) -> Frame:
         """Return the next frame with its corrected stamp."""
         frame = self._source.read()
         return replace(frame, stamp_ns=frame.stamp_ns - self._delay_ns)
 
-    def close(self) -> None:
-        """Close the source."""
-        self._source.close()
 
-
-class RepeatingSource(FrameSource):
+class RepeatingSource(FrameSourceWrapper):
     """Wraps a source and starts it again when it ends; frame indices continue to count."""
 
     def __init__(self, source: FrameSource) -> None:
-        self.name, self.is_live, self.is_simulated = source.name, source.is_live, source.is_simulated
-        self._source = source
+        super().__init__(source)
         self._is_open = False
         self._opening = Lock()
 
@@ -223,7 +203,6 @@ class RepeatingSource(FrameSource):
                 return
             self._source.open()
             self._is_open = True
-            self.recorded_hz = self._source.recorded_hz
             self._first_index = self._next_index = 0
 
     def read(self) -> Frame:

@@ -5,19 +5,20 @@ of each source, because only its driver can enforce a limit. `frame_pacing.Lates
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from ninedtact.errors import CameraError, FileFormatError, InputError
 from ninedtact.quantities import Frame
 
 Opened = TypeVar("Opened", bound="Openable")
+Inner = TypeVar("Inner", bound="Openable")
 
 
 class SourceUnknown(InputError):
-    """Raised for text that names no camera, stream or file."""
+    """Raised for text that names no camera, stream, file or force/torque sensor."""
 
 
 class CameraNotFound(CameraError):
@@ -34,6 +35,11 @@ class CameraSettingRefused(CameraError):
 
 class SourceEnded(CameraError):
     """Raised where a recording has no further item."""
+
+
+def source_ended(name: str, count: int) -> SourceEnded:
+    """Return the error at the end of a file after some images."""
+    return SourceEnded(f"expected another image, got the end of {name} after {count}; stop here")
 
 
 class SourceIncomplete(FileFormatError):
@@ -96,7 +102,7 @@ class FrameSource(Openable):
     recorded_hz: float | None = None
     """Images per second at which a recording was made, known once it is open; None for a live source, which paces itself."""
     recording: str | None = None
-    """Address of the recording (.mcap) whose frames and stamps these are; None for any other source."""
+    """Address of the recording (.mcap) whose frames these are; None for any other source."""
 
     @abstractmethod
     def read(self) -> Frame:
@@ -105,6 +111,11 @@ class FrameSource(Openable):
         Raises `SourceEnded` after the last frame of a recording, `CameraLost` when a live source stops, and
         `SourceNotOpen` when the source is not open.
         """
+
+    @property
+    def reference_frames(self) -> Sequence[Frame]:
+        """Images without contact that the source brings, as a twin does; empty where the first images are to be taken."""
+        return ()
 
     @property
     def exposure(self) -> ExposureWithLimits | None:
@@ -126,6 +137,45 @@ class FrameSource(Openable):
             except SourceEnded:
                 return
             yield frame
+
+
+class SourceWrapper(Openable, Generic[Inner]):
+    """Something between a source and its reader: it is opened and closed with the source, and has its name."""
+
+    def __init__(self, source: Inner) -> None:
+        self._source = source
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """The name of the source."""
+        return self._source.name
+
+    def open(self) -> None:
+        """Open the source; raises what it raises."""
+        self._source.open()
+
+    def close(self) -> None:
+        """Close the source."""
+        self._source.close()
+
+
+def _handed_on(fact: str) -> Any:
+    return property(lambda wrapper: getattr(wrapper._source, fact), doc="The same as of the source.")
+
+
+class FrameSourceWrapper(SourceWrapper[FrameSource], FrameSource):
+    """A frame source that changes the frames of another, and has all its facts."""
+
+    is_live = _handed_on("is_live")
+    is_simulated = _handed_on("is_simulated")
+    recorded_hz = _handed_on("recorded_hz")
+    recording = _handed_on("recording")
+    reference_frames = _handed_on("reference_frames")
+    exposure = _handed_on("exposure")
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Set the exposure of the source."""
+        self._source.set_exposure(exposure_ms)
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,22 @@ from dataclasses import replace
 from threading import Event, Lock
 from typing import ClassVar, Generic, TypeVar
 
-from ninedtact.capture.frame_source import CameraLost, CameraNotFound, FrameSource, Openable, SourceNotOpen
-from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSensorNotFound, WrenchSource
+from ninedtact.capture.frame_source import (
+    CameraLost,
+    CameraNotFound,
+    FrameSource,
+    FrameSourceWrapper,
+    Inner,
+    SourceNotOpen,
+    SourceWrapper,
+)
+from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSensorNotFound, WrenchSource, WrenchSourceWrapper
 from ninedtact.quantities import Frame, Wrench
 
-Source = TypeVar("Source", bound=Openable)
 Loss = TypeVar("Loss", bound=Exception)
 
 
-class _ReconnectingSource(Openable, Generic[Source, Loss]):
+class _ReconnectingSource(SourceWrapper[Inner], Generic[Inner, Loss]):
     """Wraps a source whose device may disappear, and waits until it is back.
 
     `on_lost` and `on_back` are called in the thread that reads. A device that is absent at the first opening raises, because a
@@ -25,15 +32,14 @@ class _ReconnectingSource(Openable, Generic[Source, Loss]):
 
     def __init__(
         self,
-        source: Source,
+        source: Inner,
         on_lost: Callable[[Loss], None],
         on_back: Callable[[], None] = lambda: None,
         retry_ms: float = 500.0,
     ) -> None:
-        self.name = source.name
+        super().__init__(source)
         self.losses = 0
         """How often the device was lost since the source was opened."""
-        self._source = source
         self._on_lost, self._on_back = on_lost, on_back
         self._retry_s = retry_ms / 1000
         self._closing, self._opening = Event(), Lock()
@@ -83,24 +89,13 @@ class _ReconnectingSource(Openable, Generic[Source, Loss]):
         return True
 
 
-class ReconnectingFrameSource(_ReconnectingSource[FrameSource, CameraLost], FrameSource):
+class ReconnectingFrameSource(_ReconnectingSource[FrameSource, CameraLost], FrameSourceWrapper):
     """Reads another source and reopens it after `CameraLost`; meanwhile `read` waits, so put `LatestFrameSource` around it."""
 
     _absence = CameraNotFound
 
-    @property
-    def is_live(self) -> bool:  # type: ignore[override]
-        """Whether the source's images show the present."""
-        return self._source.is_live
-
-    @property
-    def is_simulated(self) -> bool:  # type: ignore[override]
-        """Whether this computer renders the source's images."""
-        return self._source.is_simulated
-
     def _start_counting(self) -> None:
         super()._start_counting()
-        self.recorded_hz = self._source.recorded_hz
         self._first_index = self._next_index = 0
 
     def read(self) -> Frame:
@@ -116,7 +111,7 @@ class ReconnectingFrameSource(_ReconnectingSource[FrameSource, CameraLost], Fram
                 return replace(frame, index=self._next_index - 1)
 
 
-class ReconnectingWrenchSource(_ReconnectingSource[WrenchSource, WrenchSensorLost], WrenchSource):
+class ReconnectingWrenchSource(_ReconnectingSource[WrenchSource, WrenchSensorLost], WrenchSourceWrapper):
     """Reads another source and reopens it after `WrenchSensorLost`; meanwhile `read` waits.
 
     The zero of a device may change while its power is off, so tare again after `on_back`.

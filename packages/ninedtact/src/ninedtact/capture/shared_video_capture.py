@@ -1,23 +1,14 @@
-"""An opened cv2.VideoCapture that several threads may use, and the capture of text that C libraries print on their own.
-
-`ThreadSafeVideoCapture` never releases a device while another thread reads it. `capture_output` keeps the printed text off the
-terminal, so that every problem is reported once, as an error of this package.
-"""
+"""An opened cv2.VideoCapture that several threads may use: no device is released while another thread reads it."""
 
 import os
-import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from threading import Lock
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.quantities import Frame
 
-_ONE_AT_A_TIME = Lock()
-"""Lock for the standard streams, which belong to the process: two threads that redirect one at once could lose it permanently."""
 _SILENT = 0
 """Log level of OpenCV at which it prints nothing."""
 
@@ -31,37 +22,6 @@ def silence_video_libraries() -> None:
         # OpenCV moved this function in 4.13.
         set_log_level = getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel
         set_log_level(_SILENT)
-
-
-class CapturedLibraryOutput:
-    """The text that was printed while the stream was captured; it is complete when the block ends."""
-
-    text: str = ""
-
-
-@contextmanager
-def capture_output(descriptor: int) -> Iterator[CapturedLibraryOutput]:
-    """Capture what is written to standard output (1) or standard error (2) inside the block, C libraries included."""
-    stream = sys.stdout if descriptor == 1 else sys.stderr
-    captured = CapturedLibraryOutput()
-    with _ONE_AT_A_TIME, tempfile.TemporaryFile() as file:
-        if stream is not None:
-            stream.flush()
-        try:
-            original = os.dup(descriptor)
-        except OSError:  # the process has no such stream
-            original = None
-        else:
-            os.dup2(file.fileno(), descriptor)
-        try:
-            yield captured
-        finally:
-            if original is not None:
-                if stream is not None:
-                    stream.flush()
-                os.dup2(original, descriptor)
-                os.close(original)
-            captured.text = os.pread(file.fileno(), os.fstat(file.fileno()).st_size, 0).decode(errors="replace")
 
 
 Result = TypeVar("Result")

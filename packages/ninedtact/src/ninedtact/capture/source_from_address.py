@@ -9,10 +9,11 @@ from ninedtact.capture.frame_source import (
     FrameSource,
     SourceUnknown,
 )
-from ninedtact.capture.image_and_video_files import IMAGE_SUFFIXES, ImageFolder, VideoFile
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
+from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, ImageFolder
 from ninedtact.capture.uvc_camera import UvcCamera
+from ninedtact.capture.video_file import VideoFile
 
 SOURCE_TYPES: tuple[type[AddressedFrameSource], ...] = (
     UvcCamera,

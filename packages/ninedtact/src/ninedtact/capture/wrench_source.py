@@ -8,13 +8,9 @@ from abc import abstractmethod
 from collections.abc import Iterator
 
 from ninedtact._version import installation_command
-from ninedtact.capture.frame_source import Openable
-from ninedtact.errors import DeviceError, InputError, MissingLibraryError
+from ninedtact.capture.frame_source import Openable, SourceWrapper
+from ninedtact.errors import DeviceError, MissingLibraryError
 from ninedtact.quantities import Wrench
-
-
-class ForceTorqueAddressUnknown(InputError):
-    """The text names no force/torque sensor."""
 
 
 class WrenchSensorNotFound(DeviceError):
@@ -69,3 +65,7 @@ class WrenchSource(Openable):
         """Yield samples until the source raises."""
         while True:
             yield self.read()
+
+
+class WrenchSourceWrapper(SourceWrapper[WrenchSource], WrenchSource):
+    """A wrench source that changes or checks the samples of another."""

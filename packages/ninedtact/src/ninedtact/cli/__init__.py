@@ -105,9 +105,11 @@ def _run_command(arguments: Sequence[str] | None) -> int:
 def parse_arguments(arguments: Sequence[str] | None) -> Any:
     """Return the command that the command line names, with its options; the program's own arguments where None is given."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if words and words[0] in COMMANDS:
-        command, description = load_command(words[0])
-        return _parse_command(command, description, words[1:], f"ninedtact {words[0]}")
+    for count in (2, 1):
+        name = " ".join(words[:count])
+        if name in COMMANDS:
+            command, description = load_command(name)
+            return _parse_command(command, description, words[count:], f"ninedtact {name}")
     overview: Any = Union[tuple(map(_overview_entry, (name for name in COMMANDS if " " not in name)))]  # noqa: UP007
     return _parse_command(overview, DESCRIPTION, words, "ninedtact")
 
@@ -122,8 +124,7 @@ def load_command(name: str) -> tuple[Any, str | None]:
     command = getattr(module, class_name)
     for other in COMMANDS:
         if other.startswith(f"{name} "):
-            member, description = load_command(other)
-            command |= Annotated[member, tyro.conf.subcommand(other.split()[1], description=description)]
+            command |= _overview_entry(other)
     return command, None if isinstance(command, type) else module.DESCRIPTION
 
 
@@ -142,13 +143,13 @@ def _command_place(name: str) -> tuple[str, str]:
 
 
 def _overview_entry(name: str) -> Any:
-    """Return a command's line in `ninedtact --help`, made from its source, because importing all commands takes a second."""
+    """Return a command's line in the help of the program or of its group, made from its source: importing all takes a second."""
     try:
         summary = _command_summary(*_command_place(name))
     except CommandNotInstalled:
         summary = f"Not installed; run {installation_command(COMMANDS[name].strip('[]'))}"
-    stub = make_dataclass(f"_{name}", ())
-    return Annotated[stub, tyro.conf.subcommand(name, description=summary)]
+    stub = make_dataclass(f"_{name.replace(' ', '_')}", ())
+    return Annotated[stub, tyro.conf.subcommand(name.split()[-1], description=summary)]
 
 
 def _command_summary(module_name: str, class_name: str) -> str:

@@ -1,7 +1,7 @@
 """The guided calibrations in the browser, of shape (`ninedtact calibrate --page`) and of force with known loads (`ninedtact adapt
 --page`), and the live page that follows them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -9,21 +9,26 @@ from pathlib import Path
 from random import uniform
 from threading import Event
 from time import sleep
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
 from ninedtact.cli.serve_sensor_page import PageSettings, page_sensor, require_page_library, serve_sensor_page
 from ninedtact.cli.shared_options import PageHostOption, PageOriginOption, PagePortOption, camera_settings
 from ninedtact.force.estimator_loading import NONE, PHYSICS
-from ninedtact.open_sensor import SIMULATED, assemble_live_sensor, is_twin_address, source_in_real_time
+from ninedtact.open_sensor import assemble_live_sensor
+from ninedtact.source_addresses import SIMULATED, is_twin_address, source_in_real_time
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.calibration.settings import CalibrationSettings
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.design import SensorDesign
+    from ninedtact.live.socket_guard import SocketGuard
     from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
-    from ninedtact.studio.socket_guard import SocketGuard
+    from ninedtact.studio.calibration_page import CalibrationPage
+    from ninedtact.studio.force_calibration_page import ForceCalibrationPage
+    from ninedtact.studio.guided_session import GuidedSession, SwitchableCamera
+    from ninedtact.studio.page_server import PageServer
 
 _READINGS = Path("readings")
 """Folder for the readings that are saved from the live page after a calibration."""
@@ -61,28 +66,22 @@ class CalibrationPageServer:
     def serve(self) -> "SensorFolder | None":
         """Serve the page until Ctrl-C, and the live page once somebody asks for it; return the sensor, None without one."""
         require_page_library()
+        from ninedtact.live.socket_guard import SocketGuard
         from ninedtact.studio.calibration_page import CalibrationPage
         from ninedtact.studio.calibration_session import CalibrationSession
-        from ninedtact.studio.guided_session import SwitchableCamera
-        from ninedtact.studio.page_and_server import page_server
-        from ninedtact.studio.socket_guard import SocketGuard
 
         guard = SocketGuard.for_host(self.options.host, self.options.allow_origin)
-        list_cameras = partial(list_calibration_cameras, self.source)
         simulated = simulated_calibration_camera(self.design)
-        camera = SwitchableCamera(
-            lambda address: simulated if is_twin_address(address) else _live_camera(address, self.automatic),
-            self.source or next(iter(list_cameras())),
-        )
+        list_cameras = partial(list_calibration_cameras, self.source)
+        camera = _switchable_camera(self.source, list_cameras, simulated, self.automatic)
         session = CalibrationSession(
             camera, self.out, self.design, self.settings, self.sensor_id, on_step=simulated.follow
         )
+        make_page = partial(CalibrationPage, session=session, list_cameras=list_cameras, simulated=simulated)
+        wanted = session.live_requested, session.force_requested
         with suppress(KeyboardInterrupt):
-            with page_server(self.options.host, self.options.port, guard) as server, session:
-                page, port = CalibrationPage(server, session, list_cameras, simulated), server.get_port()
-                wanted = session.live_requested, session.force_requested
-                is_wanted = _refresh_until("calibration", guard.page_address(port), page.refresh, *wanted)
-            if not is_wanted:
+            port = _serve_until_wanted("calibration", self.options, guard, session, make_page, wanted)
+            if port is None:
                 return session.saved
             result, source = session.state.result, session.state.source
             assert result is not None
@@ -112,40 +111,38 @@ class ForceCalibrationPageServer:
         require_page_library()
         from ninedtact.calibration.force_calibration import UnscaledForceReader
         from ninedtact.capture.frame_source import CameraNotFound
+        from ninedtact.live.socket_guard import SocketGuard
         from ninedtact.studio.force_calibration_page import ForceCalibrationPage, ball_press_under_load
         from ninedtact.studio.force_calibration_session import ForceCalibrationSession
-        from ninedtact.studio.guided_session import SwitchableCamera
-        from ninedtact.studio.page_and_server import page_server
-        from ninedtact.studio.socket_guard import SocketGuard
 
         reader, folder, options = UnscaledForceReader(self.folder, self.force), self.folder, self.options
         simulated, stiffness = self._simulated_camera()
         list_cameras = partial(list_calibration_cameras, self.source, simulated is not None)
-        cameras = list_cameras()
-        if not cameras:
-            raise CameraNotFound("expected a camera, got none; plug it in, or name a stream or recording with --source")
-        guard = guard or SocketGuard.for_host(options.host, options.allow_origin)
-
-        def open_source(address: str) -> "FrameSource":
-            return (
-                simulated
-                if simulated is not None and is_twin_address(address)
-                else _live_camera(address, self.automatic)
+        if not list_cameras():
+            raise CameraNotFound(
+                expected="a camera", got="none", remedy="plug it in, or name a stream or recording with --source"
             )
+        guard = guard or SocketGuard.for_host(options.host, options.allow_origin)
 
         def offer_load(grams: float) -> None:
             if simulated is not None:
                 simulated.offer(ball_press_under_load(grams))
 
-        camera = SwitchableCamera(open_source, self.source or next(iter(cameras)))
+        camera = _switchable_camera(self.source, list_cameras, simulated, self.automatic)
         session = ForceCalibrationSession(camera, folder.path, reader, on_load=offer_load)
+        make_page = partial(
+            ForceCalibrationPage,
+            session=session,
+            list_cameras=list_cameras,
+            ball_radius_mm=folder.record.design.ball.radius_mm,
+            simulated=simulated,
+            stiffness=stiffness,
+        )
         with suppress(KeyboardInterrupt):
-            with page_server(options.host, options.port, guard) as server, session:
-                radius_mm, port = folder.record.design.ball.radius_mm, server.get_port()
-                page = ForceCalibrationPage(server, session, list_cameras, radius_mm, simulated, stiffness)
-                address, wanted = guard.page_address(port), session.live_requested
-                is_wanted = _refresh_until("force calibration", address, page.refresh, wanted)
-            if is_wanted:
+            port = _serve_until_wanted(
+                "force calibration", options, guard, session, make_page, [session.live_requested]
+            )
+            if port is not None:
                 serve_calibrated_sensor(folder, session.state.source, port, guard, self.automatic, self.force)
         return session.saved
 
@@ -155,16 +152,41 @@ class ForceCalibrationPageServer:
         return simulated_loaded_camera(self.folder) if has_twin else (None, None)
 
 
-def _refresh_until(what: str, address: str, refresh: Callable[[], None], *wanted: Event) -> bool:
-    """Print the address of a page and refresh it until one of the events is set; return False where Ctrl-C ends it before."""
-    from ninedtact.studio.guided_page import REFRESH_HZ
+def _switchable_camera(
+    source: str | None,
+    list_cameras: "Callable[[], dict[str, str]]",
+    simulated: "SimulatedCalibrationCamera | None",
+    automatic: bool,
+) -> "SwitchableCamera":
+    """Return the camera that a page begins with; another one, or the simulated sensor, can be chosen there."""
+    from ninedtact.studio.guided_session import SwitchableCamera
 
-    print(f"{what}: open {address} in a browser; Ctrl-C ends", flush=True)
-    with stop_on_signal() as stop:
+    def open_source(address: str) -> "FrameSource":
+        is_simulated = simulated is not None and is_twin_address(address)
+        return simulated if simulated is not None and is_simulated else _live_camera(address, automatic)
+
+    return SwitchableCamera(open_source, source or next(iter(list_cameras())))
+
+
+def _serve_until_wanted(
+    what: str,
+    options: CalibrationPageOptions,
+    guard: "SocketGuard",
+    session: "GuidedSession[Any]",
+    make_page: "Callable[[PageServer], CalibrationPage | ForceCalibrationPage]",
+    wanted: Sequence[Event],
+) -> int | None:
+    """Serve a guided page until one of the events is set, and return its port; None where Ctrl-C ends it before."""
+    from ninedtact.studio.guided_page import REFRESH_HZ
+    from ninedtact.studio.page_server import page_server
+
+    with page_server(options.host, options.port, guard) as server, session, stop_on_signal() as stop:
+        page = make_page(server)
+        print(f"{what}: open {guard.page_address(server.port)} in a browser; Ctrl-C ends", flush=True)
         while not (stop.now or any(event.is_set() for event in wanted)):
-            refresh()
+            page.refresh()
             sleep(1 / REFRESH_HZ)
-        return not stop.now
+        return None if stop.now else server.port
 
 
 def _live_camera(address: str, automatic: bool) -> "FrameSource":
@@ -207,11 +229,10 @@ def simulated_loaded_camera(folder: "SensorFolder") -> "tuple[SimulatedCalibrati
 
     The factor is drawn anew each time, so that the person who calibrates does not know it. Raises `TwinMissing`.
     """
-    from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
     from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
     from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
 
     stiffness = uniform(*_STIFFNESS_RANGE)
     gel = replace(folder.gel, shear_modulus_mpa=folder.gel.shear_modulus_mpa * stiffness)
-    twin = replace(build_twin_from_folder(folder), compliance_of=partial(bonded_layer_compliance, gel=gel))
+    twin = replace(folder.twin(), compliance_of=partial(bonded_layer_compliance, gel=gel))
     return SimulatedCalibrationCamera(twin, folder.record.design), stiffness

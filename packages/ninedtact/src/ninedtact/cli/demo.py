@@ -41,10 +41,6 @@ STEPS_HZ = 6.0
 """Rate of the steps of the drawn presses, as coarse as friction allows."""
 
 
-class InvalidDemoOption(InputError):
-    """An option has a value that the demo cannot have."""
-
-
 @dataclass(frozen=True)
 class Demo:
     """Show a simulated sensor in the browser, pressed by hand or by a sequence of objects, with its true and its estimated wrench.
@@ -98,9 +94,9 @@ class Demo:
         return 0
 
     def require_rounds(self) -> None:
-        """Refuse fewer rounds than one; raises `InvalidDemoOption`."""
+        """Refuse fewer rounds than one; raises `InputError`."""
         if self.rounds is not None and self.rounds < 1:
-            raise InvalidDemoOption(f"expected --rounds of at least 1, got {self.rounds}; drop it")
+            raise InputError(expected="--rounds of at least 1", got=f"{self.rounds}", remedy="drop it")
 
     @property
     def resolved_rounds(self) -> int | None:
@@ -111,9 +107,7 @@ class Demo:
     def twin(self) -> "Twin":
         """The twin that is pressed."""
         if self.sensor is not None:
-            from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
-
-            return build_twin_from_folder(self.folder)
+            return self.folder.twin()
         from ninedtact.simulation.twin import twin_from_design
 
         return twin_from_design(self.design)

@@ -23,7 +23,6 @@ from ninedtact.force.estimator_loading import PHYSICS
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import FrameSource
-    from ninedtact.force.estimator_interface import ForceEstimator
     from ninedtact.reading import Reading
     from ninedtact.sensor import Sensor
 
@@ -64,13 +63,14 @@ class Estimate:
         from ninedtact.shape.image_plausibility import ImageImplausible
 
         self._require_torque_point()
-        require_place_for_file(self.out)
+        if self.out is not None:
+            require_place_for_file(self.out)
         with given_or_recorded_sensor(self.sensor, self.source[0] if self.source else "") as folder:
-            estimator = folder.estimator(self.force)
+            sensor = self.open_on_source(folder)
             found: list[dict[str, Any]] = []
             damage: FileFormatError | CameraError | ImageImplausible | None = None
             try:
-                for name, reading in self.readings(folder, estimator):
+                for name, reading in self.readings(sensor):
                     found.append(self.row(name, reading))
             except (FileFormatError, CameraError, ImageImplausible) as error:
                 if not found:
@@ -79,12 +79,12 @@ class Estimate:
         if self.out is not None:
             _write_csv(self.out, found)
         figures = {
-            "estimator": estimator.name,
+            "estimator": sensor.estimator.name,
             "about_mm": self.about_mm,
-            "notices": estimator.notices,
+            "notices": sensor.estimator.notices,
             "wrenches": found,
         }
-        print_result(self.json, figures, [*format_estimates(found, self.out), *estimator.notices])
+        print_result(self.json, figures, [*format_estimates(found, self.out), *sensor.estimator.notices])
         if damage is not None:
             print_notice(f"{damage} ({count_images(len(found))} estimated before)")
         return 0 if damage is None else 1
@@ -96,39 +96,53 @@ class Estimate:
                 f"expected --about-mm X Y Z of at most {_MAX_ARM_MM:g} mm each, got {self.about_mm}; 0 0 0 is the skin's centre"
             )
 
-    def readings(self, folder: "SensorFolder", estimator: "ForceEstimator") -> "Iterator[tuple[str, Reading]]":
+    def open_on_source(self, folder: "SensorFolder") -> "Sensor":
+        """Return the sensor on the named images, not yet opened; raises `InputError`."""
+        import ninedtact
+
+        return ninedtact.open(
+            folder,
+            self.named_source(),
+            self.force,
+            self.reference,
+            follow_reference=False,
+            reference_at_s=self.reference_at,
+        )
+
+    def readings(self, sensor: "Sensor") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image; of a camera, a stream or the twin until Ctrl-C."""
-        from ninedtact.open_sensor import assemble_sensor
         from ninedtact.shape.image_plausibility import require_plausible_image
 
-        frames = self.frames(folder)
-        source = self.source[0] if len(self.source) == 1 else frames
-        sensor = assemble_sensor(
-            folder, frames, source, self.reference, self.reference_at, estimator, follow_reference=False
-        )
-        with stop_on_signal() if frames.is_live else nullcontext() as stop, sensor:
+        with stop_on_signal() if sensor.source.is_live else nullcontext() as stop, sensor:
             if stop is not None:
-                print_notice(f"estimating what {frames.name} shows until Ctrl-C")
+                print_notice(f"estimating what {sensor.source.name} shows until Ctrl-C")
             for fault in sensor.reference_faults:
                 print_notice(f"the reference image is doubtful; {fault}")
-            for name, reading in _iterate_named_readings(self.source, frames, sensor):
+            for reading in sensor:
+                name = self._name_of(reading.frame.index, sensor.source)
                 if self.images_are_separate:
                     require_plausible_image(name, reading.rectified, reading.reference, reading.height)
                 yield name, reading
                 if self.images_are_separate:
-                    estimator.forget()
+                    sensor.estimator.forget()
                 if stop is not None and stop.now:
                     return
+
+    def _name_of(self, index: int, source: "FrameSource") -> str:
+        """Return the file of an image, also of one in a folder, or the number of a frame."""
+        from ninedtact.capture.strict_image_reading import ImageFolder
+
+        if _is_image(self.source[0]):
+            return self.source[index]
+        return str(source.images[index] if isinstance(source, ImageFolder) else index)
 
     @property
     def images_are_separate(self) -> bool:
         """Whether the images are unrelated in time: single images or a folder of them, as opposed to a video or a recording."""
         return all(_is_image(text) or Path(text).expanduser().is_dir() for text in self.source)
 
-    def frames(self, folder: "SensorFolder") -> "FrameSource":
-        """Return the named images as a source; raises `InputError`."""
-        from ninedtact.open_sensor import newest_frame_source_for
-
+    def named_source(self) -> "str | FrameSource":
+        """Return the named images as a source, or the address of another source; raises `InputError`."""
         if not self.source:
             raise InputError("expected images of the pressed gel, got none; name them after the options")
         if all(_is_image(text) for text in self.source):
@@ -136,7 +150,7 @@ class Estimate:
                 raise InputError(
                     "expected --reference with single images, got none; name a reference image (no contact)"
                 )
-            from ninedtact.capture.image_and_video_files import ImageFileList
+            from ninedtact.capture.strict_image_reading import ImageFileList
 
             return ImageFileList([Path(text).expanduser() for text in self.source])
         if len(self.source) > 1:
@@ -144,15 +158,15 @@ class Estimate:
                 f"expected images, or one video, folder or recording, got {len(self.source)} names that are not all "
                 "images; run the command once for each"
             )
-        return newest_frame_source_for(self.source[0], folder)
+        return self.source[0]
 
     def row(self, name: str, reading: "Reading") -> dict[str, Any]:
         """Return the estimate of one image as plain numbers: forces in N, torques in N·m."""
         import numpy as np
 
-        force = reading.force
-        assert force is not None
-        force = force.about(np.array(self.about_mm, float))
+        from ninedtact.force.estimator_interface import unknown_wrench_estimate
+
+        force = (reading.force or unknown_wrench_estimate(reading.stamp_ns)).about(np.array(self.about_mm, float))
         return {
             "image": name,
             "time_ns": reading.frame.stamp_ns,
@@ -165,20 +179,6 @@ class Estimate:
 def _is_image(text: str) -> bool:
     """Return whether the text names a single image."""
     return text.lower().endswith((".png", ".jpg", ".jpeg", ".bmp"))
-
-
-def _iterate_named_readings(
-    source: tuple[str, ...], frames: "FrameSource", sensor: "Sensor"
-) -> "Iterator[tuple[str, Reading]]":
-    """Yield every reading with its name: the file of an image, also of one in a folder, or the number of a frame."""
-    from ninedtact.capture.image_and_video_files import ImageFolder
-
-    for number, reading in enumerate(sensor):
-        if _is_image(source[0]):
-            yield source[number], reading
-        else:
-            index = reading.frame.index
-            yield str(frames.images[index] if isinstance(frames, ImageFolder) else index), reading
 
 
 def _write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:

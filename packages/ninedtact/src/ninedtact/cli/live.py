@@ -11,7 +11,6 @@ import tyro
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, stop_on_signal
 from ninedtact.cli.serve_sensor_page import (
     PageSettings,
-    installed_exporters,
     page_sensor,
     require_display_rate,
     require_page_library,
@@ -35,8 +34,9 @@ from ninedtact.cli.shared_options import (
     parse_named_sources,
 )
 from ninedtact.force.estimator_loading import NONE
-from ninedtact.open_sensor import RECORDING_SUFFIX, SIMULATED, assemble_live_sensor, is_recording_address
+from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.recording.errors import RecordingUnreadable, require_recording_libraries
+from ninedtact.source_addresses import RECORDING_SUFFIX, SIMULATED, is_recording_address
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -105,11 +105,14 @@ class Live:
         """Return address and sensor folder of all sources by their names; raises `InvalidLiveOption`."""
         named = parse_named_sources(self.source, self.sensor)
         if len(named) > MAX_SENSORS:
-            raise InvalidLiveOption(f"expected at most {MAX_SENSORS} sources on one page, got {len(named)}; drop some")
+            raise InvalidLiveOption(
+                expected=f"at most {MAX_SENSORS} sources on one page", got=f"{len(named)}", remedy="drop some"
+            )
         if self.reference and "" not in named:
             raise InvalidLiveOption(
-                f"expected no --reference with named sources, got {self.reference[0]}; drop it: the first images of each are its "
-                "reference"
+                expected="no --reference with named sources",
+                got=f"{self.reference[0]}",
+                remedy="drop it: the first images of each are its reference",
             )
         return named
 
@@ -137,7 +140,7 @@ class Play:
         require_display_rate(self.display_hz)
         if not is_recording_address(str(self.recording)):
             raise RecordingUnreadable(
-                f"expected a recording ({RECORDING_SUFFIX}), got {self.recording}; check the path"
+                expected=f"a recording ({RECORDING_SUFFIX})", got=f"{self.recording}", remedy="check the path"
             )
         from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 
@@ -155,15 +158,16 @@ class Play:
 
     def serve(self, folders: "dict[str, SensorFolder]") -> None:
         """Serve the recording of these sensors; raises what reading it raises, before anything is served."""
+        from ninedtact.live.sensor_poller import SensorPoller
+        from ninedtact.live.socket_guard import SocketGuard
         from ninedtact.recording.recorded_source import RecordedFrameSource
         from ninedtact.sensor import Sensor
-        from ninedtact.studio.page_and_server import SensorPage, page_server
         from ninedtact.studio.page_controller import DisplayedSensor, PageController
+        from ninedtact.studio.page_server import page_server
         from ninedtact.studio.recording_player import empty_wrench_histories
         from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
         from ninedtact.studio.scene_3d import gel_block_under_skin
-        from ninedtact.studio.sensor_poller import SensorPoller
-        from ninedtact.studio.socket_guard import SocketGuard
+        from ninedtact.studio.sensor_page import SensorPage
 
         columns = {address: empty_wrench_histories(Path(address), one.shape) for address, one in folders.items()}
         folder, shapes = next(iter(folders.values())), {address: one.shape for address, one in folders.items()}
@@ -180,11 +184,9 @@ class Play:
             ]
             controller = PageController(sensors, self.out, recheck_s=0.0)
             block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-            context = RecordingsPanelContext(server, folder, None, self.recording, shapes, installed_exporters())
+            context = RecordingsPanelContext(folder, None, self.recording, shapes)
             title = folder.id if len(folders) == 1 else self.recording.stem
             page = SensorPage(server, controller, block, title, [partial(RecordingsPanel, context=context)])
-            print(
-                f"{self.recording}: open {guard.page_address(server.get_port())} in a browser; Ctrl-C ends", flush=True
-            )
+            print(f"{self.recording}: open {guard.page_address(server.port)} in a browser; Ctrl-C ends", flush=True)
             with stop_on_signal() as stop:
                 controller.run(page, self.display_hz, lambda: stop.now)

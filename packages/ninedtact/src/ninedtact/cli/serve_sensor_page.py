@@ -4,15 +4,15 @@ import os
 import sys
 import webbrowser
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from time import monotonic_ns
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from ninedtact._version import find_entry_point, find_incompatible_library, installation_command
+from ninedtact._version import find_incompatible_library, installation_command
 from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
 from ninedtact.cli.shared_options import InvalidLiveOption
 from ninedtact.errors import MissingLibraryError
@@ -21,29 +21,19 @@ from ninedtact.recording.errors import require_recording_libraries
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact.live.socket_guard import SocketGuard
+    from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller
     from ninedtact.open_sensor import LiveSensor
     from ninedtact.quantities import Frame
     from ninedtact.reading import Reading
-    from ninedtact.recording.reader import Recording
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape
     from ninedtact.simulation.press_sequence import PressSequence
     from ninedtact.simulation.simulated_sources import DemoSources
     from ninedtact.studio.page_controller import PageController
-    from ninedtact.studio.saved_files import Exporter
-    from ninedtact.studio.socket_guard import SocketGuard
     from ninedtact.studio.viewer import PanelFactory
-    from ninedtact.studio.wrench_history import WrenchHistory, WrenchPoller
 
 _MAX_DISPLAY_HZ = 120.0
-
-
-class PageLibraryMissing(MissingLibraryError):
-    """The library that serves the page is not installed."""
-
-
-class RerunMissing(MissingLibraryError):
-    """The library of Rerun is not installed."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +73,8 @@ class PageSensor:
 
 def page_sensor(folder: "SensorFolder", live: "LiveSensor", name: str = "") -> PageSensor:
     """Return a sensor that is read in real time as a part of a page, with the true wrench of a twin; name: among several."""
+    from ninedtact.live.wrench_history import WrenchPoller
     from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
-    from ninedtact.studio.wrench_history import WrenchPoller
 
     true = live.true_wrench
     wrenches = [] if true is None else [WrenchPoller(true, "true", TRUE_WRENCH_MEANING)]
@@ -93,12 +83,13 @@ def page_sensor(folder: "SensorFolder", live: "LiveSensor", name: str = "") -> P
 
 def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends: bool = True) -> None:
     """Serve the page of one or several sensors until Ctrl-C, or with `ends` until the last round of their twins has ended."""
-    from ninedtact.studio.page_and_server import SensorPage, page_server
+    from ninedtact.live.sensor_poller import SensorPhase, SensorPoller
+    from ninedtact.live.socket_guard import SocketGuard
     from ninedtact.studio.page_controller import DisplayedSensor, PageController
+    from ninedtact.studio.page_server import page_server
     from ninedtact.studio.press_control import TwinPressController
     from ninedtact.studio.scene_3d import gel_block_under_skin
-    from ninedtact.studio.sensor_poller import SensorPhase, SensorPoller
-    from ninedtact.studio.socket_guard import SocketGuard
+    from ninedtact.studio.sensor_page import SensorPage
 
     with ExitStack() as opened:
         guard = settings.guard or SocketGuard.for_host(settings.host, settings.allow_origin)
@@ -118,11 +109,11 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
                 opened.enter_context(poller)
         first = parts[0]
         block = gel_block_under_skin(first.folder.shape, first.folder.record.design.gel)
-        panels = connect_recordings_panel(opened, server, parts, controller, listeners)
+        panels = connect_recordings_panel(opened, parts, controller, listeners)
         title = " · ".join(part.name or part.folder.id for part in parts)
         page = SensorPage(server, controller, block, title, panels)
         sources = ", ".join(f"{part.name}: " * bool(part.name) + part.sensor.source.name for part in parts)
-        address = guard.page_address(server.get_port())
+        address = guard.page_address(server.port)
         print(f"{sources}: open {address} in a browser; Ctrl-C ends", flush=True)
         if settings.opens_browser and can_open_browser():
             webbrowser.open(address)
@@ -166,7 +157,6 @@ def _show_in_rerun(opened: ExitStack, parts: Sequence[PageSensor]) -> "Callable[
 
 def connect_recordings_panel(
     opened: ExitStack,
-    server: Any,
     parts: Sequence[PageSensor],
     controller: "PageController",
     listeners: "list[Callable[[Reading, int], None]]",
@@ -190,37 +180,8 @@ def connect_recordings_panel(
     recorder = PageRecorder(recorded, controller.out, controller.quota)
     opened.callback(recorder.stop)
     listeners.append(recorder.keep)
-    context = RecordingsPanelContext(server, parts[0].folder, recorder, exporters=installed_exporters())
+    context = RecordingsPanelContext(parts[0].folder, recorder)
     return [partial(RecordingsPanel, context=context)]
-
-
-def installed_exporters() -> "dict[str, Exporter]":
-    """Return the formats of other programs into which the page exports, by their buttons: those whose libraries are installed."""
-    from ninedtact.studio.saved_files import Exporter
-
-    exporters = {}
-    if find_entry_point("exporters", "lerobot") is not None:
-        hint = "a LeRobotDataset v3.0 of one episode, of the whole recording"
-        exporters["LeRobot data set"] = Exporter(_write_lerobot, "lerobot", hint)
-    with suppress(RerunMissing):
-        require_rerun()
-        hint = "for the Rerun viewer, of the whole recording"
-        exporters["Rerun (RRD)"] = Exporter(_write_rerun, "rerun", hint, ".rrd")
-    return exporters
-
-
-def _write_lerobot(recordings: "Sequence[Recording]", out: Path, on_image: Callable[[], None]) -> None:
-    """Write recordings as `ninedtact export --to lerobot` does."""
-    found = find_entry_point("exporters", "lerobot")
-    if found is not None:
-        found.load()(recordings, out, on_image=on_image)
-
-
-def _write_rerun(recordings: "Sequence[Recording]", out: Path, on_image: Callable[[], None]) -> None:
-    """Write a recording as `ninedtact export --to rerun` does."""
-    from ninedtact.interop.rerun import export_rerun
-
-    export_rerun(recordings[0], out, on_image=on_image)
 
 
 def twin_sensor_and_true_wrench(
@@ -228,12 +189,12 @@ def twin_sensor_and_true_wrench(
 ) -> "tuple[Sensor, list[WrenchPoller]]":
     """Return a sensor on the simulated camera, and a poller of the true wrench."""
     from ninedtact.capture.frame_pacing import LatestFrameSource
+    from ninedtact.live.wrench_history import WrenchPoller
     from ninedtact.reference_images import ReferenceImages
     from ninedtact.sensor import Sensor
     from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
-    from ninedtact.studio.wrench_history import WrenchPoller
 
-    untouched = shape.depth_reader(*(references or shown.reference_frames))
+    untouched = shape.depth_reader(*(references or shown.camera.reference_frames))
     return Sensor(LatestFrameSource(shown.camera), shape, ReferenceImages(untouched)), [
         WrenchPoller(shown.force_torque, "true", TRUE_WRENCH_MEANING)
     ]
@@ -243,7 +204,7 @@ def _estimate_history(sensor: "Sensor", force: str, folder: "SensorFolder") -> "
     """Give the sensor its estimator, and return the history of its estimates, still empty; no history for --force none."""
     if force == NONE:
         return []
-    from ninedtact.studio.wrench_history import WrenchHistory
+    from ninedtact.live.wrench_history import WrenchHistory
 
     sensor.estimator = estimator = folder.estimator(force)
     meaning = f"what {estimator.name} reads from the image alone, ± one standard deviation"
@@ -254,21 +215,27 @@ def require_display_rate(display_hz: float) -> None:
     """Refuse a display rate of zero, or one above the rate of screens."""
     if not 0 < display_hz <= _MAX_DISPLAY_HZ:
         raise InvalidLiveOption(
-            f"expected --display-hz above 0 and at most {_MAX_DISPLAY_HZ:g}, got {display_hz:g}; drop it"
+            expected=f"--display-hz above 0 and at most {_MAX_DISPLAY_HZ:g}", got=f"{display_hz:g}", remedy="drop it"
         )
 
 
 def require_rerun() -> None:
-    """Refuse what needs Rerun without it, or with another version; raises `RerunMissing`."""
+    """Refuse what needs Rerun without it, or with another version; raises `MissingLibraryError`."""
     if find_spec("rerun") is None:
-        raise RerunMissing(f"expected rerun-sdk, got no such package; run {installation_command('rerun')} (740 MB)")
+        raise MissingLibraryError(
+            expected="rerun-sdk", got="no such package", remedy=f"run {installation_command('rerun')} (740 MB)"
+        )
     if other := find_incompatible_library("rerun"):
-        raise RerunMissing(f"{other}; run {installation_command('rerun')}")
+        raise MissingLibraryError(f"{other}; run {installation_command('rerun')}")
 
 
 def require_page_library() -> None:
-    """Refuse to start without viser; raises `PageLibraryMissing`."""
+    """Refuse to start without viser, or with a version whose messages are not known; raises `MissingLibraryError`."""
     if find_spec("viser") is None:
-        raise PageLibraryMissing(
-            f"expected viser, which serves the live page, got no such package; run {installation_command('studio')}"
+        raise MissingLibraryError(
+            expected="viser, which serves the live page",
+            got="no such package",
+            remedy=f"run {installation_command('studio')}",
         )
+    if other := find_incompatible_library("studio"):
+        raise MissingLibraryError(f"{other}; run {installation_command('studio')}")

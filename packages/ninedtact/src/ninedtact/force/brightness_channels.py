@@ -22,7 +22,7 @@ from jaxtyping import Float32, Shaped, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.errors import FileFormatError, InputError
-from ninedtact.mechanics.array_namespace import array_namespace_of
+from ninedtact.mechanics.contact_arrays import array_namespace_of
 from ninedtact.quantities import Deformation, Rectified
 
 LEVELS = 256

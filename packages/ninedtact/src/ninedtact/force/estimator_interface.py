@@ -28,15 +28,24 @@ class ForceEstimator(ABC):
         For an image that cannot be a press on this sensor it is the `unknown_wrench_estimate` with the warnings of the reading.
         """
 
+    def add_force(self, reading: Reading) -> Reading:
+        """Return the reading with its wrench."""
+        return reading.with_force(self.estimate(reading))
+
     @abstractmethod
     def forget(self) -> None:
         """Forget the previous reading, so that the next one is estimated independently of it."""
 
 
 class NoForceEstimator(ForceEstimator):
-    """The estimator of a sensor without one: zero, with an infinite standard deviation."""
+    """The estimator of a sensor without one: its readings have no wrench, and its estimate is zero with an infinite standard
+    deviation."""
 
     name = "no force"
+
+    def add_force(self, reading: Reading) -> Reading:
+        """Return the reading as it is."""
+        return reading
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return a wrench of zero with an infinite standard deviation."""

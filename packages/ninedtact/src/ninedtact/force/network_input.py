@@ -33,7 +33,7 @@ from ninedtact.force.brightness_channels import (
     split_darker_brighter,
     stack_deformation_channels,
 )
-from ninedtact.mechanics.array_namespace import array_namespace_of
+from ninedtact.mechanics.contact_arrays import array_namespace_of
 from ninedtact.quantities import HeightMap, Rectified, Traction, skin_grid_mm
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape

@@ -7,12 +7,11 @@ Topics, each after the sensor's name; stamps are the wall time of the image's ar
     log                warnings and status where they change
 
 The server of foxglove-sdk answers every website that is open in a browser on this computer. It listens where none finds it, and a
-front before it passes on what the guard of the live page accepts (`studio.socket_guard`).
+front before it passes on what the guard of the live page accepts (`live.socket_guard`).
 """
 
 import asyncio
 import json
-import secrets
 from collections.abc import Callable
 from time import monotonic_ns
 from types import TracebackType
@@ -37,11 +36,11 @@ from ninedtact.interop.ros2_topics_and_messages import (
     SensorMessages,
 )
 from ninedtact.interop.sensor_sharing import SensorMoment, ServerThread, port_errors
+from ninedtact.live.sensor_poller import SensorPhase
+from ninedtact.live.socket_guard import SocketGuard, hidden_loopback_address
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.recording.topics_and_messages import Topic, message_definition
-from ninedtact.studio.sensor_poller import SensorPhase
-from ninedtact.studio.socket_guard import SocketGuard
 
 SUBPROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
 """Names of the protocol: that of today's Foxglove, and that of programs made before, such as Lichtblick."""
@@ -87,7 +86,7 @@ class FoxgloveServer:
         return self.guard.page_address(self.port).replace("http://", "ws://", 1)
 
     def __enter__(self) -> "FoxgloveServer":
-        self._host = "127." + ".".join(str(1 + secrets.randbelow(254)) for _ in range(3))  # which no website can guess
+        self._host = hidden_loopback_address()
         self._server = foxglove.start_server(
             name=f"ninedtact {self._messages.name}",
             host=self._host,

@@ -29,7 +29,7 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, HeightMap, Wrench
 from ninedtact.simulation.ground_truth import true_height_map
 from ninedtact.simulation.renderer import BgrImage
-from ninedtact.simulation.twin import Twin
+from ninedtact.simulation.twin import Press, Twin
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -87,11 +87,10 @@ class TactileReading:
 
 
 @dataclass(frozen=True)
-class _Press:
-    """The last step of the twin, and where the body that leads the motion was."""
+class _PressStep:
+    """The last press of the twin, and where the body that leads the motion was."""
 
-    contact: Contact
-    """The contact of the linear solver, its object without rotation, as of the next step."""
+    press: Press
     leader: BodyContact
     lag_mm: Vector
     """How far the twin's object is moved on from the body, x and y, because the gel yields."""
@@ -102,7 +101,7 @@ class _Press:
 class ContactSolveRequest:
     """A contact to be solved: the object goes near a pose, and sinks in until the gel resists with a load."""
 
-    last: Contact
+    last: Press | None
     solids: CompoundIndenter
     pose: Pose
     load_n: float
@@ -139,7 +138,7 @@ class TactileSensor(FrameSource):
     last: TactileReading | None = field(default=None, init=False, repr=False)
     """The newest reading, for programs that read frames."""
     is_open: bool = field(default=False, init=False)
-    _press_before: _Press | None = field(default=None, init=False, repr=False)
+    _press_before: _PressStep | None = field(default=None, init=False, repr=False)
     _frames: int = field(default=0, init=False)
     _scene_wrench: Wrench = field(default_factory=lambda: Wrench(np.zeros(3), np.zeros(3)), init=False, repr=False)
 
@@ -176,20 +175,20 @@ class TactileSensor(FrameSource):
     def step(self) -> TactileReading:
         """Press the twin as the scene is now, and return image, wrench and heights.
 
-        Raises `SimulationError`, `InputError`, and what `Twin.step` raises.
+        Raises `SimulationError`, `InputError`, and what `Twin.press` raises.
         """
         pressing = self.press_steps()
         try:
             request = next(pressing)
             while True:
                 twin = self._twin_with_friction(request.friction)
-                request = pressing.send(twin.step(request.last, request.solids, request.pose, request.load_n))
+                request = pressing.send(twin.press(request.last, request.solids, request.pose, request.load_n))
         except StopIteration as ended:
-            contact: Contact | None = ended.value
+            contact = None if ended.value is None else ended.value.corrected
         return self.show(contact, self.twin.renderer(contact, self._frames + 1))
 
-    def press_steps(self) -> Generator[ContactSolveRequest, Contact, Contact | None]:
-        """Yield the contacts to be solved for the scene as it is now, receive each, and return the one that is shown.
+    def press_steps(self) -> Generator[ContactSolveRequest, Press, Press | None]:
+        """Yield the presses to be solved for the scene as it is now, receive each, and return the one that is shown.
 
         `step` solves them one by one, `TactileSensorBatch` those of many scenes at once.
         """
@@ -199,8 +198,8 @@ class TactileSensor(FrameSource):
         if not touching:
             self._press_before = None
             return None
-        self._press_before = press = yield from self._press(touching)
-        return self.twin.correct_contact(press.contact)
+        self._press_before = step = yield from self._press(touching)
+        return step.press
 
     def show(self, contact: Contact | None, image: BgrImage) -> TactileReading:
         """Keep and return the reading of a solved contact and its image."""
@@ -215,7 +214,7 @@ class TactileSensor(FrameSource):
         )
         return self.last
 
-    def _press(self, touching: list[BodyContact]) -> Generator[ContactSolveRequest, Contact, _Press]:
+    def _press(self, touching: list[BodyContact]) -> Generator[ContactSolveRequest, Press, _PressStep]:
         """Press the bodies that touch until the gel resists with their load and, where they stick, with their friction."""
         leader = max(touching, key=lambda one: one.load_n)
         self._require_depth_within_gel(touching)
@@ -223,29 +222,25 @@ class TactileSensor(FrameSource):
         last = before if before is not None and before.leader.body == leader.body else None
         wanted = np.sum([one.wrench.force_n for one in touching], axis=0)
         centre = np.clip(leader.centre_mm[:2], -_ORIGIN_WITHIN_MM, _ORIGIN_WITHIN_MM)
-        contact = self.twin.model.initial_contact() if last is None else _move_origin(last, centre)
-        pose, lag = _pose_now(contact, last, leader, centre), np.zeros(3) if last is None else last.lag_mm
+        start = None if last is None else _move_origin(last, centre)
+        pose, lag = _pose_now(start, last, leader, centre), np.zeros(3) if last is None else last.lag_mm
         stiffness = 0.0 if last is None else last.stiffness_n_per_mm
         slides = np.hypot(*wanted[:2]) > _SLIPS_FROM * leader.friction * -wanted[2]
         if last is not None and not slides:
-            lag = lag + _sideways(wanted - self._gel_force_n(last.contact)) / stiffness
+            lag = lag + _sideways(wanted - last.press.wrench.force_n) / stiffness
         tried: list[tuple[Vector, Vector]] = []
         for _ in range(_SOLVES_PER_STEP):
             about = (float(pose.x_mm + lag[0]), float(pose.y_mm + lag[1]))
             solids = self._solids(touching, lag, about)
             at = replace(pose, x_mm=about[0], y_mm=about[1])
-            solved = yield ContactSolveRequest(contact, solids, at, float(-wanted[2]), round(leader.friction, 3))
-            tried.append((lag, self._gel_force_n(solved)))
-            stiffness = _shear_stiffness(solved, tried, stiffness)
+            solved = yield ContactSolveRequest(start, solids, at, float(-wanted[2]), round(leader.friction, 3))
+            tried.append((lag, solved.wrench.force_n))
+            stiffness = _shear_stiffness(solved.solved, tried, stiffness)
             missing = wanted - tried[-1][1]
             if slides or np.hypot(*missing[:2]) < _FRICTION_TOLERANCE * -wanted[2]:
                 break
             lag = lag + _sideways(missing) / stiffness
-        return _Press(solved, leader, tried[-1][0], stiffness)
-
-    def _gel_force_n(self, contact: Contact) -> Vector:
-        """Return the force on the gel, of a contact that is not corrected yet."""
-        return self.twin.correct_contact(contact).wrench().force_n
+        return _PressStep(solved, leader, tried[-1][0], stiffness)
 
     def _twin_with_friction(self, friction: float) -> Twin:
         """Return the twin with the friction of the scene."""
@@ -293,25 +288,34 @@ class TactileSensor(FrameSource):
         return replace(whole, base_mm=float(whole.underside_mm(x, y).min()))
 
 
-def _move_origin(last: _Press, centre_mm: Float64[Array, "2"]) -> Contact:
-    """Return the last contact with its grid over the point of the object where the centre of the contacts is now.
+def _move_origin(last: _PressStep, centre_mm: Float64[Array, "2"]) -> Press:
+    """Return the last press with its grid over the point of the object where the centre of the contacts is now.
 
-    The grid moves by whole pitches, so that no field is interpolated.
+    The grid moves by whole pitches, so that no field is interpolated. The object is without twist, because the solids stand turned
+    as they are, and the twist of the next pose is that by which they have turned since.
     """
-    contact, pitch = last.contact, last.contact.skin.grid.pitch_mm
-    away = centre_mm + last.lag_mm[:2] - (contact.pose.x_mm, contact.pose.y_mm)
+    press = last.press
+    away = centre_mm + last.lag_mm[:2] - (press.pose.x_mm, press.pose.y_mm)
     if np.abs(away).max() < _MOVE_ORIGIN_MM:
-        return contact
-    cols, rows = np.round(away / pitch).astype(int).tolist()
-    names = ("pressure_mpa", "shear_mpa", "height_mm", "tangential_mm")
+        away = np.zeros(2)
+    cols, rows = np.round(away / press.solved.skin.grid.pitch_mm).astype(int).tolist()
+    return Press(_move_grid(press.solved, cols, rows), _move_grid(press.corrected, cols, rows), press.indenter)
+
+
+def _move_grid(contact: Contact, cols: int, rows: int) -> Contact:
+    """Return a contact with its grid moved by whole pitches, under an object without twist."""
+    pitch, names = contact.skin.grid.pitch_mm, ("pressure_mpa", "shear_mpa", "height_mm", "tangential_mm")
     fields = {name: np.roll(getattr(contact, name), (-rows, -cols), axis=(-2, -1)) for name in names}
-    pose = replace(contact.pose, x_mm=contact.pose.x_mm + cols * pitch, y_mm=contact.pose.y_mm + rows * pitch)
-    return replace(contact, pose=pose, **fields)
+    x_mm, y_mm = contact.pose.x_mm + cols * pitch, contact.pose.y_mm + rows * pitch
+    # Tilts stay: skin under a body that rolls on creeps, which skin of MuJoCo does not.
+    return replace(contact, pose=replace(contact.pose, x_mm=x_mm, y_mm=y_mm, twist_rad=0.0), **fields)
 
 
-def _pose_now(before: Contact, last: _Press | None, leader: BodyContact, centre_mm: Float64[Array, "2"]) -> Pose:
+def _pose_now(
+    before: Press | None, last: _PressStep | None, leader: BodyContact, centre_mm: Float64[Array, "2"]
+) -> Pose:
     """Return where the point of the object at the origin of the last contact is now, without lag, and how it has turned."""
-    if last is None:
+    if before is None or last is None:
         return Pose(float(centre_mm[0]), float(centre_mm[1]), _FIRST_DEPTH_MM)
     turned = leader.rotation @ last.leader.rotation.T
     origin = before.pose.origin_mm - last.lag_mm

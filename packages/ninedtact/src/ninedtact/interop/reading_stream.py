@@ -3,7 +3,7 @@
     sensor thread ──Reading or SensorSnapshot──▶ ReadingServer.publish ──▶ server thread: a short queue for each client
 
 A client that reads too slowly misses readings, which its next message counts (`missed`), and is disconnected after ten seconds
-without reading. Who may connect is decided as for the live page (`studio.socket_guard`). The messages are the classes below; their
+without reading. Who may connect is decided as for the live page (`live.socket_guard`). The messages are the classes below; their
 JSON schema is served at `/schema.json`.
 """
 
@@ -30,12 +30,12 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from ninedtact.interop.sensor_sharing import ServerThread, port_errors, watch_sensor
+from ninedtact.live.sensor_poller import SensorPhase, SensorSnapshot
+from ninedtact.live.socket_guard import SocketGuard
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import SensorPhase, SensorSnapshot
-from ninedtact.studio.socket_guard import SocketGuard
 
 STREAM_FORMAT = 1
 """Number of the message format, raised when a field changes its meaning."""

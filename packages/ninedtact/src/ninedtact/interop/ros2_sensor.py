@@ -33,6 +33,7 @@ from ninedtact.interop.ros2_topics_and_messages import (
     encode_ros2_status,
 )
 from ninedtact.interop.sensor_sharing import watch_sensor
+from ninedtact.live.sensor_poller import SensorPoller, SensorSnapshot
 from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingStopped
@@ -41,7 +42,6 @@ from ninedtact.recording.recorder import new_reading_writer, notify_partial_reco
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import SensorPoller, SensorSnapshot
 
 _STATUS_S = 1.0
 _REFERENCE_S = 1.0

@@ -9,9 +9,9 @@ from time import monotonic_ns
 from typing import Any, NamedTuple
 
 from ninedtact.errors import DeviceError
+from ninedtact.live.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
-from ninedtact.studio.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
 
 _POLL_S = 0.05
 

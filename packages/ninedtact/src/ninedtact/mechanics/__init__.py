@@ -2,8 +2,8 @@
 out.
 
 `contact_model.ContactModel` is the file to read first: `step` takes the last contact, an `Indenter` and a `Pose` and returns
-the next `Contact`. Below it are the skin (`layer_compliance`, `periodic_grid`, `surface_displacement`), the objects
-(`indenter` and its shapes, `pose`) and the solvers (`normal_contact`, `friction`, `alternating_solver`, `active_region`).
+the next `Contact`. Below it are the skin (`layer_compliance`, `skin`), the objects
+(`indenter` and its shapes, `pose`) and the solvers (`normal_contact`, `friction`, `active_region`).
 Other packages import from these modules by name.
 
 Axes as in the whole package: z outward through the skin. Pressure p ≥ 0 pushes inward (−z), shear traction (q_x, q_y) is

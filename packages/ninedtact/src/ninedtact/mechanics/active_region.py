@@ -14,10 +14,9 @@ import numpy as np
 from array_api_compat import device
 from jaxtyping import Bool, Float
 
-from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
+from ninedtact.mechanics.contact_arrays import array_namespace_of, max_over_grid, to_numpy
 from ninedtact.mechanics.indenter import NO_OBJECT_MM
-from ninedtact.mechanics.shrinking_batch import max_over_grid
-from ninedtact.mechanics.surface_displacement import DisplacementOperators, PointMask, ScalarField, Skin
+from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, Skin
 
 _SIZE_STEP = 8
 """Sides of a rectangle are multiples of this many points, so that operators of few sizes are built."""

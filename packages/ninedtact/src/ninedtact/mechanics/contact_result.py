@@ -15,18 +15,18 @@ from jaxtyping import Float, Float64
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError, SimulationError
-from ninedtact.mechanics.array_namespace import array_namespace_of, to_numpy
-from ninedtact.mechanics.friction import slip_mask
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
-from ninedtact.mechanics.pose import InvalidPose, Pose
-from ninedtact.mechanics.shrinking_batch import (
+from ninedtact.mechanics.contact_arrays import (
     CountPerContact,
     PerContact,
     ScalarPerContact,
+    array_namespace_of,
     expand_over_grid,
     sum_over_grid,
+    to_numpy,
 )
-from ninedtact.mechanics.surface_displacement import PointMask, ScalarField, Skin, VectorField
+from ninedtact.mechanics.friction import slip_mask
+from ninedtact.mechanics.pose import InvalidPose, Pose
+from ninedtact.mechanics.skin import PeriodicGrid, PointMask, ScalarField, Skin, VectorField
 from ninedtact.quantities import Wrench
 
 
@@ -133,6 +133,11 @@ class Contact:
             Contact(self.skin, pose, *four, self.friction, residual, count)
             for pose, four, residual, count in zip(poses, fields, residuals, counts, strict=True)
         ]
+
+    def on_skin(self, skin: Skin) -> "Contact":
+        """Return the contact with its fields in the array library and on the device of this skin."""
+        names = ("pressure_mpa", "shear_mpa", "height_mm", "tangential_mm")
+        return replace(self, skin=skin, **{name: skin.asarray(to_numpy(getattr(self, name))) for name in names})
 
     def select(self, indices: Sequence[int], skin: Skin, friction: float) -> "Contact":
         """Return some contacts of a batch, all on this skin with this friction."""

@@ -21,10 +21,10 @@ from array_api_compat import device
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.array_namespace import array_namespace_of, forward_transform, inverse_transform
+from ninedtact.mechanics.contact_arrays import array_namespace_of, forward_transform, inverse_transform
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter import Ball, Indenter
-from ninedtact.mechanics.surface_displacement import ScalarField
+from ninedtact.mechanics.indenter import BallUnderside, Indenter
+from ninedtact.mechanics.skin import ScalarField
 
 LOAD_STIFFENING = 0.81
 PRESSURE_STIFFENING = 2.0
@@ -47,25 +47,44 @@ def finite_strain_load_factor(depth_over_thickness: Float[Any, "*any"]) -> Float
 def correct_for_finite_strain(
     contact: Contact, thickness_mm: float, indenter: Indenter | None = None, share: float = 1.0
 ) -> Contact:
-    """Return the contact with the tractions and the heights of gel at finite strain.
+    """Return the contact, or each of a batch, with the tractions and the heights of gel at finite strain.
 
     indenter: the object, where it is known; beside a ball the heights are those of the finite elements. share: part of the
     difference from the linear layer that is applied (`Gel.finite_strain`).
     """
     height = contact.height_mm
     on_both_axes = height[..., None, :, :] + 0 * contact.shear_mpa
-    if isinstance(indenter, Ball):
-        distance_mm, depth_mm = np.hypot(*contact.skin.grid.positions_mm), float(contact.pose.depth_mm)
-        added_mm = finite_strain_ball_change_mm(distance_mm, indenter.radius_mm, depth_mm, thickness_mm)
-        corrected = height + (share * added_mm).astype(height.dtype)
-    else:
-        corrected = height + share * (finite_strain_height_mm(contact, thickness_mm) - height)
     return replace(
         contact,
         pressure_mpa=finite_strain_traction_mpa(contact.pressure_mpa, height, thickness_mm, share),
         shear_mpa=finite_strain_traction_mpa(contact.shear_mpa, on_both_axes, thickness_mm, share),
-        height_mm=corrected,
+        height_mm=height
+        + _height_change_mm(contact, thickness_mm, (None,) if indenter is None else indenter.balls, share),
     )
+
+
+def _height_change_mm(
+    contact: Contact, thickness_mm: float, balls: tuple[BallUnderside | None, ...], share: float
+) -> ScalarField:
+    """Return this share of the change of height: beside a ball that of the finite elements, beside other shapes the fitted one."""
+    xp, height = array_namespace_of(contact.height_mm), contact.height_mm
+    if not any(balls):
+        return share * (finite_strain_height_mm(contact, thickness_mm) - height)
+    (x, y), depths_mm = (
+        contact.skin.grid.positions_mm,
+        np.broadcast_to(contact.pose.depth_mm, height.shape[:-2] or (1,)),
+    )
+    tabled = np.zeros((len(depths_mm), *x.shape))
+    each = balls * len(depths_mm) if len(balls) == 1 else balls
+    for index, (ball, depth_mm) in enumerate(zip(each, depths_mm.tolist(), strict=True)):
+        if ball is not None:
+            distance_mm = np.hypot(x - ball.x_mm, y - ball.y_mm)
+            tabled[index] = finite_strain_ball_change_mm(distance_mm, ball.radius_mm, depth_mm, thickness_mm)
+    change = share * xp.asarray(tabled.reshape(height.shape), dtype=height.dtype, device=device(height))
+    if all(balls):
+        return change
+    is_ball = xp.asarray(np.array([ball is not None for ball in balls])[:, None, None], device=device(height))
+    return xp.where(is_ball, change, share * (finite_strain_height_mm(contact, thickness_mm) - height))
 
 
 def finite_strain_traction_mpa(

@@ -9,17 +9,17 @@ Mechanics, 1985, §7). It is found by projected gradients with the step lengths 
 from dataclasses import dataclass
 from functools import cached_property
 
-from ninedtact.mechanics.array_namespace import array_namespace_of
-from ninedtact.mechanics.shrinking_batch import (
+from ninedtact.mechanics.contact_arrays import (
     ContactFlags,
     ContactIndices,
     PerContact,
+    array_namespace_of,
     half_with_all_unconverged,
     nonzero_divisor,
     put_contacts,
     take_contacts,
 )
-from ninedtact.mechanics.surface_displacement import DisplacementOperators, PointMask, ScalarField, VectorField
+from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, VectorField
 
 _SLIP_FROM = 0.99999
 """Fraction of μp from which a point counts as slipping."""

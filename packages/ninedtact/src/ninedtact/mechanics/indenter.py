@@ -16,8 +16,8 @@ from numpy import ndarray as Array
 
 from ninedtact.design import require_positive
 from ninedtact.errors import InputError
+from ninedtact.mechanics.contact_arrays import ScalarPerContact, expand_over_grid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.shrinking_batch import ScalarPerContact, expand_over_grid
 
 Heights = Float[Any, "*batch rows cols"]
 PosedHeights = Float[Any, "*posed rows cols"]
@@ -40,11 +40,28 @@ class TiltTooSteep(InputError):
     """Raised for a tilt at which the underside cannot be distinguished from a side."""
 
 
+@dataclass(frozen=True)
+class BallUnderside:
+    """A ball that faces the skin: its radius, and where its axis is from the object's origin."""
+
+    radius_mm: float
+    x_mm: float = 0.0
+    y_mm: float = 0.0
+
+
 class Indenter(ABC):
     """A rigid object over the skin."""
 
     name: str
     """The object's name, which is also its identifier in a data set."""
+
+    @property
+    def balls(self) -> "tuple[BallUnderside | None, ...]":
+        """The ball that the object is, None for any other shape; one entry for each object of a batch of different ones.
+
+        Beside balls the skin at finite strain is known from finite elements (`finite_strain`).
+        """
+        return (None,)
 
     @abstractmethod
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
@@ -176,6 +193,11 @@ class Ball(Indenter):
     def name(self) -> str:  # type: ignore[override]
         """The shape with its diameter in mm."""
         return f"ball_{2 * self.radius_mm:g}mm"
+
+    @property
+    def balls(self) -> tuple[BallUnderside | None, ...]:
+        """The ball itself."""
+        return (BallUnderside(self.radius_mm),)
 
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
         """Return the lower cap; no object beyond the equator."""

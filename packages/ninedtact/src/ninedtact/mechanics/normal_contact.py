@@ -10,11 +10,11 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
-from ninedtact.mechanics.array_namespace import array_namespace_of
-from ninedtact.mechanics.shrinking_batch import (
+from ninedtact.mechanics.contact_arrays import (
     ContactFlags,
     ContactIndices,
     PerContact,
+    array_namespace_of,
     half_with_all_unconverged,
     max_over_grid,
     nonzero_divisor,
@@ -22,7 +22,7 @@ from ninedtact.mechanics.shrinking_batch import (
     sum_over_grid,
     take_contacts,
 )
-from ninedtact.mechanics.surface_displacement import DisplacementOperators, PointMask, ScalarField
+from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ def record(
     force_torque: WrenchSource | None = None,
     seconds: float | None = None,
     heights: bool = False,
-    estimator: ForceEstimator | None = None,
+    estimator: ForceEstimator = NoForceEstimator(),
     settings: str = "{}",
     images: ImageStorage = "zstd",
     height_step_mm: float = 0.0,
@@ -92,7 +92,7 @@ class SensorToRecord:
     source: FrameSource
     sensor: SensorFolder
     force_torque: WrenchSource | None = None
-    estimator: ForceEstimator | None = None
+    estimator: ForceEstimator = field(default_factory=NoForceEstimator)
     camera_delay_ms: float = 0.0
 
 
@@ -167,9 +167,9 @@ def _new_recorder(
 ) -> "Recorder":
     """Return the recorder of one sensor, whose file and sources are still closed."""
     sensor, force_torque, estimates = part.sensor, part.force_torque, None
-    if heights or part.estimator:
+    if heights or not isinstance(part.estimator, NoForceEstimator):
         find_faults = load_reference_image_checker(sensor).find_faults
-        estimates = EstimateRecorder(sensor.shape, part.estimator or NoForceEstimator(), heights, find_faults, notify)
+        estimates = EstimateRecorder(sensor.shape, part.estimator, heights, find_faults, notify)
     topics = {Topic.IMAGES, *(estimates.topics if estimates else ()), *([Topic.MEASURED] if force_torque else ())}
     metadata = replace(
         stored,

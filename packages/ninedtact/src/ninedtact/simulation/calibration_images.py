@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.strict_image_reading import average_images
 from ninedtact.design import Gel, PinBoard, SensorDesign
-from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.renderer import BgrImage

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.array_namespace import to_numpy
+from ninedtact.mechanics.contact_arrays import to_numpy
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import HeightMap, HeightSource, skin_grid_mm
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid, grid_indices_at_positions, sample_periodic

@@ -10,11 +10,10 @@ from threading import Lock
 import numpy as np
 
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.trajectory import HOVER_MM
-from ninedtact.simulation.twin import Twin
+from ninedtact.simulation.twin import Press, Twin
 
 STEP_DEPTH_MM, STEP_DRAG_MM, STEP_TURN_RAD, STEP_LOAD_N = 0.3, 0.3, np.radians(4.0), 3.0
 """The longest changes of one step; those of a scripted press, and less in depth because the object may be dragged meanwhile."""
@@ -84,39 +83,37 @@ class SimulatedHand:
         with self._lock:
             self._indenter, self._refusal = None, ""
 
-    def step(self, twin: Twin, last: Contact, indenter: Indenter) -> Contact:
-        """Return the contact one step nearer to the target; the last contact where the twin refuses the step."""
+    def step(self, twin: Twin, last: Press, indenter: Indenter) -> Press:
+        """Return the press one step nearer to the target; the last one where the twin refuses the step."""
         target, refusal = self.target, ""
         lifted = target.load_n is not None and target.load_n < _LIGHTEST_N
         deep_mm = -HOVER_MM if lifted else target.pose.depth_mm
         wanted = replace(target.pose, depth_mm=deep_mm)
         try:
             if target.load_n is None or lifted:
-                contact = twin.step(last, indenter, _approach(last.pose, wanted))
+                press = twin.press(last, indenter, _approach(last.pose, wanted))
             else:
-                contact = _step_to_load(twin, last, indenter, wanted, target.load_n)
+                press = _step_to_load(twin, last, indenter, wanted, target.load_n)
         except NinedtactError as trouble:
-            contact, refusal = last, str(trouble)
+            press, refusal = last, str(trouble)
         with self._lock:
             self._refusal = refusal
-        return contact
+        return press
+
+    def hover(self, twin: Twin, indenter: Indenter) -> Press:
+        """Return undeformed skin with an object above it, at the place of the target."""
+        return twin.hover(indenter, replace(self.target.pose, depth_mm=-HOVER_MM))
 
 
-def hover_contact(twin: Twin, target: HandTarget) -> Contact:
-    """Return undeformed skin with an object above it, at the place of a target."""
-    return replace(twin.model.initial_contact(), pose=replace(target.pose, depth_mm=-HOVER_MM))
-
-
-def _step_to_load(twin: Twin, last: Contact, indenter: Indenter, wanted: Pose, load_n: float) -> Contact:
-    """Return the contact under a load that is one step nearer to the wanted one; without contact the object comes down first."""
+def _step_to_load(twin: Twin, last: Press, indenter: Indenter, wanted: Pose, load_n: float) -> Press:
+    """Return the press under a load that is one step nearer to the wanted one; without contact the object comes down first."""
     if not last.touches:
-        return twin.step(
+        return twin.press(
             last, indenter, _approach(last.pose, replace(wanted, depth_mm=last.pose.depth_mm + STEP_DEPTH_MM))
         )
-    now_n = twin.load_n(last)
-    next_n = now_n + float(np.clip(load_n - now_n, -STEP_LOAD_N, STEP_LOAD_N))
+    next_n = last.load_n + float(np.clip(load_n - last.load_n, -STEP_LOAD_N, STEP_LOAD_N))
     pose = _approach(last.pose, replace(wanted, depth_mm=last.pose.depth_mm))
-    return twin.step(last, indenter, pose, max(next_n, _LIGHTEST_N))
+    return twin.press(last, indenter, pose, max(next_n, _LIGHTEST_N))
 
 
 def _approach(last: Pose, wanted: Pose) -> Pose:

@@ -19,8 +19,8 @@ from array_api_compat import device
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.array_namespace import array_namespace_of
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
+from ninedtact.mechanics.contact_arrays import array_namespace_of
+from ninedtact.mechanics.skin import PeriodicGrid
 
 STEP_PX = 8
 """Spacing of the pixels at which positions are computed. Lenses are smooth: cubic interpolation between them errs by less than 1
@@ -188,4 +188,10 @@ def zero_pad_spectrum(wave: Any, grid: PeriodicGrid) -> Any:
     padded = array_namespace_of(wave).zeros(shape, dtype=wave.dtype, device=device(wave))
     padded[..., :upper, :half] = wave[..., :upper, :]
     padded[..., upper - grid.rows :, :half] = wave[..., upper:, :]
+    # The highest wave of an even side stands for both signs of its frequency, which the finer grid tells apart.
+    if grid.rows % 2 == 0:
+        padded[..., -upper, :half] /= 2
+        padded[..., upper, :half] = padded[..., -upper, :half]
+    if grid.cols % 2 == 0:
+        padded[..., half - 1] /= 2
     return padded

@@ -18,12 +18,11 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.errors import SimulationError
-from ninedtact.mechanics.array_namespace import to_numpy
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.simulation.hand_moved_object import SimulatedHand, hover_contact
+from ninedtact.simulation.hand_moved_object import SimulatedHand
 from ninedtact.simulation.trajectory import Trajectory
-from ninedtact.simulation.twin import Twin
+from ninedtact.simulation.twin import Press, Twin
 
 
 @dataclass
@@ -87,7 +86,7 @@ class SampleTimer:
         return self.clock.start_ns + round(number * 1e9 / self.hz)
 
 
-KEPT_CONTACTS, KEPT_WRENCHES = 16, 1024
+KEPT_PRESSES, KEPT_WRENCHES = 16, 1024
 """Number of the newest steps that are stored."""
 
 
@@ -105,22 +104,6 @@ class ObjectTrajectory:
 
     indenter: Indenter
     trajectory: Trajectory
-
-
-@dataclass(frozen=True)
-class PressStep:
-    """An object on the twin at one step, with the contact as it is rendered and measured."""
-
-    indenter: Indenter
-    contact: Contact
-
-    @property
-    def slip_share(self) -> float | None:
-        """Share of the contact that slips, 0 to 1; None without contact."""
-        touched = to_numpy(self.contact.pressure_mpa) > 0
-        if not touched.any():
-            return None
-        return 1 - float(to_numpy(self.contact.stick_mask)[touched].mean())
 
 
 @dataclass
@@ -142,12 +125,10 @@ class PressSequence:
     hand: SimulatedHand = field(default_factory=SimulatedHand)
     """The object that a person moves instead; empty at the beginning."""
     clock: SimulationClock = field(init=False)
-    contacts: dict[int, Contact] = field(default_factory=dict, init=False, repr=False)
+    presses: dict[int, Press] = field(default_factory=dict, init=False, repr=False)
     """The newest steps by number, ascending. The step before the first is undeformed skin."""
     wrenches: dict[int, Float64[Array, "6"]] = field(default_factory=dict, init=False, repr=False)
     """True wrenches of the newest steps about the centre of the skin, by number."""
-    indenters: dict[int, Indenter] = field(default_factory=dict, init=False, repr=False)
-    """The objects of the newest steps, by number."""
     lock: RLock = field(default_factory=RLock, init=False, repr=False)
     _last_grasp: int = field(default=0, init=False)
     """The object in the hand that was pressed at the newest step, by its number; zero for one of the trajectories."""
@@ -174,9 +155,8 @@ class PressSequence:
         """Add a source that was opened; the first one starts the motion."""
         with self.lock:
             if self.clock.join():
-                self.contacts.clear()
+                self.presses.clear()
                 self.wrenches.clear()
-                self.indenters.clear()
 
     def require_time(self, at_s: float) -> None:
         """Refuse a time after the last round; raises `SourceEnded`."""
@@ -186,7 +166,11 @@ class PressSequence:
             )
 
     def contact(self, number: int) -> Contact:
-        """Return the contact at a step.
+        """Return the contact at a step, as it is rendered and measured; raises what `press` raises."""
+        return self.press(number).corrected
+
+    def press(self, number: int) -> Press:
+        """Return the press at a step.
 
         In real time it is that at the nearest step that is stored, which is later than asked for after a long wait. Raises
         `SimulationStepNoLongerStored` where every step is solved.
@@ -194,20 +178,22 @@ class PressSequence:
         with self.lock:
             self._solve_to(number)
             if self.real_time:
-                number = min(self.contacts, key=lambda step: abs(step - number))
-            if number not in self.contacts:
-                raise self._step_expired(number, self.contacts)
-            return self.twin.correct_contact(self.contacts[number], self.indenters[number])
+                number = self._nearest(number)
+            if number not in self.presses:
+                raise self._step_expired(number, next(iter(self.presses)))
+            return self.presses[number]
 
-    def press_at(self, stamp_ns: int) -> PressStep | None:
-        """Return the object and the contact that the camera saw at a time; None where that step is no longer stored."""
+    def press_at(self, stamp_ns: int) -> Press | None:
+        """Return the press that the camera saw at a time; None where that step is no longer stored."""
         number = round((stamp_ns - self.clock.start_ns) * self.hz / 1e9)
         with self.lock:
-            if not self.contacts or not next(iter(self.contacts)) <= number <= next(reversed(self.contacts)):
+            if not self.presses or not next(iter(self.presses)) <= number <= next(reversed(self.presses)):
                 return None
-            number = min(self.contacts, key=lambda step: abs(step - number))
-            contact, indenter = self.contacts[number], self.indenters[number]
-        return PressStep(indenter, self.twin.correct_contact(contact, indenter))
+            return self.presses[self._nearest(number)]
+
+    def _nearest(self, number: int) -> int:
+        """Return the stored step that is nearest to this one."""
+        return min(self.presses, key=lambda step: abs(step - number))
 
     def wrench_six_at(self, at_s: float) -> Float64[Array, "6"]:
         """Return the true wrench (N, N·m) about the centre of the skin at a time, interpolated linearly between steps.
@@ -223,7 +209,7 @@ class PressSequence:
             known = list(self.wrenches)
             is_first_solved = self.real_time and len(known) < KEPT_WRENCHES  # no step before was ever solved
             if step < known[0] and not is_first_solved:
-                raise self._step_expired(int(step), self.wrenches)
+                raise self._step_expired(int(step), known[0])
             step = min(step, known[-1])
             after = bisect_left(known, step)
             one, other = known[max(after - 1, 0)], known[after]
@@ -232,34 +218,30 @@ class PressSequence:
 
     def _solve_to(self, number: int) -> None:
         """Solve the missing steps up to this one; in real time only this one."""
-        newest = next(reversed(self.contacts), -1)
+        newest = next(reversed(self.presses), -1)
         missing = range(newest + 1, number + 1)
         for step in missing[-1:] if self.real_time else missing:
-            self._store(step, *self._solve_step(newest, step))
-            newest = step
+            press = self._solve_step(newest, step)
+            self.presses[step], self.wrenches[step], newest = press, press.wrench.six, step
+            if len(self.presses) > KEPT_PRESSES:
+                del self.presses[next(iter(self.presses))]
+            if len(self.wrenches) > KEPT_WRENCHES:
+                del self.wrenches[next(iter(self.wrenches))]
 
-    def _store(self, step: int, indenter: Indenter, contact: Contact) -> None:
-        """Store a step and drop the oldest one."""
-        self.contacts[step], self.wrenches[step] = contact, self.twin.correct_contact(contact, indenter).wrench().six
-        self.indenters[step] = indenter
-        memories = ((self.contacts, KEPT_CONTACTS), (self.indenters, KEPT_CONTACTS), (self.wrenches, KEPT_WRENCHES))
-        for memory, kept in memories:
-            if len(memory) > kept:
-                del memory[next(iter(memory))]
-
-    def _solve_step(self, newest: int, step: int) -> tuple[Indenter, Contact]:
-        """Return the object and the contact at a step after the newest one; every object starts on undeformed skin."""
+    def _solve_step(self, newest: int, step: int) -> Press:
+        """Return the press at a step after the newest one; every object starts on undeformed skin."""
         grasp, held = self.hand.grasp
         before, self._last_grasp = self._last_grasp, 0 if held is None else grasp
         if held is not None:
             continues = newest >= 0 and before == grasp
-            last = self.contacts[newest] if continues else hover_contact(self.twin, self.hand.target)
-            return held, self.hand.step(self.twin, last, held)
+            last = self.presses[newest] if continues else self.hand.hover(self.twin, held)
+            return self.hand.step(self.twin, last, held)
         number, within_s = self.trajectory_at(step / self.hz)
         continues = newest >= 0 and before == 0 and self.trajectory_at(newest / self.hz)[0] == number
-        last = self.contacts[newest] if continues else self.twin.model.initial_contact()
         item = self.trajectories[number % len(self.trajectories)]
-        return item.indenter, self.twin.step(last, item.indenter, item.trajectory.pose_at(within_s))
+        return self.twin.press(
+            self.presses[newest] if continues else None, item.indenter, item.trajectory.pose_at(within_s)
+        )
 
     def trajectory_at(self, at_s: float) -> tuple[int, float]:
         """Return the number of the trajectory at a time, counted through all rounds, and the time since it began."""
@@ -267,9 +249,9 @@ class PressSequence:
         index = min(int(np.searchsorted(self.ends_s, within_s, side="right")), len(self.trajectories) - 1)
         return int(rounds) * len(self.trajectories) + index, within_s - (self.ends_s[index - 1] if index else 0.0)
 
-    def _step_expired(self, step: int, memory: dict[int, Contact] | dict[int, Array]) -> SimulationStepNoLongerStored:
+    def _step_expired(self, step: int, oldest: int) -> SimulationStepNoLongerStored:
         """Return the error for a step that is no longer stored."""
         return SimulationStepNoLongerStored(
-            f"expected a step of the simulation from {next(iter(memory))} on, got {step}, which is no longer stored; open all "
+            f"expected a step of the simulation from {oldest} on, got {step}, which is no longer stored; open all "
             "sources together, and read them in turn"
         )

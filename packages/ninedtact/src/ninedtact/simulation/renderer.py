@@ -12,10 +12,14 @@ from array_api_compat import device
 from jaxtyping import Bool, Float, Float32, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.array_namespace import array_namespace_of, forward_transform, inverse_transform
+from ninedtact.mechanics.contact_arrays import (
+    array_namespace_of,
+    expand_over_grid,
+    forward_transform,
+    inverse_transform,
+)
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.periodic_grid import PeriodicGrid, padded_grid
-from ninedtact.mechanics.shrinking_batch import expand_over_grid
+from ninedtact.mechanics.skin import PeriodicGrid, padded_grid
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import (
     FIXED_POINT_STEPS,

@@ -39,6 +39,11 @@ class SimulatedCamera(FrameSource):
         self.name = f"twin {self.simulation.twin.name}"
         self.timer = SampleTimer(self.simulation.clock, self.simulation.hz)
 
+    @cached_property
+    def reference_frames(self) -> tuple[Frame, ...]:
+        """The reference images (no contact) of the twin."""
+        return simulate_reference_frames(self.simulation.twin)
+
     def open(self) -> None:
         """Start the simulation, or join it."""
         with self.lock:
@@ -164,11 +169,6 @@ class DemoSources:
 
     camera: SimulatedCamera
     force_torque: SimulatedForceTorque
-
-    @cached_property
-    def reference_frames(self) -> tuple[Frame, ...]:
-        """The reference images (no contact) of the twin."""
-        return simulate_reference_frames(self.simulation.twin)
 
     @property
     def simulation(self) -> PressSequence:

@@ -11,7 +11,7 @@ from itertools import accumulate
 import numpy as np
 
 from ninedtact.errors import InputError
-from ninedtact.mechanics.alternating_solver import SolverSettings
+from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
@@ -69,13 +69,6 @@ class Trajectory:
         segment, before = self.segments[number], self.segments[number - 1].to if number else self.start
         part = 1 - (self.ends_s[number] - at_s) / segment.seconds
         return before.interpolate(segment.to, _smoothstep(part))
-
-    def sample_poses(self, hz: float) -> Iterator[Pose]:
-        """Yield all poses at this rate, the last one included; raises `InvalidTrajectory` for a rate that is not above zero."""
-        if not 0 < hz < np.inf:
-            raise InvalidTrajectory(f"expected a rate of poses above zero, got {hz:g} Hz; give another")
-        for number in range(int(np.ceil(self.duration_s * hz)) + 1):
-            yield self.pose_at(number / hz)
 
 
 def _smoothstep(part: float) -> float:
@@ -173,17 +166,17 @@ class ScriptedPress:
     def simulate(
         self, twin: Twin, indenter: Indenter, solver_settings: SolverSettings | None = PRESS_SOLVER_SETTINGS
     ) -> Contact:
-        """Return the contact at the end of the press; raises `InvalidPress` and what `Twin.step` raises.
+        """Return the contact at the end of the press; raises `InvalidPress` and what `Twin.press` raises.
 
         solver_settings: None keeps those of the twin.
         """
         self._require_within_gel(twin)
         twin = twin if solver_settings is None else replace(twin, solver_settings=solver_settings)
-        contact = twin.model.initial_contact()
+        press = twin.hover(indenter, Pose())
         for pose in self.poses():
-            deeper = pose if self.load_n is None else replace(pose, depth_mm=contact.pose.depth_mm)
-            contact = twin.step(contact, indenter, deeper, self.load_n)
-        return twin.correct_contact(contact, indenter)
+            deeper = pose if self.load_n is None else replace(pose, depth_mm=press.pose.depth_mm)
+            press = twin.press(press, indenter, deeper, self.load_n)
+        return press.corrected
 
     def _require_within_gel(self, twin: Twin) -> None:
         """Refuse a depth at which the object would go through the gel; raises `InvalidPress`."""

@@ -1,6 +1,6 @@
 """The digital twin of a sensor: its gel, brightness model, lens, reference image and camera noise.
 
-`build_twin_from_folder` of `ninedtact.calibration` makes the twin of a calibrated sensor, `twin_from_design` that of a sensor which
+`SensorFolder.twin` of `ninedtact.calibration` makes the twin of a calibrated sensor, `twin_from_design` that of a sensor which
 is designed but not built, `default_twin` that of the published design.
 
 A design differs from the published one in three ways. The gel's thickness t changes the reflectance St/(1 + St) of its layer
@@ -9,24 +9,27 @@ stays the same part of the thickness. The camera's distance and the refraction i
 image. The exposure is assumed to be set so that the reference image keeps its brightness.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Protocol, runtime_checkable
+from typing import Any
 from zlib import crc32
 
 import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray as Array
 
 from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX, Gel, SensorDesign
 from ninedtact.errors import SimulationError
-from ninedtact.mechanics.alternating_solver import SolverSettings
-from ninedtact.mechanics.array_namespace import to_numpy
-from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.contact_arrays import ScalarPerContact, array_namespace_of, sum_over_grid, to_numpy
+from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
 from ninedtact.mechanics.contact_result import Contact, ContactLeavesGrid
+from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance
-from ninedtact.mechanics.periodic_grid import padded_grid
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.surface_displacement import Skin
+from ninedtact.mechanics.skin import Skin, padded_grid
+from ninedtact.quantities import Wrench
 from ninedtact.simulation.gel_brightness import BrightnessModel, synthetic_reference_image
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
@@ -46,23 +49,110 @@ class ContactLeavesGel(SimulationError):
     """Raised for a contact that reaches beyond the edge of the gel."""
 
 
-@runtime_checkable
-class ContactCorrection(Protocol):
-    """A function from a contact of the linear solver to the one that is rendered and measured."""
-
-    def __call__(self, contact: Contact, indenter: Indenter | None = None) -> Contact:
-        """Return the corrected contact; the object is given where it is known."""
-
-
-def _uncorrected(contact: Contact, indenter: Indenter | None = None) -> Contact:
-    """Return the contact of the linear layer unchanged."""
-    return contact
-
-
 LOAD_TOLERANCE = 0.005
-"""Relative difference from the wanted load at which a contact that is corrected counts as found."""
+"""Relative difference from the wanted load at which a press counts as found."""
 LOAD_ROUNDS = 4
 """Largest number of contacts that are solved to find a load."""
+
+
+@dataclass(frozen=True)
+class Press:
+    """An object in the skin of a twin: the contact as it was solved, and as it is rendered and measured. Or a batch of presses, one
+    object on each skin, whose numbers are arrays; `unstack` gives them one by one.
+    """
+
+    solved: Contact
+    """The contact of the linear layer, from which the next press continues."""
+    corrected: Contact
+    """The contact as the gel acts: the same where the gel is linear."""
+    indenter: Indenter
+
+    @property
+    def pose(self) -> Pose:
+        """The pose of the object, with the depth that was found."""
+        return self.solved.pose
+
+    @property
+    def wrench(self) -> Wrench:
+        """What the object applies to the skin, about the middle of the undeformed skin; for a single press."""
+        six = self._numbers[:6]
+        return Wrench(six[:3], six[3:])
+
+    @property
+    def load_n(self) -> ScalarPerContact:
+        """The load of the gel as it acts."""
+        return _drop_array(-self._numbers[..., 2])
+
+    @property
+    def linear_load_n(self) -> ScalarPerContact:
+        """The load of the linear layer."""
+        return _drop_array(self._numbers[..., 6])
+
+    @property
+    def touches(self) -> bool:
+        """Whether there is pressure anywhere, under any object of a batch."""
+        return bool(self._numbers[..., 7].any())
+
+    @property
+    def contact_area_mm2(self) -> ScalarPerContact:
+        """The area under pressure."""
+        return _drop_array(self._numbers[..., 7] * self.solved.skin.grid.cell_area_mm2)
+
+    @property
+    def max_indentation_mm(self) -> ScalarPerContact:
+        """The maximum indentation of the skin as it was solved."""
+        return _drop_array(self._numbers[..., 8])
+
+    @property
+    def stiffening(self) -> ScalarPerContact:
+        """The ratio of the load of the gel as it acts to that of the linear layer; one without contact."""
+        return _drop_array(self._numbers[..., 9])
+
+    @property
+    def slip_share(self) -> float | None:
+        """Share of the contact that slips, 0 to 1; None without contact. For a single press."""
+        touched = to_numpy(self.corrected.pressure_mpa) > 0
+        return 1 - float(to_numpy(self.corrected.stick_mask)[touched].mean()) if touched.any() else None
+
+    @cached_property
+    def _numbers(self) -> Float64[Array, "*batch 10"]:
+        """The wrench (N, N·m), linear load, points under pressure, indentation and stiffening, summed where the fields are."""
+        solved, xp = self.solved, array_namespace_of(self.solved.height_mm)
+        pressed, pressure = solved.pressure_mpa > 0, sum_over_grid(solved.pressure_mpa)
+        ratio = sum_over_grid(self.corrected.pressure_mpa) / xp.where(pressure > 0, pressure, 1.0)
+        deepest = -xp.min(solved.height_mm, axis=(-2, -1), keepdims=True)
+        points = xp.astype(sum_over_grid(pressed), deepest.dtype)
+        each = to_numpy(xp.concat((points, deepest, xp.where(pressure > 0, ratio, 1.0)), axis=-1))[..., 0, :]
+        linear_n = sum_over_grid(xp.astype(solved.pressure_mpa, xp.float64)) * solved.skin.grid.cell_area_mm2
+        six = self.corrected.wrenches() if solved.pose.batch_shape else self.corrected.wrench().six
+        return np.concatenate([six, to_numpy(linear_n)[..., 0], each], axis=-1)
+
+    def on_skin(self, skin: Skin) -> "Press":
+        """Return the press with its contacts in the array library and on the device of this skin."""
+        solved = self.solved.on_skin(skin)
+        press = Press(solved, solved if self.corrected is self.solved else self.corrected.on_skin(skin), self.indenter)
+        vars(press)["_numbers"] = self._numbers
+        return press
+
+    @staticmethod
+    def stack(presses: "Sequence[Press]", indenter: Indenter) -> "Press":
+        """Return single presses on equal grids as a batch of one indenter for all."""
+        solved = Contact.stack([press.solved for press in presses])
+        return Press(solved, Contact.stack([press.corrected for press in presses]), indenter)
+
+    def unstack(self, indenters: Sequence[Indenter]) -> "list[Press]":
+        """Return the presses of a batch one by one, each with its own object."""
+        solved = self.solved.unstack()
+        corrected = solved if self.corrected is self.solved else self.corrected.unstack()
+        presses = [Press(*one) for one in zip(solved, corrected, indenters, strict=True)]
+        for press, numbers in zip(presses, self._numbers, strict=True):
+            vars(press)["_numbers"] = numbers  # computed for all at once, which a device does in the time of one
+        return presses
+
+
+def _drop_array(number: Float64[Array, "*batch"]) -> ScalarPerContact:
+    """Return the number of a single press as a float, those of a batch as they are."""
+    return float(number) if np.ndim(number) == 0 else number
 
 
 @dataclass(frozen=True)
@@ -81,14 +171,16 @@ class Twin:
     """Thickness of all compliant layers."""
     gel_mm: tuple[float, float] = (29.5, 22.5)
     """Width and height of the gel that the published mould makes; the camera sees the middle."""
-    correct_contact: ContactCorrection = _uncorrected
-    """Gels that are not linear need it."""
+    finite_strain: float = 0.0
+    """Share, 0 to 1, of the difference between gel at finite strain and the linear layer (`Gel.finite_strain`)."""
+    like: Any = field(default_factory=lambda: np.zeros((), np.float32), compare=False, repr=False)
+    """Presses are solved in the array library, precision and device of this array."""
 
     @cached_property
     def model(self) -> ContactModel:
         """The contact model of the skin."""
         patch = padded_grid(*self.area_mm, self.pitch_mm, MARGIN_MM)
-        skin = Skin(patch, self.compliance_of, np.zeros((), np.float32), self.thickness_mm)
+        skin = Skin(patch, self.compliance_of, self.like, self.thickness_mm)
         return ContactModel(skin, self.friction, self.solver_settings)
 
     def with_noise_of(self, name: str) -> "Twin":
@@ -99,48 +191,67 @@ class Twin:
         noise = replace(self.renderer.noise, seed=crc32(name.encode()))
         return replace(self, renderer=replace(self.renderer, noise=noise))
 
-    def step(self, last: Contact, indenter: Indenter, pose: Pose, load_n: float | None = None) -> Contact:
-        """Return the contact after the object has moved to a pose, or to a load near that pose, before `correct_contact`.
+    def hover(self, indenter: Indenter, pose: Pose) -> Press:
+        """Return undeformed skin under an object at a pose that is above it."""
+        contact = replace(self.model.initial_contact(), pose=pose)
+        return Press(contact, contact, indenter)
 
-        The load is that of the corrected contact, to `LOAD_TOLERANCE`.
+    def press(
+        self,
+        last: Press | None,
+        indenter: Indenter,
+        pose: Pose,
+        load_n: ScalarPerContact | None = None,
+        *,
+        is_linear_load: bool = False,
+    ) -> Press:
+        """Return the press after the object has moved to a pose, or to a load near that pose; this is the only way to press a twin.
+
+        last: the press before, None for undeformed skin. load_n: the load of the gel as it acts, to `LOAD_TOLERANCE`; with
+        `is_linear_load` that of the linear layer, which is solved once. A pose with arrays in it is a batch.
+
         Raises `PoseOutOfView`, `ContactLeavesGel`, and what `ContactModel` raises.
         """
-        if load_n is None:
-            return self.step_linear_layer(last, indenter, pose)
-        contact = last
-        for _ in range(LOAD_ROUNDS):
-            contact = self.step_linear_layer(last, indenter, pose, self.linear_load_n(contact, load_n))
-            if self.bears(contact, load_n):
+        self.require_in_view(pose)
+        before = self.model.initial_contact() if last is None else last.solved
+        if load_n is None or is_linear_load:
+            return self.finish_press(self._solve(before, indenter, pose, load_n), indenter)
+        wanted_n = self._linear_load_n(last, load_n)
+        for round_number in range(LOAD_ROUNDS):
+            press = self.finish_press(self._solve(before, indenter, pose, wanted_n), indenter)
+            found = np.abs(press.load_n - load_n) <= LOAD_TOLERANCE * np.asarray(load_n)
+            if not self.finite_strain or found.all() or round_number == LOAD_ROUNDS - 1:
                 break
-        return contact
+            # A press of a batch whose load is found is solved again as it was, so that it is the one that it would be alone.
+            wanted_n = np.where(found, wanted_n, self._linear_load_n(press, load_n)) + 0.0
+        return press
 
-    def bears(self, contact: Contact, load_n: float) -> bool:
-        """Return whether a contact of the solver has a load after `correct_contact`, to `LOAD_TOLERANCE`."""
-        return self.correct_contact is _uncorrected or abs(self.load_n(contact) - load_n) <= LOAD_TOLERANCE * load_n
+    def finish_press(self, solved: Contact, indenter: Indenter) -> Press:
+        """Return the press of a contact that the linear solver found, here or in a batch of several sensors."""
+        if not self.finite_strain:
+            return Press(solved, solved, indenter)
+        corrected = correct_for_finite_strain(solved, self.thickness_mm, indenter, self.finite_strain)
+        return Press(solved, corrected, indenter)
 
-    def load_n(self, contact: Contact) -> float:
-        """Return the load of a contact after `correct_contact`."""
-        return -float(self.correct_contact(contact).wrench().force_n[2])
-
-    def linear_load_n(self, known: Contact, load_n: float) -> float:
-        """Return the load of the linear layer whose corrected contact has a load, as a contact of the same object tells.
+    def _linear_load_n(self, known: Press | None, load_n: ScalarPerContact) -> ScalarPerContact:
+        """Return the load of the linear layer at which the gel has a load, as a press of the same object tells.
 
         The correction adds a share of the load that grows with the load. Without contact it is the load itself.
         """
-        solved_n = -float(known.wrench().force_n[2]) if known.touches else 0.0
-        if self.correct_contact is _uncorrected or solved_n <= 0:
+        if not self.finite_strain or known is None or not known.touches:
             return load_n
-        growth_per_n = (self.load_n(known) / solved_n - 1) / solved_n
-        return 2 * load_n / (1 + np.sqrt(max(1 + 4 * growth_per_n * load_n, 0.0)))
+        linear_n = np.maximum(known.linear_load_n, 1e-12)
+        growth_per_n = (known.load_n / linear_n - 1) / linear_n
+        found = 2 * np.asarray(load_n) / (1 + np.sqrt(np.maximum(1 + 4 * growth_per_n * load_n, 0.0)))
+        return _drop_array(np.where(np.asarray(known.linear_load_n) > 0, found, load_n))
 
-    def step_linear_layer(self, last: Contact, indenter: Indenter, pose: Pose, load_n: float | None = None) -> Contact:
-        """Return the contact as `step` does, where a load is that of the linear layer, before `correct_contact`."""
-        self.require_in_view(pose)
+    def _solve(self, before: Contact, indenter: Indenter, pose: Pose, load_n: ScalarPerContact | None) -> Contact:
+        """Return the contact of the linear layer at a pose or under a load."""
         try:
             if load_n is None:
-                contact = self.model.step(last, indenter, pose)
+                contact = self.model.step(before, indenter, pose)
             else:
-                contact = self.model.step_to_load(last, indenter, pose, load_n)
+                contact = self.model.step_to_load(before, indenter, pose, load_n)
         except ContactLeavesGrid as beyond:
             raise self.contact_leaves_gel(indenter, "more than that") from beyond
         self.require_on_gel(indenter, contact)
@@ -149,20 +260,21 @@ class Twin:
     def require_in_view(self, pose: Pose) -> None:
         """Refuse a pose whose centre the camera does not see; raises `PoseOutOfView`."""
         reach = self.renderer.pixel_map.reach_mm
-        if abs(pose.x_mm) > reach[0] or abs(pose.y_mm) > reach[1]:
+        x_mm, y_mm = np.broadcast_arrays(np.atleast_1d(pose.x_mm), pose.y_mm)
+        outside = (np.abs(x_mm) > reach[0]) | (np.abs(y_mm) > reach[1])
+        if outside.any():
             raise PoseOutOfView(
                 f"expected the object over the skin that the camera sees, x within ±{reach[0]:.1f} mm and y within "
-                f"±{reach[1]:.1f} mm, got ({pose.x_mm:g}, {pose.y_mm:g}) mm; press nearer to the centre"
+                f"±{reach[1]:.1f} mm, got ({x_mm[outside][0]:g}, {y_mm[outside][0]:g}) mm; press nearer to the centre"
             )
 
     def require_on_gel(self, indenter: Indenter, contact: Contact) -> None:
         """Refuse a contact that reaches beyond the edge of the gel; raises `ContactLeavesGel`."""
         pressed = to_numpy(contact.pressure_mpa) > 0
-        if not pressed.any():
-            return
-        reach = [float(np.abs(place[pressed]).max()) for place in contact.surface_points_mm[:2]]
-        if reach[0] > self.gel_mm[0] / 2 or reach[1] > self.gel_mm[1] / 2:
-            raise self.contact_leaves_gel(indenter, f"contact up to x = ±{reach[0]:.1f} mm and y = ±{reach[1]:.1f} mm")
+        places = np.abs(contact.surface_points_mm[..., :2, :, :]) * pressed[..., None, :, :]
+        x_mm, y_mm = (float(places[..., axis, :, :].max()) for axis in (0, 1))
+        if x_mm > self.gel_mm[0] / 2 or y_mm > self.gel_mm[1] / 2:
+            raise self.contact_leaves_gel(indenter, f"contact up to x = ±{x_mm:.1f} mm and y = ±{y_mm:.1f} mm")
 
     def contact_leaves_gel(self, indenter: Indenter, got: str) -> ContactLeavesGel:
         """Return the error for an object that does not fit on the gel."""
@@ -187,7 +299,8 @@ def default_twin(seed: int = 0, gel: Gel = Gel()) -> Twin:
         CameraNoise(shape=pixel_map.raw_shape, seed=seed),
     )
     renderer = Renderer(pixel_map, reference, BrightnessModel(), noise)
-    return Twin("default", partial(bonded_layer_compliance, gel=gel), renderer, thickness_mm=gel.thickness_mm)
+    compliance_of = partial(bonded_layer_compliance, gel=gel)
+    return Twin("default", compliance_of, renderer, thickness_mm=gel.thickness_mm, finite_strain=gel.finite_strain)
 
 
 PUBLISHED_DESIGN = SensorDesign()
@@ -210,6 +323,7 @@ def twin_from_design(design: SensorDesign, seed: int = 0) -> Twin:
         area_mm=area.size_mm,
         thickness_mm=design.gel.thickness_mm,
         gel_mm=area.gel_mm,
+        finite_strain=design.gel.finite_strain,
     )
 
 

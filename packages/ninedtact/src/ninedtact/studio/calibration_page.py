@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from viser import GuiEvent, Icon, ViserServer
+from viser import GuiEvent, Icon
 
 from ninedtact.calibration.certificate.checks import (
     certificate_headline,
@@ -24,10 +24,12 @@ from ninedtact.studio.guided_page import (
     ListCameras,
     SimulatedSensorControls,
     attempt,
+    instruction_html,
     live_image_quality_rows,
     steps_html,
 )
 from ninedtact.studio.page_cards import card_html, name_value_table_html
+from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
 from ninedtact.studio.viewer import NOTICE_S, is_user_event, set_gui_control
 
 _STEP_NAMES = ("untouched", "board", "untouched", "ball", "fit")
@@ -45,7 +47,7 @@ class CalibrationPage:
 
     def __init__(
         self,
-        server: ViserServer,
+        server: PageServer,
         session: CalibrationSession,
         list_cameras: ListCameras,
         simulated: SimulatedCalibrationCamera | None = None,
@@ -53,9 +55,9 @@ class CalibrationPage:
         """list_cameras: returns the cameras that can be chosen. simulated: the camera that is pressed on the page."""
         self._server, self._session, self._simulated = server, session, simulated
         self._layout = GuidedPageLayout(server, session, list_cameras, "Calibration")
-        self._progress = server.gui.add_progress_bar(0.0, visible=False)
+        self._progress = server.viser.gui.add_progress_bar(0.0, visible=False)
         self._build_buttons()
-        self._figures, self._result = server.gui.add_html(""), server.gui.add_html("")
+        self._figures, self._result = server.viser.gui.add_html(""), server.viser.gui.add_html("")
         if simulated is not None:
             self._build_presses(simulated)
         self.refresh()
@@ -63,11 +65,14 @@ class CalibrationPage:
 
     def refresh(self) -> None:
         """Show the present state of the session in all browsers."""
+        draw_unless_interrupted(self._draw)
+
+    def _draw(self) -> None:
         state = self._session.state
-        with self._server.atomic():
+        with self._server.viser.atomic():
             self._layout.show(state, _steps_html(state), _advice_html(state), state.pins)
             self._figures.content = "" if state.phase is CalibrationPhase.RESULT else _figures_html(state)
-            self._result.content = _result_html(state, self._session.out)
+            self._result.content = calibration_result_html(state, self._session.out)
             self._show_buttons(state)
             self._progress.visible = state.phase is CalibrationPhase.FIT
             set_gui_control(self._progress, 100 * state.fit_progress)
@@ -76,7 +81,7 @@ class CalibrationPage:
 
     def _build_buttons(self) -> None:
         """Add the buttons."""
-        gui, session = self._server.gui, self._session
+        gui, session = self._server.viser.gui, self._session
         self._replace = gui.add_checkbox("replace the sensor", False, hint=f"{session.out} holds a calibrated sensor")
         self._start = gui.add_button("Start", icon=Icon.PLAYER_PLAY)
         self._fit_again = gui.add_button("Calibrate again from the images", icon=Icon.REFRESH)
@@ -95,7 +100,7 @@ class CalibrationPage:
 
     def _build_presses(self, simulated: SimulatedCalibrationCamera) -> None:
         """Add the controls that press the pin board and the ball on a simulated sensor."""
-        gui = self._server.gui
+        gui = self._server.viser.gui
         self._presses = SimulatedSensorControls(gui, simulated, "Press the simulated sensor", "presses by itself")
         with self._presses.folder:
             hold = gui.add_button_group("hold", ("board", "ball", "nothing"))
@@ -164,16 +169,12 @@ def _steps_html(state: CalibrationState) -> str:
 def _advice_html(state: CalibrationState) -> str:
     """Return what to do in one large sentence, and below it what the images say, as HTML."""
     sentence, detail, tone = state.instruction, state.advice, "held"
-    if state.camera_trouble:
-        sentence, detail, tone = "No images arrive.", state.camera_trouble, "lost"
-    elif state.phase is CalibrationPhase.PREVIEW:
-        sentence = "Choose the camera of the sensor."
-    elif state.phase is CalibrationPhase.REFUSED:
+    if state.phase is CalibrationPhase.REFUSED:
         sentence, tone = "This calibration is refused.", "lost"
     elif state.phase is CalibrationPhase.RESULT and state.result is not None:
         sentence, tone = _GRADES[overall_check_level(_certificate(state))]
         detail = certificate_headline(_certificate(state))
-    return card_html("instruction", sentence=sentence, detail=detail, tone=tone)
+    return instruction_html(state, sentence, detail, tone)
 
 
 def _figures_html(state: CalibrationState) -> str:
@@ -192,7 +193,7 @@ def _certificate(state: CalibrationState) -> Certificate:
     return state.result.record.certificate
 
 
-def _result_html(state: CalibrationState, out: Path) -> str:
+def calibration_result_html(state: CalibrationState, out: Path) -> str:
     """Return checks and warnings of the certificate as HTML; empty before there is one.
 
     out: sensor folder that was to be written.

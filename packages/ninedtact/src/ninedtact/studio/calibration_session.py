@@ -44,10 +44,6 @@ FIT_STEPS = 6
 """Usual number of steps that a fit reports."""
 
 
-class SensorWouldBeReplaced(OutputError):
-    """Raised where a calibration would replace a sensor and nobody has agreed to that."""
-
-
 class CalibrationPhase(Enum):
     """What a guided calibration is doing."""
 
@@ -123,7 +119,7 @@ class CalibrationSession(GuidedSession[CalibrationState]):
         return (self.out / SENSOR_FILE).is_file() and self.state.result is None
 
     def start(self, replace_sensor: bool = False) -> None:
-        """Take the first image; raises `SensorWouldBeReplaced`, `SensorFolderNotReplaceable`. Once started, nothing happens."""
+        """Take the first image; raises `OutputError`, `SensorFolderNotReplaceable`. Once started, nothing happens."""
         with self._changed:
             if self._state.phase is CalibrationPhase.PREVIEW:
                 self._agree(replace_sensor)
@@ -176,7 +172,7 @@ class CalibrationSession(GuidedSession[CalibrationState]):
                 self.force_requested.set()
 
     def _agree(self, replace_sensor: bool) -> None:
-        """Remember which sensor may be replaced; raises `SensorWouldBeReplaced`, `SensorFolderNotReplaceable`."""
+        """Remember which sensor may be replaced; raises `OutputError`, `SensorFolderNotReplaceable`."""
         require_replaceable_sensor_folder(self.out)
         there = _read_sensor_file(self.out)
         if there is not None and not replace_sensor:
@@ -184,7 +180,7 @@ class CalibrationSession(GuidedSession[CalibrationState]):
         self._agreed = there
 
     def _require_agreement(self) -> None:
-        """Raise `SensorWouldBeReplaced` where another sensor than the agreed one has appeared meanwhile."""
+        """Raise `OutputError` where another sensor than the agreed one has appeared meanwhile."""
         if _read_sensor_file(self.out) not in (None, self._agreed):
             raise _replacement_refusal(self.out)
 
@@ -321,9 +317,9 @@ def _read_sensor_file(out: Path) -> bytes | None:
         return None
 
 
-def _replacement_refusal(out: Path) -> SensorWouldBeReplaced:
+def _replacement_refusal(out: Path) -> OutputError:
     """Return the error for a sensor that nobody has agreed to replace."""
-    return SensorWouldBeReplaced(
+    return OutputError(
         f"expected a new folder, got {out}, which holds a calibrated sensor; check 'replace the sensor', or end the program and "
         "choose another --out"
     )

@@ -3,11 +3,11 @@
 from functools import partial
 from typing import Any
 
-from viser import GuiEvent, Icon, ViserServer
+from viser import GuiEvent, Icon
 
 from ninedtact.force.known_load_scale import ForceScaleFit, weight_of_grams_n
-from ninedtact.open_sensor import is_twin_address
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
+from ninedtact.source_addresses import is_twin_address
 from ninedtact.studio.force_calibration_session import (
     ForceCalibrationPhase,
     ForceCalibrationSession,
@@ -20,13 +20,15 @@ from ninedtact.studio.guided_page import (
     ListCameras,
     SimulatedSensorControls,
     attempt,
+    instruction_html,
     live_image_quality_rows,
     steps_html,
 )
 from ninedtact.studio.page_cards import card_html, name_value_table_html
+from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
 from ninedtact.studio.viewer import ControlFollower, is_user_event
 
-_MOST_G = 5000.0
+_LEAST_G, _MOST_G = 1.0, 5000.0
 _MOST_SIMULATED_G = 800.0
 _HOW = (
     "Rest weights of this mass on the ball. Or put the sensor on a kitchen scale with the gel up, set the scale to zero, press the "
@@ -39,7 +41,7 @@ class ForceCalibrationPage:
 
     def __init__(
         self,
-        server: ViserServer,
+        server: PageServer,
         session: ForceCalibrationSession,
         list_cameras: ListCameras,
         ball_radius_mm: float,
@@ -57,7 +59,7 @@ class ForceCalibrationPage:
         self._follower = ControlFollower()
         self._layout = GuidedPageLayout(server, session, list_cameras, "Force calibration")
         self._build_buttons()
-        self._presses, self._figures = server.gui.add_html(""), server.gui.add_html("")
+        self._presses, self._figures = server.viser.gui.add_html(""), server.viser.gui.add_html("")
         if simulated is not None:
             self._build_simulated_load(simulated)
         self.refresh()
@@ -65,8 +67,11 @@ class ForceCalibrationPage:
 
     def refresh(self) -> None:
         """Show the present state of the session in all browsers."""
+        draw_unless_interrupted(self._draw)
+
+    def _draw(self) -> None:
         state = self._session.state
-        with self._server.atomic():
+        with self._server.viser.atomic():
             self._layout.show(state, _progress_html(state, len(self._session.loads_g)), self._advice_html(state))
             self._presses.content = _scale_html(state, self._stiffness if is_twin_address(state.source) else None)
             self._figures.content = (
@@ -80,8 +85,8 @@ class ForceCalibrationPage:
 
     def _build_buttons(self) -> None:
         """Add the load and the buttons."""
-        gui, session = self._server.gui, self._session
-        self._load = gui.add_number("load (g)", session.loads_g[0], min=1.0, max=_MOST_G, step=1.0)
+        gui, session = self._server.viser.gui, self._session
+        self._load = gui.add_number("load (g)", session.loads_g[0], min=_LEAST_G, max=_MOST_G, step=1.0)
         self._start = gui.add_button("Start", icon=Icon.PLAYER_PLAY)
         self._save = gui.add_button("Save the force scale", icon=Icon.DEVICE_FLOPPY)
         self._live = gui.add_button("Open the sensor live", icon=Icon.PLAYER_PLAY)
@@ -98,7 +103,7 @@ class ForceCalibrationPage:
 
     def _build_simulated_load(self, simulated: SimulatedCalibrationCamera) -> None:
         """Add the controls that load the ball on a simulated sensor."""
-        gui = self._server.gui
+        gui = self._server.viser.gui
         self._loads = SimulatedSensorControls(gui, simulated, "Load the simulated sensor", "loads by itself")
         with self._loads.folder:
             self._weight = gui.add_slider("load on the ball (g)", 0.0, _MOST_SIMULATED_G, 5.0, 0.0)
@@ -122,9 +127,10 @@ class ForceCalibrationPage:
         self._refusal.content = card_html("alert", text=simulated.refusal, margin="0 0.9em")
 
     def _set_load(self, event: GuiEvent[Any]) -> None:
-        """State the load that a person has typed."""
-        if is_user_event(event):
-            attempt(event.client, partial(self._session.set_load, float(self._load.value)))
+        """State the load that a person has typed, unless it is beyond the limits, as while it is typed."""
+        load_g = float(self._load.value)
+        if is_user_event(event) and _LEAST_G <= load_g <= _MOST_G:
+            attempt(event.client, partial(self._session.set_load, load_g))
 
     def _remove_doubtful(self, event: GuiEvent[Any]) -> None:
         """Drop the press that the button names, also where another person has just dropped it and another one is doubtful now."""
@@ -134,11 +140,9 @@ class ForceCalibrationPage:
     def _advice_html(self, state: ForceCalibrationState) -> str:
         """Return what to do in one large sentence, and below it what the images say, as HTML."""
         detail, tone, phase = state.advice, "held", state.phase
-        if state.camera_trouble:
-            sentence, detail, tone = "No images arrive.", state.camera_trouble, "lost"
-        elif phase is ForceCalibrationPhase.PREVIEW:
-            sentence = "Choose the camera of the sensor."
-        elif phase is ForceCalibrationPhase.REFERENCE:
+        if state.is_preview:
+            return instruction_html(state, "", detail)
+        if phase is ForceCalibrationPhase.REFERENCE:
             sentence = "Do not touch the gel."
         elif phase is ForceCalibrationPhase.PRESS:
             sentence = f"Load {self._ball} with {state.load_g:g} g in the middle of the skin, and hold still."
@@ -152,8 +156,7 @@ class ForceCalibrationPage:
         else:
             sentence, tone = "All loads are taken.", "live"
             detail = "Save the force scale if its error is small enough for you."
-        how = _HOW if phase is ForceCalibrationPhase.PRESS and not state.camera_trouble else ""
-        return card_html("instruction", sentence=sentence, detail=detail, tone=tone, how=how)
+        return instruction_html(state, sentence, detail, tone, _HOW if phase is ForceCalibrationPhase.PRESS else "")
 
     def _show_buttons(self, state: ForceCalibrationState) -> None:
         """Show the controls that do something now."""

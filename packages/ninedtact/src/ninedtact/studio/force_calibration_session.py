@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from ninedtact.calibration.force_calibration import UnscaledForceReader
 from ninedtact.calibration.guidance import (
     STILL,
     CalibrationStepAdvice,
@@ -24,7 +24,6 @@ from ninedtact.calibration.guidance import (
 )
 from ninedtact.calibration.press_brightness import BgrImage
 from ninedtact.errors import NinedtactError
-from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.known_load_scale import (
     FEWEST,
     ForceScaleFit,
@@ -49,19 +48,6 @@ _ALIKE = 0.25
 """Difference of the logarithms of two loads up to which they count as the same suggested load."""
 _FEWEST_FOR_OUTLIER = 3
 """Number of presses from which one that contradicts the others can be named."""
-
-
-@runtime_checkable
-class _PressReader(Protocol):
-    """Estimates the force in single images, by an estimator without its force scale."""
-
-    estimator: ForceEstimator
-
-    def use_reference(self, frames: Sequence[Frame]) -> None:
-        """Compare the following images with the mean of these; raises `ReferenceImplausible`."""
-
-    def read(self, name: str, frame: Frame) -> Reading:
-        """Return the reading of an image with its estimate; raises `ImageImplausible`."""
 
 
 class ForceCalibrationPhase(Enum):
@@ -150,7 +136,7 @@ class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
 
     sensor: Path
     """Sensor folder, in which the scale is kept."""
-    reader: _PressReader
+    reader: UnscaledForceReader
     loads_g: Sequence[float] = USUAL_LOADS_G
     on_load: Callable[[float], None] = lambda grams: None
     """Called with the load of each press that is awaited, g, and with 0 where nothing may touch."""
@@ -174,7 +160,7 @@ class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
     def set_load(self, grams: float) -> None:
         """State the load of the press that is awaited, or correct that of the press just taken; raises `ForceScaleImpossible`."""
         if not 0 < grams < np.inf:
-            raise ForceScaleImpossible(f"expected a load above zero, got {grams:g} g; read the scale again")
+            raise ForceScaleImpossible(expected="a load above zero", got=f"{grams:g} g", remedy="read the scale again")
         with self._changed:
             phase, presses = self._state.phase, self._state.presses
             if phase is ForceCalibrationPhase.LIFT:
@@ -324,9 +310,12 @@ def _require_in_middle(reading: Reading) -> None:
     """Raise `ForceScaleImpossible` for a press that the image does not show, or that is far from the middle."""
     centre_mm = reading.summary.contact_centre_mm
     if reading.force is None or not reading.force.touching or centre_mm is None:
-        raise ForceScaleImpossible("expected a press that the image shows, got none; let the object rest on the skin")
+        raise ForceScaleImpossible(
+            expected="a press that the image shows", got="none", remedy="let the object rest on the skin"
+        )
     if np.hypot(*centre_mm) > _MAX_OFF_CENTRE_MM:
         raise ForceScaleImpossible(
-            f"expected a press within {_MAX_OFF_CENTRE_MM:g} mm of the middle, got one at x {round(centre_mm[0])}, y "
-            f"{round(centre_mm[1])} mm; press in the middle"
+            expected=f"a press within {_MAX_OFF_CENTRE_MM:g} mm of the middle",
+            got=f"one at x {round(centre_mm[0])}, y {round(centre_mm[1])} mm",
+            remedy="press in the middle",
         )

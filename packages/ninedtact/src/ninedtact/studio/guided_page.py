@@ -12,23 +12,25 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
-from viser import ClientHandle, GuiApi, GuiEvent, GuiImageHandle, Icon, ViserServer
+from viser import ClientHandle, GuiApi, GuiEvent, GuiImageHandle, Icon
 
 from ninedtact.calibration.guidance import PinSearchResult
 from ninedtact.capture.frame_source import ExposureWithLimits
 from ninedtact.errors import NinedtactError
-from ninedtact.open_sensor import is_twin_address
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
+from ninedtact.source_addresses import is_twin_address
 from ninedtact.studio.guided_session import GuidedSession, GuidedState, ImageQuality
 from ninedtact.studio.page_cards import card_html
+from ninedtact.studio.page_server import PageServer, prepare_page
+from ninedtact.studio.scene_3d import LIGHT
 from ninedtact.studio.viewer import (
-    LIGHT,
+    NARROW_PX,
     NOTICE_S,
+    PHONE_STYLE,
     ControlFollower,
     ThemeChoice,
     is_user_event,
 )
-from ninedtact.studio.viser_internals import NARROW_PX, PHONE_STYLE, TALL_PHONE_STYLE, set_title_and_icon
 
 REFRESH_HZ = 8.0
 _WIDTH_PX, _LEAST_IMAGE_PX, _MOST_IMAGE_PX = 460, 300, 900
@@ -45,31 +47,34 @@ _NO_EXPOSURE = "The exposure of this source cannot be set here; a camera has its
 ListCameras = Callable[[], Mapping[str, str]]
 """Returns the address and the name of each camera that can be chosen."""
 _LIST_EVERY_S = 2.0
+_TALL_PHONE_STYLE = (
+    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'] "
+    "{ max-height: 100% !important; } }</style>"
+)
+"""Lets the controls fill the screen of a phone; there is nothing behind them."""
 
 
 class GuidedPageLayout:
     """What every guided page has in every browser: its look, the steps, the sentence, the choice of the camera, and its image."""
 
-    def __init__(self, server: ViserServer, session: GuidedSession[Any], list_cameras: ListCameras, title: str) -> None:
+    def __init__(self, server: PageServer, session: GuidedSession[Any], list_cameras: ListCameras, title: str) -> None:
         """Add these parts; the controls that follow are those of the page, which then calls `serve`."""
         self._server = server
         self._images: dict[int, GuiImageHandle] = {}
         """The image of each browser that is connected."""
         self._canvas, self._drawn = LIGHT, (0, 0)
-        gui = server.gui
-        gui.configure_theme(show_logo=False, show_share_button=False)
-        gui.set_panel_label(title)
-        server.scene.set_background_image(LIGHT)
+        gui = server.viser.gui
+        server.viser.scene.set_background_image(LIGHT)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_WIDTH_PX)
-        set_title_and_icon(server, f"{title} · 9DTact")
+        prepare_page(server, title)
         self._steps, self._instruction = gui.add_html(""), gui.add_html("")
         self._camera = _CameraChoiceControls(gui, session, list_cameras)
 
     def serve(self) -> None:
         """Give the image to every browser that connects, once all shared controls are there."""
-        self._server.on_client_connect(self._add_image)
-        self._server.on_client_disconnect(self._forget)
+        self._server.viser.on_client_connect(self._add_image)
+        self._server.viser.on_client_disconnect(self._forget)
 
     def show(
         self, state: GuidedState, steps_html: str, instruction_html: str, pins: PinSearchResult | None = None
@@ -99,7 +104,7 @@ class GuidedPageLayout:
             with panel.add_tab("Camera image", Icon.CAMERA):
                 image = gui.add_image(self._canvas, format="jpeg")
         self._images[client.client_id] = image
-        if client.client_id not in self._server.get_clients():  # it has left meanwhile
+        if client.client_id not in self._server.viser.get_clients():  # it has left meanwhile
             self._forget(client)
         ThemeChoice(client)
 
@@ -174,9 +179,10 @@ class _CameraChoiceControls:
             self._session.choose_source(addresses[self._camera.value])
 
     def _set_exposure(self, event: GuiEvent[Any]) -> None:
-        """Set the exposure that a person has typed."""
-        if is_user_event(event):
-            attempt(event.client, lambda: self._session.set_exposure(float(self._exposure.value)))
+        """Set the exposure that a person has typed, unless it is beyond the limits, as the 1 of 15 while it is typed may be."""
+        wanted_ms, limits = float(self._exposure.value), self._limits
+        if is_user_event(event) and limits is not None and limits.least_ms <= wanted_ms <= limits.most_ms:
+            attempt(event.client, lambda: self._session.set_exposure(wanted_ms))
 
     def _brighten(self, event: GuiEvent[Any]) -> None:
         """Change the exposure by a factor, within its limits."""
@@ -223,9 +229,21 @@ def attempt(client: ClientHandle | None, action: Callable[[], Any]) -> None:
             client.add_notification("Not done", str(refusal), color="red", auto_close_seconds=NOTICE_S)
 
 
+def instruction_html(state: GuidedState, sentence: str, detail: str, tone: str = "held", how: str = "") -> str:
+    """Return what to do in one large sentence, and below it what the images say, as HTML.
+
+    Before the start, and where no images arrive, the sentence is that of all guided pages. how: longer explanation, shown small.
+    """
+    if state.camera_trouble:
+        sentence, detail, tone, how = "No images arrive.", state.camera_trouble, "lost", ""
+    elif state.is_preview:
+        sentence = "Choose the camera of the sensor."
+    return card_html("instruction", sentence=sentence, detail=detail, tone=tone, how=how)
+
+
 def steps_html(names: Sequence[str], done: int) -> str:
     """Return the steps as HTML, those that are done ticked and the present one marked; -1 marks none."""
-    return PHONE_STYLE + TALL_PHONE_STYLE + card_html("steps", names=names, done=done)
+    return PHONE_STYLE + _TALL_PHONE_STYLE + card_html("steps", names=names, done=done)
 
 
 def live_image_quality_rows(quality: ImageQuality) -> dict[str, str]:

@@ -6,25 +6,39 @@ All HTML of the pages stands in `page_cards.html.jinja`, one macro for each card
 
 from base64 import b64encode
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import UInt8
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy import ndarray as Array
-from viser import GuiApi, GuiUplotHandle, SceneApi, ViserServer, uplot
+from viser import ViserServer
 
+from ninedtact.live.wrench_history import WrenchSourceSnapshot, WrenchWithUncertainty
 from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Wrench
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.studio.page_controller import SensorStatusMessage
-from ninedtact.studio.reading_view import HeightProfile, ImageKind, ReadingView, ShownTraction, SkinColouring
-from ninedtact.studio.scene_3d import ARC_DEG_PER_NMM, MM_PER_N, GelBlock, SkinScene, format_signed_tenths
-from ninedtact.studio.sensor_poller import HISTORY_S
+from ninedtact.studio.page_server import standalone_scene_html
+from ninedtact.studio.reading_view import (
+    JPEG_QUALITY,
+    HeightProfile,
+    ImageKind,
+    ReadingView,
+    ShownTraction,
+    SkinColouring,
+)
+from ninedtact.studio.scene_3d import (
+    ARC_DEG_PER_NMM,
+    MM_PER_N,
+    GelBlock,
+    SkinScene,
+    format_signed_tenths,
+    set_up_view,
+)
 from ninedtact.studio.skin_fields import NO_CONTACT, SLIP, STICK
-from ninedtact.studio.viser_internals import standalone_scene_html
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 
 if TYPE_CHECKING:  # a page without recordings does not need its libraries
     from ninedtact.studio.page_recorder import RecorderState
@@ -117,33 +131,6 @@ def _format_height(profile: HeightProfile, number: int) -> str:
 
 COLOURS = {"x": "#d55e00", "y": "#009e73", "z": "#0072b2"}
 """Vermilion, green and blue of Okabe and Ito, which colour-blind readers can distinguish."""
-LEAST_N, LEAST_NMM = 2.0, 4.0
-"""Smallest half range of the curves, so that noise stays small."""
-CURVE_POINTS = 400
-"""Number of points of a curve over the last seconds."""
-BAND_OPACITY = "22"
-"""Opacity of the band of one standard deviation, in hexadecimal."""
-
-
-class WrenchCurves:
-    """The last seconds of the wrenches of all sources, on top of each other in two plots.
-
-    Where there are several sources, wrenches without stated errors (true, measured) are drawn dashed.
-    """
-
-    def __init__(self, gui: GuiApi, sources: Sequence[WrenchHistory]) -> None:
-        self._forces = _add_curves(gui, "force (N)", "F", LEAST_N, sources)
-        self._torques = _add_curves(gui, "torque (N·mm)", "T", LEAST_NMM, sources)
-        gui.add_html(card_html("line", text=_describe_lines(sources), size="0.75em", is_dim=True))
-
-    def draw(self, moments: Sequence[WrenchSourceSnapshot]) -> None:
-        """Draw the last seconds of every source."""
-        at_s = np.linspace(-HISTORY_S, 0.0, CURVE_POINTS)
-        for plot, first, unit, least in ((self._forces, 0, 1.0, LEAST_N), (self._torques, 3, 1e3, LEAST_NMM)):
-            curves = [curve for moment in moments for curve in _curves_of(moment, at_s, first, unit)]
-            largest = max((float(np.nanmax(np.abs(curve), initial=0.0)) for curve in curves), default=0.0)
-            plot.data = (at_s, *curves)
-            plot.scales = _curve_scales(max(largest * 1.1, least))
 
 
 def wrench_table_html(moments: Sequence[WrenchSourceSnapshot], is_past: bool) -> str:
@@ -190,65 +177,6 @@ def format_signed_hundredths(number: float, sign: str = "-") -> str:
     return f"{round(number, 2) + 0.0:{sign}.2f}".replace("-", "\N{MINUS SIGN}")
 
 
-def _add_curves(gui: GuiApi, title: str, letter: str, half: float, sources: Sequence[WrenchHistory]) -> GuiUplotHandle:
-    """Add a plot of three curves of each source, with a band of one standard deviation where it is stated."""
-    series, bands = [uplot.Series(label="s ago")], []
-    for source in sources:
-        dash = (5.0, 4.0) if len(sources) > 1 and not source.states_errors else ()
-        for axis, colour in COLOURS.items():
-            label = f"{letter}_{axis} {source.name}"
-            series.append(uplot.Series(label=label, stroke=colour, width=1.5, dash=dash))
-            if source.states_errors:
-                bands.append(uplot.Band(series=(len(series), len(series) + 1), fill=colour + BAND_OPACITY))
-                series += [uplot.Series(label=f"{label} {sign} std", width=0) for sign in ("+", "−")]
-    return gui.add_uplot(
-        (np.zeros(2),) * len(series),
-        tuple(series),
-        bands=tuple(bands),
-        scales=_curve_scales(half),
-        legend=uplot.Legend(show=False),
-        title=f"{title}: x orange, y green, z blue",
-        height=150,
-    )
-
-
-def _describe_lines(sources: Sequence[WrenchHistory]) -> str:
-    """Return how the curves of each source are drawn, as `_add_curves` does."""
-    solid = "solid, with a band of one standard deviation"
-    dashed = "dashed" if len(sources) > 1 else "solid"
-    return "; ".join(f"{source.name}: {solid if source.states_errors else dashed}" for source in sources)
-
-
-def _curves_of(
-    moment: WrenchSourceSnapshot, at_s: Float64[Array, " n"], first: int, unit: float
-) -> Iterator[Float64[Array, " n"]]:
-    """Yield what `_add_curves` draws of one source: each axis, and its upper and lower end where errors are stated."""
-    for axis in range(first, first + 3):
-        yield from component_curve_and_error_band(moment, at_s, axis, unit)
-
-
-def component_curve_and_error_band(
-    moment: WrenchSourceSnapshot, at_s: Float64[Array, " n"], axis: int, unit: float
-) -> Iterator[Float64[Array, " n"]]:
-    """Yield one component of a source over the last seconds, and its upper and lower end where errors are stated.
-
-    Beyond the samples the component is NaN. The ends meet there, because uPlot would fill some of what is between NaNs.
-    """
-    sampled_s, values, stds = moment.history[0], moment.history[1 + axis] * unit, moment.history[7 + axis] * abs(unit)
-    stds = np.where(np.isfinite(stds), stds, 0.0)
-    if not sampled_s.size:
-        yield from (np.full(at_s.shape, np.nan) for _ in range(3 if moment.states_errors else 1))
-        return
-    yield np.interp(at_s, sampled_s, values, left=np.nan, right=np.nan)
-    for end in (values + stds, values - stds) if moment.states_errors else ():
-        yield np.interp(at_s, sampled_s, end, left=values[0], right=values[-1])
-
-
-def _curve_scales(half: float) -> dict[str, uplot.Scale]:
-    """Return the axes of the curves: the last seconds, and values about zero."""
-    return {"x": uplot.Scale(time=False, range=(-HISTORY_S, 0.0)), "y": uplot.Scale(range=(-half, half))}
-
-
 def recorder_html(state: "RecorderState") -> str:
     """Return length, size, drops and labels of the recording, and why it ended."""
     if state.path is None:
@@ -264,7 +192,7 @@ _MARK_LETTERS, _MARK_ROOM = 10, 0.2
 """Number of letters of a label that are drawn on the time slider, and the share of it that they take."""
 
 
-def time_slider_marks(player: "RecordingPlayer") -> Iterator[tuple[float, str | None]]:
+def time_slider_marks(player: "RecordingPlayer") -> Iterator[float | tuple[float, str]]:
     """Yield what is drawn on the time slider: its end, and both ends of every label, with its name where there is room for it."""
     duration_s, free_s = player.duration_s, 0.0
     room_s = _MARK_ROOM * duration_s
@@ -272,14 +200,13 @@ def time_slider_marks(player: "RecordingPlayer") -> Iterator[tuple[float, str | 
     for at_s, label in sorted((min(max(at_s, 0.0), duration_s), label) for at_s, label in ends):
         has_room = bool(label) and free_s <= at_s <= duration_s - room_s
         free_s = at_s + room_s if has_room else free_s
-        yield at_s, label[:_MARK_LETTERS] if has_room else None
+        yield (at_s, label[:_MARK_LETTERS]) if has_room else at_s
     yield duration_s, f"{duration_s:.1f} s"
 
 
 def standalone_moment_html(
     view: ReadingView,
     cards: Iterable[str],
-    server: ViserServer,
     block: GelBlock,
     title: str,
     wrench: Wrench | None = None,
@@ -288,15 +215,22 @@ def standalone_moment_html(
 
     cards: HTML beside the images. wrench: is drawn as an arrow; None draws none.
     """
-    scene_page = standalone_scene_html(server, lambda scene: _draw_scene(scene, view, block, wrench))
-    images = {kind: b64encode(view.jpeg(kind, True)).decode() for kind in (ImageKind.CAMERA, ImageKind.HEIGHT)}
+    scene_page = standalone_scene_html(partial(_draw_scene, view=view, block=block, wrench=wrench))
+    images = {
+        kind: b64encode(_encode_jpeg(view.image(kind, True))).decode() for kind in (ImageKind.CAMERA, ImageKind.HEIGHT)
+    }
     page = _TEMPLATES.get_template("exported_moment.html.jinja")
     return page.render(title=title, scene_page=scene_page, cards=cards, images=images)
 
 
-def _draw_scene(scene: SceneApi, view: ReadingView, block: GelBlock, wrench: Wrench | None) -> None:
+def _encode_jpeg(image: UInt8[Array, "rows cols 3"]) -> bytes:
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
+
+
+def _draw_scene(server: ViserServer, view: ReadingView, block: GelBlock, wrench: Wrench | None) -> None:
     """Draw the surface of a view as a new viewer sees it."""
-    skin = SkinScene(scene, block)
+    set_up_view(server, block)
+    skin = SkinScene(server.scene, block)
     skin.show_surface(view.surface(SkinColouring.HEIGHT, 1, ShownTraction.ESTIMATED), True, False)
     skin.show_lines(view.outline_mm(), None)
     skin.show_wrench(wrench)

@@ -16,6 +16,8 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 
 from ninedtact.errors import InputError
+from ninedtact.live.sensor_poller import RateMeter, SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.live.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 from ninedtact.quantities import EstimateWarning
 from ninedtact.reading import Reading, Stopwatch
 from ninedtact.shape.calibrated_shape import ReferenceUnusable
@@ -23,8 +25,6 @@ from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.reading_view import ReadingView, full_range_colour_scale
 from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_moment_files
-from ninedtact.studio.sensor_poller import RateMeter, SensorPhase, SensorPoller, SensorSnapshot
-from ninedtact.studio.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 
 SILENT_AFTER_MS = 1000.0
 """Time without images after which the page no longer counts as current: ten images of the slowest camera in use."""
@@ -118,10 +118,6 @@ def _format_duration(ms: float) -> str:
 
 
 WITHOUT_READING = "expected a reading on the page, got none yet; wait for the first image"
-
-
-class NothingToSave(InputError):
-    """Raised where no reading has been shown yet."""
 
 
 @dataclass(frozen=True)
@@ -308,7 +304,7 @@ class PageController:
     def save(self, moments: Sequence[SensorMoment]) -> list[Path]:
         """Write the moments of sensors that have been read to files, with their wrenches, errors and warnings.
 
-        Raises `NothingToSave`, `SaveRefused` and `FileNotWritten`.
+        Raises `InputError`, `OutputError` and `FileNotWritten`.
         """
         paths: list[Path] = []
         for one in moments:
@@ -316,7 +312,7 @@ class PageController:
                 status = one.status.sentence
                 paths += save_moment_files(one.reading, status, one.wrenches, self.out, self.quota, one.name)
         if not paths:
-            raise NothingToSave(WITHOUT_READING)
+            raise InputError(WITHOUT_READING)
         return paths
 
     def _present(self, display: PageMomentDisplay, moments: Sequence[SensorMoment]) -> None:

@@ -16,21 +16,19 @@ from time import monotonic, monotonic_ns
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.errors import InputError, NinedtactError
+from ninedtact.live.wrench_history import WrenchHistory
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata
 from ninedtact.recording.recorder import new_reading_writer, notify_partial_recording
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.saved_files import SaveQuota
-from ninedtact.studio.wrench_history import WrenchHistory
 
 BUFFERED_READINGS = 48
 """Readings that wait to be written at most: about 150 MB."""
 _WAIT_S = 0.05
-
-
-class NotRecording(InputError):
-    """Raised where a label is begun or ended while nothing is recorded."""
+_ReadingQueue = Queue[tuple[int, Reading]]
+"""Readings with the numbers of their sensors."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,9 @@ class PageRecorder:
     def __init__(self, sensors: Sequence[PageSensorToRecord], out: Path, quota: SaveQuota) -> None:
         """sensors: are all recorded into one file."""
         self.sensors, self.out, self._quota = tuple(sensors), out, quota
-        self._queue: Queue[tuple[int, Reading]] = Queue(BUFFERED_READINGS * len(self.sensors))
+        self._queue: _ReadingQueue | None = None
+        """Readings of the recording that runs; None where none runs. It is replaced and never reused, so that a sensor thread that
+        has looked it up may be late."""
         self._spans: deque[LabelledSpan] = deque()
         self._span: tuple[str, int] | None = None
         self._state, self._began_at = RecorderState(), 0.0
@@ -95,14 +95,15 @@ class PageRecorder:
 
     def keep(self, reading: Reading, number: int = 0) -> None:
         """Record a reading of a sensor where a recording runs; never waits. The writer counts those that find no room."""
-        if self._state.is_running and not self._stopping.is_set():
+        queue = self._queue
+        if queue is not None:
             with suppress(Full):
-                self._queue.put_nowait((number, reading))
+                queue.put_nowait((number, reading))
 
     def start(self) -> Path:
         """Begin a recording, or return the path of the one that runs.
 
-        Raises `SaveRefused`, `RecordingRefused`, `RecordingStopped`.
+        Raises `OutputError`, `RecordingRefused`, `RecordingStopped`.
         """
         with self._lock:
             if self._state.is_running and self._state.path is not None:
@@ -117,15 +118,16 @@ class PageRecorder:
             opened.enter_context(notify_partial_recording(path, kept.append))
             writers = self._new_writers(path)
             opened.enter_context(writers[0])
-            self._queue, self._span = Queue(self._queue.maxsize), None
+            queue, self._span = _ReadingQueue(BUFFERED_READINGS * len(self.sensors)), None
             self._spans.clear()
             self._stopping.clear()
             self._began_at = monotonic()
             self._state = RecorderState(path, is_running=True)
             self._thread = Thread(
-                target=self._run, args=(opened, writers, kept), name=f"record {path.name}", daemon=True
+                target=self._run, args=(opened, writers, queue, kept), name=f"record {path.name}", daemon=True
             )
             self._thread.start()
+            self._queue = queue
             return path
 
     def stop(self) -> RecorderState:
@@ -133,29 +135,31 @@ class PageRecorder:
         with self._lock:
             if self._span is not None:
                 self.end_label()
+            self._queue = None
             self._stopping.set()
         if self._thread is not None:
             self._thread.join()
         return self.state()
 
     def begin_label(self, label: str) -> None:
-        """Begin a labelled span now; raises `NotRecording`."""
+        """Begin a labelled span now; raises `InputError`."""
         with self._lock:
             is_running = self._state.is_running and not self._stopping.is_set()
             if not is_running or not label.strip():
-                raise NotRecording(
-                    f"expected a recording and a name for the label, got '{label}' and "
-                    f"{'a recording' if is_running else 'no recording'}; begin a recording and name the label"
+                raise InputError(
+                    expected="a recording and a name for the label",
+                    got=f"'{label}' and {('a recording' if is_running else 'no recording')}",
+                    remedy="begin a recording and name the label",
                 )
             if self._span is not None:
                 self.end_label()
             self._span = label.strip(), monotonic_ns()
 
     def end_label(self) -> None:
-        """End the labelled span now; raises `NotRecording` where none has begun."""
+        """End the labelled span now; raises `InputError` where none has begun."""
         with self._lock:
             if self._span is None:
-                raise NotRecording("expected a label that has begun, got none; begin one first")
+                raise InputError(expected="a label that has begun", got="none", remedy="begin one first")
             (label, begin_ns), self._span = self._span, None
             self._spans.append(LabelledSpan(begin_ns, monotonic_ns(), label))
 
@@ -175,12 +179,12 @@ class PageRecorder:
             writers.append(new_reading_writer(path, part.sensor, metadata, *kinds, topics, beside))
         return writers
 
-    def _run(self, opened: ExitStack, writers: list[RecordingWriter], kept: list[str]) -> None:
+    def _run(self, opened: ExitStack, writers: list[RecordingWriter], queue: _ReadingQueue, kept: list[str]) -> None:
         """Write until the end; what ends the recording early is kept as a sentence for the page."""
         trouble, writer = "", writers[0]
         try:
             with opened:
-                self._write_all(writers)
+                self._write_all(writers, queue)
         except Exception as error:  # every viewer is told, and the sensor goes on
             trouble = "; ".join([str(error), *kept])
         with self._lock:
@@ -194,15 +198,15 @@ class PageRecorder:
                 trouble=trouble,
             )
 
-    def _write_all(self, writers: list[RecordingWriter]) -> None:
+    def _write_all(self, writers: list[RecordingWriter], queue: _ReadingQueue) -> None:
         """Write until the recorder is stopped and nothing waits any longer."""
         streams = [_MeasuredWrenchWriter(part, writer) for part, writer in zip(self.sensors, writers, strict=True)]
         counted_bytes = 0
         try:
             while True:
-                is_last = self._stopping.is_set() and self._queue.empty()
+                is_last = self._stopping.is_set() and queue.empty()
                 with suppress(Empty):
-                    number, reading = self._queue.get(timeout=_WAIT_S)
+                    number, reading = queue.get(timeout=_WAIT_S)
                     writers[number].write_reading(reading)
                 for stream in streams:
                     stream.write_wrenches()
@@ -214,6 +218,7 @@ class PageRecorder:
             with self._lock:  # a label that has begun ends with a recording that nobody has stopped
                 if self._span is not None:
                     self.end_label()
+                self._queue = None
                 self._stopping.set()
             with suppress(NinedtactError):  # what ended the recording is said in its place
                 self._write_spans(writers[0])
@@ -225,7 +230,7 @@ class PageRecorder:
             self._spans.popleft()
 
     def _count(self, writers: list[RecordingWriter], counted_bytes: int) -> int:
-        """Count the bytes against the quota of the page and return them; raises `SaveRefused` where it is used up."""
+        """Count the bytes against the quota of the page and return them; raises `OutputError` where it is used up."""
         size = writers[0].path.stat().st_size
         self._quota.add_bytes(size - counted_bytes)
         dropped, labels = sum(one.dropped for one in writers), writers[0].written[Topic.SPANS]

@@ -27,8 +27,9 @@ from ninedtact.simulation.objects.mesh_objects import (
     MeshUnusable,
     load_mesh_object,
 )
-from ninedtact.simulation.press_sequence import PressSequence, PressStep
+from ninedtact.simulation.press_sequence import PressSequence
 from ninedtact.simulation.trajectory import HOVER_MM
+from ninedtact.simulation.twin import Press
 
 OBJECTS_BY_KIND: dict[str, tuple[str, ...]] = {"primitives": tuple(PRIMITIVES)} | {
     kind: tuple(families) for kind, families in FAMILIES_BY_KIND.items()
@@ -44,10 +45,6 @@ FIT = f"fit to {FITTING.fit_mm:g} mm"
 UPLOAD_SUFFIXES = (".stl", ".obj")
 MAX_UPLOAD_MB = 16
 MAX_UPLOAD_TRIANGLES = 300_000
-
-
-class UploadRefused(FileFormatError):
-    """Raised for a file that cannot be an object on the page."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +109,7 @@ class TwinPressController:
         with self._lock:
             return None if self._own_mesh is None else self._own_mesh.relief
 
-    def press_at(self, stamp_ns: int) -> PressStep | None:
+    def press_at(self, stamp_ns: int) -> Press | None:
         """Return the object and the contact at the stamp of an image."""
         return self.simulation.press_at(stamp_ns)
 
@@ -137,7 +134,7 @@ class TwinPressController:
             self._revision += 1
 
     def choose(self, kind: str, family: str, number: int = 1) -> None:
-        """Take another object into the hand, at the same place, pressed gently; raises `UnknownObject`, `UploadRefused`."""
+        """Take another object into the hand, at the same place, pressed gently; raises `UnknownObject`, `FileFormatError`."""
         with self._lock:
             wanted = replace(self._state, kind=kind, family=family, number=int(np.clip(number, 1, MAX_NUMBER)))
             wanted = replace(wanted, depth_mm=START_DEPTH_MM, by_load=False, tilt_x_deg=0.0, tilt_y_deg=0.0)
@@ -148,7 +145,7 @@ class TwinPressController:
             self._revision += 1
 
     def upload(self, name: str, content: bytes, placement: MeshPlacement = MeshPlacement()) -> str:
-        """Take one's own mesh into the hand and return a sentence about it; raises `UploadRefused`."""
+        """Take one's own mesh into the hand and return a sentence about it; raises `FileFormatError`."""
         mesh = read_uploaded_mesh(name, content, placement)
         with self._lock:
             self._own_mesh = mesh
@@ -167,20 +164,21 @@ class TwinPressController:
         if state.kind != OWN_KIND:
             return indenter_from_name(state.object_name)
         if self._own_mesh is None:
-            raise UploadRefused("expected a mesh of your own, got none yet; upload an STL or OBJ file")
+            raise FileFormatError(expected="a mesh of your own", got="none yet", remedy="upload an STL or OBJ file")
         return self._own_mesh.relief
 
 
 def read_uploaded_mesh(name: str, content: bytes, placement: MeshPlacement = MeshPlacement()) -> MeshObject:
-    """Return the object in an uploaded file; raises `UploadRefused` with one sentence for a file that cannot be used.
+    """Return the object in an uploaded file; raises `FileFormatError` with one sentence for a file that cannot be used.
 
     name: as the browser gives it; only its end and a harmless part of its stem are used.
     """
     suffix = Path(name).suffix.lower()
     if suffix not in UPLOAD_SUFFIXES or not 0 < len(content) <= MAX_UPLOAD_MB * 1e6:
-        raise UploadRefused(
-            f"expected a file of at most {MAX_UPLOAD_MB} MB ending in {' or '.join(UPLOAD_SUFFIXES)}, got {name[-40:]!a} of "
-            f"{len(content) / 1e6:.2g} MB; convert or simplify the mesh"
+        raise FileFormatError(
+            expected=f"a file of at most {MAX_UPLOAD_MB} MB ending in {' or '.join(UPLOAD_SUFFIXES)}",
+            got=f"{name[-40:]!a} of {len(content) / 1e6:.2g} MB",
+            remedy="convert or simplify the mesh",
         )
     stem = re.sub(r"[^\w-]", "_", Path(name).stem)[:40] or "mesh"
     with TemporaryDirectory() as folder:
@@ -189,19 +187,22 @@ def read_uploaded_mesh(name: str, content: bytes, placement: MeshPlacement = Mes
         try:
             mesh = load_mesh_object(path, placement)
         except MeshMisplaced as trouble:
-            raise UploadRefused(
+            raise FileFormatError(
                 f"{trouble.finding}; choose another unit, '{FIT}', or another side, and upload it again"
             ) from trouble
         except MeshUnusable as trouble:
-            raise UploadRefused(str(trouble).replace(str(path), path.name)) from trouble
+            raise FileFormatError(str(trouble).replace(str(path), path.name)) from trouble
     if mesh.triangles > MAX_UPLOAD_TRIANGLES:
-        raise UploadRefused(
-            f"expected at most {MAX_UPLOAD_TRIANGLES} triangles in {path.name}, got {mesh.triangles}; simplify the mesh"
+        raise FileFormatError(
+            expected=f"at most {MAX_UPLOAD_TRIANGLES} triangles in {path.name}",
+            got=f"{mesh.triangles}",
+            remedy="simplify the mesh",
         )
     if not mesh.closed:
-        raise UploadRefused(
-            f"expected {path.name} to bound a solid (every edge between two triangles or more), got edges of one triangle "
-            "alone; repair the mesh"
+        raise FileFormatError(
+            expected=f"{path.name} to bound a solid (every edge between two triangles or more)",
+            got="edges of one triangle alone",
+            remedy="repair the mesh",
         )
     return mesh
 

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Float16, Float32, Int32, UInt8, UInt32
 from numpy import ndarray as Array
 
 from ninedtact.force.brightness_channels import compute_image_deformation, render_deformation
-from ninedtact.mechanics.array_namespace import to_numpy
+from ninedtact.mechanics.contact_arrays import to_numpy
 from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
@@ -23,7 +23,7 @@ from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.measures import ShapeSummary
 from ninedtact.shape.surface import point_cloud, triangulate_view
 from ninedtact.simulation.pixel_to_skin_map import grid_indices_at_positions, sample_periodic
-from ninedtact.simulation.press_sequence import PressStep
+from ninedtact.simulation.twin import Press
 from ninedtact.studio.skin_fields import SkinTractions, colourise_magnitudes, estimated_tractions, true_tractions
 
 MAX_SURFACE_POINTS = 40_000
@@ -37,7 +37,7 @@ FADED = 0.35
 _OUTLINE = (20, 20, 20)
 LINE_LIFT_MM = 0.2
 """Height of lines over the skin, so that the points of a coarse surface do not hide them."""
-_JPEG_QUALITY = 85
+JPEG_QUALITY = 85
 TILE_WIDTH_PX = 320
 """Width of the image of one sensor where those of several stand side by side."""
 
@@ -160,7 +160,7 @@ class ReadingView:
     reading: Reading
     scale: ColourScale
     """The colours of the heights."""
-    press: PressStep | None = None
+    press: Press | None = None
     """The object and the contact of the twin; None for a sensor that is no twin, or where it is no longer known."""
     is_past: bool = False
     """Whether the view is dimmed because it is not current."""
@@ -183,14 +183,6 @@ class ReadingView:
     def image(self, kind: ImageKind, with_outline: bool = False, source: ShownTraction = ShownTraction.TRUE) -> Image:
         """Return an image in BGR; where something is not known, the image is grey."""
         return self._draw(("image", kind, with_outline, source), lambda: self._draw_image(kind, with_outline, source))
-
-    def jpeg(self, kind: ImageKind, with_outline: bool = False, source: ShownTraction = ShownTraction.TRUE) -> bytes:
-        """Return an image as JPEG, which is encoded once for all viewers."""
-        options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
-        encode: Callable[[], bytes] = lambda: cv2.imencode(  # noqa: E731
-            ".jpg", self.image(kind, with_outline, source), options
-        )[1].tobytes()
-        return self._draw(("jpeg", kind, with_outline, source), encode)
 
     def scale_end_mpa(self, kind: ImageKind, source: ShownTraction) -> float | None:
         """Return the pressure or shear at the end of the colours; None for other images and where nothing is known."""
@@ -295,17 +287,10 @@ class ReadingView:
         return replace(surface, colours=_darken(surface.colours)) if self.is_past else surface
 
 
-def sensor_tiles_jpeg(
+def sensor_tiles(
     views: Sequence[ReadingView], names: Sequence[str], kind: ImageKind, with_outline: bool, source: ShownTraction
-) -> bytes:
-    """Return the same image of several sensors in one JPEG, with their names, encoded once for all viewers."""
-    key = ("tiles", kind, with_outline, source, *((view.reading.stamp_ns, view.is_past) for view in views))
-    return views[0]._draw(key, lambda: _encode_tiles(views, names, kind, with_outline, source))
-
-
-def _encode_tiles(
-    views: Sequence[ReadingView], names: Sequence[str], kind: ImageKind, with_outline: bool, source: ShownTraction
-) -> bytes:
+) -> Image:
+    """Return the same image of several sensors side by side, with their names, in BGR."""
     images = [view.image(kind, with_outline, source) for view in views]
     rows, cols = images[0].shape[0] * TILE_WIDTH_PX // images[0].shape[1], TILE_WIDTH_PX
     tiles = [np.asarray(cv2.resize(image, (cols, rows), interpolation=cv2.INTER_AREA), np.uint8) for image in images]
@@ -314,7 +299,7 @@ def _encode_tiles(
         cv2.putText(tile, name, (4, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
     tiles += [np.full_like(tiles[0], 90)] * (len(tiles) % 2)
     pairs = [np.hstack(tiles[at : at + 2]) for at in range(0, len(tiles), 2)]
-    return cv2.imencode(".jpg", np.vstack(pairs), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
+    return np.vstack(pairs)
 
 
 def full_range_colour_scale(curve: DepthCurve) -> ColourScale:
@@ -337,9 +322,9 @@ def _heights_at(height: HeightMap, x_mm: Float[Array, " n"], y_mm: Float[Array, 
     return np.where(inside, z_mm, np.nan)
 
 
-def _true_heights_at(press: PressStep, x_mm: Float[Array, " n"], y_mm: Float[Array, " n"]) -> Float[Array, " n"]:
+def _true_heights_at(press: Press, x_mm: Float[Array, " n"], y_mm: Float[Array, " n"]) -> Float[Array, " n"]:
     """Return the heights of the simulated skin at positions."""
-    contact = press.contact
+    contact = press.corrected
     at = grid_indices_at_positions(
         contact.skin.grid, contact.centre_mm, x_mm[None].astype(np.float32), y_mm[None].astype(np.float32)
     )

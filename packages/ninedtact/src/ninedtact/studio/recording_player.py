@@ -8,8 +8,11 @@ shown as stored; the others are computed against the reference image that the re
 """
 
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import reduce
+from operator import or_
 from pathlib import Path
 from threading import Event, RLock, Thread
 from time import monotonic
@@ -21,6 +24,14 @@ from jaxtyping import Int64
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError, NinedtactError
+from ninedtact.live.sensor_poller import HISTORY_S, NS_PER_S, SensorPhase, SensorSnapshot
+from ninedtact.live.wrench_history import (
+    MOST_HZ,
+    ROUNDING_NS,
+    WrenchHistory,
+    WrenchSourceSnapshot,
+    WrenchWithUncertainty,
+)
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingUnreadable
@@ -32,7 +43,6 @@ from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
     Topic,
     decode_height_map,
-    decode_wrench_estimate,
 )
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape
 from ninedtact.shape.coloured_height_map import ColourScale
@@ -41,23 +51,11 @@ from ninedtact.shape.measures import max_indentation_mm
 from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
 from ninedtact.studio.page_controller import SILENT_AFTER_MS, PageMoment, SensorMoment, SensorStatusMessage
 from ninedtact.studio.reading_view import ReadingView
-from ninedtact.studio.sensor_poller import HISTORY_S, NS_PER_S, SensorPhase, SensorSnapshot
-from ninedtact.studio.wrench_history import (
-    MOST_HZ,
-    ROUNDING_NS,
-    WrenchHistory,
-    WrenchSourceSnapshot,
-    WrenchWithUncertainty,
-)
 
 CURVE_IMAGES = 600
 """Largest number of images of which the indentation is computed for the curve."""
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 _UNKNOWN_STD = np.full(6, np.nan)
-
-
-class LabelledSpanRefused(InputError):
-    """Raised for a label without a name, or for a stretch of time that ends before it begins."""
 
 
 class RecordedReadings:
@@ -71,10 +69,8 @@ class RecordedReadings:
         self._images = positions[np.argsort(positions["stamp_ns"], kind="stable")]
         if len(self._images) == 0:
             self.recording.close()
-            raise RecordingUnreadable(f"expected images in {path}, got none; take another recording")
+            raise RecordingUnreadable(expected=f"images in {path}", got="none", remedy="take another recording")
         self.stamps_ns: Int64[Array, " n"] = np.asarray(self._images["stamp_ns"])
-        self._at = {topic: self._by_stamp(topic) for topic in (Topic.HEIGHTS, Topic.ESTIMATED, Topic.COVARIANCE)}
-        self._warned = self._by_stamp(Topic.WARNINGS)
         self._references = RecordedReferences(self.recording, shape)
         self._first_reader: DepthReader | None = None
 
@@ -90,14 +86,14 @@ class RecordedReadings:
         """Return a reading; raises `RecordingUnreadable`, `FileFormatError`, `ReferenceUnusable`."""
         frame = self.recording.frame(self._images[number])
         reading = read_frame(frame, self._shape, self._depth_reader_at(frame.stamp_ns))
-        stored = self._at[Topic.HEIGHTS].get(frame.stamp_ns)
+        stored = self.recording.message_of_image(Topic.HEIGHTS, frame)
         if stored is not None:
-            z_mm = decode_height_map(self.recording.message(stored).data, self.recording.metadata.height_step_mm)
+            z_mm = decode_height_map(stored.data, self.recording.metadata.height_step_mm)
             self._require_size(z_mm.shape)
             computed = reading.height
             reading = replace(reading, height=replace(computed, z_mm=np.where(np.isnan(z_mm), computed.z_mm, z_mm)))
-        estimate = self._estimate_at(frame.stamp_ns)
-        return reading if estimate is None else reading.with_force(estimate)
+        estimated = self.recording.message_of_image(Topic.ESTIMATED, frame)
+        return reading if estimated is None else reading.with_force(self.recording.estimate(estimated))
 
     def readings(self, first: int = 0, last: int | None = None) -> Iterator[Reading]:
         """Yield the readings from one number up to and including another."""
@@ -112,11 +108,12 @@ class RecordedReadings:
             stamp_ns = int(position["stamp_ns"])
             if stamp_ns - kept < NS_PER_S / MOST_HZ - ROUNDING_NS:
                 continue
-            kept, estimate = stamp_ns, self._estimate_at(stamp_ns) if topic is Topic.ESTIMATED else None
-            if estimate is None:
-                found.append((stamp_ns, WrenchWithUncertainty(self.recording.wrench(position), _UNKNOWN_STD)))
-            else:
+            kept = stamp_ns
+            if topic is Topic.ESTIMATED:
+                estimate = self.recording.estimate(self.recording.message(position))
                 found.append((stamp_ns, WrenchWithUncertainty.of_estimate(estimate)))
+            else:
+                found.append((stamp_ns, WrenchWithUncertainty(self.recording.wrench(position), _UNKNOWN_STD)))
         return found
 
     def close(self) -> None:
@@ -128,18 +125,6 @@ class RecordedReadings:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
-
-    def _by_stamp(self, topic: Topic) -> dict[int, np.void]:
-        return {int(position["stamp_ns"]): position for position in self.recording.positions(topic)}
-
-    def _estimate_at(self, stamp_ns: int) -> WrenchEstimate | None:
-        """Return the recorded estimate of one image with its errors and warnings; None where there is none."""
-        at = self._at[Topic.ESTIMATED].get(stamp_ns)
-        if at is None:
-            return None
-        positions = self._at[Topic.COVARIANCE].get(stamp_ns), self._warned.get(stamp_ns)
-        errors, warned = (None if one is None else self.recording.message(one).data for one in positions)
-        return decode_wrench_estimate(self.recording.wrench(at), errors, warned)
 
     def _depth_reader_at(self, stamp_ns: int) -> DepthReader:
         """Return the depth reader for the reference image that held at a stamp, or that of the first ten images."""
@@ -154,8 +139,9 @@ class RecordedReadings:
         wanted = self._shape.rectify.height_source.shape
         if size != wanted:
             raise RecordingUnreadable(
-                f"expected heights of {wanted[1]} x {wanted[0]} pixels in {self.recording.path}, as the sensor has, got "
-                f"{size[1]} x {size[0]}; name the recorded sensor with --sensor, or leave it out"
+                expected=f"heights of {wanted[1]} x {wanted[0]} pixels in {self.recording.path}, as the sensor has",
+                got=f"{size[1]} x {size[0]}",
+                remedy="name the recorded sensor with --sensor, or leave it out",
             )
 
 
@@ -195,9 +181,14 @@ class RecordedSensor:
         self._thread = Thread(target=self._measure_curve, name=f"measure {path.name}", daemon=True)
         self._thread.start()
 
-    def seek(self, at_ns: int) -> None:
-        """Take the newest image at a stamp; where it is damaged, the last whole one stays and `trouble` says so."""
-        number = max(int(np.searchsorted(self.readings.stamps_ns, at_ns, side="right")) - 1, 0)
+    def seek(self, at_ns: int, repetition: int = 0) -> None:
+        """Take the newest image at a stamp; where it is damaged, the last whole one stays and `trouble` says so.
+
+        repetition: of several images with this stamp, how many are passed over.
+        """
+        stamps_ns = self.readings.stamps_ns
+        first, end = (int(np.searchsorted(stamps_ns, at_ns, side=side)) for side in ("left", "right"))
+        number = max(min(first + repetition, end - 1), 0)
         if number == self._number:
             return
         self._number, self.trouble = number, ""
@@ -286,10 +277,14 @@ class RecordingPlayer:
         self.sensors = tuple(sensors)
         self._recording = self.sensors[0].readings.recording
         self.path = self._recording.path
-        self._stamps_ns = np.unique(np.concatenate([one.readings.stamps_ns for one in self.sensors]))
+        counts = [Counter(one.readings.stamps_ns.tolist()) for one in self.sensors]
+        most = reduce(or_, counts)  # of images with one stamp, those of the sensor that has most of them
+        self._stamps_ns = np.array(sorted(most.elements()), np.int64)
         self._times_s = (self._stamps_ns - self._stamps_ns[0]) / NS_PER_S
         self.spans = self._recording.spans()
         """The labelled spans of the file, in the order of their beginnings, as of the last edit by this player."""
+        self.number = 0
+        """Number of the newest image that is shown, from 0."""
         self.speed, self._is_playing, self._at_s = 1.0, False, 0.0
         self._lock, self._ticked_at = RLock(), monotonic()
 
@@ -316,37 +311,30 @@ class RecordingPlayer:
         """The id of the sensor that was recorded."""
         return self._recording.sensor
 
-    @property
-    def number(self) -> int:
-        """Number of the newest image that is shown, from 0: the last one up to the present time."""
-        return max(int(np.searchsorted(self._times_s, self._at_s + 1e-6, side="right")) - 1, 0)
-
     def toggle_play(self) -> None:
         """Let time go on, or stop it; at the end it begins again."""
         with self._lock:
             self._advance()
             self._is_playing = not self._is_playing
-            if self._is_playing and self.number == len(self._times_s) - 1:
-                self._at_s = 0.0
+            if self._is_playing and self.number == len(self) - 1:
+                self.number, self._at_s = 0, 0.0
 
     def seek(self, at_s: float) -> None:
         """Stop at the image nearest to a time, within the recording."""
-        with self._lock:
-            self._is_playing = False
-            self._at_s = float(self._times_s[np.abs(self._times_s - at_s).argmin()]) if np.isfinite(at_s) else 0.0
+        self._stop_at(int(np.abs(self._times_s - at_s).argmin()) if np.isfinite(at_s) else 0)
 
     def step(self, images: int) -> None:
         """Stop, and go so many images forwards or backwards."""
         with self._lock:
-            self._is_playing = False
-            self._at_s = float(self._times_s[min(max(self.number + images, 0), len(self._times_s) - 1)])
+            self._stop_at(min(max(self.number + images, 0), len(self) - 1))
 
     def add_span(self, begin_s: float, end_s: float, label: str) -> None:
-        """Label a span of time and keep it in the file; raises `LabelledSpanRefused`, `FileNotWritten`, `RecordingUnreadable`."""
+        """Label a span of time and keep it in the file; raises `InputError`, `FileNotWritten`, `RecordingUnreadable`."""
         if not label.strip() or not 0 <= begin_s <= end_s:
-            raise LabelledSpanRefused(
-                f"expected a label and an end after its beginning, got '{label}' from {begin_s:.2f} to {end_s:.2f} s; name it and "
-                "mark both ends"
+            raise InputError(
+                expected="a label and an end after its beginning",
+                got=f"'{label}' from {begin_s:.2f} to {end_s:.2f} s",
+                remedy="name it and mark both ends",
             )
         first_ns = int(self._stamps_ns[0])
         begin_ns, end_ns = (first_ns + round(at_s * NS_PER_S) for at_s in (begin_s, end_s))
@@ -367,8 +355,9 @@ class RecordingPlayer:
         with self._lock:
             self._advance()
             at_ns, at_s = int(self._stamps_ns[self.number]), self.at_s
+            repetition = self.number - int(np.searchsorted(self._stamps_ns, at_ns))
             for one in self.sensors:
-                one.seek(at_ns)
+                one.seek(at_ns, repetition)
             self._is_playing = self._is_playing and not any(one.trouble for one in self.sensors)
             state = f"playing at {self.speed:g} ×" if self._is_playing else "paused"
             state = f"recorded, {at_s:.2f} of {self.duration_s:.2f} s, {state}"
@@ -381,10 +370,15 @@ class RecordingPlayer:
             for one in self.sensors:
                 one.close()
 
+    def _stop_at(self, number: int) -> None:
+        with self._lock:
+            self._is_playing, self.number, self._at_s = False, number, float(self._times_s[number])
+
     def _advance(self) -> None:
         """Let the time that has passed go by, at the chosen speed."""
         now = monotonic()
         if self._is_playing:
             self._at_s = min(self._at_s + (now - self._ticked_at) * self.speed, self.duration_s)
             self._is_playing = self._at_s < self.duration_s
+            self.number = max(self.number, int(np.searchsorted(self._times_s, self._at_s + 1e-6, side="right")) - 1)
         self._ticked_at = now

@@ -12,16 +12,17 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from viser import GuiApi, GuiButtonHandle, GuiEvent, Icon, IconName, ViserServer
+from viser import GuiApi, GuiButtonHandle, GuiEvent, Icon, IconName
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.open_sensor import RECORDING_SUFFIX, load_given_or_recorded_sensor
+from ninedtact.errors import InputError
 from ninedtact.reading import Reading
 from ninedtact.recording.export import export_each_sensor
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.source_addresses import RECORDING_SUFFIX, load_given_or_recorded_sensor
 from ninedtact.studio.page_cards import (
     card_html,
     explained_wrench_table_html,
@@ -31,12 +32,11 @@ from ninedtact.studio.page_cards import (
     status_html,
     time_slider_marks,
 )
-from ninedtact.studio.page_controller import WITHOUT_READING, NothingToSave, PageMoment
+from ninedtact.studio.page_controller import WITHOUT_READING, PageMoment
 from ninedtact.studio.page_recorder import PageRecorder, RecorderState
-from ninedtact.studio.recording_player import SPEEDS, LabelledSpanRefused, RecordedSensor, RecordingPlayer
-from ninedtact.studio.saved_files import Exporter, save_surface_sequence, save_video
+from ninedtact.studio.recording_player import SPEEDS, RecordedSensor, RecordingPlayer
+from ninedtact.studio.saved_files import save_surface_sequence, save_video
 from ninedtact.studio.viewer import Side, ViewerPage, is_user_event, set_gui_control
-from ninedtact.studio.viser_internals import set_slider_marks
 
 NOTHING, WHOLE = "none", "the whole recording"
 STEPS = {"back": -1, "play": 0, "next": 1}
@@ -45,14 +45,12 @@ PLAY_KEYS = "keys: J frame back, K play or pause, L frame forward"
 _LIST_EVERY_S = 1.0
 _HEIGHT_BYTES = 4
 _OF_CHOICE = "of the chosen label or of the whole recording"
-_TABLES = Exporter(export_each_sensor, "export", "PNG, CSV, .npy and the sensor folder", has_all_sensors=True)
 
 
 @dataclass(frozen=True)
 class RecordingsPanelContext:
     """What the recordings panels of all viewers share: recorder, first recording, calibrations and exporters."""
 
-    server: ViserServer
     sensor: SensorFolder
     recorder: PageRecorder | None = None
     """None on a page without a sensor."""
@@ -60,8 +58,6 @@ class RecordingsPanelContext:
     """The recording that every viewer begins with."""
     shapes: Mapping[str, CalibratedShape] = field(default_factory=dict)
     """The calibrations of its sensors by how `Recording` opens them; those that are not here are read from the recording."""
-    exporters: Mapping[str, Exporter] = field(default_factory=dict)
-    """Further formats into which recordings are exported, by the names of their buttons."""
 
     def shape_of(self, path: Path) -> CalibratedShape:
         """Return the calibration that a recording carries, or that of the page's sensor where it carries none of the same sensor.
@@ -94,18 +90,18 @@ class RecordingsPanel:
 
     def build(self, gui: GuiApi) -> None:
         """Add the controls of recording, playing, labels and export."""
+        self._gui = gui
         if self._context.recorder is not None:
             self._build_record(gui, self._context.recorder)
-        with gui.add_folder("play"):
+        with gui.add_folder("play") as folder:
             if self._context.opens is None:
                 self._choice = gui.add_dropdown("recording", (NOTHING,), hint=f"recordings in {self._out}")
                 self._close_button = gui.add_button("Back to the sensor", icon=Icon.PLAYER_EJECT, visible=False)
                 self._choice.on_update(self._choose)
                 self._close_button.on_click(lambda event: self._close())
-            self._slider = gui.add_slider("time (s)", 0.0, 1.0, 0.001, 0.0, visible=False)
+            self._play_folder, self._slider = folder, gui.add_slider("time (s)", 0.0, 1.0, 0.001, 0.0, visible=False)
             self._steps = gui.add_button_group("image", tuple(STEPS), visible=False, hint="play: or pause")
             self._speed = gui.add_dropdown("speed", tuple(_SPEED_OF_NAME), initial_value="1 ×", visible=False)
-            self._slider.on_update(self._seek)
             self._steps.on_click(lambda event: self._step(STEPS[event.target.value]))
             self._speed.on_update(self._set_speed)
             self._keys = gui.add_html(card_html("lines", texts=[PLAY_KEYS]), visible=False)
@@ -124,12 +120,10 @@ class RecordingsPanel:
             page = gui.add_button("This moment as a web page", icon=Icon.HTML, hint=f"one HTML file in {self._out}")
             page.on_click(partial(self._export, self._export_page))
             exports: dict[str, tuple[IconName, str, Export]] = {
-                "Images and tables": (Icon.TABLE, _TABLES.hint, partial(self._export_with, _TABLES)),
+                "Images and tables": (Icon.TABLE, "PNG, CSV, .npy and the sensor folder", self._export_tables),
                 "Surfaces (PLY)": (Icon.STACK_2, f"every surface, {_OF_CHOICE}", self._export_surfaces),
                 "Video (MP4)": (Icon.MOVIE, f"image beside heights, {_OF_CHOICE}", self._export_video),
             }
-            for name, one in self._context.exporters.items():
-                exports[name] = Icon.FILE_EXPORT, one.hint, partial(self._export_with, one)
             self._exports: list[GuiButtonHandle] = []
             for name, (icon, hint, export) in exports.items():
                 self._exports.append(gui.add_button(name, icon=icon, visible=False, hint=hint))
@@ -215,8 +209,6 @@ class RecordingsPanel:
             opened.pop_all()
             player.speed = _SPEED_OF_NAME.get(str(self._speed.value), 1.0)
             self._player, self._opened_name = player, path.name
-            set_gui_control(self._slider, 0.0)
-            self._slider.max = max(round(player.duration_s, 3), 0.001)
             self._marks_s = [0.0, player.duration_s]
             viewer.play(player)
             self._show_labels()
@@ -274,7 +266,9 @@ class RecordingsPanel:
     def _remove_label(self, player: RecordingPlayer) -> None:
         span = self._chosen_span()
         if span is None:
-            raise LabelledSpanRefused(f"expected a label to remove, got '{self._label_choice.value}'; choose one first")
+            raise InputError(
+                expected="a label to remove", got=f"'{self._label_choice.value}'", remedy="choose one first"
+            )
         player.remove_span(span)
 
     def _edit(self, change: Callable[[RecordingPlayer], None]) -> None:
@@ -288,9 +282,20 @@ class RecordingsPanel:
         if player is not None:
             names = [_span_name(player, span) for span in player.spans]
             self._label_choice.options = (WHOLE, *dict.fromkeys(names))
-            set_slider_marks(self._slider, time_slider_marks(player))
+            self._replace_slider(player)
             self._list.content = card_html("lines", texts=names)
             self._show_marks()
+
+    def _replace_slider(self, player: RecordingPlayer) -> None:
+        """Show the time on another slider, because viser takes the marks of labels only when a slider is made."""
+        before, end_s = self._slider, max(round(player.duration_s, 3), 0.001)
+        at_s, marks = min(round(player.at_s, 3), end_s), tuple(time_slider_marks(player))
+        with self._play_folder:
+            self._slider = self._gui.add_slider(
+                "time (s)", 0.0, end_s, 0.001, at_s, marks=marks, order=before.order, visible=before.visible
+            )
+        self._slider.on_update(self._seek)
+        before.remove()
 
     def _show_marks(self) -> None:
         self._marked.content = card_html("lines", texts=["marked: {:.2f} to {:.2f} s".format(*self._marks_s)])
@@ -312,7 +317,7 @@ class RecordingsPanel:
         newest = self._viewer.moment
         moment = None if newest is None else self._viewer.choose_shown(newest)[0]
         if moment is None or moment.view is None:
-            raise NothingToSave(WITHOUT_READING)
+            raise InputError(WITHOUT_READING)
         view, path = moment.view.bright_copy(), self._out / f"moment_{time}.html"
         cards = (
             status_html(moment.status),
@@ -323,25 +328,23 @@ class RecordingsPanel:
         wrench = None if sample is None else sample.wrench
         sensor = moment.name or (self._context.sensor.id if self._player is None else self._player.sensor_id)
         title = f"{sensor}, {moment.status.sentence}"
-        content = standalone_moment_html(view, cards, self._context.server, self._viewer.block, title, wrench).encode()
+        content = standalone_moment_html(view, cards, self._viewer.block, title, wrench).encode()
         self._quota.require_space(len(content), self._out, "a web page")
         write_file_atomically(path, content)
         self._quota.add_bytes(len(content))
         return path
 
-    def _export_with(self, exporter: Exporter, time: str) -> Path:
-        sensors = self._opened().sensors if exporter.has_all_sensors else (self._chosen_sensor(),)
-        name = self._opened().path.stem if exporter.has_all_sensors else _file_name(sensors[0].path)
-        path = self._out / f"{name}_{exporter.word}_{time}{exporter.ending}"
+    def _export_tables(self, time: str) -> Path:
+        path = self._out / f"{self._opened().path.stem}_export_{time}"
         with ExitStack() as opened:
-            recordings = [opened.enter_context(Recording(one.path)) for one in sensors]
+            recordings = [opened.enter_context(Recording(one.path)) for one in self._opened().sensors]
             count = sum(len(recording.positions(Topic.IMAGES)) for recording in recordings)
             first = None if self._viewer.moment is None else self._viewer.moment.sensors[0].reading
             image_bytes = 0 if first is None else first.frame.image.nbytes + _HEIGHT_BYTES * first.height.z_mm.size
             self._quota.require_space(count * image_bytes, self._out, "an export")
             said = iter(range(1, count + 1))
-            exporter.write(recordings, path, lambda: self._say_progress(next(said, count), count))
-        self._quota.add_bytes(sum(file.stat().st_size for file in (path, *path.rglob("*")) if file.is_file()))
+            export_each_sensor(recordings, path, lambda: self._say_progress(next(said, count), count))
+        self._quota.add_bytes(sum(file.stat().st_size for file in path.rglob("*") if file.is_file()))
         return path
 
     def _export_surfaces(self, time: str) -> Path:
@@ -362,7 +365,9 @@ class RecordingsPanel:
         readings, numbers = self._chosen_sensor().readings_within(self._chosen_span())
         with readings:
             if not numbers:
-                raise NothingToSave(f"expected images in {self._label_choice.value}, got none; choose another label")
+                raise InputError(
+                    expected=f"images in {self._label_choice.value}", got="none", remedy="choose another label"
+                )
             yield (self._say_and_read(readings.reading, number, numbers) for number in numbers)
 
     def _say_and_read(self, read: Callable[[int], Reading], number: int, numbers: range) -> Reading:
@@ -374,14 +379,14 @@ class RecordingsPanel:
             self._progress.content = card_html("lines", texts=[f"exporting {number} of {count}"])
 
     def _chosen_sensor(self) -> RecordedSensor:
-        """Return the recorded sensor that the views show, or of the first; raises `NothingToSave`."""
+        """Return the recorded sensor that the views show, or of the first; raises `InputError`."""
         sensors = self._opened().sensors
         return sensors[min(self._viewer.options.sensor or 0, len(sensors) - 1)]
 
     def _opened(self) -> RecordingPlayer:
-        """Return what is open; raises `NothingToSave`."""
+        """Return what is open; raises `InputError`."""
         if self._player is None:
-            raise NothingToSave("expected an open recording to export, got none; open one first")
+            raise InputError(expected="an open recording to export", got="none", remedy="open one first")
         return self._player
 
 

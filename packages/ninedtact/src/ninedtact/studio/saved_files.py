@@ -7,7 +7,7 @@ import json
 import shutil
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -15,7 +15,7 @@ from math import ceil
 from pathlib import Path
 from secrets import token_hex
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,13 +24,10 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import FileNotWritten, create_folder_atomically, write_file_atomically
 from ninedtact.errors import OutputError
+from ninedtact.live.wrench_history import WrenchSourceSnapshot
 from ninedtact.reading import Reading
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.export import export_shape
-from ninedtact.studio.wrench_history import WrenchSourceSnapshot
-
-if TYPE_CHECKING:
-    from ninedtact.recording.reader import Recording  # whose libraries a page without recordings does not need
 
 FORMATS = ("npy", "png", "ply")
 SEQUENCE_EVERY = 2
@@ -44,10 +41,6 @@ class SaveLimits:
     per_minute: int = 10
     disk_share: float = 0.1
     """Largest share of the disk space that was free before the first save."""
-
-
-class SaveRefused(OutputError):
-    """Raised where something is not saved because too much was, or because something else is being saved."""
 
 
 _SAVED_BYTES_PER_PX = 100
@@ -64,14 +57,14 @@ class SaveQuota:
         """Held while the files of one moment are written."""
 
     def count_save(self, needed_bytes: int, folder: Path, what: str = "another reading") -> None:
-        """Count one save, before it; raises `SaveRefused` where it is one too many, or its bytes are."""
+        """Count one save, before it; raises `OutputError` where it is one too many, or its bytes are."""
         with self._lock:
             self._require_rate(time.monotonic())
             self._require_space(needed_bytes, folder, what)
             self._saved_at_s.append(time.monotonic())
 
     def require_space(self, needed_bytes: int, folder: Path, what: str) -> None:
-        """Raise `SaveRefused` where so many more bytes than were counted are too many."""
+        """Raise `OutputError` where so many more bytes than were counted are too many."""
         with self._lock:
             self._require_space(needed_bytes, folder, what)
 
@@ -82,9 +75,11 @@ class SaveQuota:
 
     @contextmanager
     def one_export(self) -> Iterator[None]:
-        """Refuse, with `SaveRefused`, a second export while the block runs."""
+        """Refuse, with `OutputError`, a second export while the block runs."""
         if not self._exporting.acquire(blocking=False):
-            raise SaveRefused("expected one export at a time, got a second one; wait until the first has ended")
+            raise OutputError(
+                expected="one export at a time", got="a second one", remedy="wait until the first has ended"
+            )
         try:
             yield
         finally:
@@ -93,17 +88,20 @@ class SaveQuota:
     def _require_rate(self, now_s: float) -> None:
         most = self._limits.per_minute
         if len(self._saved_at_s) == most and (wait_s := self._saved_at_s[0] + 60 - now_s) > 0:
-            raise SaveRefused(
-                f"expected at most {most} saves a minute, got one more; wait {ceil(wait_s)} s, or use 'ninedtact record'"
+            raise OutputError(
+                expected=f"at most {most} saves a minute",
+                got="one more",
+                remedy=f"wait {ceil(wait_s)} s, or use 'ninedtact record'",
             )
 
     def _require_space(self, needed_bytes: int, folder: Path, what: str) -> None:
         there = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.is_dir())
         allowed = self._limits.disk_share * (shutil.disk_usage(there).free + self._written_bytes)
         if self._written_bytes + needed_bytes > allowed:
-            raise SaveRefused(
-                f"expected the page to save at most {self._limits.disk_share:.0%} of the free disk, {allowed / 1e6:.0f} MB, got "
-                f"{self._written_bytes / 1e6:.0f} MB and {what}; free the disk, or choose another folder with --out"
+            raise OutputError(
+                expected=f"the page to save at most {self._limits.disk_share:.0%} of the free disk, {allowed / 1e6:.0f} MB",
+                got=f"{self._written_bytes / 1e6:.0f} MB and {what}",
+                remedy="free the disk, or choose another folder with --out",
             )
 
 
@@ -117,7 +115,7 @@ def save_moment_files(
 ) -> list[Path]:
     """Write camera image, heights (mm), and wrenches with errors and warnings, to files named by the time and the sensor's name.
 
-    Raises `SaveRefused`, `FileNotWritten`.
+    Raises `OutputError`, `FileNotWritten`.
     """
     with quota.writing:
         quota.count_save(reading.frame.image.nbytes + _SAVED_BYTES_PER_PX * reading.height.z_mm.size, folder)
@@ -171,23 +169,8 @@ def _finite_numbers(values: Float64[Array, " n"]) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
-@dataclass(frozen=True)
-class Exporter:
-    """A format into which the page exports whole recordings; further ones are handed to the page by the program that serves it."""
-
-    write: "Callable[[Sequence[Recording], Path, Callable[[], None]], object]"
-    """Writes recordings to a new path and calls back after each image."""
-    word: str
-    """The format in the name of what is written: `grasp_WORD_TIME`."""
-    hint: str
-    ending: str = ""
-    """The ending of a file; empty for a folder."""
-    has_all_sensors: bool = False
-    """Whether all sensors of a recording are written together; otherwise the one that the views show."""
-
-
 def save_surface_sequence(readings: Iterable[Reading], out: Path, quota: SaveQuota) -> int:
-    """Write the surface of every reading as PLY into a new folder, and return their number; raises `SaveRefused`."""
+    """Write the surface of every reading as PLY into a new folder, and return their number; raises `OutputError`."""
     count = written = 0
     with create_folder_atomically(out) as folder:
         for reading in readings:
@@ -235,7 +218,9 @@ def _require_images(video: Path, count: int, final: Path) -> None:
     reader.release()
     if written != count or count == 0:
         raise FileNotWritten(
-            f"expected to write {count} images to {final}, got {written}; free the disk or correct the folder's permissions"
+            expected=f"to write {count} images to {final}",
+            got=f"{written}",
+            remedy="free the disk or correct the folder's permissions",
         )
 
 

@@ -19,9 +19,8 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.quantities import Wrench
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.surface import triangulate_view
-from ninedtact.simulation.press_sequence import PressStep
+from ninedtact.simulation.twin import Press
 from ninedtact.studio.reading_view import LIGHT_DIRECTION, SkinSurface
-from ninedtact.studio.viser_internals import send_arrays
 
 Point = tuple[float, float, float]
 LINES_EVERY_MM = 5.0
@@ -179,6 +178,8 @@ GEL, PAST = (150, 172, 196), (110, 114, 118)
 EDGES, FLOOR = (120, 128, 138), (205, 210, 216)
 OUTLINE, PROFILE, TRACTION, OBJECT = (20, 20, 20), (204, 121, 167), (0, 114, 178), (90, 90, 90)
 """Colours of lines and arrows on the skin, and of the object; from the palette of Okabe and Ito."""
+LIGHT, DARK = np.full((2, 2, 3), (236, 239, 242), np.uint8), np.full((2, 2, 3), (36, 38, 42), np.uint8)
+"""The backgrounds of the scene."""
 FIELD_OF_VIEW_RAD = 0.72
 POINT_OVERLAP = 1.3
 """Ratio of point size to spacing, so that steep skin has no gaps."""
@@ -230,10 +231,10 @@ class SkinScene:
     def show_surface(self, surface: SkinSurface, as_points: bool, is_past: bool) -> None:
         """Draw one surface, as coloured points or as a smooth surface in the colour of silicone."""
         if as_points:
-            send_arrays(self._points, points=surface.half_precision_points_mm, colors=surface.colours)
+            self._points.points, self._points.colors = surface.half_precision_points_mm, surface.colours
             self._points.point_size = surface.spacing_mm * POINT_OVERLAP / np.cbrt(self._exaggeration)
         else:
-            send_arrays(self._mesh, vertices=surface.points_mm, faces=surface.faces)
+            self._mesh.vertices, self._mesh.faces = surface.points_mm, surface.faces
             self._mesh.color = PAST if is_past else GEL
         self._points.visible, self._mesh.visible = as_points, not as_points
 
@@ -253,7 +254,7 @@ class SkinScene:
             self._tractions.points = arrows_mm
         self._tractions.visible = arrows_mm is not None and len(arrows_mm) > 0
 
-    def show_object(self, press: PressStep | None) -> None:
+    def show_object(self, press: Press | None) -> None:
         """Draw the object of a twin where it is; it is hidden while heights are exaggerated, because it is rigid."""
         if press is None or self._exaggeration != 1.0:
             self._object.visible = False
@@ -264,8 +265,8 @@ class SkinScene:
             self._object = self._scene.add_mesh_simple(
                 f"{self._at}/object", vertices, faces, color=OBJECT, wireframe=True, opacity=0.35, side="double"
             )
-        self._object.position = tuple(press.contact.pose.origin_mm.tolist())
-        self._object.wxyz = SO3.from_matrix(np.asarray(press.contact.pose.rotation)).wxyz
+        self._object.position = tuple(press.pose.origin_mm.tolist())
+        self._object.wxyz = SO3.from_matrix(np.asarray(press.pose.rotation)).wxyz
         self._object.visible = True
 
     def exaggerate(self, exaggeration: float) -> None:
@@ -304,7 +305,8 @@ def indenter_underside_mesh(indenter: Indenter) -> tuple[Float32[Array, "n 3"], 
 
 
 def set_up_view(server: ViserServer, block: GelBlock) -> None:
-    """Place camera and lights for all viewers."""
+    """Place background, camera and lights for all viewers."""
+    server.scene.set_background_image(LIGHT)
     _place_camera(server, block)
     _add_lights(server)
 

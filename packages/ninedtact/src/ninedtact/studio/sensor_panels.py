@@ -6,20 +6,18 @@ import numpy as np
 from viser import CommandEvent, GuiApi, GuiEvent, Icon, uplot
 
 from ninedtact.errors import NinedtactError
+from ninedtact.live.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.page_cards import (
-    WrenchCurves,
     card_html,
     explained_wrench_table_html,
     name_value_table_html,
     shape_summary_html,
     status_html,
-    wrench_meaning_html,
-    wrench_table_html,
 )
 from ninedtact.studio.page_controller import WAITING_STATUS, PageMoment, SensorMoment
-from ninedtact.studio.sensor_group import group_status_html, group_wrench_table_html, is_curve_redraw_due
-from ninedtact.studio.sensor_poller import HISTORY_S, SensorPhase
+from ninedtact.studio.sensor_group import group_status_html, group_wrench_table_html
 from ninedtact.studio.viewer import Side, ViewerPage
+from ninedtact.studio.wrench_curves import is_curve_redraw_due
 
 SIDE_BY_SIDE = "all side by side"
 SAVED_AS = "the camera's image as .png, heights in mm as .npy, .png and .ply, wrenches and warnings as .json"
@@ -118,33 +116,6 @@ class WrenchPanel:
             return
         (alone,) = moment.sensors
         self._table.content = explained_wrench_table_html(alone.wrenches, alone.status.is_past)
-
-
-class WrenchAndCurvesPanel:
-    """The wrenches of one sensor: the table of this moment, except on a phone, and the curves of the last seconds."""
-
-    title, icon = "Wrench", Icon.CHART_LINE
-    side: Side = "lower left"
-
-    def __init__(self, viewer: ViewerPage) -> None:
-        self._viewer, self._moments = viewer, 0
-
-    def build(self, gui: GuiApi) -> None:
-        """Add the table and the plots."""
-        self._table = gui.add_html("", visible=not self._viewer.is_narrow)
-        self._sources = self._viewer.controller.sensors[0].wrenches
-        self._curves = WrenchCurves(gui, self._sources)
-        self._meaning = gui.add_html("", visible=not self._viewer.is_narrow)
-
-    def update(self, moment: PageMoment) -> None:
-        """Show the wrenches of this moment; redraw the curves from time to time, and not while they are frozen."""
-        sensor = moment.sensors[0]  # a recording may have several, or no wrenches
-        if not self._viewer.is_narrow:
-            self._table.content = wrench_table_html(sensor.wrenches, sensor.status.is_past) if sensor.wrenches else ""
-            self._meaning.content = wrench_meaning_html(sensor.wrenches) if sensor.wrenches else ""
-        self._moments += 1
-        if is_curve_redraw_due(self._viewer, moment, self._moments) and sensor.wrenches:
-            self._curves.draw(sensor.wrenches[: len(self._sources)])
 
 
 class ReferenceAndRatesPanel:

@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.array_namespace import to_numpy
+from ninedtact.mechanics.contact_arrays import to_numpy
 from ninedtact.quantities import HeightMap, Traction, centred_axis_mm
 from ninedtact.shape.coloured_height_map import round_up_to_1_2_5
 from ninedtact.simulation.ground_truth import resample_skin_field, true_pressure_map_mpa, true_shear_map_mpa
-from ninedtact.simulation.press_sequence import PressStep
+from ninedtact.simulation.twin import Press
 
 EVERY_PX = 2
 LEAST_MPA = 0.005
@@ -87,10 +87,10 @@ def estimated_tractions(traction: Traction, height: HeightMap) -> SkinTractions:
     return SkinTractions(np.asarray(pressure), np.dstack([shear_x, shear_y]), mm_per_px)
 
 
-def true_tractions(press: PressStep, height: HeightMap) -> SkinTractions:
+def true_tractions(press: Press, height: HeightMap) -> SkinTractions:
     """Return the tractions of the simulated contact, with where it slips."""
     shape, mm_per_px = _page_grid(height)
-    contact = press.contact
+    contact = press.corrected
     slips = ((to_numpy(contact.stick_mask) == 0) & (to_numpy(contact.pressure_mpa) > 0)).astype(np.float32)
     return SkinTractions(
         np.maximum(true_pressure_map_mpa(contact, shape, mm_per_px), 0),

@@ -3,6 +3,7 @@
 Every viewer has these controls; they move one object, so each follows what the others do.
 """
 
+from base64 import b64encode
 from collections.abc import Sequence
 from functools import lru_cache, partial
 from threading import Lock
@@ -53,11 +54,7 @@ _SIDES = {
 }
 """The sides of a mesh, as the page names them."""
 _SEQUENCE, _BY_DEPTH, _BY_LOAD = "sequence plays", "to a depth", "under a load"
-THUMBNAIL_PX = 148
-"""Side of an object's image; the page shows it at half of this, so that its name is sharp."""
-_THUMBNAILS_PER_ROW = 4
-_LINE_PX, _LETTER_SIZE = 26, 0.75
-"""Height of a line of a name, and the size of its letters as OpenCV counts it: 11 px on the page, as other small text."""
+_THUMBNAIL_PX = 148
 _THUMBNAIL_HALF_MM, _THUMBNAIL_HEIGHT_MM = 9.0, 3.0
 
 
@@ -93,7 +90,7 @@ class TwinPressPanel:
         self._family = gui.add_dropdown("object", self._names_of_kind(state.kind), initial_value=state.family)
         self._number = gui.add_slider("number", 1, MAX_NUMBER, 1, state.number, hint="which one of its family")
         self._pictured = self._objects_of_kind(state.kind)
-        self._thumbnails = gui.add_image(object_thumbnails(*self._pictured), format="png")
+        self._thumbnails = gui.add_html(object_thumbnails_html(*self._pictured))
         self._depth = gui.add_slider("depth (mm)", -HOVER_MM, MAX_DEPTH_MM, 0.05, state.depth_mm)
         self._load = gui.add_slider("load (N)", 0.0, MAX_LOAD_N, 0.1, state.load_n)
         self._x = gui.add_slider("drag x (mm)", -reach[0], reach[0], 0.1, state.x_mm)
@@ -145,7 +142,7 @@ class TwinPressPanel:
     def _show_handle(self, state: HandPressState, moment: SensorMoment) -> None:
         """Put the handle where the object is held, unless this viewer is dragging it."""
         press = None if moment.view is None else moment.view.press
-        pose = press.contact.pose if press is not None and (state.is_playing or state.by_load) else state.target.pose
+        pose = press.pose if press is not None and (state.is_playing or state.by_load) else state.target.pose
         x, y, z = (float(part) for part in pose.origin_mm + np.array(self._place_mm))
         with self._noting:
             if not self._is_dragged and not self._dragged_to:
@@ -247,7 +244,7 @@ class TwinPressPanel:
             self._family.options = names
         if pictured != self._pictured:  # also where another mesh of the same name was brought
             self._pictured = pictured
-            self._thumbnails.image = object_thumbnails(*pictured)
+            self._thumbnails.content = object_thumbnails_html(*pictured)
         self._number.visible = state.kind not in ("primitives", OWN_KIND)
         self._depth.visible, self._load.visible = not state.by_load, state.by_load
         chosen = (self._mode, _mode_of(state)), (self._kind, state.kind), (self._family, state.family)
@@ -265,55 +262,36 @@ def _contact_html(moment: SensorMoment, control: TwinPressController) -> str:
     press = None if moment.view is None else moment.view.press
     if press is None:
         return ""
-    words, slip = [f"{press.indenter.name}, {float(press.contact.pose.depth_mm):.2f} mm deep"], press.slip_share
+    words, slip = [f"{press.indenter.name}, {float(press.pose.depth_mm):.2f} mm deep"], press.slip_share
     if slip is not None:
         words.append("sticks" if slip == 0 else "slips" if slip == 1 else f"slips on {slip:.0%} of the contact")
     return card_html("held_object", said=" · ".join(words), refusal=control.simulation.hand.refusal)
 
 
+def object_thumbnails_html(kind: str, held: Indenter | None = None) -> str:
+    """Return the objects of a kind with their names as HTML; of one's own mesh, the held object."""
+    return _catalogue_html(kind) if kind in OBJECTS_BY_KIND else _thumbnails_html([] if held is None else [held])
+
+
 @lru_cache(maxsize=16)
-def _catalogue_thumbnails(kind: str) -> UInt8[Array, "rows cols 4"]:
-    """Return the first object of each family of a kind, with its name, as one image (RGBA)."""
+def _catalogue_html(kind: str) -> str:
+    """Return the first object of each family of a kind as HTML."""
     names = OBJECTS_BY_KIND[kind]
-    indenters = [indenter_from_name(name if name in PRIMITIVES else f"{name}_01") for name in names]
-    tiles = [_thumbnail(indenter, name) for indenter, name in zip(indenters, names, strict=True)]
-    tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % _THUMBNAILS_PER_ROW)
-    rows = [np.hstack(tiles[at : at + _THUMBNAILS_PER_ROW]) for at in range(0, len(tiles), _THUMBNAILS_PER_ROW)]
-    return np.vstack(rows)
+    return _thumbnails_html([indenter_from_name(name if name in PRIMITIVES else f"{name}_01") for name in names], names)
 
 
-def object_thumbnails(kind: str, held: Indenter | None = None) -> UInt8[Array, "rows cols 4"]:
-    """Return the objects of a kind as one image (RGBA); of one's own mesh, only the held object."""
-    if kind in OBJECTS_BY_KIND:
-        return _catalogue_thumbnails(kind)
-    row_px = _THUMBNAILS_PER_ROW * THUMBNAIL_PX
-    if held is None:
-        return np.zeros((THUMBNAIL_PX + 2 * _LINE_PX, row_px, 4), np.uint8)
-    return _thumbnail(held, held.name, row_px)
+def _thumbnails_html(objects: Sequence[Indenter], names: Sequence[str] = ()) -> str:
+    images = [b64encode(cv2.imencode(".png", _thumbnail(one))[1].tobytes()).decode() for one in objects]
+    captions = [name.replace("_", " ") for name in names or [one.name for one in objects]]
+    return card_html("thumbnails", objects=list(zip(captions, images, strict=True)))
 
 
-def _thumbnail(indenter: Indenter, name: str, width_px: int = THUMBNAIL_PX) -> UInt8[Array, "rows cols 4"]:
-    """Return the underside of an object from below, lit from the upper left, with its name under it in this width."""
-    axis = np.linspace(-_THUMBNAIL_HALF_MM, _THUMBNAIL_HALF_MM, THUMBNAIL_PX)
+def _thumbnail(indenter: Indenter) -> UInt8[Array, "rows cols 4"]:
+    """Return the underside of an object from below (BGRA), lit from the upper left."""
+    axis = np.linspace(-_THUMBNAIL_HALF_MM, _THUMBNAIL_HALF_MM, _THUMBNAIL_PX)
     heights = np.asarray(indenter.underside_mm(*np.meshgrid(axis, axis)), np.float32)
     near = np.minimum(heights, _THUMBNAIL_HEIGHT_MM)
     slope_y, slope_x = np.gradient(near, float(axis[1] - axis[0]))
     light = (1 + 0.6 * slope_x - 0.6 * slope_y) / np.sqrt(1 + slope_x**2 + slope_y**2)
     shade = np.clip(light * (220 - 110 * near / _THUMBNAIL_HEIGHT_MM), 40, 235).astype(np.uint8)
-    there, beside = np.where(heights < _THUMBNAIL_HEIGHT_MM, 255, 0).astype(np.uint8), width_px - THUMBNAIL_PX
-    text = _draw_name(name, width_px)
-    opacity = np.vstack([np.pad(there, ((0, 0), (0, beside))), text])
-    grey = np.vstack([np.pad(shade, ((0, 0), (0, beside))), np.full_like(text, 128)])
-    return np.dstack([grey, grey, grey, opacity])
-
-
-def _draw_name(name: str, width_px: int) -> UInt8[Array, "rows cols"]:
-    """Return a name in two lines, the second with its further words (255 where letters are), in smaller ones if it is too long."""
-    image, font = np.zeros((2 * _LINE_PX, width_px), np.uint8), cv2.FONT_HERSHEY_SIMPLEX
-    first, _, further = name.partition("_")
-    for number, line in enumerate((first, further.replace("_", " "))):
-        size = _LETTER_SIZE
-        while cv2.getTextSize(line, font, size, 2)[0][0] > width_px - 8 and size > 0.1:
-            size *= 0.9
-        cv2.putText(image, line, (2, (number + 1) * _LINE_PX - 8), font, size, 255, 2, cv2.LINE_AA)
-    return image
+    return np.dstack([shade] * 3 + [np.where(heights < _THUMBNAIL_HEIGHT_MM, 255, 0).astype(np.uint8)])

@@ -4,6 +4,7 @@ from functools import partial
 from math import isfinite
 from typing import Any
 
+import cv2
 import numpy as np
 from viser import GuiApi, GuiEvent, GuiImageHandle, Icon, SceneClickEvent, uplot
 
@@ -17,12 +18,13 @@ from ninedtact.studio.page_cards import (
 )
 from ninedtact.studio.page_controller import PageMoment, SensorMoment
 from ninedtact.studio.reading_view import (
+    JPEG_QUALITY,
     PROFILE_POINTS,
     ImageKind,
     ReadingView,
     ShownTraction,
     SkinColouring,
-    sensor_tiles_jpeg,
+    sensor_tiles,
 )
 from ninedtact.studio.scene_3d import SkinScene
 from ninedtact.studio.viewer import (
@@ -34,10 +36,8 @@ from ninedtact.studio.viewer import (
     is_user_event,
     set_gui_control,
 )
-from ninedtact.studio.viser_internals import show_encoded_image
 
 BLANK = np.full((3, 4, 3), 90, np.uint8)
-_DENSITIES = {"all": 1, "a quarter": 2, "a sixteenth": 4}
 
 
 class ImagesPanel:
@@ -56,7 +56,7 @@ class ImagesPanel:
         for slot, kind in enumerate(self._viewer.options.images):
             menu = gui.add_dropdown(f"image {slot + 1}", [str(choice) for choice in ImageKind], initial_value=str(kind))
             menu.on_update(partial(self._choose, slot))
-            self._images.append(gui.add_image(BLANK, format="jpeg"))
+            self._images.append(gui.add_image(BLANK, format="jpeg", jpeg_quality=JPEG_QUALITY))
             self._legends.append(gui.add_html(""))
 
     def update(self, moment: PageMoment) -> None:
@@ -70,10 +70,10 @@ class ImagesPanel:
             return
         for image, legend, kind in zip(self._images, self._legends, options.images, strict=True):
             if len(views) > 1:
-                jpeg = sensor_tiles_jpeg(views, names, kind, options.with_outline, options.source)
+                bgr = sensor_tiles(views, names, kind, options.with_outline, options.source)
             else:
-                jpeg = views[0].jpeg(kind, options.with_outline, options.source)
-            show_encoded_image(image, jpeg)
+                bgr = views[0].image(kind, options.with_outline, options.source)
+            image.image = np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
             legend.content = _legend_html(views[0], kind, self._scale, options.source)
 
     def _choose(self, slot: int, event: GuiEvent[Any]) -> None:
@@ -107,9 +107,6 @@ class ScenePanel:
         colouring = gui.add_dropdown(
             "surface colouring", [str(each) for each in SkinColouring], initial_value=str(options.colouring)
         )
-        density = gui.add_dropdown(
-            "points of the surface", tuple(_DENSITIES), initial_value=_density_name(options.coarser)
-        )
         times = gui.add_slider("vertical exaggeration", 1.0, MAX_EXAGGERATION, 0.5, 1.0, hint="1 is true to scale")
         outline = gui.add_checkbox("contact outline", options.with_outline)
         source = gui.add_dropdown(
@@ -122,7 +119,6 @@ class ScenePanel:
         shear = gui.add_checkbox("shear as arrows", options.shear_arrows)
         ThemeChoice(viewer.client)
         colouring.on_update(lambda event: viewer.choose(colouring=SkinColouring(event.target.value)))
-        density.on_update(lambda event: viewer.choose(coarser=_DENSITIES[event.target.value]))
         times.on_update(lambda event: viewer.choose(exaggeration=_exaggeration(event.target.value)))
         outline.on_update(lambda event: viewer.choose(with_outline=event.target.value))
         source.on_update(lambda event: viewer.choose(source=ShownTraction(event.target.value)))
@@ -267,11 +263,6 @@ def _legend_html(view: ReadingView, kind: ImageKind, scale: ColourScale, source:
         return sticking_legend_html()
     end_mpa = view.scale_end_mpa(kind, source)
     return "" if end_mpa is None else magnitude_legend_html(f"{kind}, {source}", end_mpa)
-
-
-def _density_name(coarser: int) -> str:
-    """Return the name of a density of the surface."""
-    return next(name for name, factor in _DENSITIES.items() if factor == coarser)
 
 
 def _exaggeration(value: float) -> float:

@@ -8,19 +8,19 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from threading import RLock, Thread
 from time import monotonic, monotonic_ns, time
 from typing import Any, Literal, Protocol, runtime_checkable
 
-import numpy as np
 from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
 
 from ninedtact.errors import NinedtactError
 from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
+from ninedtact.studio.page_server import draw_unless_interrupted
 from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
-from ninedtact.studio.scene_3d import GelBlock, SideBySideLayout
-from ninedtact.studio.viser_internals import NARROW_PX, PHONE_STYLE, has_unsent_messages
+from ninedtact.studio.scene_3d import DARK, LIGHT, GelBlock, SideBySideLayout
 
 NOTICE_S = 8.0
 """Time for which a notification stays."""
@@ -38,12 +38,17 @@ RETRY_S = 5.0
 LEFT_PX, RIGHT_PX = 330, 350
 
 
+NARROW_PX = 600
+"""Width of a browser below which it is a phone: viser then shows its panel at the bottom."""
 PHONE_PANEL_SHARE = 0.6
 """Share of the height of a phone that viser's panel covers, at the bottom."""
+PHONE_STYLE = (
+    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'], [style*='max-height: 60%'] [style*='width: 20em'] "
+    "{ width: 100% !important; } }</style>"
+)
+"""Lets the controls be as wide as the screen of a phone, of which viser gives them a part."""
 
 
-LIGHT, DARK = np.full((2, 2, 3), (236, 239, 242), np.uint8), np.full((2, 2, 3), (36, 38, 42), np.uint8)
-"""The backgrounds of the scene."""
 _THEME_KEY, _THEME_WITHIN_S = "theme", 30.0
 """Name under which a browser keeps its choice, and the time within which it says what it has kept."""
 
@@ -178,9 +183,16 @@ class ViewerPage:
     """The page of one browser."""
 
     def __init__(
-        self, client: ClientHandle, controller: PageController, block: GelBlock, panels: Sequence[PanelFactory]
+        self,
+        client: ClientHandle,
+        controller: PageController,
+        block: GelBlock,
+        panels: Sequence[PanelFactory],
+        passed_messages: Callable[[], int],
     ) -> None:
+        """passed_messages: returns the number of messages to this browser that do not wait on their way any more."""
         self.client, self.controller, self.block = client, controller, block
+        self._passed_messages, self._passed_before = passed_messages, -1
         self.is_narrow = client.camera.image_width < NARROW_PX
         self.is_shared = len(controller.sensors) > 1
         """Whether the page has several sensors."""
@@ -266,7 +278,8 @@ class ViewerPage:
     def show(self, newest: PageMoment) -> None:
         """Show the newest moment, or the frozen one with its age; a client that has not got the last one goes on with that one."""
         with self._lock:
-            is_behind = has_unsent_messages(self.client)
+            passed = self._passed_messages()
+            is_behind = passed == self._passed_before
             self.pace.count_moment(is_behind, monotonic())
             if is_behind and not all(one.status.is_past for one in newest.sensors):
                 return
@@ -274,9 +287,11 @@ class ViewerPage:
             if self._frozen and self.moment is not None:
                 moment = self.moment.frozen_copy(moment, monotonic_ns())
             self.moment = moment
+            self._passed_before = passed
             with self.client.atomic():
+                self._beat.content = f"{passed}"
                 for panel in self._panels:
-                    panel.update(moment)
+                    draw_unless_interrupted(partial(panel.update, moment))
             # viser would wait 17 ms for more, and send nothing where the next moment has begun by then.
             self.client.flush()
 
@@ -305,6 +320,7 @@ class ViewerPage:
         gui = self.client.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_PX)
+        self._beat = gui.add_html("", visible=False)  # so that every moment is at least one message
         if self.is_narrow:
             gui.add_html(PHONE_STYLE)
         columns: dict[Side, PanelHandle | GuiTabGroupHandle] = {}

@@ -1,7 +1,6 @@
 """What is particular to one device: units, rates, drop counts, flags, stamps."""
 
 import contextlib
-import os
 import sys
 import threading
 import time
@@ -15,10 +14,9 @@ import pynetft
 import pytest
 from test_force_torque_family import Bench
 
-from ninedtact.capture.force_torque.bota import BotaDriver, _captured_errors
-from ninedtact.capture.force_torque.driver_source import DeviceClock
+from ninedtact.capture.force_torque.bota import BotaDriver
 from ninedtact.capture.force_torque.netft import NetFtDriver
-from ninedtact.capture.force_torque.serial_driver import SerialFrameParser, SerialPortDriver
+from ninedtact.capture.force_torque.serial_driver import SerialPortDriver
 from ninedtact.capture.force_torque.wrench_source_from_address import (
     force_torque_sensor_for,
     untared_wrench_source_for,
@@ -109,23 +107,6 @@ def test_a_status_of_a_net_ft_device_is_heeded_as_its_manufacturer_documents_it(
     assert (config.sensor_host, config.rdt_port, config.http_port) == ("h", 49152, 80)
     assert config.deliver_samples_with_error_status and config.calibration_override is None
     assert onrobot._config().rdt_port == 1234 and onrobot._config().calibration_override is not None
-
-
-@pytest.mark.parametrize(("last_error", "said"), [("refused", "refused"), ("", "silence"), (None, "silence")])
-def test_a_net_ft_device_that_sends_nothing_is_not_found(
-    monkeypatch: pytest.MonkeyPatch, last_error: str | None, said: str
-) -> None:
-    client = SimpleNamespace(
-        start=lambda: None,
-        wait_for_first_sample=lambda timeout_s: False,
-        health=lambda: SimpleNamespace(last_error=last_error),
-        stop=lambda: stopped.append(True),
-    )
-    stopped: list[bool] = []
-    monkeypatch.setattr("pynetft.Client", lambda config, queue_size: client)
-    with pytest.raises(WrenchSensorNotFound, match=f"expected RDT records from h, got: {said};"):
-        NetFtDriver.from_ati_address("netft:h").connect()
-    assert stopped
 
 
 @pytest.mark.parametrize(
@@ -282,7 +263,7 @@ def test_bota_that_does_not_start_is_released(
     played_bota: Callable[[PlayedBota], BotaDriver], answers: tuple[bool, bool], said: str
 ) -> None:
     library = PlayedBota(1000, [], answers)
-    with pytest.raises(WrenchSensorNotFound, match=f"to start, got: {said}; check the file and the cable"):
+    with pytest.raises(WrenchSensorNotFound, match=f"to start, got: {said}.*; check the file and the cable"):
         played_bota(library).connect()
     assert library.ended == ["shutdown"]
 
@@ -292,18 +273,6 @@ def test_bota_is_waited_for_a_tenth_of_a_second(played_bota: Callable[[PlayedBot
     driver.connect()
     began = time.monotonic()
     assert driver.receive() == [] and time.monotonic() - began >= 0.1
-
-
-@pytest.mark.parametrize(("period_us", "pause_ms"), [(0, 0.2), (800, 0.2), (2000, 0.5), (20_000, 5.0), (100_000, 5.0)])
-def test_bota_is_asked_four_times_a_period(
-    played_bota: Callable[[PlayedBota], BotaDriver], monkeypatch: pytest.MonkeyPatch, period_us: int, pause_ms: float
-) -> None:
-    """But neither more often than the computer can wait, nor so seldom that a sample is seen late."""
-    pauses_s: list[float] = []
-    monkeypatch.setattr("ninedtact.capture.force_torque.bota.time.sleep", pauses_s.append)
-    driver = played_bota(PlayedBota(period_us, [7, 7, 7, 8]))
-    driver.connect()
-    assert len(driver.receive()) == 1 and pauses_s == pytest.approx([pause_ms / 1e3] * 2)
 
 
 def test_bota_flags_are_heeded(played_bota: Callable[[PlayedBota], BotaDriver]) -> None:
@@ -320,25 +289,6 @@ def test_bota_flags_are_heeded(played_bota: Callable[[PlayedBota], BotaDriver]) 
             setattr(library, name, name == flag)
         (sample,) = driver.receive()
         assert type(sample.flaw) is flaw and said in str(sample.flaw)
-
-
-def test_errors_of_the_library_of_bota_are_taken_from_what_others_print(capfd: pytest.CaptureFixture[str]) -> None:
-    with _captured_errors() as errors:
-        os.write(1, b"\x1b[31m[bota_ERROR] no cable\x1b[0m\n[bota_INFO] version 1\n50 % done\n[bota_ERROR] no power\n")
-    assert errors == ["no cable", "no power"] and capfd.readouterr() == ("50 % done\n", "")
-
-
-def test_a_serial_port_of_another_baud_rate_is_lost_after_four_kilobytes(bench: Bench) -> None:
-    """The flags of a frame exclude each other, saturation first; other bits mean nothing."""
-    driver = SerialPortDriver.from_address("serial:/dev/ttyX@9600")
-    for flags, flaw in ((0, None), (1, WrenchSaturated), (2, WrenchFaulty), (3, WrenchSaturated), (4, None)):
-        assert type(driver._flaw(flags)) is (flaw or type(None))
-    driver._parser, driver._clock = SerialFrameParser(), DeviceClock()
-    portions = [b"." * 4096, b"."]
-    driver._port = SimpleNamespace(in_waiting=0, read=lambda count: portions.pop(0))
-    assert driver.receive() == []
-    with pytest.raises(WrenchSensorLost, match=r"got 4097 bytes without one; check its baud rate \(here 9600\)"):
-        driver.receive()
 
 
 def test_a_serial_port_is_opened_for_one_program_and_at_the_documented_rate(bench: Bench) -> None:

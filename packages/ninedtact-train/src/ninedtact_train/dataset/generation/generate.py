@@ -31,9 +31,9 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
 from ninedtact.quantities import NO_OBJECT
 from ninedtact.simulation.objects.catalogue import indenter_from_name, mesh_file_of_name
+from ninedtact.simulation.twin import Press
 from ninedtact_train.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
 from ninedtact_train.batched.session_requests import (
-    ContactSummary,
     RenderRequest,
     RequestGenerator,
     SimulatedSetup,
@@ -128,7 +128,7 @@ class SimulatedPressSession:
         indenter = _load_object(object_name, self.settings.objects_seed)
         return RandomPress(self.setup, indenter, self.settings.press, self._rng)
 
-    def _add_row(self, contact: ContactSummary | None, object_name: str, kind: str) -> RequestGenerator[None]:
+    def _add_row(self, contact: Press | None, object_name: str, kind: str) -> RequestGenerator[None]:
         """Request an image of the contact and add it with its wrench."""
         self._missing[kind] -= 1
         wrench = contact.wrench.six if contact else np.zeros(6)

@@ -16,8 +16,8 @@ from numpy import ndarray as Array
 from ninedtact.mechanics.contact_result import ContactLeavesGrid, NonPositiveLoad
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import InvalidPose, Pose
-from ninedtact.simulation.twin import ContactLeavesGel, PoseOutOfView
-from ninedtact_train.batched.session_requests import ContactSummary, RequestGenerator, SimulatedSetup, StepRequest
+from ninedtact.simulation.twin import ContactLeavesGel, PoseOutOfView, Press
+from ninedtact_train.batched.session_requests import RequestGenerator, SimulatedSetup, StepRequest
 from ninedtact_train.dataset.generation.settings import PressSettings, PressTarget
 
 _Pair = tuple[float, float]
@@ -42,7 +42,7 @@ class RandomPress:
     rng: np.random.Generator
     pose: Pose = field(init=False)
     """Pose of the object."""
-    contact: ContactSummary | None = field(init=False, default=None)
+    contact: Press | None = field(init=False, default=None)
     """The contact that the next step starts from; None before the first."""
     initial_twist_rad: float = field(init=False)
 
@@ -62,11 +62,11 @@ class RandomPress:
             for step in range(1, self.settings.steps + 1):
                 yield _interpolate_targets(before, target, step / self.settings.steps)
 
-    def press_lightly(self, load_n: float) -> RequestGenerator[ContactSummary | None]:
+    def press_lightly(self, load_n: float) -> RequestGenerator[Press | None]:
         """Request the contact under this load alone; the result is None if there is none."""
         return self.step_towards(replace(self._sample_without_shear(load_n), twist_rad=0.0))
 
-    def step_towards(self, target: PressTarget) -> RequestGenerator[ContactSummary | None]:
+    def step_towards(self, target: PressTarget) -> RequestGenerator[Press | None]:
         """Request one step towards a target; the result is the contact, or None if the press cannot continue."""
         # A finite-strain gel yields a larger load than the linear model solves for, so the requested load is smaller.
         load_n = target.load_n / (self.contact.stiffening if self.contact else 1.0)
@@ -75,16 +75,16 @@ class RandomPress:
         except _CONTACT_LOST:
             return None
         self.contact, self.pose = contact, contact.pose
-        is_accurate = contact.contact.residual_mm < _RESIDUAL_PART * contact.max_indentation_mm + _RESIDUAL_MM
+        is_accurate = contact.solved.residual_mm < _RESIDUAL_PART * contact.max_indentation_mm + _RESIDUAL_MM
         return contact if contact.touches and is_accurate else None
 
     def _sample_without_shear(self, load_n: float) -> PressTarget:
         return replace(self.settings.sample_target(self.rng), load_n=load_n, shear_n=np.zeros(2))
 
-    def _sink_in(self, pose: Pose, load_n: float) -> RequestGenerator[ContactSummary]:
+    def _sink_in(self, pose: Pose, load_n: float) -> RequestGenerator[Press]:
         """Request the contact under a load, but no deeper than a press goes."""
         try:
-            contact: ContactSummary = yield self._request_step(pose, load_n)
+            contact: Press = yield self._request_step(pose, load_n)
         except InvalidPose:
             # The object would go through the gel under this load, as a needle would; half the load is tried next.
             return (yield from self._sink_in(pose, load_n / 2))
@@ -94,7 +94,7 @@ class RandomPress:
         return (yield self._request_step(replace(pose, depth_mm=contact.pose.depth_mm - too_deep_mm)))
 
     def _request_step(self, pose: Pose, load_n: float | None = None) -> StepRequest:
-        return StepRequest(self.setup, self.contact.contact if self.contact else None, self.indenter, pose, load_n)
+        return StepRequest(self.setup, self.contact, self.indenter, pose, load_n)
 
     def _next_pose(self, target: PressTarget) -> Pose:
         """Return the pose of the next step; its depth is an initial guess."""
@@ -108,7 +108,7 @@ class RandomPress:
         dx, dy = np.clip(missing_n / stiffness, -_MAX_SIDEWAYS_STEP_MM, _MAX_SIDEWAYS_STEP_MM).tolist()
         return replace(pose, x_mm=pose.x_mm + dx, y_mm=pose.y_mm + dy)
 
-    def _shear_stiffness_n_per_mm(self, contact: ContactSummary) -> float:
+    def _shear_stiffness_n_per_mm(self, contact: Press) -> float:
         """Estimate the stiffness of a contact: a disc of its area on a half-space, plus the layer below it in shear."""
         gel, area = self.setup.member.gel, contact.contact_area_mm2
         return gel.shear_modulus_mpa * (16 / 3 * np.sqrt(area / np.pi) + area / gel.thickness_mm)

@@ -18,8 +18,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.capture.image_and_video_files import IMAGE_SUFFIXES, natural_sort_key
-from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, natural_sort_key, read_image
 from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact.force.brightness_channels import NotAMixedImage, deformation_from_mixed_image, to_whole_grey_levels

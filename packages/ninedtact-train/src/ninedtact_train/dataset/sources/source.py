@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
-from ninedtact.capture.image_and_video_files import natural_sort_key
+from ninedtact.capture.strict_image_reading import natural_sort_key
 from ninedtact.errors import InputError
 from ninedtact.quantities import Wrench
 from ninedtact_train.dataset.schema import SourceItem

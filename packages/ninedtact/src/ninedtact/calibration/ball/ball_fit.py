@@ -28,7 +28,6 @@ from ninedtact.calibration.ball.ball_press import BallFit, BallPress, find_ball_
 from ninedtact.calibration.ball.contact_circle import require_explained_by_ball, spherical_cap_height_mm
 from ninedtact.calibration.press_brightness import BgrImage, relative_brightness, smooth_gaussian
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin_to_ball_press
-from ninedtact.calibration.twin.ball_press_model import PATCH, BallPressParameters
 from ninedtact.design import SensorDesign
 from ninedtact.shape.deblurring import Deblurring
 from ninedtact.shape.depth import (
@@ -42,6 +41,7 @@ from ninedtact.shape.depth import (
     Smoothing,
 )
 from ninedtact.shape.rectification import Rectification
+from ninedtact.simulation.calibration_press_models import PATCH, BallPressParameters
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 
 
@@ -222,7 +222,7 @@ class TwinBallFit(BallFit):
     @cached_property
     def height_mm(self) -> Float32[Array, "rows cols"]:
         """Height of the fitted skin on every pixel's line of sight, bulges included."""
-        x, y = self.twin_fit.forward.observed.positions_mm
+        x, y = self.twin_fit.problem.observed.positions_mm
         contact_height_mm = np.asarray(self.twin_fit.contact.height_mm, np.float32)
         sightlines = SightlineGrid(x, y, self.twin_fit.light.inverse_distance_per_mm)
         return sightlines.height_mm(PATCH, self.twin_fit.press.centre_mm, contact_height_mm, fine=True)
@@ -250,7 +250,7 @@ class TwinBallFit(BallFit):
     @cached_property
     def deblurring(self) -> Deblurring:
         """The removal of the point spread, with the noise floor that reconstructs this ball best."""
-        blur_mm = self.twin_fit.forward.observed.blur_mm
+        blur_mm = self.twin_fit.problem.observed.blur_mm
         sigma_mm = np.sqrt(max(self.twin_fit.light.point_spread_mm**2 - blur_mm**2, 0))
         candidates = [Deblurring(float(sigma_mm), floor) for floor in _NOISE_FLOORS]
         return min(

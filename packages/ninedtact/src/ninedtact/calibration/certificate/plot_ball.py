@@ -176,7 +176,7 @@ RING_WIDTH_MM = 0.1
 
 def plot_twin_residual(fit: TwinFit) -> bytes:
     """Return a PNG of observed minus predicted brightness in grey levels, around the contact."""
-    observed = fit.forward.observed
+    observed = fit.problem.observed
     residual = observed.image(fit.residual_grey_levels)
     scale = max(MIN_SCALE_GREY_LEVELS, float(np.nanpercentile(np.abs(residual), 99)))
     figure = new_certificate_figure()
@@ -202,7 +202,7 @@ def plot_radial_profile(fit: TwinFit) -> bytes:
     lower = add_labelled_axes(
         figure, (0.13, 0.135, 0.85, 0.3), "distance from the contact's centre (mm)", "height (mm)"
     )
-    observed = (fit.forward.observed.relative_brightness - 1) * fit.forward.observed.mean_grey
+    observed = (fit.problem.observed.relative_brightness - 1) * fit.problem.observed.mean_grey
     predicted = observed - fit.residual_grey_levels
     for values, colour, label in ((observed, OBSERVED, "observed"), (predicted, PREDICTED, "predicted")):
         upper.plot(*fit.radial_profile(values, RING_WIDTH_MM), color=colour, linewidth=1.4, label=label)

@@ -18,22 +18,72 @@ from scipy.optimize import least_squares, lsq_linear
 
 from ninedtact.calibration.ball.ball_press import BallPress
 from ninedtact.calibration.ball.contact_circle import spherical_cap_height_mm
-from ninedtact.calibration.twin.ball_press_model import (
-    COARSE_PATCH,
-    FIT_PARAMETERS,
-    PARAMETER_NAMES,
-    BallPressModel,
-    BallPressParameters,
-    ObservedBallPress,
-    ParameterVector,
-    parameter_bounds,
-    parameter_scales,
-    perturb_parameter,
-)
-from ninedtact.design import SensorDesign
+from ninedtact.calibration.twin.observed_presses import ObservedBallPress
+from ninedtact.design import Gel, SensorDesign
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.shape.depth import mean_view_darkening
+from ninedtact.simulation.calibration_press_models import (
+    COARSE_PATCH,
+    BallPressModel,
+    BallPressParameters,
+    ParameterVector,
+)
 from ninedtact.simulation.gel_brightness import BrightnessModel
+
+
+@dataclass(frozen=True)
+class _FitParameter:
+    """One parameter of the fit."""
+
+    name: str
+    lower_bound: float
+    upper_bound: float
+    difference_step: float
+    """Step of the difference quotient: small against the relevant scale, large against the solver's tolerance."""
+    scale: float = 1.0
+    moves_contact: bool = False
+    """Whether the contact must be solved again when the parameter changes."""
+
+
+FIT_PARAMETERS = (
+    _FitParameter("x_mm", -12, 12, 0.02),
+    _FitParameter("y_mm", -9, 9, 0.02),
+    _FitParameter("depth_mm", 0.1, 3.0, 0.02, moves_contact=True),
+    _FitParameter("drag_x_mm", -4, 4, 0.03, moves_contact=True),
+    _FitParameter("drag_y_mm", -4, 4, 0.03, moves_contact=True),
+    _FitParameter("thickness_mm", 0.8, 6.0, 0.03, moves_contact=True),
+    _FitParameter("point_spread_mm", 0.05, 1.5, 0.02, 0.3),
+    _FitParameter("saturation", 0.0, 5.0, 0.05, 0.5),
+    _FitParameter("inverse_distance_per_mm", 0.0, 0.08, 0.004, 0.05),
+    _FitParameter("finite_strain", 0.0, 1.0, 0.1, 0.5),
+)
+"""How `BallPressParameters` are searched. Given them, three more are a linear problem: the level 1 + c, and (1 + c) times the
+slopes of darkening and brightening.
+"""
+PARAMETER_NAMES = tuple(parameter.name for parameter in FIT_PARAMETERS)
+
+
+def parameter_bounds() -> tuple[ParameterVector, ParameterVector]:
+    """Return the lower and upper bounds of the searched parameters."""
+    lower = np.array([parameter.lower_bound for parameter in FIT_PARAMETERS], float)
+    upper = np.array([parameter.upper_bound for parameter in FIT_PARAMETERS], float)
+    return lower, upper
+
+
+def parameter_scales() -> ParameterVector:
+    """Return the relevant scale of each parameter."""
+    return np.array([p.scale for p in FIT_PARAMETERS])
+
+
+def perturb_parameter(vector: ParameterVector, index: int) -> tuple[ParameterVector, float]:
+    """Return the vector with one parameter moved inside its bounds, and the step."""
+    parameter = FIT_PARAMETERS[index]
+    step = parameter.difference_step
+    if vector[index] + step >= parameter.upper_bound:
+        step = -step
+    perturbed = vector.copy()
+    perturbed[index] += step
+    return perturbed, step
 
 
 @dataclass(frozen=True)
@@ -141,10 +191,33 @@ STEP_LENGTHS = (1.0, 0.4)
 
 
 @dataclass(frozen=True)
+class BallPressProblem:
+    """An observed press of the ball, and the model that predicts it."""
+
+    observed: ObservedBallPress
+    model: BallPressModel
+
+    def linear_basis(self, press: BallPressParameters) -> Float[Array, "n 3"]:
+        """Return the coefficients of level, darkening slope and brightening slope at each observed point."""
+        return self.model.linear_basis(press, self.observed.centre_mm, self.observed.points_mm)
+
+    def fit_linear_terms(self, vector: ParameterVector) -> tuple[Float[Array, "3"], Float[Array, " n"]]:
+        """Return the best level and slopes for these parameters, and their residual in grey levels, observed minus predicted."""
+        basis = self.linear_basis(BallPressParameters.from_vector(vector))
+        observed = self.observed.relative_brightness
+        coefficients = np.linalg.solve(basis.T @ basis, basis.T @ observed)
+        return coefficients, (observed - basis @ coefficients) * self.observed.mean_grey
+
+    def starting_from(self, vector: ParameterVector) -> "BallPressProblem":
+        """Return the problem with the contacts of this press as first guesses, which save iterations for similar presses."""
+        return replace(self, model=self.model.starting_from(BallPressParameters.from_vector(vector)))
+
+
+@dataclass(frozen=True)
 class TwinFit:
     """The best parameters, their residual and their uncertainties."""
 
-    forward: BallPressModel
+    problem: BallPressProblem
     press: BallPressParameters
     brightness_coefficients: Float[Array, "3"]
     """Level, slope of darkening and slope of brightening, solved linearly."""
@@ -163,10 +236,16 @@ class TwinFit:
     @property
     def centre_px(self) -> Float[Array, "2"]:
         """The centre of the contact, (x, y) in the rectified image."""
-        before = self.forward.observed.before
+        before = self.problem.observed.before
         rows, cols = before.grey.shape
         middle_px = np.array([(cols - 1) / 2, (rows - 1) / 2])
         return np.asarray(np.array(self.press.centre_mm) / before.mm_per_px + middle_px)
+
+    @property
+    def gel(self) -> Gel:
+        """The design's gel with the fitted thickness and share of finite strain."""
+        fitted = {"thickness_mm": self.press.thickness_mm, "finite_strain": self.press.finite_strain}
+        return replace(self.problem.model.design.gel, **fitted)
 
     @property
     def relative_depth_std(self) -> float:
@@ -176,7 +255,7 @@ class TwinFit:
     @property
     def contact(self) -> Contact:
         """The solved contact of the skin under the ball, with pressures in shear moduli."""
-        return self.forward.contact(self.press)
+        return self.problem.model.contact(self.press)
 
     @property
     def image_rmse_grey_levels(self) -> float:
@@ -193,7 +272,7 @@ class TwinFit:
         self, values: Float[Array, " n"], ring_width_mm: float
     ) -> tuple[Float[Array, " rings"], Float[Array, " rings"]]:
         """Return the radii in mm of rings about the contact's centre, and the mean of values at the observed points in each."""
-        x, y = self.forward.observed.points_mm
+        x, y = self.problem.observed.points_mm
         ring = (np.hypot(x - self.press.x_mm, y - self.press.y_mm).ravel() / ring_width_mm).astype(int)
         count = np.bincount(ring)
         occupied = np.flatnonzero(count)
@@ -202,7 +281,7 @@ class TwinFit:
     @cached_property
     def light(self) -> BrightnessModel:
         """The fitted brightness model of the sensor. The loss of light is proportional to the mean darkening of the whole view."""
-        observed, parameters = self.forward.observed, self.parameters
+        observed, parameters = self.problem.observed, self.parameters
         darkening = mean_view_darkening(observed.after.grey, observed.before.grey, parameters["loss"])
         return BrightnessModel(
             darkening_per_mm=max(parameters["darkening_per_mm"], 0.0),
@@ -211,7 +290,7 @@ class TwinFit:
             point_spread_mm=self.press.point_spread_mm,
             global_dimming=max(-parameters["loss"], 0.0) / darkening if darkening > 0 else 0.0,
             inverse_distance_per_mm=self.press.inverse_distance_per_mm,
-            thickness_mm=self.forward.design.gel.thickness_mm,
+            thickness_mm=self.problem.model.design.gel.thickness_mm,
         )
 
 
@@ -255,19 +334,21 @@ def fit_twin_to_ball_press(
     priors: prior terms from other images. initial: initial parameters, where approximate values are known.
     """
     start_s = perf_counter()
-    forward = BallPressModel(ObservedBallPress(press.before, press.after, press.centre_mm), design)
+    observed, model = ObservedBallPress(press.before, press.after, press.centre_mm), BallPressModel(design)
+    problem = BallPressProblem(observed, model)
     if initial is None:
-        start = _fit_coarsely(replace(forward, patch=COARSE_PATCH), _initial_guess(press, design))
+        coarse = replace(problem, model=replace(model, patch=COARSE_PATCH))
+        start = _fit_coarsely(coarse, _initial_guess(press, design))
     else:
         start = initial.vector
-    _, initial_residual = forward.fit_linear_terms(start)
-    observations = effective_observation_count(forward.observed.image(initial_residual))
-    prior_terms = _make_prior_terms(forward, initial_residual, observations, priors)
-    forward, vector, jacobian = _fit_finely(forward, start, prior_terms)
-    coefficients, residual = forward.fit_linear_terms(vector)
+    _, initial_residual = problem.fit_linear_terms(start)
+    observations = effective_observation_count(observed.image(initial_residual))
+    prior_terms = _make_prior_terms(design.gel, initial_residual, observations, priors)
+    problem, vector, jacobian = _fit_finely(problem, start, prior_terms)
+    coefficients, residual = problem.fit_linear_terms(vector)
     uncertainty = _estimate_uncertainty(jacobian, residual, observations)
     return TwinFit(
-        forward, BallPressParameters.from_vector(vector), coefficients, residual, uncertainty, perf_counter() - start_s
+        problem, BallPressParameters.from_vector(vector), coefficients, residual, uncertainty, perf_counter() - start_s
     )
 
 
@@ -290,14 +371,14 @@ def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:
     return np.clip([guess[name] for name in PARAMETER_NAMES], lower + 1e-3, upper - 1e-3)
 
 
-def _fit_coarsely(forward: BallPressModel, start: ParameterVector) -> ParameterVector:
+def _fit_coarsely(problem: BallPressProblem, start: ParameterVector) -> ParameterVector:
     """Return the least-squares parameters from a distant start, by a trust-region method, without prior terms."""
 
     def residual(vector: ParameterVector) -> Float[Array, " n"]:
-        return forward.fit_linear_terms(vector)[1]
+        return problem.fit_linear_terms(vector)[1]
 
     def jacobian(vector: ParameterVector) -> Float[Array, "n parameters"]:
-        return _image_jacobian(forward.starting_from(BallPressParameters.from_vector(vector)), vector, residual(vector))
+        return _image_jacobian(problem.starting_from(vector), vector, residual(vector))
 
     lower, upper = parameter_bounds()
     fixed = PARAMETER_NAMES.index("finite_strain")  # no image determines it before the other parameters are known
@@ -318,10 +399,10 @@ def _fit_coarsely(forward: BallPressModel, start: ParameterVector) -> ParameterV
 
 
 def _fit_finely(
-    forward: BallPressModel, start: ParameterVector, prior_terms: _PriorTerms
-) -> tuple[BallPressModel, ParameterVector, Float[Array, "n parameters"]]:
-    """Return the model with the contacts of the last iteration as first guesses, the least-squares parameters with prior terms, and
-    the last Jacobian of the residual, with one row for every prior. They are found from a start near by, by Gauss–Newton.
+    problem: BallPressProblem, start: ParameterVector, prior_terms: _PriorTerms
+) -> tuple[BallPressProblem, ParameterVector, Float[Array, "n parameters"]]:
+    """Return the problem with the contacts of the last iteration as first guesses, the least-squares parameters with prior terms,
+    and the last Jacobian of the residual, with one row for every prior. They are found from a start near by, by Gauss–Newton.
 
     The contacts are solved to a tolerance, so the sum of squares scatters from one vector to the next, and a search that waits for
     the smallest differences of it does not end. This one ends where the linearised problem predicts too small a reduction, or where
@@ -329,15 +410,15 @@ def _fit_finely(
     """
 
     def stacked_residual(vector: ParameterVector) -> Float[Array, " n"]:
-        return np.append(forward.fit_linear_terms(vector)[1], prior_terms.residual(vector))
+        return np.append(problem.fit_linear_terms(vector)[1], prior_terms.residual(vector))
 
     vector = start
     residual = stacked_residual(start)
     reused_jacobian = None
     for _ in range(MAX_FINE_STEPS):
-        forward = forward.starting_from(BallPressParameters.from_vector(vector))
-        image_residual = residual[: forward.observed.count]
-        image_jacobian = _image_jacobian(forward, vector, image_residual, reused_jacobian)
+        problem = problem.starting_from(vector)
+        image_residual = residual[: problem.observed.count]
+        image_jacobian = _image_jacobian(problem, vector, image_residual, reused_jacobian)
         jacobian = np.vstack([image_jacobian, prior_terms.jacobian])
         step = _bounded_step(jacobian, residual, vector)
         sum_of_squares = np.sum(residual**2)
@@ -354,7 +435,7 @@ def _fit_finely(
                 break
         else:
             break
-    return forward, vector, jacobian
+    return problem, vector, jacobian
 
 
 def _bounded_step(
@@ -368,18 +449,17 @@ def _bounded_step(
 
 
 def _make_prior_terms(
-    forward: BallPressModel, residual: Float[Array, " n"], observations: float, priors: tuple[ParameterPrior, ...]
+    gel: Gel, residual: Float[Array, " n"], observations: float, priors: tuple[ParameterPrior, ...]
 ) -> _PriorTerms:
     """Return the design's thickness and other priors, each as one observation among this many independent ones."""
-    design_mm = forward.design.gel.thickness_mm
-    thickness = ParameterPrior("thickness_mm", design_mm, RELATIVE_THICKNESS_STD * design_mm)
+    thickness = ParameterPrior("thickness_mm", gel.thickness_mm, RELATIVE_THICKNESS_STD * gel.thickness_mm)
     finite_strain = ParameterPrior("finite_strain", FINITE_STRAIN, FINITE_STRAIN_STD)
     grey_levels_per_std = float(np.sqrt(np.sum(residual**2) / observations))
     return _PriorTerms((thickness, finite_strain, *priors), grey_levels_per_std)
 
 
 def _image_jacobian(
-    forward: BallPressModel,
+    problem: BallPressProblem,
     vector: ParameterVector,
     residual: Float[Array, " n"],
     reused_jacobian: Float[Array, "rows parameters"] | None = None,
@@ -395,5 +475,5 @@ def _image_jacobian(
             columns.append(reused_jacobian[: residual.size, index])
             continue
         perturbed, step = perturb_parameter(vector, index)
-        columns.append((forward.fit_linear_terms(perturbed)[1] - residual) / step)
+        columns.append((problem.fit_linear_terms(perturbed)[1] - residual) / step)
     return np.column_stack(columns)

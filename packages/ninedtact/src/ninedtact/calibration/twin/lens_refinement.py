@@ -20,24 +20,25 @@ from scipy.linalg import qr
 
 from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.board.lens_fit import fit_lens, refine_lens, with_radial_term_count
+from ninedtact.calibration.board.pin_imprint_centres import IMPRINT_RADIUS_PITCHES, locate_imprints_mm
 from ninedtact.calibration.twin.ball_press_fit import (
     ParameterPrior,
     TwinFit,
     effective_observation_count,
     parameter_covariance,
 )
-from ninedtact.calibration.twin.board_press_model import (
-    BoardPressModel,
-    BoardPressParameters,
-    ObservedBoardPress,
-    PredictedBrightnessField,
-)
+from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
 from ninedtact.shape.lens import (
     LensModel,
     PixelNotOnSkin,
     Points,
     determinant_at_each_point,
     solve_at_each_point,
+)
+from ninedtact.simulation.calibration_press_models import (
+    BoardPressModel,
+    BoardPressParameters,
+    PredictedBrightnessField,
 )
 
 MAX_RELATIVE_RESIDUAL = 0.06
@@ -234,7 +235,7 @@ class _BoardPressSolver:
 
     def bounded_step(self, press: BoardPressParameters, step: Float[Array, "6"]) -> BoardPressParameters:
         """Return the press after a step of limited length, within its bounds."""
-        max_depth_mm = MAX_DEPTH_PER_THICKNESS * self.model.twin_fit.press.thickness_mm
+        max_depth_mm = MAX_DEPTH_PER_THICKNESS * self.model.gel.thickness_mm
         upper_bounds = replace(UPPER_BOUNDS, depth_mm=max_depth_mm)
         limited = np.clip(step, -MAX_STEP.vector, MAX_STEP.vector)
         return BoardPressParameters.from_vector(
@@ -254,7 +255,7 @@ class _BoardPressSolver:
             lens=lens,
             residual_rms_grey_levels=float(np.sqrt(np.mean(problem.residual**2))),
             contrast_grey_levels=float(np.median(self.observed.board.contrast)),
-            ball_point_spread_mm=self.model.twin_fit.light.point_spread_mm,
+            ball_point_spread_mm=self.model.light.point_spread_mm,
             converged=converged,
             contact_derivatives=problem.contact_derivatives,
         )
@@ -304,7 +305,7 @@ def fit_board_press_and_lens(
     """
     board = observed.board
     lens = with_radial_term_count(board.lens, max(RADIAL_TERM_COUNT, len(board.lens.radial)))
-    model = BoardPressModel(twin_fit, board.board)
+    model = BoardPressModel(twin_fit.gel, twin_fit.light, board.board)
     solver = _BoardPressSolver(observed, model, lens)
     if previous is not None:
         # The images were rectified through `lens` this time, and not through `previous.lens`.
@@ -320,8 +321,13 @@ def refine_board_lens(board: BoardFit, twin_fit: TwinFit, board_press_fit: Board
     """Return the board with the refined lens. Its pins are fitted again, at the points of the undeformed plane where their imprints
     appear, which gives the leave-one-out errors.
     """
-    model = BoardPressModel(twin_fit, board.board)
+    model = BoardPressModel(twin_fit.gel, twin_fit.light, board.board)
     image = model.predict_image(board_press_fit.press)
-    imprints_mm = model.imprints_mm(image, board.points_mm[board.found])
+    imprints_mm = appearing_imprints_mm(image, board.points_mm[board.found], board.board.pitch_mm)
     lens = board_press_fit.lens
     return replace(board, lens_fit=fit_lens(imprints_mm, board.points_px[board.found], lens), refined=lens)
+
+
+def appearing_imprints_mm(image: PredictedBrightnessField, pins_mm: Points, pitch_mm: float) -> Points:
+    """Return the positions on the plane at which the imprints of these pins appear, located as in a real image."""
+    return locate_imprints_mm(image.field, image, pins_mm, IMPRINT_RADIUS_PITCHES * pitch_mm)

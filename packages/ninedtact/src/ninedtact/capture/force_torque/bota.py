@@ -4,11 +4,8 @@ The blocking read of that library stops every thread of the process while it wai
 frame is polled instead: four times in each period of the device.
 """
 
-import os
-import re
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +18,6 @@ from ninedtact.capture.force_torque.driver_source import (
     ForceTorqueSample,
     counter_step,
 )
-from ninedtact.capture.shared_video_capture import capture_output
 from ninedtact.capture.wrench_source import (
     ForceTorqueLibraryMissing,
     WrenchFaulty,
@@ -34,8 +30,6 @@ from ninedtact.capture.wrench_source import (
 _CLOCK_BITS = 32
 _POLLS_PER_PERIOD = 4
 _SHORTEST_PAUSE_S, _LONGEST_PAUSE_S = 2e-4, 5e-3
-_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-_LINE_PREFIX = "[bota_"
 
 
 class BotaDriver(ForceTorqueDriver):
@@ -63,12 +57,10 @@ class BotaDriver(ForceTorqueDriver):
                 f"expected the configuration of a Bota sensor at {self._config}, got no such file; docs/force_torque.md "
                 "shows one"
             )
-        with _captured_errors() as errors:
-            cause = self._start(bota_driver)
+        cause = self._start(bota_driver)
         if cause is not None:
             raise WrenchSensorNotFound(
-                f"expected the Bota sensor of {self._config} to start, got: {'; '.join(errors[:2]) or cause}; check "
-                "the file and the cable"
+                f"expected the Bota sensor of {self._config} to start, got: {cause}; check the file and the cable"
             )
 
     def _start(self, bota_driver: Any) -> str | None:
@@ -78,7 +70,7 @@ class BotaDriver(ForceTorqueDriver):
             driver = bota_driver.BotaDriver(str(self._config))
             if not driver.configure() or not driver.activate():
                 driver.shutdown()
-                return "a refusal"
+                return "a refusal, whose reason its library has printed"
             self._period_us = max(driver.get_expected_timestep_us(), 1)
             pause_s = self._period_us / 1e6 / _POLLS_PER_PERIOD
             self._pause_s = min(max(pause_s, _SHORTEST_PAUSE_S), _LONGEST_PAUSE_S)
@@ -114,12 +106,11 @@ class BotaDriver(ForceTorqueDriver):
         )
 
     def disconnect(self) -> None:
-        """Stop and release the sensor; the library prints until its last reference is gone."""
-        with _captured_errors():
-            self._driver.deactivate()
-            self._driver.cleanup()
-            self._driver.shutdown()
-            self._driver = None
+        """Stop and release the sensor."""
+        self._driver.deactivate()
+        self._driver.cleanup()
+        self._driver.shutdown()
+        self._driver = None
 
     def _flaw(self, status: Any) -> WrenchSampleRejected | None:
         if status.overrange:
@@ -130,20 +121,3 @@ class BotaDriver(ForceTorqueDriver):
                 f"expected a usable sample from {self.name}, got one that it calls {word}; check the device"
             )
         return None
-
-
-@contextmanager
-def _captured_errors() -> Iterator[list[str]]:
-    """Capture what the library prints on standard output; the list holds its errors after the block.
-
-    What other code prints meanwhile is passed on afterwards.
-    """
-    errors: list[str] = []
-    with capture_output(1) as printed:
-        yield errors
-    lines = _COLOUR.sub("", printed.text).splitlines()
-    errors += [line.partition("] ")[2] for line in lines if line.startswith(f"{_LINE_PREFIX}ERROR]")]
-    others = [line for line in lines if not line.startswith(_LINE_PREFIX)]
-    if others:
-        with suppress(OSError):  # the process may have no standard output
-            os.write(1, ("\n".join(others) + "\n").encode())

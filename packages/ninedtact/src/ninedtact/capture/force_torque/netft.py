@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ninedtact.capture.force_torque.driver_source import RECEIVE_TIMEOUT_S, ForceTorqueDriver, ForceTorqueSample
+from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.capture.wrench_source import (
-    ForceTorqueAddressUnknown,
     ForceTorqueLibraryMissing,
     WrenchFaulty,
     WrenchSampleRejected,
@@ -83,13 +83,13 @@ class NetFtDriver(ForceTorqueDriver):
 
     @classmethod
     def from_ati_address(cls, address: str) -> "NetFtDriver":
-        """Return the driver of netft:HOST or netft:HOST:PORT; raises `ForceTorqueAddressUnknown`."""
+        """Return the driver of netft:HOST or netft:HOST:PORT; raises `SourceUnknown`."""
         host, port = _parse_host(address)
         return cls(address, host, ATI, port)
 
     @classmethod
     def from_onrobot_address(cls, address: str) -> "NetFtDriver":
-        """Return the driver of onrobot:HOST or onrobot:HOST:PORT; raises `ForceTorqueAddressUnknown`."""
+        """Return the driver of onrobot:HOST or onrobot:HOST:PORT; raises `SourceUnknown`."""
         host, port = _parse_host(address)
         return cls(address, host, ONROBOT, port)
 
@@ -167,9 +167,9 @@ class NetFtDriver(ForceTorqueDriver):
 
 
 def _parse_host(address: str) -> tuple[str, int]:
-    """Return host and port of KIND:HOST or KIND:HOST:PORT; raises `ForceTorqueAddressUnknown`."""
+    """Return host and port of KIND:HOST or KIND:HOST:PORT; raises `SourceUnknown`."""
     found = re.fullmatch(r"([A-Za-z0-9.-]+)(?::(\d{1,5}))?", address.partition(":")[2])
     port = int(found[2] or _RDT_PORT) if found else 0
     if not found or not 0 < port <= _HIGHEST_PORT:
-        raise ForceTorqueAddressUnknown(f"expected HOST or HOST:PORT after the colon, got '{address}'; correct it")
+        raise SourceUnknown(f"expected HOST or HOST:PORT after the colon, got '{address}'; correct it")
     return found[1], port

@@ -30,8 +30,8 @@ from ninedtact.capture.force_torque.driver_source import (
     ForceTorqueDriver,
     ForceTorqueSample,
 )
+from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.capture.wrench_source import (
-    ForceTorqueAddressUnknown,
     ForceTorqueLibraryMissing,
     WrenchFaulty,
     WrenchSampleRejected,
@@ -131,11 +131,11 @@ class SerialPortDriver(ForceTorqueDriver):
 
     @classmethod
     def from_address(cls, address: str) -> "SerialPortDriver":
-        """Return the driver of serial:PORT or serial:PORT@BAUD; raises `ForceTorqueAddressUnknown`."""
+        """Return the driver of serial:PORT or serial:PORT@BAUD; raises `SourceUnknown`."""
         rest = address.partition(":")[2]
         port, _, baud = rest.rpartition("@") if "@" in rest else (rest, "", str(_DEFAULT_BAUD))
         if not port or not baud.isdecimal() or len(baud) > _MOST_BAUD_DIGITS or int(baud) == 0:
-            raise ForceTorqueAddressUnknown(f"expected serial:PORT or serial:PORT@BAUD, got '{address}'; correct it")
+            raise SourceUnknown(f"expected serial:PORT or serial:PORT@BAUD, got '{address}'; correct it")
         return cls(port, int(baud))
 
     def connect(self) -> None:

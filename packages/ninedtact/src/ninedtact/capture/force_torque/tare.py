@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.capture.wrench_source import WrenchSource, WrenchSourceWrapper
 from ninedtact.errors import DeviceError
 from ninedtact.quantities import Wrench
 
@@ -93,15 +93,15 @@ class ZeroDrift:
         )
 
 
-class TaredWrenchSource(WrenchSource):
+class TaredWrenchSource(WrenchSourceWrapper):
     """Wraps a source and subtracts its tare, which is taken at each opening and whenever `take_tare` is called."""
 
     tare: Tare
     """The last tare that was taken."""
 
     def __init__(self, source: WrenchSource, settings: TareSettings = TareSettings()) -> None:
-        self.name = source.name
-        self._source, self._settings = source, settings
+        super().__init__(source)
+        self._settings = settings
         self._reading, self._is_open = Lock(), False
 
     def open(self) -> None:

@@ -22,8 +22,13 @@ from ninedtact.capture.force_torque.netft import NetFtDriver
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings, SkippingWrenchSource
 from ninedtact.capture.force_torque.serial_driver import SerialPortDriver
 from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareSettings
+from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
-from ninedtact.capture.wrench_source import ForceTorqueAddressUnknown, WrenchSensorLost, WrenchSource
+from ninedtact.capture.wrench_source import (
+    WrenchSensorLost,
+    WrenchSource,
+    WrenchSourceWrapper,
+)
 from ninedtact.design import ForceTorqueMount
 from ninedtact.quantities import Wrench
 
@@ -41,36 +46,24 @@ _ACCEPTED = (
 
 
 def force_torque_sensor_for(address: str) -> DriverWrenchSource:
-    """Return the sensor that the address names, not yet opened; raises `ForceTorqueAddressUnknown`.
+    """Return the sensor that the address names, not yet opened; raises `SourceUnknown`.
 
     with force_torque_sensor_for("netft:192.168.1.1") as device:
         wrench = device.read()
     """
     kind, _, rest = address.partition(":")
     if kind not in DRIVERS or not rest:
-        raise ForceTorqueAddressUnknown(f"expected {_ACCEPTED}, got '{address}', which is none of these; correct it")
+        raise SourceUnknown(f"expected {_ACCEPTED}, got '{address}', which is none of these; correct it")
     return DriverWrenchSource(DRIVERS[kind](address))
 
 
-class _FrameConversion(WrenchSource):
+class _FrameConversion(WrenchSourceWrapper):
     """Wraps a source whose samples are converted between the frame of a mounted device and the sensor frame."""
 
     def __init__(self, source: WrenchSource, mount: ForceTorqueMount = ForceTorqueMount()) -> None:
-        self.name = source.name
-        self._source = source
-        self._rotation, self._origin_mm, self._sign = (
-            _mount_rotation(mount),
-            np.array(mount.origin_mm, float),
-            mount.sign,
-        )
-
-    def open(self) -> None:
-        """Open the source; raises what it raises."""
-        self._source.open()
-
-    def close(self) -> None:
-        """Close the source that this one wraps."""
-        self._source.close()
+        super().__init__(source)
+        self._rotation, self._sign = _mount_rotation(mount), mount.sign
+        self._origin_mm = np.array(mount.origin_mm, float)
 
 
 class MountedWrenchSource(_FrameConversion):
@@ -140,7 +133,7 @@ def untared_wrench_source_for(address: str, mount: ForceTorqueMount, notify: Cal
     """Return what the sensor at an address measures, in the sensor frame and without a tare; not yet opened.
 
     It is reopened when lost, and samples that the device marks as wrong are left out; `notify` receives a sentence about either.
-    Raises `ForceTorqueAddressUnknown`.
+    Raises `SourceUnknown`.
     """
     reopened = ReconnectingWrenchSource(
         force_torque_sensor_for(address),

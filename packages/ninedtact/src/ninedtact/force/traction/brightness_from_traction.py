@@ -22,9 +22,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from ninedtact.design import Gel
 from ninedtact.force.traction.cell_grid import CellGrid
 from ninedtact.force.traction.observation import BrightnessObservationModel
-from ninedtact.mechanics.array_namespace import forward_transform, inverse_transform
+from ninedtact.mechanics.contact_arrays import forward_transform, inverse_transform
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance, layered_compliance
-from ninedtact.mechanics.surface_displacement import Skin
+from ninedtact.mechanics.skin import Skin
 from ninedtact.shape.depth import TYPICAL_GLOBAL_DIMMING, TYPICAL_POINT_SPREAD_MM, DepthCurve, GlobalDimmingModel
 
 View = Float32[Array, "rows cols"]

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.periodic_grid import PeriodicGrid
+from ninedtact.mechanics.skin import PeriodicGrid
 from ninedtact.quantities import centred_axis_mm
 
 MARGIN_CELLS = 1
@@ -25,6 +25,8 @@ _PITCH_PER_THICKNESS = 0.35
 """Pitch of the cells over the gel's thickness."""
 _PITCH_LIMITS_MM = 0.5, 0.7
 """Smallest and largest pitch of the cells: the time of an inversion grows with their number."""
+_MIN_CELLS = 8
+"""Smallest number of cells along the shorter side of an image."""
 _SURROUNDINGS_MM = 3.3
 """Width of the skin beyond the view that is modelled, because it scatters light into the view and separates the contact from its
 periodic images."""
@@ -32,11 +34,17 @@ periodic images."""
 
 @dataclass(frozen=True)
 class CellGrid:
-    """A view of (rows, cols) square cells: the image, and `MARGIN_CELLS` cells around it."""
+    """A view of (rows, cols) square cells about the middle of an image, which covers the image and `MARGIN_CELLS` cells around it.
+
+    The cells fit the image exactly along one axis at least; along the other one the outermost may lie up to half outside it.
+    """
 
     rows: int
     cols: int
     pitch_mm: float
+    """Side of a cell."""
+    mm_per_px: float
+    """Pixel pitch of the image."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -81,28 +89,33 @@ class CellGrid:
         return np.where(index < view + (skin - view) // 2, index, index - skin).astype(float)
 
     def average(self, field: Float32[Array, "a b"]) -> Float32[Array, "rows cols"]:
-        """Return the means of an image's field over the cells; on the margin the border of the image is repeated."""
-        down, across = (_averaging_weights(*sides) for sides in zip(field.shape, self.image_shape, strict=True))
+        """Return the means of an image's field over the part of each cell that is on the image; the outermost ones are repeated on
+        the margin."""
+        px_per_cell = self.pitch_mm / self.mm_per_px
+        sides = zip(field.shape, self.image_shape, strict=True)
+        down, across = (_averaging_weights(pixels, cells, px_per_cell) for pixels, cells in sides)
         return down @ field @ across.T
 
 
 def cell_grid_over_image(shape: tuple[int, int], mm_per_px: float, thickness_mm: float) -> CellGrid:
     """Return the cells over an image of this shape (rows, cols), as fine as a gel of this thickness needs."""
     largest_mm = float(np.clip(_PITCH_PER_THICKNESS * thickness_mm, *_PITCH_LIMITS_MM))
-    rows, cols = (max(8, int(np.ceil(side * mm_per_px / largest_mm))) for side in shape)
-    pitch_mm = float(np.sqrt(shape[0] * shape[1] / (rows * cols)) * mm_per_px)
-    return CellGrid(rows + 2 * MARGIN_CELLS, cols + 2 * MARGIN_CELLS, pitch_mm)
+    sides_mm = [side * mm_per_px for side in shape]
+    largest_mm = min(largest_mm, min(sides_mm) / _MIN_CELLS)
+    pitch_mm = max(side_mm / _count_to_cover(side_mm, largest_mm) for side_mm in sides_mm)
+    rows, cols = (_count_to_cover(side_mm, pitch_mm) for side_mm in sides_mm)
+    return CellGrid(rows + 2 * MARGIN_CELLS, cols + 2 * MARGIN_CELLS, pitch_mm, mm_per_px)
+
+
+def _count_to_cover(side_mm: float, pitch_mm: float) -> int:
+    """Return the number of cells that cover a side; a side that they fit exactly needs no more of them because of rounding."""
+    return int(np.ceil(side_mm / pitch_mm - 1e-9))
 
 
 @lru_cache(maxsize=16)
-def _averaging_weights(pixels: int, cells: int) -> Float32[Array, "view pixels"]:
-    """Return the weight of each pixel in the mean of each cell, along one axis."""
-    inside = _mean_weights(pixels, cells)
-    return np.pad(inside, ((MARGIN_CELLS, MARGIN_CELLS), (0, 0)), mode="edge").astype(np.float32)
-
-
-def _mean_weights(fine: int, coarse: int) -> Float[Array, "coarse fine"]:
-    """Return the weight of each fine interval in the mean over each of the coarse intervals of the same line."""
-    ends = np.arange(coarse + 1) * (fine / coarse)
-    until = np.clip(ends[:, None] - np.arange(fine), 0, 1)
-    return np.diff(until, axis=0) * (coarse / fine)
+def _averaging_weights(pixels: int, cells: int, px_per_cell: float) -> Float32[Array, "view pixels"]:
+    """Return the weight of each pixel in the mean of each cell, along one axis; the cells lie about the middle of the pixels."""
+    ends = pixels / 2 + (np.arange(cells + 1) - cells / 2) * px_per_cell
+    inside = np.diff(np.clip(ends[:, None] - np.arange(pixels), 0, 1), axis=0)
+    weights = inside / inside.sum(axis=1, keepdims=True)
+    return np.pad(weights, ((MARGIN_CELLS, MARGIN_CELLS), (0, 0)), mode="edge").astype(np.float32)

@@ -18,8 +18,8 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.live.sensor_poller import HISTORY_S, NS_PER_S
 from ninedtact.quantities import Wrench, WrenchEstimate
-from ninedtact.studio.sensor_poller import HISTORY_S, NS_PER_S
 
 MOST_HZ = 60.0
 """Number of samples kept per second, which is more than a person can see."""

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from ninedtact.capture.force_torque.sample_checks import ClockDriftMonitor, SampleFault, SampleFaultHistory
 from ninedtact.capture.wrench_source import (
     WrenchFaulty,
     WrenchFrozen,
@@ -12,6 +11,7 @@ from ninedtact.capture.wrench_source import (
     WrenchSaturated,
 )
 from ninedtact.quantities import Wrench
+from ninedtact_train.collecting.sample_faults import ClockDriftMonitor, SampleFault, SampleFaultHistory
 
 S, MS = 1_000_000_000, 1_000_000
 

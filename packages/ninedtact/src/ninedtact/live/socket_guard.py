@@ -1,10 +1,10 @@
-"""The guard of the live page's web server: who may connect, what clients may send, and how much they may cost.
+"""The guard of web servers of readings: who may connect, what clients may send, and how much they may cost.
 
 Browsers let every website send requests to servers on the same computer and network. So each request must name a host (`Host`)
-and, where the browser states it, a website (`Origin`) that belong to the page; the first closes DNS rebinding, the second
+and, where the browser states it, a website (`Origin`) that belong to the server; the first closes DNS rebinding, the second
 cross-site WebSockets. On a network the path must also begin with the random token of the printed address.
 
-`SocketGuard.serve` takes the place of `websockets.serve` and guards any server; `viser_internals` puts it under viser's.
+`SocketGuard.serve` takes the place of `websockets.serve`. The live page is served by viser behind such a server.
 """
 
 import asyncio
@@ -20,9 +20,10 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from http import HTTPStatus
+from inspect import isawaitable
 from ipaddress import ip_address
 from pathlib import Path
-from secrets import token_urlsafe
+from secrets import randbelow, token_urlsafe
 from traceback import extract_tb
 from typing import Any
 from urllib.parse import urlsplit
@@ -33,7 +34,6 @@ from websockets.protocol import State
 
 from ninedtact.errors import InputError
 
-_LOG = logging.getLogger(__name__)
 _LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
 _TOKEN_BYTES = 16
 _FILES_ORIGIN = "file://"
@@ -42,20 +42,15 @@ _NO_ORIGIN = (
     "expected Origin to name the page, got null, which browsers state for a page in a file; serve the page from its folder, "
     "python -m http.server 5500, open http://localhost:5500, and start this program with --allow-origin http://localhost:5500"
 )
-_MOST_PORT = 65535
 _RELEASE_AFTER_S = 1.0
 """Time from the departure of a client to the release of its memory, so that a crowd that leaves is one release."""
 _CLOSE_S = 1.0
 """Time for a client to answer the end of its connection."""
-_CONNECTIONS_PER_CLIENT = 4
-"""Connections without a finished handshake are counted too; a browser opens a few in advance."""
+_OPENING_PER_CLIENT = 4
+"""Connections without a finished handshake for each client that may be connected; a browser opens a few in advance."""
 
 MessageTest = Callable[[str | bytes], bool]
-RequestHandler = Callable[[ServerConnection, Request], Response | None]
-
-
-class InvalidAllowedOrigin(InputError):
-    """Raised where an allowed origin is not one."""
+RequestHandler = Callable[[ServerConnection, Request], Response | Awaitable[Response | None] | None]
 
 
 @dataclass(frozen=True)
@@ -90,7 +85,7 @@ class SocketGuard:
 
     @classmethod
     def for_host(cls, host: str, allowed_origins: tuple[str, ...] = ()) -> "SocketGuard":
-        """Return the guard of a server, with a random token unless its host is loopback; raises `InvalidAllowedOrigin`."""
+        """Return the guard of a server, with a random token unless its host is loopback; raises `InputError`."""
         token = "" if _is_loopback(host) else token_urlsafe(_TOKEN_BYTES)
         return cls(host, tuple(_normalise_origin(origin) for origin in allowed_origins), token)
 
@@ -128,31 +123,28 @@ class SocketGuard:
 
     def serve(
         self,
-        handler: Callable[[ServerConnection], Any],
+        handler: Callable[[Any], Awaitable[None]],
         host: str,
         port: int,
         *,
         is_expected: MessageTest,
-        is_ignored: MessageTest = lambda message: False,
         process_request: RequestHandler | None = None,
-        logger: logging.Logger | None = None,
         **options: Any,
     ) -> serve:
         """Return a guarded server; use it as `websockets.serve`.
 
         handler, process_request: as in `websockets.serve`; they get accepted requests only, with the token taken off the path.
-        is_expected: whether a message of a client can be handled; other messages are dropped. is_ignored: whether an expected
-        message is dropped too, and nothing is logged about it. logger: takes the place of the server's own.
+        is_expected: whether a message of a client can be handled; other messages are dropped.
         """
         options |= {
             "process_request": partial(self._answer_request, process_request),
             "max_size": self.limits.message_bytes,
-            "logger": logger or one_line_logger(),
-            "create_connection": partial(_GuardedConnection, self.limits, is_expected, is_ignored, _MemoryRelease()),
+            "logger": one_line_logger(),
+            "create_connection": partial(GuardedConnection, self.limits, is_expected, _MemoryRelease()),
         }
         return serve(handler, host, port, **options)
 
-    def _answer_request(
+    async def _answer_request(
         self, process_request: RequestHandler | None, connection: ServerConnection, request: Request
     ) -> Response | None:
         """Answer a request that is refused; hand on all others."""
@@ -164,10 +156,10 @@ class SocketGuard:
             response: Response | None = connection.respond(refusal[0], refusal[1] + "\n")
         else:
             path = request.path.removeprefix(f"/{self.token}") if self.token else request.path
-            response = process_request and process_request(connection, replace(request, path=path or "/"))
+            answer = process_request and process_request(connection, replace(request, path=path or "/"))
+            response = await answer if isawaitable(answer) else answer
         if response is not None:
-            for name, value in self._response_headers(request).items():
-                response.headers[name] = value
+            response.headers.update(self._response_headers(request))
         return response
 
     def _response_headers(self, request: Request) -> dict[str, str]:
@@ -188,29 +180,25 @@ class SocketGuard:
         }
 
 
-class _GuardedConnection(ServerConnection):
+class GuardedConnection(ServerConnection):
     """A connection that drops unexpected messages and ends with a client that floods it or does not read."""
 
     def __init__(
-        self,
-        limits: SocketLimits,
-        is_expected: MessageTest,
-        is_ignored: MessageTest,
-        memory: "_MemoryRelease",
-        *args: Any,
-        **options: Any,
+        self, limits: SocketLimits, is_expected: MessageTest, memory: "_MemoryRelease", *args: Any, **options: Any
     ) -> None:
         super().__init__(*args, **options)
-        self._limits, self._is_expected, self._is_ignored, self._memory = limits, is_expected, is_ignored, memory
+        self._limits, self._is_expected, self._memory = limits, is_expected, memory
         self._second, self._events_in_second, self._has_dropped = 0.0, 0, False
         self._unanswered: deque[Awaitable[float]] = deque()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin; beyond the limit the oldest connection without a finished handshake ends, so that idle ones keep nobody out."""
+        """Begin; of too many without a finished handshake the oldest ends, so that idle ones keep nobody out."""
         super().connection_made(transport)
-        begun = [one for one in self.server.handlers if not one.transport.is_closing()]
-        if len(begun) > _CONNECTIONS_PER_CLIENT * self._limits.clients:
-            next(one for one in begun if one.state is State.CONNECTING).transport.abort()
+        begun = [
+            one for one in self.server.handlers if one.state is State.CONNECTING and not one.transport.is_closing()
+        ]
+        if len(begun) > _OPENING_PER_CLIENT * self._limits.clients:
+            begun[0].transport.abort()
 
     def process_event(self, event: Any) -> None:
         """Handle one frame of the client, unless it sends too many."""
@@ -224,18 +212,15 @@ class _GuardedConnection(ServerConnection):
 
     async def recv(self, decode: bool | None = None) -> Any:
         """Return the next message that is to be handled."""
-        while True:
-            message = await super().recv(decode)
-            if self._is_expected(message):
-                if not self._is_ignored(message):
-                    return message
-            elif not self._has_dropped:
+        while not self._is_expected(message := await super().recv(decode)):
+            if not self._has_dropped:
                 self._has_dropped = True
                 self.logger.warning(
                     "dropped a message of %d bytes of %s that the page does not expect; further ones are dropped silently",
                     len(message),
                     format_peer(self),
                 )
+        return message
 
     async def send(self, message: Any, text: bool | None = None) -> None:
         """Send a message after the client has received the earlier ones; end with a client that does not read."""
@@ -290,6 +275,19 @@ class _MemoryRelease:
             ctypes.CDLL(None).malloc_trim(0)
 
 
+def hidden_loopback_address() -> str:
+    """Return a random one of the 16 million loopback addresses, which no website can guess; 127.0.0.1 where it is the only one.
+
+    A server that has no guard of its own listens there, behind a guarded one.
+    """
+    address = f"127.{randbelow(254) + 1}.{randbelow(254) + 1}.{randbelow(254) + 1}"
+    try:
+        socket.create_server((address, 0)).close()
+    except OSError:
+        return "127.0.0.1"
+    return address
+
+
 def _is_loopback(host: str) -> bool:
     """Return whether only this computer can reach a host."""
     with suppress(ValueError):
@@ -328,14 +326,15 @@ def _first_segment(path: str) -> str:
 
 
 def _normalise_origin(origin: str) -> str:
-    """Return an origin as browsers send it; raises `InvalidAllowedOrigin`."""
+    """Return an origin as browsers send it; raises `InputError`."""
     if origin.lower() == _FILES_ORIGIN:
         return _FILES_ORIGIN
     parts = re.fullmatch(r"https?://(?:[\w.-]+|\[[0-9a-f:]+\])(?::(\d{1,5}))?", origin.lower().rstrip("/"))
-    if parts is None or not 0 < int(parts[1] or 80) <= _MOST_PORT:
-        raise InvalidAllowedOrigin(
-            f"expected --allow-origin as http://NAME:PORT, https://NAME or {_FILES_ORIGIN}, got {origin!r}; "
-            f"leave out path and user, and name a port of at most {_MOST_PORT}"
+    if parts is None or not 0 < int(parts[1] or 80) <= 65535:
+        raise InputError(
+            expected=f"--allow-origin as http://NAME:PORT, https://NAME or {_FILES_ORIGIN}",
+            got=f"{origin!r}",
+            remedy="leave out path and user, and name a port of at most 65535",
         )
     return re.sub(r"(?<=^http:)(//.*):80$|(?<=^https:)(//.*):443$", r"\1\2", origin.lower().rstrip("/"))
 
@@ -356,25 +355,22 @@ def format_peer(connection: ServerConnection) -> str:
 
 _LINES_PER_MINUTE = 20
 """Most lines that a server logs per minute."""
-
-
 _CHARACTERS_PER_LINE = 400
-_PACKAGE = str(Path(__file__).parents[1])
 
 
 def one_line_logger() -> logging.Logger:
-    """Return a logger for one server: a line each and no traceback, and not more than a person can read.
-
-    viser adds a filter to it, so it is not shared.
-    """
+    """Return a logger for one server: a line each and no traceback, and not more than a person can read."""
     logger, recent = logging.Logger(f"{__name__}.server"), deque[float](maxlen=_LINES_PER_MINUTE)
-    logger.parent = _LOG
+    logger.parent = logging.getLogger(__name__)
 
     def is_worth_a_line(record: logging.LogRecord) -> bool:
         if record.levelno < logging.WARNING or record.msg == "opening handshake failed":
             return False  # browsers open connections in advance and drop them
-        if record.exc_info and record.exc_info[1] is not None:
-            record.msg, record.args = f"{record.getMessage()}: {_describe_failure(record.exc_info[1])}", None
+        if record.exc_info and (failure := record.exc_info[1]) is not None:
+            place = extract_tb(failure.__traceback__)[-1:]
+            where = "".join(f" at {Path(each.filename).name}:{each.lineno}" for each in place)
+            said = " ".join(repr(failure).split())[:_CHARACTERS_PER_LINE]
+            record.msg, record.args = f"{record.getMessage()}: {said}{where}", None
             record.exc_info = record.exc_text = None
         if len(recent) == _LINES_PER_MINUTE and record.created - recent[0] < 60:
             return False
@@ -383,11 +379,3 @@ def one_line_logger() -> logging.Logger:
 
     logger.addFilter(is_worth_a_line)
     return logger
-
-
-def _describe_failure(failure: BaseException) -> str:
-    """Return an exception and where it was raised, in one line: the last place in this package below the one that caught it."""
-    places = extract_tb(failure.__traceback__)
-    own = [place for place in places[1:] if place.filename.startswith(_PACKAGE)] or places
-    where = f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
-    return " ".join(repr(failure).split())[:_CHARACTERS_PER_LINE] + where

@@ -77,10 +77,6 @@ class _IndentationHistory:
         return np.stack([(self._kept[0] - now_ns) / NS_PER_S, self._kept[1]])
 
 
-class RecordingTooShortForReference(CameraError):
-    """Raised where a recording ended before the reference images were complete."""
-
-
 class SensorPhase(Enum):
     """The state of the sensor thread."""
 
@@ -262,7 +258,7 @@ class SensorPoller:
             return SensorPhase.ENDED, None
         source, wanted = self.sensor.source, self.sensor.reference_frames
         images = self.sensor.frames_read + (source.dropped if isinstance(source, LatestFrameSource) else 0)
-        return SensorPhase.FAILED, RecordingTooShortForReference(
+        return SensorPhase.FAILED, CameraError(
             f"expected {source.name} to begin with {wanted} reference images (no contact) and then to continue, got "
             f"{images} images in all; record longer, or give reference images, as with --reference of live"
         )
