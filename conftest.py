@@ -137,3 +137,10 @@ def calibrated_twin() -> Calibration:
 def twin_sensor(calibrated_twin: Calibration, tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
     """The twin as it was calibrated; a test that changes its folder copies it."""
     return save_sensor(tmp_path_factory.mktemp("twin") / "sensor", calibrated_twin)
+
+
+@pytest.fixture(scope="session")
+def physical_sensor(tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
+    """The default twin calibrated by physics, so that it has a twin and an estimator; a test that changes its folder copies it."""
+    images = CalibrationImages(**vars(simulate_calibration_images(default_twin(), frames=4)))
+    return save_sensor(tmp_path_factory.mktemp("physical") / "my_sensor", calibrate(images, sensor_id="my_sensor"))

@@ -13,9 +13,7 @@ import numpy as np
 import pytest
 
 from ninedtact.calibration.force_calibration import UnscaledForceReader
-from ninedtact.calibration.procedure import CalibrationImages, calibrate
-from ninedtact.calibration.save import save_sensor
-from ninedtact.calibration.sensor_folder import load_sensor
+from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 from ninedtact.cli import main
 from ninedtact.cli.calibration_page import simulated_loaded_camera
@@ -24,7 +22,6 @@ from ninedtact.force.known_load_scale import STANDARD_GRAVITY, read_force_scales
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
-from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin
 from ninedtact.studio.force_calibration_page import ball_press_under_load
@@ -35,11 +32,10 @@ DEPTHS_MM = (0.4, 0.7, 1.0, 1.3)
 
 
 @pytest.fixture(scope="module")
-def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def desk(physical_sensor: SensorFolder, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A calibrated sensor, an image of its untouched skin, four of a ball pressed on it, and what they weigh."""
     desk, twin = tmp_path_factory.mktemp("desk"), default_twin()
-    images = CalibrationImages(**vars(simulate_calibration_images(twin, frames=8)))
-    save_sensor(desk / "sensor", calibrate(images, sensor_id="twin"))
+    shutil.copytree(physical_sensor.path, desk / "sensor")
     cv2.imwrite(str(desk / "reference.png"), twin.renderer(None, 50))
     contacts = [
         ScriptedPress(depth, at_mm=(1.0, -1.0), drag_mm=(0.3, 0.0)).simulate(twin, Ball(5.0)) for depth in DEPTHS_MM

@@ -11,7 +11,6 @@ from ninedtact.calibration.press_brightness import (
     require_same_image_size,
     require_usable_exposure,
 )
-from ninedtact.calibration.twin.ball_press_fit import effective_observation_count
 
 
 def columns(*levels: float) -> np.ndarray:
@@ -30,13 +29,6 @@ def test_the_noise_of_a_pixel_is_found_beside_smooth_content() -> None:
     noisy = (smooth + np.random.default_rng(0).normal(0, 2, smooth.shape)).astype(np.float32)
     assert estimate_pixel_noise(noisy) == pytest.approx(2, rel=0.02)
     assert estimate_camera_noise(noisy) == pytest.approx(2 / np.sqrt(2), rel=0.02)
-
-
-def test_blocks_of_equal_pixels_count_as_one_observation_each() -> None:
-    rng = np.random.default_rng(0)
-    assert effective_observation_count(rng.normal(size=(60, 60))) == pytest.approx(3600, rel=0.15)
-    blocks = np.kron(rng.normal(size=(20, 20)), np.ones((3, 3)))
-    assert effective_observation_count(blocks) == pytest.approx(400, rel=0.25)
 
 
 def test_dark_and_overexposed_images_and_two_sizes_are_refused() -> None:
