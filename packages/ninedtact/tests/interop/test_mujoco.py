@@ -472,7 +472,7 @@ def test_the_peg_is_inserted_by_the_wrench_that_is_estimated_from_the_image(
     observation, _ = env.reset(seed=4)
     heights = env.unwrapped.sensor.last.heights.z_mm
     assert observation["heights"].min() == pytest.approx(heights.min(), abs=0.1)
-    for options in ({"sensor_folder": TWIN, "force": "physics"}, {"sensor_folder": folder, "force": "none"}):
+    for options in ({"sensor_folder": TWIN, "force": "physics"}, {"sensor_folder": physical_sensor, "force": "none"}):
         with pytest.raises(InputError, match="expected force='gel', or the name of an estimator and the folder of a"):
             make_env("ninedtact/PegInsertion-v0", **options)
 
