@@ -115,12 +115,6 @@ def test_pressure_is_nowhere_negative_and_nothing_acts_outside_the_contact() -> 
     assert not traction.pressure_mpa[far].any() and not traction.shear_mpa[:, far].any()
 
 
-def test_the_sum_of_the_tractions_is_the_wrench() -> None:
-    found = by_height().estimate(reading(noisy()))
-    assert found.traction is not None
-    np.testing.assert_array_equal(found.traction.wrench().six, found.wrench.six)
-
-
 def test_forces_scale_with_the_modulus() -> None:
     stiff = replace(GEL, shear_modulus_mpa=3 * GEL.shear_modulus_mpa)
     soft_n, stiff_n = (by_height(gel).estimate(reading(noisy())) for gel in (GEL, stiff))
