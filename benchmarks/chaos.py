@@ -84,7 +84,9 @@ COMMANDS = (
     Command("hardware export", "hardware export", "parts", 30),
     Command("train", f"train --data {{data}} {TRAIN} --held-out standard", "model", 20, resumes=True),
     Command("export", "export {press}", "files", 10, ("full disk",)),
-    Command("export --to lerobot", "export {press} --to lerobot", "robot", 10, ("full disk",)),
+    *[Command("export --to lerobot", "export {press} --to lerobot", "robot", 10, ("full disk",))][
+        : bool(find_spec("lerobot_camera_ninedtact"))
+    ],
     *[Command("export --to rerun", "export {press} --to rerun", "press.rrd", 10, ("full disk",))][
         : bool(find_spec("rerun"))
     ],
