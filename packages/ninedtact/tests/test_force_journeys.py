@@ -14,7 +14,6 @@ import pytest
 
 from ninedtact.calibration.force_calibration import UnscaledForceReader
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
-from ninedtact.calibration.twin.sensor_twin import build_twin_from_folder
 from ninedtact.cli import main
 from ninedtact.cli.calibration_page import simulated_loaded_camera
 from ninedtact.cli.estimate import COLUMNS, format_estimates
@@ -129,7 +128,7 @@ def test_known_loads_on_the_twin_find_how_stiff_its_gel_is(desk: Path, tmp_path:
 def test_loads_whose_solution_misses_its_tolerance_by_a_hair_are_pressed(desk: Path, stiffness: float) -> None:
     folder = load_sensor(desk / "sensor")
     gel = replace(folder.gel, shear_modulus_mpa=folder.gel.shear_modulus_mpa * stiffness)
-    twin = replace(build_twin_from_folder(folder), compliance_of=partial(bonded_layer_compliance, gel=gel))
+    twin = replace(folder.twin(), compliance_of=partial(bonded_layer_compliance, gel=gel))
     with SimulatedCalibrationCamera(twin, folder.record.design) as camera:
         camera.hold(ball_press_under_load(100.0))
         camera.read()
