@@ -24,7 +24,6 @@ from ninedtact.calibration.certificate.checks import (
     certificate_headline,
     compute_certificate_checks,
     overall_check_level,
-    press_through_gel_warnings,
     relative_contact_radius,
     unusual_fit_warnings,
 )
@@ -34,7 +33,7 @@ from ninedtact.calibration.certificate.plot_style import draw_board_not_found
 from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
 from ninedtact.calibration.settings import LensKind
-from ninedtact.design import Gel, SensorDesign
+from ninedtact.design import SensorDesign
 from ninedtact.shape.depth import DepthMethod
 
 HOSTILE = "<script>alert('id')<b> & \"co\""
@@ -240,11 +239,6 @@ def with_figure(certificate: Certificate, part: str, name: str, value: float | l
 
 def rank(line: CheckResult) -> int:
     return CHECK_LEVELS.index(line.level)
-
-
-@pytest.mark.parametrize(("depth_mm", "is_warned"), [(1.99, False), (2.0, True)])
-def test_a_press_through_the_gel_is_warned_of(depth_mm: float, is_warned: bool) -> None:
-    assert bool(press_through_gel_warnings(depth_mm, Gel(2.0, 0.1))) == is_warned
 
 
 def number_in(cell: str) -> float | None:

@@ -21,12 +21,10 @@ from ninedtact.calibration.twin.ball_press_fit import (
     parameter_covariance,
 )
 from ninedtact.calibration.twin.lens_refinement import (
-    BoardPressFit,
     appearing_imprints_mm,
 )
 from ninedtact.calibration.twin.observed_presses import ObservedBallPress
 from ninedtact.calibration.twin.sensor_twin import assemble_twin
-from ninedtact.calibration.twin.twin_table import make_twin_table
 from ninedtact.design import Gel, PinBoard, SensorDesign
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Rectified, skin_grid_mm
@@ -200,26 +198,6 @@ def test_correlated_observations_count_by_their_correlations() -> None:
     assert effective_observation_count(pairs) == pytest.approx(pairs.size / 2, rel=0.03)
 
 
-def test_the_table_of_a_twin_is_of_its_fits(problem: BallPressProblem) -> None:
-    twin = as_drawn(problem)
-    board = board_press_fit(depth_mm=0.7)
-    table = make_twin_table(twin, 0.6, board)
-    assert (table.gel.thickness_mm, table.gel.finite_strain, table.gel.poisson_ratio) == (2.3, 0.25, 0.5)
-    assert (table.light, table.noise_grey_levels) == (twin.light, 0.6)
-    assert table.board_press.depth_std_mm == pytest.approx(np.hypot(0.03, 0.07))
-    assert table.board_press.inverse_distance_std_per_mm == 0.005 and table.board_press.accepted
-    depth, loss = table.fit.parameters["depth_mm"], table.fit.parameters["loss"]
-    assert (depth.value, depth.std, depth.most_correlated_with, depth.correlation) == (
-        1.3,
-        pytest.approx(0.13),
-        "thickness_mm",
-        -0.7,
-    )
-    assert (loss.std, loss.most_correlated_with, loss.correlation) == (None, None, None)
-    assert (table.fit.drag_mm, table.fit.duration_s, table.fit.effective_observations) == ((0.3, -0.2), 1.5, 90)
-    assert make_twin_table(twin, 0.6, None).board_press is None
-
-
 BOARD = PinBoard(3, 4)
 NODES = np.array([(column, row) for row in range(3) for column in range(4)])
 PINS_MM = lattice_to_skin_mm(NODES, BOARD, 0)
@@ -227,15 +205,6 @@ LENS = LensModel(
     (0.0625, 0.001, 0.01, -0.001, 0.0625, -0.02, 0.0003, -0.0002), (0.01, 0.0), (0.1,), (0.001, -0.001), (480, 640)
 )
 BOARD_PRESS = BoardPressParameters(0.7, 0.01, -0.02, 0.49, 0.05, 0.5)
-
-
-def board_press_fit(
-    depth_mm: float = 0.7, point_spread_mm: float = 0.5, residual: float = 0.5, converged: bool = True
-) -> BoardPressFit:
-    """A result whose imprints have a contrast of ten grey levels, and whose ball had a point spread of half a millimetre."""
-    press = replace(BOARD_PRESS, depth_mm=depth_mm, point_spread_mm=point_spread_mm)
-    deviations = BoardPressParameters(0.03, 0.001, 0.001, 0.001, 0.005, 0.01)
-    return BoardPressFit(press, deviations, LENS, residual, 10.0, 0.5, converged, np.zeros((2, 1)))
 
 
 @pytest.fixture(scope="module")
