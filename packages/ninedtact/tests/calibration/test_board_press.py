@@ -10,14 +10,12 @@ from ninedtact.calibration.procedure import Calibration, CalibrationImages, cali
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.calibration.twin.lens_refinement import fit_board_press_and_lens
 from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
-from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame, skin_grid_mm
 from ninedtact.simulation.calibration_images import CalibrationPressSettings, simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.twin import Twin, default_twin
 from ninedtact_train.population.rectified_renderer import interpolate_image
 
-DESIGN = SensorDesign()
 NEARNESS, IMPRINT_MM = 0.05, 0.85
 LIGHT = BrightnessModel(
     darkening_per_mm=0.15,

@@ -1,12 +1,9 @@
 """The disc of a ball in drawn changes of light: where it is, how uneven its rim is, and from which limits on it is refused."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from ninedtact.calibration.ball.ball_fit import fit_monotone_depth_curve
-from ninedtact.calibration.ball.ball_press import BallPress, rectified_flat_fielded_change, simulate_height_noise_mm
+from ninedtact.calibration.ball.ball_press import BallPress, simulate_height_noise_mm
 from ninedtact.calibration.ball.contact_circle import (
     BallPressUnusable,
     ContactCircle,
@@ -128,43 +125,11 @@ def test_depths_between_too_shallow_and_wider_than_the_ball_are_usable() -> None
             require_usable_depth(ball, circle_of(radius_px), 0.05, widest)
 
 
-def test_a_depth_curve_is_the_mean_of_every_level() -> None:
-    """Levels below the fourth have no knot, and a mean that falls is joined with the one before, by numbers of pixels."""
-    darkening = np.array([-3.0, 0.2, 3.0, 3.9, 4.2, 5.6, 9.1, 9.4, 8.7, 11.0])
-    depth_mm = np.array([0.0, 0.1, 0.2, 0.3, 0.5, 1.0, 0.7, 0.8, 0.9, 1.2])
-    curve = fit_monotone_depth_curve("difference", darkening, depth_mm)
-    assert curve.darkening == (0, 4, 6, 9, 11)
-    np.testing.assert_allclose(curve.indentation_mm, [0, 0.4, 0.85, 0.85, 1.2])
-    np.testing.assert_allclose(curve.error_mm, [0.1, 0.1, 0, np.sqrt(2 / 3) * 0.1, 0], atol=1e-7)
-    ratio = fit_monotone_depth_curve("ratio", darkening / 160, depth_mm)
-    np.testing.assert_allclose(np.array(ratio.darkening) * 160, curve.darkening)
-    assert ratio.indentation_mm == curve.indentation_mm
-    shallow = fit_monotone_depth_curve("difference", np.array([1.0, 1.2, 2.0]), np.array([0.1, 0.3, 0.4]))
-    assert (shallow.darkening, shallow.indentation_mm) == ((0, 2), (0, 0.4))
-
-
 def ball_press(radius_px: float = 32.0) -> BallPress:
     """A press of a pixel of a tenth of a millimetre, of which only the circle is asked."""
     before = Rectified(np.full(SHAPE, 80, np.float32), 0.1)
     after = np.full(SHAPE, 60, np.float32)
     return BallPress(before, Rectified(after, 0.1), ContactCircle((119.5, 69.5), radius_px, 0.1, 20, (0.0, 0.0)))
-
-
-def test_a_press_is_where_and_as_dark_as_it_is() -> None:
-    press = ball_press()
-    assert (press.centre_mm, press.edge_radius_mm) == (pytest.approx((2.0, -1.0)), pytest.approx(3.2))
-    where = np.zeros(SHAPE, bool)
-    where[3, 4] = True
-    assert press.darkening("difference", where, 0.25) == pytest.approx(32)
-    assert press.darkening("ratio", where, 0.25) == pytest.approx(0.4)
-    faint = replace(press, before=Rectified(np.full(SHAPE, 0.5, np.float32), 0.1))
-    assert faint.darkening("ratio", where) == pytest.approx(-59)
-    np.testing.assert_allclose(rectified_flat_fielded_change(press.before, press.after), -20, rtol=1e-6)
-    moved = press.about(np.array([30.0, 40.0]))
-    assert moved.circle.centre_px == (30.0, 40.0) and moved.circle.radius_px == 32
-    left, right, upper, lower = moved.halves()
-    assert (left.sum(), right.sum(), upper.sum(), lower.sum()) == (30 * 160, 170 * 160, 40 * 200, 120 * 200)
-    assert left[0, 29] and not left[0, 30] and upper[39, 0] and lower[40, 0]
 
 
 def test_lines_of_sight_meet_the_ball_where_sphere_and_line_do() -> None:

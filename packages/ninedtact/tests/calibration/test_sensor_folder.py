@@ -50,8 +50,6 @@ from ninedtact.force.known_load_scale import ForceScale, write_force_scale
 from ninedtact.force.traction.observation import TractionImpossible
 from ninedtact.quantities import Frame
 
-DESIGN = SensorDesign()
-
 
 @pytest.fixture
 def folder(sensor_a: SensorFolder, tmp_path: Path) -> Path:

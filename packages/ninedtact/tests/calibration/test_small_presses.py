@@ -146,22 +146,6 @@ def test_first_guesses_save_iterations_and_contacts_do_not_depend_on_those_solve
     np.testing.assert_allclose(guessed.height_mm, alone.height_mm, atol=1.5e-3)
 
 
-def test_smoothing_is_a_part_of_the_point_spread() -> None:
-    after = UNTOUCHED.grey.copy()
-    after[48, 64] *= 2
-    observed = ObservedBallPress(UNTOUCHED, Rectified(after, MM_PER_PX), (0.0, 0.0))
-    bump = observed.ratio - 1
-    rows, cols = np.indices(SHAPE)
-    assert bump.sum() == pytest.approx(1, rel=1e-3)
-    for axis, middle in ((rows, 48), (cols, 64)):
-        assert np.sqrt((bump * (axis - middle) ** 2).sum()) * MM_PER_PX == pytest.approx(observed.blur_mm, rel=0.01)
-    assert observed.blur_mm == pytest.approx(1.5 * MM_PER_PX)
-    image = observed.image(observed.relative_brightness)
-    assert image.shape == (48, 64)
-    assert image[24, 32] == pytest.approx(observed.ratio[48, 64])
-    assert np.isnan(image[0, 0]) and np.isfinite(image).sum() == observed.count
-
-
 def test_the_drawn_press_is_found(fit: TwinBallFit) -> None:
     twin = fit.twin_fit
     np.testing.assert_allclose(twin.press.vector[:5], PRESS.vector[:5], atol=0.02)

@@ -91,16 +91,6 @@ def test_an_imported_sensor_shows_what_the_original_shows(real_data: Path, tmp_p
         sensor.stored_image("ball_reference")
 
 
-def test_the_crop_is_the_original_s_whatever_its_size(tmp_path: Path) -> None:
-    folder = UpstreamFolder(position_scale=np.array([241.0, 334.0, 0.05])).write(tmp_path / "sensor_2")
-    image = np.random.default_rng(0).integers(0, 256, (480, 640), np.uint8)
-    for rows, cols in ((345, 460), (280, 381)):
-        design = replace(SensorDesign(), field_of_view=RectifiedImageSize(rows, cols))
-        sensor = import_original_calibration(tmp_path, tmp_path / "ours", design)
-        ours = sensor.rectification(Frame(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))).grey
-        np.testing.assert_array_equal(ours, shown_by_original(folder, image, rows, cols))
-
-
 def test_gaps_and_dips_in_the_list_are_mended(tmp_path: Path) -> None:
     folder = UpstreamFolder(pixel_to_depth=np.array([0.9, 0.1, 0.0, 0.3, 0.5, 0.4, 0.6])).write(tmp_path / "sensor_2")
     sensor = import_original_calibration(folder, tmp_path / "ours")

@@ -302,20 +302,6 @@ def test_a_touch_deeper_than_calibrated_is_doubted() -> None:
     assert by_height().estimate(reading(z_mm, source)).warnings == (EstimateWarning.OUT_OF_RANGE,)
 
 
-def test_light_pressure_beyond_the_calibrated_depths_is_doubted_and_skin_without_pressure_is_not() -> None:
-    """The pressure of this press is below the shear modulus everywhere."""
-    model = ContactModel(gel_skin(padded_grid(24, 18, PX_MM, 4.0), GEL))
-    *_, contact = model.follow(Ball(4.0), [Pose(1.0, -0.6, 0.2)])
-    z_mm = noisy(contact=contact)
-    y, x = (np.indices(WIDE) - np.reshape(WIDE, (2, 1, 1)) / 2) * PX_MM
-    off_mm = np.hypot(x - 1.0, y + 0.6)
-    for where, warnings in ((off_mm < 1.0, (EstimateWarning.OUT_OF_RANGE,)), (off_mm > 3.5, ())):
-        source = np.where(where, HeightSource.EXTRAPOLATED, HeightSource.MEASURED).astype(np.uint8)
-        found = by_height().estimate(reading(z_mm, source))
-        assert found.touching and found.traction is not None and found.warnings == warnings
-        assert found.traction.pressure_mpa.max() < GEL.shear_modulus_mpa
-
-
 def test_a_touch_deeper_than_linear_gel_goes_is_doubted() -> None:
     *_, deepest = ContactModel(gel_skin(padded_grid(24, 18, PX_MM, 4.0), GEL)).follow(
         Ball(4.0), [Pose(0.5, 0.3, depth) for depth in (0.6, 1.2, 1.6, 1.9)]

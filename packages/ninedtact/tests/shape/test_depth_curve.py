@@ -1,6 +1,5 @@
 """A depth curve beyond the depth of the calibrating ball: it continues, marked and with a growing error."""
 
-import cv2
 import msgspec
 import numpy as np
 import pytest
@@ -8,7 +7,7 @@ import pytest
 from ninedtact.errors import InputError
 from ninedtact.quantities import HeightSource, Rectified
 from ninedtact.shape.calibrated_shape import ReferenceUnusable, mean_rectified_image
-from ninedtact.shape.deblurring import Deblurring, deconvolve_gaussian_blur, upsample, wiener_deconvolution_filter
+from ninedtact.shape.deblurring import Deblurring, deconvolve_gaussian_blur, upsample
 from ninedtact.shape.depth import (
     FINE_SMOOTHING,
     CurveContinuation,
@@ -142,19 +141,6 @@ def test_a_point_spread_is_undone_up_to_the_noise_floor() -> None:
         for image, where in ((field, inside), (np.ascontiguousarray(field.T), inside[::-1])):
             sharp = deconvolve_gaussian_blur(image, sigma, floor)
             np.testing.assert_allclose(sharp[where], (1 + (image - 1) * gain)[where], atol=0.004)
-
-
-@pytest.mark.parametrize(("rows", "cols"), [(48, 60), (115, 154)])
-def test_the_packed_filter_is_that_of_the_frequencies(rows: int, cols: int) -> None:
-    sigma, floor = 2.4, 0.03
-    factor = wiener_deconvolution_filter(rows, cols, sigma, floor)
-    tall, wide = factor.shape
-    field = np.random.default_rng(1).normal(size=factor.shape)
-    ky, kx = np.fft.fftfreq(tall)[:, None], np.fft.fftfreq(wide)[None]
-    spread = np.exp(-2 * (np.pi * sigma) ** 2 * (kx**2 + ky**2))
-    expected = np.fft.ifft2(np.fft.fft2(field) * spread * (1 + floor) / (spread**2 + floor)).real
-    flags = cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT
-    np.testing.assert_allclose(cv2.dft(cv2.dft(field) * factor, flags=flags), expected, atol=1e-6)
 
 
 def test_the_light_that_is_lost_is_restored_before_depths_are_read() -> None:
