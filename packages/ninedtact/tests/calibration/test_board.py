@@ -78,7 +78,7 @@ def test_too_many_missing_pins_are_counted() -> None:
     images = KnownSensor().images(skip=tuple(range(20, 34)))
     with pytest.raises(BoardNotFound, match="expected 63 pins") as refusal:
         fit_board(images.board_reference, images.board, BOARD)
-    assert 30 <= refusal.value.found <= 52 and refusal.value.expected == 63
+    assert 30 <= refusal.value.found_pins <= 52 and refusal.value.expected_pins == 63
 
 
 def test_a_missing_side_could_be_any_row() -> None:

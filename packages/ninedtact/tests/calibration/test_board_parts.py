@@ -263,4 +263,4 @@ def test_the_grid_has_the_scale_of_the_lens_at_the_size_of_the_design(rows: int,
 def test_a_drawing_is_named_in_the_same_error() -> None:
     error = BoardNotFound("words", 3, 63, np.ones((3, 2)), np.zeros((4, 5), np.float32)).with_drawing(Path("drawn.png"))
     assert str(error) == "words; what was detected is drawn in drawn.png"
-    assert (error.found, error.expected, error.detected_px.shape) == (3, 63, (3, 2))
+    assert (error.found_pins, error.expected_pins, error.detected_px.shape) == (3, 63, (3, 2))

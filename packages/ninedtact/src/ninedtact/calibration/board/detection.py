@@ -315,14 +315,14 @@ class BoardNotFound(CalibrationError):
     def __init__(
         self,
         sentence: str,
-        found: int,
-        expected: int,
+        found_pins: int,
+        expected_pins: int,
         detected_px: Points,
         change: Float32[Array, "rows cols"],
         missing_px: Float[Array, "missing 2"] | None = None,
     ) -> None:
         super().__init__(sentence)
-        self.found, self.expected = found, expected
+        self.found_pins, self.expected_pins = found_pins, expected_pins
         self.detected_px, self.change = detected_px, change
         self.missing_px = np.empty((0, 2)) if missing_px is None else missing_px
         """Where the other pins are likely; empty where too little of the board was detected."""
@@ -330,7 +330,9 @@ class BoardNotFound(CalibrationError):
     def with_drawing(self, path: Path) -> "BoardNotFound":
         """Return the same error, its message with the path of a drawing of what was detected."""
         sentence = f"{self}; what was detected is drawn in {path}"
-        return BoardNotFound(sentence, self.found, self.expected, self.detected_px, self.change, self.missing_px)
+        return BoardNotFound(
+            sentence, self.found_pins, self.expected_pins, self.detected_px, self.change, self.missing_px
+        )
 
 
 def make_board_not_found_error(

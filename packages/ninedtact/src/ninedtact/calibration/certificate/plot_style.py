@@ -53,7 +53,9 @@ def draw_board_not_found(error: BoardNotFound) -> UInt8[Array, "rows cols 3"]:
     for x, y in np.rint(error.detected_px[inside] * 2**FRACTION_BITS).astype(int).tolist():
         cv2.circle(canvas, (x, y), long_side * 2**FRACTION_BITS // 50, SPOT_BGR, 2, cv2.LINE_AA, FRACTION_BITS)
     _write_caption(
-        canvas, f"found {error.found} of {error.expected} pins; spots circled: {inside.sum()}", long_side / 1300
+        canvas,
+        f"found {error.found_pins} of {error.expected_pins} pins; spots circled: {inside.sum()}",
+        long_side / 1300,
     )
     return np.asarray(canvas)
 
