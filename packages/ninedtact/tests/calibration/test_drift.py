@@ -8,10 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from known_sensor import KnownSensor
 from upstream_folder import UpstreamFolder
 
-from ninedtact.calibration.board.board_fit import calibrated_area_mm
 from ninedtact.calibration.drift.diagnosis_and_reference_check import diagnose_drift
 from ninedtact.calibration.drift.drift_measurement import (
     CalibratedReference,
@@ -24,8 +22,6 @@ from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamage
 from ninedtact.capture.strict_image_reading import ImageSizeWrong, read_image
 from ninedtact.cli.check import CheckCommand
 from ninedtact.errors import InputError
-from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.rectification import rectification_of_projection
 
 SENSORS = ("sensor_a", "sensor_i", "sensor_j")
 
@@ -152,34 +148,11 @@ def test_figures_are_right(known: dict, images: dict) -> None:
     assert found.height_mm > found.known.height_mm(np.array(0.08), np.array(160.0))
 
 
-@pytest.fixture(scope="module")
-def drawn() -> tuple[KnownSensor, CalibratedReference]:
-    """A skin without any structure, and what is known of it."""
-    sensor = KnownSensor()
-    design, untouched = sensor.design, np.ones(sensor.lens.raw_shape)
-    rectify = rectification_of_projection(
-        sensor.lens, design.field_of_view, 0.0521, (480, 640), calibrated_area_mm(design)
-    )
-    curve = DepthCurve("ratio", (0.0, 0.3), (0.0, 1.8), (0.01, 0.01))
-    return sensor, CalibratedReference(sensor.image(untouched, 1), sensor.image(untouched, 2), rectify, curve)
-
-
-def test_a_skin_without_structure_is_judged_by_its_light(drawn: tuple[KnownSensor, CalibratedReference]) -> None:
-    sensor, known = drawn
-    untouched = np.ones(sensor.lens.raw_shape)
-    fine = measure_drift(known, sensor.image(untouched, 3))
-    assert diagnose_drift(fine) == []
-    assert not fine.moved.observable
-    assert diagnoses(known, sensor.image(0.9 * untouched, 4)) == ["light dimmer"]
-    assert diagnoses(known, sensor.image(sensor.board_factor(), 6)) == ["something touches the gel"]
-
-
-def test_an_image_that_cannot_be_compared_is_refused(drawn: tuple[KnownSensor, CalibratedReference]) -> None:
-    _, known = drawn
+def test_an_image_that_cannot_be_compared_is_refused(known: dict[str, CalibratedReference]) -> None:
     with pytest.raises(ImageSizeWrong, match="640 x 480 pixels, got 320 x 240"):
-        measure_drift(known, np.full((240, 320, 3), 160, np.uint8))
+        measure_drift(known["sensor_a"], np.full((240, 320, 3), 160, np.uint8))
     with pytest.raises(ImageUnusable, match="switch the sensor's light on"):
-        measure_drift(known, np.zeros((480, 640, 3), np.uint8))
+        measure_drift(known["sensor_a"], np.zeros((480, 640, 3), np.uint8))
 
 
 def test_the_command_ends_with_the_diagnosis(

@@ -22,7 +22,6 @@ from ninedtact.force.traction.linearisation import (
     LinearisedBrightnessProblem,
     TractionPrior,
     Whitener,
-    pressure_precision_spectrum,
 )
 from ninedtact.force.traction.nonnegative_qp import NonNegativeQP, solve_nonnegative_qp
 from ninedtact.force.traction.observation import BrightnessObservationModel, brightness_law_of_curve
@@ -101,26 +100,6 @@ def test_the_columns_are_what_the_unknowns_do_to_the_light() -> None:
     seen = FORWARD.scatter(FORWARD.heights(line.tractions(unknowns)) * line.slope) * line.whitener.per_error
     scale = float(np.abs(seen).max())
     np.testing.assert_allclose((unknowns @ line.jacobian).reshape(seen.shape), seen, atol=5e-3 * scale)
-
-
-def test_the_curvature_is_that_of_the_misfit_and_the_prior() -> None:
-    line = linearised()
-    unknowns, count = drawn(len(line.jacobian)), int(line.region.sum())
-    errors = line.whitener.per_error
-    seen = (unknowns @ line.jacobian).reshape(errors.shape) / errors
-    pressed = np.zeros(CELLS.patch.shape, np.float32)
-    pressed[line.contact_cells] = unknowns[:count]
-    power = np.abs(np.fft.fft2(pressed)) ** 2 * pressure_precision_spectrum(
-        np.hypot(*full_waves()), TractionPrior(), CELLS.pitch_mm
-    )
-    known = power.mean() / line.strain**2 + np.sum(unknowns[count:] ** 2)
-    misfit = np.vdot(seen, line.whitener(seen))
-    assert unknowns @ line.curvature @ unknowns == pytest.approx(misfit + known, rel=1e-3)
-
-
-def full_waves() -> list[np.ndarray]:
-    """Of both halves of the transform."""
-    return list(np.meshgrid(*(2 * np.pi * np.fft.fftfreq(side, CELLS.pitch_mm) for side in CELLS.patch.shape[::-1])))
 
 
 def linearised() -> LinearisedBrightnessProblem:
