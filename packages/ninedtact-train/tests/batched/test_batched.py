@@ -16,7 +16,7 @@ import torch
 
 from ninedtact._version import installation_command
 from ninedtact.cli import main
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError, NinedtactError
 from ninedtact.mechanics import skin
 from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.indenter import Ball, FlatPunch
@@ -26,7 +26,7 @@ from ninedtact.simulation.twin import PoseOutOfView, Press
 from ninedtact_train.batched import executor
 from ninedtact_train.batched.executor import BatchExecutor, Device, DeviceMissing, choose_compute_device
 from ninedtact_train.batched.session_requests import RenderRequest, StepRequest
-from ninedtact_train.dataset.folder import DatasetFolderTaken
+from ninedtact_train.dataset.folder import FolderTaken
 from ninedtact_train.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
 from ninedtact_train.dataset.generation.settings import (
     GenerationImpossible,
@@ -127,9 +127,9 @@ def test_kinds_of_devices_are_not_mixed(together: GenerationResult, by_processor
     assert json.loads((together.folder / "settings.json").read_text())["device"] == "torch-cpu"
     assert "with `--device torch-cpu`" in (together.folder / "README.md").read_text()
     assert json.loads((by_processor.folder / "settings.json").read_text())["device"] == "cpu"
-    with pytest.raises(DatasetFolderTaken, match=r"another device \(device: cpu instead of torch-cpu\)"):
+    with pytest.raises(FolderTaken, match=r"another device \(device: cpu instead of torch-cpu\)"):
         generate_dataset(together.folder, SMALL)
-    with pytest.raises(DatasetFolderTaken, match=r"another device \(device: torch-cpu instead of cpu\)"):
+    with pytest.raises(FolderTaken, match=r"another device \(device: torch-cpu instead of cpu\)"):
         generate_dataset(by_processor.folder, SMALL, device="torch-cpu")
 
 
@@ -303,5 +303,5 @@ def test_the_processor_needs_no_torch(tmp_path: Path) -> None:
 
 
 def test_no_session_at_once_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(GenerationImpossible, match="1 session per batch"):
+    with pytest.raises(InputError, match="1 session per batch"):
         generate_dataset(tmp_path / "pairs", SMALL, sessions_per_batch=0)

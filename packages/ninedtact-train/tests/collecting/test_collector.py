@@ -14,7 +14,6 @@ from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.wrench_source import WrenchSaturated
 from ninedtact.design import ForceTorqueMount
-from ninedtact.errors import InputError
 from ninedtact.quantities import NO_OBJECT, Frame, Wrench
 from ninedtact.recording.background_reader import Arrival
 from ninedtact.recording.errors import WrenchSourceMismatched
@@ -37,8 +36,8 @@ from ninedtact_train.collecting.collection_sources import (
 )
 from ninedtact_train.collecting.collector import COLLECTED_TOPICS, Collector
 from ninedtact_train.collecting.merge_streams import MergedArrival, merge_recorded_streams
-from ninedtact_train.collecting.pair_selection import CollectSettings, CollectSettingsInvalid
-from ninedtact_train.collecting.sample_faults import ClockDriftMonitor, SampleFault
+from ninedtact_train.collecting.pair_selection import CollectSettings
+from ninedtact_train.collecting.sample_faults import SampleFault
 from ninedtact_train.collecting.training_pair_rule import SamplingRuleSettings
 
 SETTINGS = CollectSettings(checks=SampleCheckSettings(range_n=(50, 50, 50)))
@@ -214,7 +213,6 @@ FAULTS = {
         SampleFault.SATURATED,
     ),
     "is silent": (between(SECOND_S + 0.9, SECOND_S + 1.6, lambda now_s, six: None), SampleFault.UNPAIRED),
-    "is slow": (ForceTorque(hz=20.0), SampleFault.UNPAIRED),
 }
 
 
@@ -231,7 +229,7 @@ def test_a_sensor_that_errs_is_told_and_nothing_untrue_is_saved(what: str, tmp_p
     stamps_ns = [event.stamp_ns for event in told if event.subject == fault.name.lower() and event.text]
     if what in ("shifts", "shifts while nothing touches", "is away and comes back with another zero", "drifts"):
         assert not [pair for pair in pairs if pair.time_ns > stamps_ns[0]]
-    elif what not in ("is slow", "saturates"):
+    elif what != "saturates":
         assert [pair for pair in pairs if pair.time_ns > stamps_ns[0] + 1e9]
 
 
@@ -293,32 +291,6 @@ def test_a_tare_waits_for_untouched_skin_and_begins_a_new_reference(tmp_path: Pa
     assert collector.reference is not None and collector.reference.zero[:3] == pytest.approx(
         (BIAS + WARMED)[:3], abs=0.02
     )
-
-
-def test_clocks_that_drift_apart_are_noticed_within_their_jitter() -> None:
-    rng, drifting, steady = np.random.default_rng(0), ClockDriftMonitor(10.0), ClockDriftMonitor(10.0)
-    for number in range(30 * 60):
-        now_ns = BEGAN_NS + int(number * 1e9 / 30)
-        late_ns = int(rng.exponential(8e6))
-        steady.add_arrival(now_ns, now_ns + late_ns)
-        drifting.add_arrival(BEGAN_NS + int((now_ns - BEGAN_NS) * (1 - 4e-4)), now_ns + late_ns)
-        assert steady.is_within_tolerance and (drifting.is_within_tolerance or number > 30 * 20)
-    assert not drifting.is_within_tolerance
-
-
-def test_settings_refuse_nonsense() -> None:
-    assert CollectSettings(camera_delay_ms=-4.0).camera_delay_ms == -4  # stamped as a long exposure begins
-    for wrong in (
-        {"tolerance_ms": 0.0},
-        {"tolerance_ms": np.inf},
-        {"no_contact": 0.6, "light_touch": 0.5},
-        {"reference_images": 0},
-    ):
-        with pytest.raises(CollectSettingsInvalid, match=r"expected .* got .*; correct"):
-            replace(CollectSettings(), **wrong)
-    for limits in ((0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, np.nan)):
-        with pytest.raises(InputError, match=r"expected three ranges .* got .*; take them"):
-            SampleCheckSettings(range_n=limits)
 
 
 def test_a_simulated_collection_names_the_object_that_presses(tmp_path: Path) -> None:

@@ -10,8 +10,21 @@ import pyarrow.parquet as pq
 
 from ninedtact_train.dataset.build import BuildResult, BuildSettings, build_dataset
 from ninedtact_train.dataset.fault_report import QualityReport
+from ninedtact_train.dataset.generation.settings import GenerationSettings, PairKindShares
 from ninedtact_train.dataset.sources.find_sources import find_sources
 from ninedtact_train.dataset.sources.source import Source, SourceConventions
+
+TWINS = GenerationSettings(
+    pairs=18,
+    size=(64, 48),
+    sensors=2,
+    object_names=("ball:3", "cylinder:2,5", "cone"),
+    shares=PairKindShares(0.12, 0.12),
+    pitch_mm=0.5,
+    session_pairs=3,
+    sessions_per_file=2,
+)
+"""A small data set of the twin, as short as it can be."""
 
 
 def sources_at(*words: Path | str, conventions: SourceConventions = SourceConventions()) -> Sequence[Source]:

@@ -1,21 +1,10 @@
 from pathlib import Path
 
 import pytest
+from built_sets import TWINS
 from little_sources import LittleTree, little_tree
 
 from ninedtact_train.dataset.generation.generate import generate_dataset
-from ninedtact_train.dataset.generation.settings import GenerationSettings, PairKindShares
-
-TWINS = GenerationSettings(
-    pairs=18,
-    size=(64, 48),
-    sensors=2,
-    object_names=("ball:3", "cylinder:2,5", "cone"),
-    shares=PairKindShares(0.12, 0.12),
-    pitch_mm=0.5,
-    session_pairs=3,
-    sessions_per_file=2,
-)
 
 
 @pytest.fixture(scope="session")

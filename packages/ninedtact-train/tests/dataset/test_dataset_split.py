@@ -110,16 +110,11 @@ REFUSED: dict[str, tuple[Callable[[], SplitKeys], SplitSettings, str]] = {
         SplitSettings(pairs=0.0),
         "a part between 0 and 1, got 0.0 of 400; hold out another amount, as 40",
     ),
-    "a part of nothing": (made, SplitSettings("sensor", sensors=0.01), "got 0.01 of 5"),
-    "below zero": (made, SplitSettings(pairs=-0.5), r"got -0\.5 of 400"),
     "not a number": (made, SplitSettings(pairs=float("nan")), "got nan of 400"),
-    "half a pair": (made, SplitSettings(pairs=2.5), r"got 2\.5 of 400"),
     "all objects": (made, SplitSettings("object", objects=20), "from 1 to 19"),
     "one object": (lambda: made(objects=1), SplitSettings("object"), "at least 2 different objects.*got 1"),
-    "one sensor": (lambda: made(sensors=1), SplitSettings("sensor"), "at least 2 different sensors.*got 1"),
     "no objects known": (lambda: SplitKeys(["a", "b"]), SplitSettings("object"), "object of every pair, got none"),
     "no contacts known": (lambda: SplitKeys("abc"), SplitSettings(pairs=1, by_contact=True), "contact of every pair"),
-    "one contact": (lambda: made(4), SplitSettings(pairs=1, by_contact=True), "pairs to train with, got none of 4"),
     "an id twice": (lambda: SplitKeys(["a", "b", "a"]), SplitSettings(), "every id once, got 'a' more often"),
     "a column too short": (lambda: SplitKeys(["a", "b"], ["x"]), SplitSettings(), "objects of 2 pairs, got 1"),
 }
@@ -144,9 +139,8 @@ def test_a_held_out_object_that_was_never_on_a_held_out_sensor_leaves_nothing_to
     assert outcomes == {("a", "b"), ("c", "d"), ()}
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_split_is_read_as_it_was_written(tmp_path: Path, kind) -> None:
-    found = split_dataset(made(), SplitSettings(kind, pairs=0.1, seed=3))
+def test_a_split_is_read_as_it_was_written(tmp_path: Path) -> None:
+    found = split_dataset(made(), SplitSettings("sensor_and_object", seed=3))
     write_split(tmp_path / "split.json", found)
     assert read_split(tmp_path / "split.json") == found
     rows = read_split(tmp_path / "split.json").rows(made().ids)
@@ -167,9 +161,7 @@ def test_a_split_of_other_data_is_refused_and_says_what_differs() -> None:
     "change",
     [
         lambda table: table.update(format=2),
-        lambda table: table.update(test=[]),
         lambda table: table.update(test=table["train"][:1]),
-        lambda table: table.pop("train"),
         lambda table: table["settings"].update(kind="by luck"),
         lambda table: table.update(test=[1]),
     ],

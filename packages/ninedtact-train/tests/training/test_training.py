@@ -12,28 +12,33 @@ import pytest
 import torch
 from toy import IMAGES, PAIRS, ROWS, of_heights, of_images, toy_settings
 
+from ninedtact.errors import InputError
 from ninedtact.force.network_input import InputChannels
 from ninedtact.force.onnx_model import read_force_model
+from ninedtact_train.dataset.folder import FolderTaken, begin_or_resume_folder
 from ninedtact_train.dataset.split import SplitRows
-from ninedtact_train.training import train as fitting
 from ninedtact_train.training.augmentation import NO_AUGMENTATION, GeometricAugmentation
 from ninedtact_train.training.compute_settings import ComputeSettings
 from ninedtact_train.training.error_scale_and_model_card import TrainedNetwork
-from ninedtact_train.training.examples import ExamplesUnusable, TrainingExamples, move_examples_to_torque_point
+from ninedtact_train.training.examples import (
+    ExamplesUnusable,
+    TrainingBatch,
+    TrainingExamples,
+    move_examples_to_torque_point,
+)
 from ninedtact_train.training.networks import WrenchNetwork
 from ninedtact_train.training.onnx_export import rewrite_card
-from ninedtact_train.training.settings import (
-    PAPER_TRAINING,
-    TRAINING_PRESETS,
-    TrainingImpossible,
-    TrainingSettings,
+from ninedtact_train.training.settings import PAPER_TRAINING, TrainingSettings
+from ninedtact_train.training.train import (
+    CHECKPOINT_FOLDER,
+    TrainingResult,
+    fit_network,
+    train_network,
 )
-from ninedtact_train.training.train import TrainingFolderTaken, TrainingResult, fit_network, train_network
 from ninedtact_train.training.training_module import (
     CheckpointDamaged,
     ForceTrainingModule,
     TrainingStopped,
-    compute_batch_loss,
     fit_label_scaling,
     load_checkpoint,
 )
@@ -125,30 +130,45 @@ def weights_of(learner: ForceTrainingModule) -> dict[str, torch.Tensor]:
     return {name: part.clone() for name, part in learner.state_dict().items()}
 
 
-def fitted(out: Path, settings: TrainingSettings) -> tuple[ForceTrainingModule, list[dict[str, float]]]:
-    learner = ForceTrainingModule(settings, fit_label_scaling(of_heights().wrench[ROWS.train], settings))
+def fitted(
+    out: Path, settings: TrainingSettings, kind: type[ForceTrainingModule] = ForceTrainingModule
+) -> tuple[ForceTrainingModule, list[dict[str, float]]]:
+    learner = kind(settings, fit_label_scaling(of_heights().wrench[ROWS.train], settings))
     history = fit_network(learner, of_heights(), ROWS, out, CPU).history
     return learner, [{name: value for name, value in row.items() if name != "seconds"} for row in history.epochs]
 
 
-@pytest.mark.parametrize("schedule", ["one cycle", "constant"])
-def test_gone_on_with_after_a_stop_it_learns_the_same(
-    schedule: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    settings = toy_settings(schedule=schedule, optimiser="adam" if schedule == "constant" else "adamw")
-    whole, rows = fitted(tmp_path / "whole", settings)
-    step, handler = ForceTrainingModule.training_step, signal.getsignal(signal.SIGINT)
+class Interrupted(ForceTrainingModule):
+    """Somebody presses Ctrl-C in the middle of the third epoch."""
 
-    def interrupted(self: ForceTrainingModule, batch: object, number: int) -> torch.Tensor:
+    def training_step(self, batch: TrainingBatch, number: int) -> torch.Tensor:
         if self.current_epoch == 2 and number == 1:
             raise KeyboardInterrupt
-        return step(self, batch, number)
+        return super().training_step(batch, number)
 
-    monkeypatch.setattr(ForceTrainingModule, "training_step", interrupted)
+
+class WorseInTheEnd(ForceTrainingModule):
+    """The third epoch unlearns."""
+
+    def training_step(self, batch: TrainingBatch, number: int) -> torch.Tensor:
+        return super().training_step(batch, number) * (1 if self.current_epoch < 2 else -1)
+
+
+class Watched(ForceTrainingModule):
+    """Keeps the wrenches that were learnt."""
+
+    def augment(self, batch: TrainingBatch, generator: torch.Generator) -> TrainingBatch:
+        changed = super().augment(batch, generator)
+        self.seen = [*getattr(self, "seen", []), changed.wrench]
+        return changed
+
+
+def test_gone_on_with_after_a_stop_it_learns_the_same(tmp_path: Path) -> None:
+    settings, handler = toy_settings(), signal.getsignal(signal.SIGINT)
+    whole, rows = fitted(tmp_path / "whole", settings)
     with pytest.raises(TrainingStopped, match="run the command again"):
-        fitted(tmp_path / "stopped", settings)
+        fitted(tmp_path / "stopped", settings, Interrupted)
     assert signal.getsignal(signal.SIGINT) is handler
-    monkeypatch.setattr(ForceTrainingModule, "training_step", step)
     again, rows_again = fitted(tmp_path / "stopped", settings)
     assert rows_again == rows
     for name, part in weights_of(whole).items():
@@ -158,64 +178,46 @@ def test_gone_on_with_after_a_stop_it_learns_the_same(
 def test_a_training_of_ten_steps_ends(tmp_path: Path) -> None:
     rows, settings = SplitRows(np.arange(32), np.arange(32, 40)), replace(toy_settings(), epochs=10)
     objects = ["none" if number % 8 == 0 else f"object_{number % 5}" for number in range(PAIRS)]
-    done = train_network(replace(of_heights(), objects=objects), rows, settings, tmp_path / "out", machine=CPU)
-    assert done is not None and done.model.card.training.epochs == 10
-    assert done.model.card.training.objects == 5, "the absence of an object is none"
+    examples = replace(of_heights(), objects=objects)
+    learner = ForceTrainingModule(settings, fit_label_scaling(examples.wrench[rows.train], settings))
+    history = fit_network(learner, examples, rows, tmp_path, CPU).history
+    trained = TrainedNetwork(learner.model.eval(), examples, rows, settings)
+    card = trained.build_card(trained.evaluate_held_out(), history, "little", "MIT")
+    assert len(history.epochs) == card.training.epochs == 10
+    assert card.training.objects == 5, "the absence of an object is none"
 
 
-def test_the_best_epoch_stays_the_best_where_the_folder_is_moved_between_two_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    settings, step = toy_settings(schedule="constant"), ForceTrainingModule.training_step
-
-    def worse_in_the_end(self: ForceTrainingModule, batch: object, number: int) -> torch.Tensor:
-        if self.current_epoch == 2 and number == 1 and stops:
-            raise KeyboardInterrupt
-        return step(self, batch, number) * (1 if self.current_epoch < 2 else -1)
-
-    stops = False
-    monkeypatch.setattr(ForceTrainingModule, "training_step", worse_in_the_end)
-    whole, rows = fitted(tmp_path / "whole", settings)
-    stops = True
+def test_the_best_epoch_stays_the_best_where_the_folder_is_moved_between_two_runs(tmp_path: Path) -> None:
+    settings = toy_settings(schedule="constant", optimiser="adam")
+    whole, rows = fitted(tmp_path / "whole", settings, WorseInTheEnd)
     with pytest.raises(TrainingStopped):
-        fitted(tmp_path / "stopped", settings)
+        fitted(tmp_path / "stopped", settings, Interrupted)
     (tmp_path / "stopped").rename(tmp_path / "moved")
-    stops = False
-    again, rows_again = fitted(tmp_path / "moved", settings)
+    again, rows_again = fitted(tmp_path / "moved", settings, WorseInTheEnd)
     assert rows_again == rows and min(rows, key=lambda row: row["val_loss"])["epoch"] <= 2
     for name, part in weights_of(whole).items():
         assert torch.equal(part, again.state_dict()[name]), name
     assert not (tmp_path / "stopped").exists()
 
 
-def test_half_precision_is_not_for_labels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    settings, seen = toy_settings(augmentation=NO_AUGMENTATION), []
-    monkeypatch.setattr(
-        "ninedtact_train.training.training_module.compute_batch_loss",
-        lambda answer, wrench, unit: seen.append(wrench) or compute_batch_loss(answer, wrench, unit),
-    )
-    learner = ForceTrainingModule(
-        replace(settings, epochs=1), fit_label_scaling(of_heights().wrench[ROWS.train], settings)
-    )
+def test_half_precision_is_not_for_labels(tmp_path: Path) -> None:
+    settings = replace(toy_settings(augmentation=NO_AUGMENTATION), epochs=1)
+    learner = Watched(settings, fit_label_scaling(of_heights().wrench[ROWS.train], settings))
     fit_network(learner, of_heights(), ROWS, tmp_path, ComputeSettings(accelerator="cpu", precision="bf16-mixed"))
     known = {tuple(six) for six in of_heights().wrench.tolist()}
-    assert {tuple(six) for six in torch.cat(seen).tolist()} <= known
+    assert {tuple(six) for six in torch.cat(learner.seen).tolist()} <= known
 
 
 def test_examples_are_mirrored_about_the_centre_of_the_skin_wherever_their_torques_are_about(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
-    about_mm, seen = (10.0, -5.0, -35.0), []
+    about_mm = (10.0, -5.0, -35.0)
     mirrored = replace(NO_AUGMENTATION, geometric=GeometricAugmentation(transformed_share=0))
     settings = replace(toy_settings(augmentation=mirrored, about_mm=about_mm), epochs=1)
-    monkeypatch.setattr(
-        "ninedtact_train.training.training_module.compute_batch_loss",
-        lambda answer, wrench, unit: seen.append(wrench) or compute_batch_loss(answer, wrench, unit),
-    )
     examples = move_examples_to_torque_point(of_heights(), about_mm)
-    module = ForceTrainingModule(settings, fit_label_scaling(examples.wrench[ROWS.train], settings))
+    module = Watched(settings, fit_label_scaling(examples.wrench[ROWS.train], settings))
     fit_network(module, examples, ROWS, tmp_path, CPU)
-    six = torch.cat(seen).numpy()
+    six = torch.cat(module.seen).numpy()
     moved = replace(of_heights(), wrench=np.resize(six, (PAIRS, 6)))
     at_centre = move_examples_to_torque_point(moved, (-10.0, 5.0, 35.0)).wrench
     # The force of a dent is proportional to its place, in a mirror image too: T_y = −x F_z = 20 mm F_x, T_x = y F_z = −10 mm F_y.
@@ -225,7 +227,7 @@ def test_examples_are_mirrored_about_the_centre_of_the_skin_wherever_their_torqu
 
 
 def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
-    folder = tmp_path / fitting.CHECKPOINT_FOLDER
+    folder = tmp_path / CHECKPOINT_FOLDER
     folder.mkdir()
     (folder / "last.ckpt").write_bytes(b"half of a file")
     with pytest.raises(CheckpointDamaged, match="remove it to begin again"):
@@ -245,13 +247,9 @@ def test_the_papers_labels_are_parts_of_ranges_below_the_skin(tmp_path: Path) ->
     assert evaluation.coverage == () and evaluation.predictions.about_mm == (0.0, 0.0, 0.0)
 
 
-def test_presets_are_as_published() -> None:
-    paper = TRAINING_PRESETS["paper"]
-    assert (paper.network, paper.batch, paper.learning_rate, paper.epochs) == ("densenet169", 64, 5e-4, 200)
-    assert (paper.input.channels, paper.input.rows, paper.input.cols) == (InputChannels.DEFORMATION, 345, 460)
-    assert (paper.optimiser, paper.weight_decay, paper.scale_weight) == ("adam", 0.0, 0.0)
-    with pytest.raises(TrainingImpossible, match="epochs"):
-        toy_settings().__class__(epochs=0)
+def test_settings_that_train_nothing_are_refused() -> None:
+    with pytest.raises(InputError, match="epochs"):
+        replace(toy_settings(), epochs=0)
 
 
 @pytest.mark.parametrize(
@@ -287,15 +285,15 @@ def test_labels_that_are_no_numbers_are_refused() -> None:
 
 
 def test_another_training_in_the_same_folder_is_refused(trained: TrainingResult, tmp_path: Path) -> None:
-    with pytest.raises(TrainingFolderTaken, match="another settings"):
+    with pytest.raises(FolderTaken, match="another seed"):
         train_network(of_heights(), ROWS, toy_settings(seed=1), trained.path.parent, machine=CPU)
     heights = of_heights()
     features = np.full((PAIRS, 5), 0.1, np.float32)
     for other in (replace(heights, images=2 * heights.images), replace(heights, sensor_features=features)):
-        with pytest.raises(TrainingFolderTaken, match="another examples"):
+        with pytest.raises(FolderTaken, match="another examples"):
             train_network(other, ROWS, toy_settings(), trained.path.parent, machine=CPU)
     (tmp_path / "something").write_text("else")
-    with pytest.raises(TrainingFolderTaken, match="something else"):
+    with pytest.raises(FolderTaken, match="something else"):
         train_network(of_heights(), ROWS, toy_settings(), tmp_path, machine=CPU)
 
 
@@ -305,12 +303,12 @@ def test_processes_of_one_training_open_its_folder_at_once(tmp_path: Path) -> No
     (tmp_path / "begun" / ".settings.partial").touch()
     for out in (tmp_path / "begun", *(tmp_path / f"new_{number}" for number in range(10))):
         with ThreadPoolExecutor(8) as ranks:
-            list(ranks.map(fitting._open_training_folder, [out] * 8, [{"name": "one"}] * 8))
-        with pytest.raises(TrainingFolderTaken, match="another name"):
-            fitting._open_training_folder(out, {"name": "other"})
+            list(ranks.map(begin_or_resume_folder, [out] * 8, [{"name": "one"}] * 8))
+        with pytest.raises(FolderTaken, match="another name"):
+            begin_or_resume_folder(out, {"name": "other"})
         (out / "settings.json").write_text("[1]")
-        with pytest.raises(TrainingFolderTaken, match="another name"):
-            fitting._open_training_folder(out, {"name": "one"})
+        with pytest.raises(FolderTaken, match="another name"):
+            begin_or_resume_folder(out, {"name": "one"})
 
 
 def test_wrenches_at_one_modulus() -> None:

@@ -527,9 +527,8 @@ def test_a_recording_that_was_cut_short_is_exported_with_its_images_or_refused(
         assert refusal in said and "It can be read as it is" not in said
         (said,) = failure_lines(capsys, "info", path, "--whole-copy", tmp_path / "whole.mcap")
         assert said.endswith(refusal) and not (tmp_path / "whole.mcap").exists()
-        for to in ("files", "lerobot"):
-            (said,) = failure_lines(capsys, "export", path, "--out", out, "--to", to)
-            assert said.endswith(refusal)
+        (said,) = failure_lines(capsys, "export", path, "--out", out)
+        assert said.endswith(refusal)
         assert not out.exists() and not list(tmp_path.rglob("*.partial"))
         return
     assert main(["info", str(path)]) == 0

@@ -59,7 +59,7 @@ def session(
 ) -> Iterator[ForceCalibrationSession]:
     # The sensor of the tests is calibrated by the method that is done soonest, which has no model of its brightness.
     monkeypatch.setattr(
-        ESTIMATOR, lambda folder, force, with_force_scale: TractionForce(HeightObservationModel(), Gel())
+        ESTIMATOR, lambda folder, force, with_force_scale=True: TractionForce(HeightObservationModel(), Gel())
     )
     folder = load_sensor(shutil.copytree(twin_sensor.path, tmp_path / "s"))
     one = ForceCalibrationSession(
@@ -213,7 +213,7 @@ def test_the_live_page_that_follows_shows_the_estimator_that_was_calibrated(
     twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        ESTIMATOR, lambda folder, force, with_force_scale: TractionForce(HeightObservationModel(), Gel())
+        ESTIMATOR, lambda folder, force, with_force_scale=True: TractionForce(HeightObservationModel(), Gel())
     )
     served: list[PageSettings] = []
     monkeypatch.setattr(

@@ -13,6 +13,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
+from msgspec import Meta
 
 from ninedtact.cli.record import require_new_recording_path
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
@@ -23,6 +24,7 @@ from ninedtact.cli.shared_options import (
     camera_settings,
     require_duration,
 )
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
 from ninedtact.source_addresses import (
     is_recording_address,
@@ -189,15 +191,15 @@ class Collect:
     """Sensor folder that `ninedtact calibrate` wrote; it is attached to the recording. A recording brings its own."""
     objects: tuple[str, ...] = ()
     """Names of the objects in turn (key n); after the last, object_001, object_002 and so on. With sim: ball:4, gear_07, …"""
-    pairs: int | None = None
+    pairs: Annotated[int, Meta(ge=1)] | None = None
     """Number of pairs after which to end."""
     seconds: float | None = None
     """Time after which to end; without it, key q, Ctrl-C or the end of the source ends the collection."""
     camera_delay_ms: CameraDelayOption = 0.0
     settings: Annotated[CollectSettings, tyro.conf.arg(name="")] = CollectSettings()
-    touches: int = 3
+    touches: Annotated[int, Meta(ge=1)] = 3
     """Number of times that the script presses each object; with sim only."""
-    seed: int | None = None
+    seed: Annotated[int, Meta(ge=0)] | None = None
     """Seed of the load below which the first pair of each contact is saved, and of the script; without it, random."""
     automatic: AutomaticOption = False
     json: JsonOption = False
@@ -208,7 +210,7 @@ class Collect:
         require_new_recording_path(self.out)
         require_duration(self.seconds)
         require_matching_force_source(self.source, self.force_torque, is_twin_address, is_recording_address)
-        self._require_possible_counts()
+        require_within_bounds(self)
         screen = CollectTerminalDisplay()
         with given_or_recorded_sensor(self.sensor, self.source) as folder:
             setup = self._setup(folder, self.settings.checks, screen)
@@ -279,14 +281,6 @@ class Collect:
             )
             screen.show(collector, at_once=True)
         return collector
-
-    def _require_possible_counts(self) -> None:
-        if self.pairs is not None and self.pairs < 1:
-            raise RecordingRefused(f"expected --pairs of at least 1, got {self.pairs}; drop it to collect until q")
-        if self.touches < 1:
-            raise RecordingRefused(f"expected --touches of at least 1, got {self.touches}; drop it")
-        if self.seed is not None and self.seed < 0:
-            raise RecordingRefused(f"expected --seed of zero or more, got {self.seed}; drop it for a random one")
 
 
 def handle_collect_keys(typed: str, collector: "Collector", screen: CollectTerminalDisplay) -> bool:

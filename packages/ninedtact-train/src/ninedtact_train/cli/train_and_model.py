@@ -107,7 +107,7 @@ class Train:
             require_sensor_calibrations(self.data, self.sensors, ", or train on images: --channels deformation")
 
     def settings(self) -> "TrainingSettings":
-        """Return the preset with these options; raises `TrainingImpossible`, `InputError`."""
+        """Return the preset with these options; raises `InputError`."""
         from ninedtact.force.network_input import InputChannels, resize_input_settings
         from ninedtact_train.training.settings import TRAINING_PRESETS
         from ninedtact_train.workflows.dataset_training import match_input_width_to_dataset
@@ -193,8 +193,7 @@ class _ShowModelCard:
 
 @dataclass(frozen=True)
 class _MakeForceModel:
-    """Make a force model from simulation alone: simulate sensors and contacts, train, validate on other sensors and objects, and
-    estimate live on one more simulated sensor.
+    """Make a force model from simulation alone: simulate sensors and contacts, train, and validate on other sensors and objects.
 
     Run again after a stop, it continues where it was.
     """
@@ -240,16 +239,9 @@ Model = (
 
 
 def _format_made_model(made: "ForceModelResult") -> Iterator[str]:
-    """Yield the card and the demonstration for a terminal."""
-    from ninedtact.quantities import DISPLAY_FACTORS, WRENCH_AXES
+    """Yield the card, and how to try the model."""
     from ninedtact_train.evaluation.model_card_markdown import format_model_card
 
     yield format_model_card(made.card)
-    yield "Live on a simulated sensor, N and N·mm, true and estimated:"
-    yield "        " + "".join(f"  {axis:>7} {'est.':>7}" for axis in WRENCH_AXES)
-    for sample in made.demonstration:
-        pairs = zip(sample.true, sample.estimated, DISPLAY_FACTORS, strict=True)
-        cells = (f"  {true * factor:+7.2f} {estimated * factor:+7.2f}" for true, estimated, factor in pairs)
-        yield f"{sample.seconds:5.1f} s " + "".join(cells)
     yield f"model: {made.model}; card: {made.card_file}"
     yield f"try it: ninedtact live --source sim --sensor {made.sensor} --force {made.model}"

@@ -51,7 +51,7 @@ _LONGEST_WAIT_NS = 1_000_000_000
 """Longest time for which an image waits for samples."""
 
 
-class _WrenchHistory:
+class WrenchHistory:
     """The samples of the last seconds, about the skin centre, and the wrench interpolated at any time among them."""
 
     def __init__(self) -> None:
@@ -128,7 +128,7 @@ class Collector:
         self._object_waits = False
         """Whether the object was named before the first image, and is recorded with it."""
         self._rejection_text = ""
-        self._history = _WrenchHistory()
+        self._history = WrenchHistory()
         self._pending: deque[tuple[Frame, str]] = deque()
         """Images that wait for later samples, and the object at their time."""
         self._newest_ns = 0

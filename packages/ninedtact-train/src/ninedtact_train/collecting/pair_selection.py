@@ -11,18 +11,26 @@ from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float64
+from msgspec import Meta
 from numpy import ndarray as Array
 from tyro.conf import Suppress, arg
 
 from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
 from ninedtact.capture.force_torque.tare import TareSettings
 from ninedtact.errors import InputError
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Frame, Wrench
 from ninedtact.recording.topics_and_messages import PairLabel
 from ninedtact_train.collecting.collected_pairs import PairKind
-from ninedtact_train.collecting.training_pair_rule import SamplingRule, SamplingRuleSettings, SixFloats
+from ninedtact_train.collecting.training_pair_rule import (
+    SamplingRule,
+    SamplingRuleSettings,
+    SixFloats,
+    wrench_limits,
+)
 
 _BINS = 12
+_Limit = Annotated[float, Meta(gt=0)]
 _SCARCE_FRACTION = 0.02
 """Fraction of the pairs below which a bin counts as missing."""
 
@@ -60,11 +68,8 @@ class SavedPairCounts:
 
     @property
     def limits(self) -> Float64[Array, "2 6"]:
-        """Lower and upper limit of each axis, N and N·m: symmetric about zero, F_z from zero inwards."""
-        widths = np.array(self.ranges)
-        low = -widths / 2
-        low[2] = -widths[2]
-        return np.array([low, low + widths])
+        """Lower and upper limit of each axis, N and N·m."""
+        return wrench_limits(self.ranges)
 
     @property
     def last_contact(self) -> str | None:
@@ -86,10 +91,6 @@ class SavedPairCounts:
         ]
 
 
-class CollectSettingsInvalid(InputError):
-    """Raised for settings by which nothing could be saved."""
-
-
 @dataclass(frozen=True)
 class CollectSettings:
     """Sampling rule, checks, tare and tolerances by which images and wrenches are saved as pairs."""
@@ -100,37 +101,29 @@ class CollectSettings:
     """Which samples of the force/torque sensor are rejected."""
     tare: Annotated[TareSettings, Suppress] = TareSettings()
     """How the zero of the force/torque sensor is measured."""
-    tolerance_ms: float = 10.0
+    tolerance_ms: Annotated[float, Meta(gt=0, le=1e6)] = 10.0
     """Largest distance in time of the force/torque samples before and after an image; the wrench is interpolated."""
-    camera_delay_ms: Annotated[float, Suppress] = 0.0
+    camera_delay_ms: Annotated[float, Meta(ge=-1e6, le=1e6), Suppress] = 0.0
     """How long before its stamp an image shows the skin: half the exposure, and the transfer to the computer. It is negative for a
     camera that stamps the beginning of a long exposure."""
-    no_contact: float = 0.03
+    no_contact: Annotated[float, Meta(ge=0)] = 0.03
     """Fraction of pairs without contact."""
-    light_touch: float = 0.05
+    light_touch: Annotated[float, Meta(ge=0)] = 0.05
     """Fraction of pairs whose load is below the start of the sampling rule."""
-    reference_images: int = 10
+    reference_images: Annotated[int, Meta(ge=1)] = 10
     """Number of reference images (no contact) before the first touch and at every tare."""
-    rest: SixFloats = (0.2, 0.2, 0.2, 0.015, 0.015, 0.01)
+    rest: tuple[_Limit, _Limit, _Limit, _Limit, _Limit, _Limit] = (0.2, 0.2, 0.2, 0.015, 0.015, 0.01)
     """Largest wrench without contact, N and N·m about the skin centre; more calls for a tare."""
-    contact_levels: float = 2.0
+    contact_levels: Annotated[float, Meta(gt=0)] = 2.0
     """Grey levels by which a block of pixels must differ from the reference to show contact; below half of it nothing touches."""
 
     def __post_init__(self) -> None:
-        if not (0 < self.tolerance_ms < np.inf and abs(self.camera_delay_ms) < np.inf):
-            raise CollectSettingsInvalid(
-                f"expected a tolerance above zero and a camera delay, both finite, got {self.tolerance_ms} and "
-                f"{self.camera_delay_ms} ms; correct them"
-            )
-        if not (min(self.no_contact, self.light_touch) >= 0 and self.no_contact + self.light_touch < 1):
-            raise CollectSettingsInvalid(
-                f"expected fractions of zero or more, together below 1, got {self.no_contact} without contact and "
-                f"{self.light_touch} with a light touch; correct them"
-            )
-        if not (self.reference_images >= 1 and self.contact_levels > 0 and all(limit > 0 for limit in self.rest)):
-            raise CollectSettingsInvalid(
-                f"expected at least one reference image, and levels and rest above zero, got "
-                f"{self.reference_images}, {self.contact_levels} and {self.rest}; correct them"
+        require_within_bounds(self)
+        if self.no_contact + self.light_touch >= 1:
+            raise InputError(
+                expected="fractions without contact and with a light touch that are together below 1",
+                got=f"{self.no_contact} and {self.light_touch}",
+                remedy="correct them",
             )
 
     @property

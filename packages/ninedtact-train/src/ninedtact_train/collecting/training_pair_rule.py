@@ -7,52 +7,55 @@ writes Σ s|Δ| > 12 with s = 12/(range/4)).
 """
 
 from dataclasses import dataclass, field
-from math import isfinite
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float64
+from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact.quantities import Wrench
 
 SixFloats = tuple[float, float, float, float, float, float]
+PAPER_RANGES: SixFloats = (6.0, 6.0, 12.0, 0.4, 0.4, 0.1)
+"""Width of the range of each axis of the wrenches that the paper collected, N and N·m."""
+_NegativeN = Annotated[float, Meta(ge=-1e3, lt=0)]
+_Range = Annotated[float, Meta(gt=0, le=1e6)]
+_Weight = Annotated[float, Meta(ge=0, le=1e6)]
 
 
-class SamplingRuleInvalid(InputError):
-    """Raised for settings of a rule that keeps nothing, or everything."""
+def wrench_limits(ranges: SixFloats = PAPER_RANGES) -> Float64[Array, "2 6"]:
+    """Return the lowest and the highest wrench of ranges of this width: symmetric about zero, F_z from zero inwards."""
+    widths = np.array(ranges)
+    low = -widths / 2
+    low[2] = -widths[2]
+    return np.array([low, low + widths])
 
 
 @dataclass(frozen=True)
 class SamplingRuleSettings:
-    """The parameters of the rule; the defaults are those of the paper."""
+    """The parameters of the rule; the defaults are those of the paper. Raises `InputError`."""
 
-    contact_below_n: float = -0.3
+    contact_below_n: _NegativeN = -0.3
     """F_z below which a contact begins for the sampling rule."""
-    first_below_n: tuple[float, float] = (-3.3, -0.3)
+    first_below_n: tuple[_NegativeN, _NegativeN] = (-3.3, -0.3)
     """The first pair of a contact is saved below a random F_z between these."""
-    ranges: SixFloats = (6.0, 6.0, 12.0, 0.4, 0.4, 0.1)
+    ranges: tuple[_Range, _Range, _Range, _Range, _Range, _Range] = PAPER_RANGES
     """Width of the range of each axis, N and N·m."""
-    weights: SixFloats = (1.0, 1.0, 1.0, 0.0, 0.0, 1.0)
+    weights: tuple[_Weight, _Weight, _Weight, _Weight, _Weight, _Weight] = (1.0, 1.0, 1.0, 0.0, 0.0, 1.0)
     """Weight of each axis when two wrenches are compared."""
-    min_difference: float = 0.25
+    min_difference: Annotated[float, Meta(gt=0, le=1e3)] = 0.25
     """Smallest difference between saved wrenches: the weighted sum of the differences as fractions of the ranges."""
 
     def __post_init__(self) -> None:
-        limits = self.contact_below_n, *self.first_below_n, self.min_difference
-        are_in_order = (
-            self.contact_below_n < 0 < self.min_difference and self.first_below_n[0] <= self.first_below_n[1] < 0
-        )
-        if not (are_in_order and all(map(isfinite, limits))):
-            raise SamplingRuleInvalid(
-                f"expected a contact below zero newtons, first pairs between two such forces in rising order, and a "
-                f"difference above zero, got {self.contact_below_n}, {self.first_below_n} and {self.min_difference}; correct them"
-            )
-        are_finite = all(map(isfinite, (*self.ranges, *self.weights)))
-        if not (are_finite and min(self.ranges) > 0 and min(self.weights) >= 0 < max(self.weights)):
-            raise SamplingRuleInvalid(
-                f"expected six ranges above zero and six weights of zero or more, not all zero, got {self.ranges} and "
-                f"{self.weights}; correct them"
+        require_within_bounds(self)
+        if self.first_below_n[0] > self.first_below_n[1] or not any(self.weights):
+            raise InputError(
+                expected="first pairs between two forces in rising order, and an axis that counts",
+                got=f"{self.first_below_n} and weights {self.weights}",
+                remedy="correct them",
             )
 
 

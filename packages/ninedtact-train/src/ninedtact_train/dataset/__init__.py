@@ -6,17 +6,6 @@ Face `datasets` opens (its columns: `schema.py`), checked (`check_dataset`) and 
 public names are listed in `__init__.pyi`; each is loaded when it is first used.
 """
 
-from importlib.util import find_spec
-
 import lazy_loader
-
-from ninedtact._version import installation_command
-from ninedtact.errors import NinedtactError
-
-for _library in ("loky", "pyarrow"):
-    if find_spec(_library) is None:
-        raise NinedtactError(
-            f"expected the libraries of data sets, got no {_library}; install them: {installation_command('datasets')}"
-        )
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -7,13 +7,13 @@ with the same arguments: it makes the parts that are missing and ends with the s
 """
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
 from socket import gethostname
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 from tyro.conf import arg
@@ -24,6 +24,7 @@ from ninedtact.checked_reading import read_regular_file
 from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
 from ninedtact_train.dataset.checks import FileCheck, PairCheckSettings, check_pair_file, combine_file_checks
 from ninedtact_train.dataset.fault_report import (
+    PairFault,
     PairFinding,
     QualityReport,
     read_quality_report,
@@ -47,6 +48,8 @@ from ninedtact_train.dataset.statistics_and_card import (
     format_build_card,
     require_licence_name,
 )
+
+_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,7 @@ def build_dataset(
     """Build a data set from sources, or continue a build that was stopped.
 
     out: folder of the data set: new, empty, or begun with the same sources and settings. workers: number of processes, or a cluster
-    whose workers read the sources at the same paths. Raises `SourceUnknown`, `DatasetFolderTaken`, `NoUsablePairs`,
+    whose workers read the sources at the same paths. Raises `SourceUnknown`, `FolderTaken`, `NoUsablePairs`,
     `FileNotWritten`, `InputError`.
     """
     require_workers(workers)
@@ -183,18 +186,16 @@ class _PartReader:
             if isinstance(item, ReferenceImage):
                 self.references.setdefault(item.id, item)
             elif isinstance(item, RejectedItem):
-                self.findings.append(
-                    PairFinding(
-                        item.fault, escape_invalid_utf8(item.id), escape_invalid_utf8(item.message), None, self.file
-                    )
-                )
+                self._add_finding(item.fault, item.id, item.message)
             else:
-                self.findings += [
-                    PairFinding(fault, escape_invalid_utf8(item.id), escape_invalid_utf8(message), number, self.file)
-                    for fault, message in item.faults
-                ]
+                for fault, message in item.faults:
+                    self._add_finding(fault, item.id, message, number)
                 yield item
                 number += 1
+
+    def _add_finding(self, fault: PairFault, name: str, message: str, row: int | None = None) -> None:
+        texts = escape_invalid_utf8(name), escape_invalid_utf8(message)
+        self.findings.append(PairFinding(fault, *texts, row, self.file))
 
 
 def _source_paths(source: Source) -> tuple[Path, ...]:
@@ -250,7 +251,7 @@ def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], parts: int,
     for number, file in enumerate(kept):
         _move_pair_file(file.pairs, folder.pair_file(number, len(kept)), unwanted.get(file.pairs.name, set()))
     write_reference_images_file(folder.references, _unique_references(files))
-    _save_sensor_folders(folder, sources, _save_simulated_sensors(folder, sources))
+    _save_sensors(folder, sources)
     card = format_build_card(_folder_statistics(folder), sources, settings.licence, report, version("ninedtact"))
     write_file_atomically(folder.card, card.encode())
 
@@ -267,41 +268,38 @@ def _without_places(report: QualityReport) -> QualityReport:
     return msgspec.structs.replace(report, findings=findings)
 
 
-def _save_simulated_sensors(folder: DatasetFolder, sources: Sequence[Source]) -> set[str]:
-    """Write the parameters of the simulated sensors that the sources carry; raises `FileNotWritten`, `DatasetDamaged`.
+def _save_sensors(folder: DatasetFolder, sources: Sequence[Source]) -> None:
+    """Write the parameters of simulated sensors and the sensor folders that the sources carry.
 
-    Returns the names that several different sensors have. They are left out, because the images do not say which one is theirs.
+    A name that several different simulated sensors or calibrations have is left out, because the images do not say which one is
+    theirs. Raises `FileNotWritten`, `DatasetDamaged`.
     """
-    found: dict[str, dict[str, Any]] = {}
-    contradictory = set()
-    for table in (table for source in sources for table in source.simulated_sensors()):
-        if table != found.setdefault(table["name"], table):
-            contradictory.add(table["name"])
-    if tables := [table for name, table in found.items() if name not in contradictory]:
-        write_file_atomically(folder.sensors, to_json_bytes(tables))
-    return contradictory
-
-
-def _save_sensor_folders(folder: DatasetFolder, sources: Sequence[Source], contradictory: set[str]) -> None:
-    """Write the sensor folders that the sources carry, for those who compute heights; raises `FileNotWritten`.
-
-    contradictory: names to be left out. A sensor that comes with several calibrations is left out as well, because its images do
-    not say which one is theirs.
-    """
-    found: dict[str, dict[str, bytes]] = {}
-    contradictory = set(contradictory)
-    for source in sources:
-        for name, files in source.sensor_folders():
-            if files.get(SENSOR_FILE) != found.setdefault(name, files).get(SENSOR_FILE):
-                contradictory.add(name)
+    tables = [table for source in sources for table in source.simulated_sensors()]
+    simulated, ambiguous = _find_unambiguous((table["name"], table, table) for table in tables)
+    if simulated:
+        write_file_atomically(folder.sensors, to_json_bytes(list(simulated.values())))
+    carried = [entry for source in sources for entry in source.sensor_folders()]
+    folders, _ = _find_unambiguous((name, files.get(SENSOR_FILE), files) for name, files in carried)
     entries = [
         (f"{name}/{path}", content)
-        for name, files in found.items()
-        if name not in contradictory and Path(name).name == name and not (folder.sensor_folders / name).exists()
+        for name, files in folders.items()
+        if name not in ambiguous and Path(name).name == name and not (folder.sensor_folders / name).exists()
         for path, content in files.items()
     ]
     if entries:
         write_files_atomically(folder.sensor_folders, entries)
+
+
+def _find_unambiguous(entries: Iterable[tuple[str, Any, _Value]]) -> tuple[dict[str, _Value], set[str]]:
+    """Return the first value of each name that always comes with the same key, and the other names."""
+    keys: dict[str, Any] = {}
+    values: dict[str, _Value] = {}
+    ambiguous = set()
+    for name, key, value in entries:
+        if keys.setdefault(name, key) != key:
+            ambiguous.add(name)
+        values.setdefault(name, value)
+    return {name: value for name, value in values.items() if name not in ambiguous}, ambiguous
 
 
 def _rows_with_faults(report: QualityReport) -> dict[str, set[int]]:

@@ -25,7 +25,6 @@ from ninedtact_train.dataset.parquet_files import (
     decode_stored_image,
     decode_stored_wrench,
     iterate_rows,
-    read_references_by_id,
 )
 
 READ_COLUMNS = ("image", "reference_id", "sensor", "mm_per_px")
@@ -125,7 +124,8 @@ def _with_references(file: Path, rows: list[dict[str, Any]], references: Mapping
 def read_file_references(file: Path) -> dict[str, Any]:
     """Return the values of the column `image` of the reference images that a file names; raises `DatasetDamaged`."""
     ids = {row["reference_id"] for row in iterate_rows(file, ["reference_id"])}
-    return read_references_by_id(file.parents[1] / REFERENCES_FILE, ids)
+    rows = iterate_rows(file.parents[1] / REFERENCES_FILE, ("reference_id", "image"))
+    return {row["reference_id"]: row["image"] for row in rows if row["reference_id"] in ids}
 
 
 @dataclass

@@ -8,18 +8,20 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import msgspec
 import numpy as np
 from jaxtyping import UInt8
+from msgspec import Meta
 from numpy import ndarray as Array
 
-from ninedtact.errors import InputError
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import WRENCH_AXES, WRENCH_UNITS
 from ninedtact.shape.image_plausibility import find_exposure_warning
+from ninedtact_train.collecting.training_pair_rule import wrench_limits
 from ninedtact_train.dataset.fault_report import PairFault, PairFinding, QualityReport, summarise_findings
 from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact_train.dataset.parquet_files import (
@@ -31,44 +33,34 @@ from ninedtact_train.dataset.parquet_files import (
 )
 
 _GreyImage = UInt8[Array, "rows cols"]
+_Limit = Annotated[float, Meta(gt=0)]
 _MOST_TILES, _TILE_PX = 40, 6
 _CHECKED_COLUMNS = ("id", "image", "reference_id", "wrench", "wrench_delay_ms")
-
-
-class PairCheckSettingsImpossible(InputError):
-    """Raised for limits that no pair could meet."""
 
 
 @dataclass(frozen=True)
 class PairCheckSettings:
     """The limits beyond which a pair is listed."""
 
-    max_wrench: tuple[float, float, float, float, float, float] = (6.0, 6.0, 24.0, 0.4, 0.4, 0.1)
+    max_wrench: tuple[_Limit, _Limit, _Limit, _Limit, _Limit, _Limit] = tuple(
+        (2 * np.abs(wrench_limits()).max(0)).tolist()
+    )
     """Largest forces (N) and torques (N·m) about the skin's centre; the default is twice what the paper collected."""
-    pulling_above_n: float = 0.3
+    pulling_above_n: _Limit = 0.3
     """Largest F_z, N, with which the object would pull at the skin."""
-    max_delay_ms: float = 20.0
+    max_delay_ms: _Limit = 20.0
     """Largest time between image and wrench."""
-    pressed_n: float = 2.0
+    pressed_n: _Limit = 2.0
     """Load from which the image must be darker than the reference image."""
-    min_darkening_levels: float = 0.6
+    min_darkening_levels: _Limit = 0.6
     """Grey levels by which the darkest place must be darker than in the reference image under such a load."""
-    zero_force_n: float = 0.05
+    zero_force_n: Annotated[float, Meta(ge=0)] = 0.05
     """Force that counts as zero."""
-    max_zero_force_darkening_levels: float = 6.0
+    max_zero_force_darkening_levels: _Limit = 6.0
     """Largest darkening in grey levels where the force is zero: with more, something touches."""
 
     def __post_init__(self) -> None:
-        limits = (
-            *self.max_wrench,
-            self.pulling_above_n,
-            self.max_delay_ms,
-            self.pressed_n,
-            self.min_darkening_levels,
-            self.max_zero_force_darkening_levels,
-        )
-        if not (min(limits) > 0 and self.zero_force_n >= 0):
-            raise PairCheckSettingsImpossible(f"expected limits above zero, got {self}; correct them")
+        require_within_bounds(self)
 
 
 class FileCheck(msgspec.Struct):

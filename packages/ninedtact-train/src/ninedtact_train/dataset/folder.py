@@ -18,7 +18,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ninedtact.atomic_write import FileNotWritten, write_file_atomically
+from ninedtact.atomic_write import FileNotWritten, is_partial_file, write_file_atomically
 from ninedtact.calibration.sensor_folder import SENSOR_FILE
 from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum, read_json_object, read_text_file
 from ninedtact.errors import OutputError
@@ -34,8 +34,8 @@ class DatasetUnfinished(DatasetDamaged):
     """Raised for a data set of which some files are still missing."""
 
 
-class DatasetFolderTaken(OutputError):
-    """Raised for a folder that holds something else, or a data set that was begun with other settings."""
+class FolderTaken(OutputError):
+    """Raised for a folder that holds something else, or that was begun with other settings."""
 
 
 @dataclass(frozen=True)
@@ -120,21 +120,38 @@ def begin_or_resume_dataset(
     """Make the folder of a new data set, or check that it was begun with the same settings.
 
     The version of the program and of the format belong to the settings. Half-written files of a stopped run are removed.
-    Raises `DatasetFolderTaken`, also for a new folder inside one of the sources, and `FileNotWritten`.
+    Raises `FolderTaken`, also for a folder inside one of the sources, and `FileNotWritten`.
     """
-    resolved = {"ninedtact": version("ninedtact"), "format": DATASET_FORMAT, **json.loads(json.dumps(settings))}
-    if folder.settings.is_file():
-        _require_same_settings(folder.settings, resolved)
-    else:
-        _require_free_folder(folder.path, source_paths)
-        make_folder(folder.path / "data")
-        write_file_atomically(folder.settings, to_json_bytes({**resolved, CHECKSUM_KEY: mapping_checksum(resolved)}))
+    for source in source_paths:
+        if source.is_dir() and folder.path.resolve().is_relative_to(source.resolve()):
+            raise FolderTaken(f"expected a folder outside of the sources, got {folder.path} in {source}; give another")
+    begin_or_resume_folder(folder.path, {"ninedtact": version("ninedtact"), "format": DATASET_FORMAT, **settings})
     for half_written in [*folder.path.rglob(".*.partial")]:
         if half_written.is_dir():
             shutil.rmtree(half_written, ignore_errors=True)
         else:
             half_written.unlink(missing_ok=True)
     make_folder(folder.path / "data")
+
+
+def begin_or_resume_folder(path: Path, settings: Mapping[str, Any]) -> None:
+    """Make the folder of long work, with its settings, or check that it was begun with the same ones.
+
+    The processes of one work may call it at once: each of them writes the same settings, or finds them. Raises `FolderTaken`,
+    `FileNotWritten`.
+    """
+    kept, wanted = path / SETTINGS_FILE, json.loads(json.dumps(settings))
+    # The order matters: whatever another process of this work has added was added after its settings.
+    holds_something = path.exists() and (not path.is_dir() or any(not is_partial_file(file) for file in path.iterdir()))
+    if kept.is_file():
+        _require_same_settings(kept, wanted)
+        return
+    if holds_something:
+        raise FolderTaken(
+            f"expected an empty folder or work to continue, got {path}, which holds something else; give another folder"
+        )
+    make_folder(path)
+    write_file_atomically(kept, to_json_bytes({**wanted, CHECKSUM_KEY: mapping_checksum(wanted)}))
 
 
 def read_dataset_settings(folder: Path) -> dict[str, Any]:
@@ -199,19 +216,8 @@ def to_json_bytes(value: Any) -> bytes:
     return (json.dumps(value, indent=1, ensure_ascii=False) + "\n").encode()
 
 
-def _require_free_folder(path: Path, source_paths: Iterable[Path]) -> None:
-    """Refuse a folder that holds something else or lies in a source."""
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise DatasetFolderTaken(
-            f"expected an empty folder or a data set to continue, got {path}, which holds something else; give another"
-        )
-    for source in source_paths:
-        if source.is_dir() and path.resolve().is_relative_to(source.resolve()):
-            raise DatasetFolderTaken(f"expected a folder outside of the sources, got {path} in {source}; give another")
-
-
 def _require_same_settings(kept: Path, resolved: dict[str, Any]) -> None:
-    """Refuse to mix two data sets in one folder."""
+    """Refuse to mix two works in one folder."""
     try:
         found = read_json_object(kept)
     except (OSError, ValueError):
@@ -219,7 +225,7 @@ def _require_same_settings(kept: Path, resolved: dict[str, Any]) -> None:
     names = {*found, *resolved} - {CHECKSUM_KEY}
     if differing := sorted(name for name in names if found.get(name) != resolved.get(name)):
         name = differing[0]
-        raise DatasetFolderTaken(
+        raise FolderTaken(
             f"expected what {kept.parent} was begun with, got another {', '.join(differing)} ({name}: {resolved.get(name)} "
-            f"instead of {found.get(name)}); give the same sources and options to continue, or another folder"
+            f"instead of {found.get(name)}); give the same data and options to continue, or another folder"
         )

@@ -3,13 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact.quantities import NO_OBJECT
 from ninedtact_train.dataset.split import (
     Kind,
-    SplitImpossible,
     SplitKeys,
     SplitRows,
     SplitSettings,
@@ -20,24 +22,19 @@ from ninedtact_train.dataset.split import (
 
 @dataclass(frozen=True)
 class HeldOutSettings:
-    """Which pairs are held out of the training; the best epoch is chosen by them. Raises `SplitImpossible`."""
+    """Which pairs are held out of the training; the best epoch is chosen by them. Raises `InputError`."""
 
     held_out: Kind | None = None
     """What is held out to choose the best epoch by. By default sensors and objects, or objects alone for data of one sensor."""
-    held_out_fraction: float = 0.1
+    held_out_fraction: Annotated[float, Meta(gt=0, lt=1)] = 0.1
     """Held-out part of the objects, of the sensors or of the pairs."""
     split: Path | None = None
     """Split file. Its test part is not used at all."""
-    seed: int = 0
+    seed: Annotated[int, Meta(ge=0)] = 0
     """Seed of the held-out pairs, and in a training of the initial weights, the order and the augmentation."""
 
     def __post_init__(self) -> None:
-        if not 0 < self.held_out_fraction < 1:
-            raise SplitImpossible(
-                expected="a fraction between 0 and 1 to hold out",
-                got=f"{self.held_out_fraction:g}",
-                remedy="hold out 0.1 of the objects or sensors",
-            )
+        require_within_bounds(self)
 
     def rows(
         self,

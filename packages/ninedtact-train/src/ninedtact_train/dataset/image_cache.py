@@ -5,20 +5,19 @@
                            stored_shapes.npy   (n, 2) rows and columns that each image was stored with
     cache/files.json                           digests of the Parquet files
 
-The digest is that of the contents of the Parquet files; a file is read again if its size or time has changed. The folder of
-decoded images appears whole or not at all.
+The digest is that of the contents of the Parquet files; a file is read again if its size or time has changed. Every file appears
+whole or not at all.
 """
 
-import os
 import shutil
-import socket
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import blake2b, file_digest
-from itertools import accumulate
+from itertools import islice
 from pathlib import Path
+from time import time
+from typing import Any
 
 import cv2
 import msgspec
@@ -26,7 +25,7 @@ import numpy as np
 from jaxtyping import Int32, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.atomic_write import FileNotWritten, write_file_atomically
+from ninedtact.atomic_write import is_partial_file, open_atomic_file, write_file_atomically
 from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.errors import InputError
 from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files, make_folder
@@ -41,6 +40,9 @@ from ninedtact_train.dataset.parquet_files import (
 _IMAGES, _REFERENCES, _STORED_SHAPES = "images.npy", "references.npy", "stored_shapes.npy"
 _KNOWN_FILES = "files.json"
 _SMALLEST_PX = 8
+_ABANDONED_AFTER_S = 3600
+_IMAGES_PER_GROUP = 256
+"""Images that threads decode together; the sizes of their originals are in memory at once."""
 
 
 class ImageSizeImpossible(InputError):
@@ -81,25 +83,13 @@ def load_or_decode_images(
     final = cache / f"{size[0]}x{size[1]}-{digest_files_with_cache(files, cache)}"
     decoded = _map_decoded_images(final, size)
     if decoded is None:
-        _remove_damaged(final)
-        with _new_cache_folder(final) as partial:
-            _decode_files(files, partial, size, threads, progress)
+        make_cache_folder(final)
+        _decode_files(files, final, size, threads, progress)
         _remove_outdated(final)
         decoded = _map_decoded_images(final, size)
     if decoded is None:
         raise DatasetDamaged(f"expected decoded images in {final}, got damaged files; delete that folder")
     return decoded
-
-
-def _remove_damaged(folder: Path) -> None:
-    """Remove decoded images that cannot be read, so that they are decoded again; raises `FileNotWritten`."""
-    try:
-        if folder.exists():
-            shutil.rmtree(folder)
-    except OSError as error:
-        raise FileNotWritten(
-            f"expected to replace the damaged images in {folder}, got: {error.strerror or error}; delete that folder"
-        ) from error
 
 
 def _map_decoded_images(folder: Path, size: tuple[int, int]) -> DecodedImages | None:
@@ -147,124 +137,64 @@ def make_cache_folder(path: Path) -> None:
 
 
 def _decode_files(files: Sequence[Path], folder: Path, size: tuple[int, int], threads: int, progress: bool) -> None:
-    """Decode every image into its place; raises `DatasetDamaged`, `OSError`."""
+    """Decode every image into the arrays of a folder; raises `DatasetDamaged`, `FileNotWritten`."""
     from tqdm import tqdm
 
     *pair_files, references = files
-    counts = [open_parquet_file(file).metadata.num_rows for file in pair_files]
-    reference_count = open_parquet_file(references).metadata.num_rows
-    shape = (size[1], size[0])
-    with (
-        _ImageArrayFile(folder / _IMAGES, (sum(counts), *shape)) as images,
-        _ImageArrayFile(folder / _REFERENCES, (reference_count, *shape)) as reference_images,
-        ThreadPoolExecutor(max(threads, 1)) as pool,
-        tqdm(total=sum(counts), unit="image", disable=not progress) as bar,
-    ):
-        _decode_file(references, reference_images, 0)
-        begins = [0, *accumulate(counts)]
-        jobs = [pool.submit(_decode_file, file, images, at) for file, at in zip(pair_files, begins, strict=False)]
-        try:
-            stored_shapes = []
-            for job in jobs:
-                stored_shapes.append(job.result())
-                bar.update(len(stored_shapes[-1]))
-        finally:
-            pool.shutdown(cancel_futures=True)
-    np.save(folder / _STORED_SHAPES, np.concatenate(stored_shapes))
+    pairs = sum(open_parquet_file(file).metadata.num_rows for file in pair_files)
+    with ThreadPoolExecutor(max(threads, 1)) as pool, tqdm(total=pairs, unit="image", disable=not progress) as bar:
+        shapes = _decode_to_array(pair_files, folder / _IMAGES, size, pool, bar.update)
+        _decode_to_array([references], folder / _REFERENCES, size, pool, lambda images: None)
+    with open_atomic_file(folder / _STORED_SHAPES) as file:
+        np.save(file, shapes)
 
 
-def _decode_file(file: Path, target: "_ImageArrayFile", first: int) -> Int32[Array, "n 2"]:
-    """Decode the images of one file into places from `first` on; return the rows and columns they were stored with."""
-    stored_shapes = []
-    for number, row in enumerate(iterate_rows(file, ["image"])):
-        try:
-            image = decode_stored_image(row["image"])
-        except StoredImageUnreadable as error:
-            raise DatasetDamaged(
-                f"{error} (row {number} of {file}); or leave it out: ninedtact dataset build --drop --out NEW {file.parent}"
-            ) from error
-        target.write_image(first + number, _resize_by_area(image, target.shape[1:]))
-        stored_shapes.append(image.shape)
+def _decode_to_array(
+    files: Sequence[Path],
+    target: Path,
+    size: tuple[int, int],
+    pool: ThreadPoolExecutor,
+    on_images: Callable[[int], object],
+) -> Int32[Array, "n 2"]:
+    """Write the images of some Parquet files as one .npy file; return the rows and columns they were stored with.
+
+    The array is written and not mapped into memory, so that a full disk is an error and not a crash.
+    """
+    count = sum(open_parquet_file(file).metadata.num_rows for file in files)
+    stored_shapes: list[tuple[int, ...]] = []
+    with open_atomic_file(target) as array:
+        header = {"descr": "|u1", "fortran_order": False, "shape": (count, *size[::-1])}
+        np.lib.format.write_array_header_1_0(array, header)
+        for file in files:
+            places = ((file, number, row["image"]) for number, row in enumerate(iterate_rows(file, ["image"])))
+            while group := list(islice(places, _IMAGES_PER_GROUP)):
+                for stored_shape, image in pool.map(_decode_image, group, [size] * len(group)):
+                    stored_shapes.append(stored_shape)
+                    array.write(image.tobytes())
+                on_images(len(group))
     return np.array(stored_shapes, np.int32).reshape(-1, 2)
 
 
-def _resize_by_area(image: UInt8[Array, "_ _"], shape: tuple[int, ...]) -> UInt8[Array, "rows cols"]:
-    """Return means over the area of each new pixel; a larger image is interpolated."""
-    if image.shape == shape:
-        return image
-    return np.asarray(cv2.resize(image, (shape[1], shape[0]), interpolation=cv2.INTER_AREA))
-
-
-class _ImageArrayFile:
-    """A .npy file of images that threads fill in any order.
-
-    It is written with system calls and not mapped into memory, so that a full disk is an error and not a crash.
-    """
-
-    def __init__(self, path: Path, shape: tuple[int, int, int]) -> None:
-        self.path, self.shape = path, shape
-        self.image_bytes = shape[1] * shape[2]
-
-    def __enter__(self) -> "_ImageArrayFile":
-        self._file = self.path.open("wb")
-        header = {"descr": "|u1", "fortran_order": False, "shape": self.shape}
-        np.lib.format.write_array_header_1_0(self._file, header)
-        self._file.flush()
-        self._begin = self._file.tell()
-        os.ftruncate(self._file.fileno(), self._begin + self.shape[0] * self.image_bytes)
-        return self
-
-    def write_image(self, number: int, image: UInt8[Array, "rows cols"]) -> None:
-        """Write one image to its place; raises `OSError`."""
-        content, at = image.tobytes(), self._begin + number * self.image_bytes
-        while content:
-            written = os.pwrite(self._file.fileno(), content, at)
-            content, at = content[written:], at + written
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-
-
-@contextmanager
-def _new_cache_folder(final: Path) -> Iterator[Path]:
-    """Yield a folder to fill, which is renamed to `final` when the block ends without an error; raises `FileNotWritten`."""
-    make_cache_folder(final.parent)
-    _remove_abandoned(final.parent)
-    partial = final.parent / f".{final.name}.{socket.gethostname()}.{os.getpid()}.making"
+def _decode_image(
+    place: tuple[Path, int, Any], size: tuple[int, int]
+) -> tuple[tuple[int, ...], UInt8[Array, "rows cols"]]:
+    """Return the shape of a stored image and the image at this size: means over the area of each new pixel."""
+    file, number, stored = place
     try:
-        partial.mkdir(exist_ok=True)
-        yield partial
-        if not final.exists():  # another process may have been quicker
-            partial.rename(final)
-    except OSError as error:
-        if not (final / _STORED_SHAPES).is_file():
-            raise FileNotWritten(
-                f"expected to write {final}, got: {error.strerror or error}; free the disk, or name another folder for decoded "
-                "images"
-            ) from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-
-
-def _remove_abandoned(cache: Path) -> None:
-    """Remove unfinished files and folders that killed processes of this machine left."""
-    for folder in cache.glob(f".*.{socket.gethostname()}.*.making"):
-        if not _is_process_alive(int(folder.suffixes[-2][1:])):
-            shutil.rmtree(folder, ignore_errors=True)
-
-
-def _is_process_alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
+        image = decode_stored_image(stored)
+    except StoredImageUnreadable as error:
+        raise DatasetDamaged(
+            f"{error} (row {number} of {file}); or leave it out: ninedtact dataset build --drop --out NEW {file.parent}"
+        ) from error
+    resized = image if image.shape == size[::-1] else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    return image.shape, np.asarray(resized)
 
 
 def _remove_outdated(final: Path) -> None:
-    """Remove images of this size that were decoded before the Parquet files changed."""
+    """Remove images of this size that were decoded before the Parquet files changed, and what killed processes left."""
     for folder in final.parent.glob(f"{final.name.split('-')[0]}-*"):
         if folder != final:
             shutil.rmtree(folder, ignore_errors=True)
+    for file in filter(is_partial_file, final.iterdir()):
+        if file.stat().st_mtime < time() - _ABANDONED_AFTER_S:  # another process may be at work on it
+            file.unlink(missing_ok=True)

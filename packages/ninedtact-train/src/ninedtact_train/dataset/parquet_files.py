@@ -4,8 +4,8 @@ which are grey PNG files, encoded, decoded, and looked up by the id of a referen
 Files are written completely or not at all. Rows are read and written in groups, so that a file may be larger than memory.
 """
 
-from collections import OrderedDict
 from collections.abc import Collection, Container, Iterable, Iterator, Sequence
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -197,29 +197,16 @@ def stored_image_bytes(stored: Any) -> bytes | None:
     return content if isinstance(content, bytes) else None
 
 
-def read_references_by_id(path: Path, ids: Iterable[str | None]) -> dict[str, Any]:
-    """Return the values of the column `image` of some reference images by their id; raises `DatasetDamaged`."""
-    wanted = set(ids)
-    rows = iterate_rows(path, ("reference_id", "image"))
-    return {row["reference_id"]: row["image"] for row in rows if row["reference_id"] in wanted}
-
-
 class ReferenceImageFile:
     """The reference images of a file by id: all as encoded files, the most recent ones decoded."""
 
     def __init__(self, path: Path) -> None:
         self._files = {row["reference_id"]: row["image"] for row in iterate_rows(path, ("reference_id", "image"))}
-        self._decoded: OrderedDict[str, GreyImage] = OrderedDict()
+        self.find = lru_cache(_MOST_DECODED)(self._find)
 
-    def find(self, reference_id: str | None) -> GreyImage | None:
+    def _find(self, reference_id: str | None) -> GreyImage | None:
         """Return the image of this id; None if it is missing or cannot be read."""
-        if reference_id is None or reference_id not in self._files:
+        try:
+            return decode_stored_image(self._files.get(reference_id))
+        except StoredImageUnreadable:
             return None
-        if reference_id not in self._decoded:
-            try:
-                self._decoded[reference_id] = decode_stored_image(self._files[reference_id])
-            except StoredImageUnreadable:
-                return None
-            if len(self._decoded) > _MOST_DECODED:
-                self._decoded.popitem(last=False)
-        return self._decoded[reference_id]

@@ -5,7 +5,6 @@ heavier contact must look larger, and the arrow (the shear force, 20 pixels a ne
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +22,9 @@ from ninedtact_train.dataset.parquet_files import (
     StoredImageUnreadable,
     decode_stored_image,
     decode_stored_wrench,
-    iterate_rows,
     iterate_rows_at,
+    read_columns,
+    wrench_array,
 )
 
 _ColourImage = UInt8[Array, "_ _ 3"]
@@ -41,14 +41,6 @@ class NothingToPreview(InputError):
     """Raised for a data set without a pair that can be drawn."""
 
 
-@dataclass(frozen=True)
-class _PairPlace:
-    """The file and the row of a pair."""
-
-    file: Path
-    row: int
-
-
 def render_preview(folder: Path, pairs: int = 24) -> _ColourImage:
     """Render some pairs of a data set, evenly spread over the loads, as one BGR image.
 
@@ -56,7 +48,7 @@ def render_preview(folder: Path, pairs: int = 24) -> _ColourImage:
     """
     files = find_pair_files(folder)
     references = ReferenceImageFile(folder / REFERENCES_FILE)
-    tiles = [_render_tile(row, references) for row in _read_rows_at(_spread_over_loads(files, pairs))]
+    tiles = [_render_tile(row, references) for row in _read_spread_over_loads(files, pairs)]
     rendered = [tile for tile in tiles if tile is not None]
     if not rendered:
         raise NothingToPreview(
@@ -65,31 +57,17 @@ def render_preview(folder: Path, pairs: int = 24) -> _ColourImage:
     return _arrange_tiles(rendered)
 
 
-def _spread_over_loads(files: Sequence[Path], pairs: int) -> list[_PairPlace]:
-    """Return pairs from the lightest to the heaviest load."""
-    loads, places = [], []
-    for file in files:
-        for number, row in enumerate(iterate_rows(file, ["wrench"])):
-            wrench = decode_stored_wrench(row["wrench"])
-            if np.isfinite(wrench).all():
-                loads.append(-wrench[2])
-                places.append(_PairPlace(file, number))
-    order = np.argsort(np.array(loads), kind="stable")
-    ranks = np.unique(np.linspace(0, len(order) - 1, min(max(pairs, 1), len(order))).round().astype(int))
-    return [places[number] for number in order[ranks]] if len(order) else []
-
-
-def _read_rows_at(places: Sequence[_PairPlace]) -> Iterator[dict[str, Any]]:
-    """Return the rows at these places, in the given order."""
-    numbers: dict[Path, set[int]] = {}
-    for place in places:
-        numbers.setdefault(place.file, set()).add(place.row)
-    rows = {
-        (file, number): row
-        for file, wanted in numbers.items()
-        for number, row in zip(sorted(wanted), iterate_rows_at(file, wanted), strict=True)
-    }
-    return (rows[place.file, place.row] for place in places)
+def _read_spread_over_loads(files: Sequence[Path], pairs: int) -> Iterator[dict[str, Any]]:
+    """Yield pairs from the lightest to the heaviest load."""
+    columns = [read_columns([file], ["wrench"]) for file in files]
+    places = [(file, row) for file, column in zip(files, columns, strict=True) for row in range(column.num_rows)]
+    wrenches = np.concatenate([wrench_array(column) for column in columns])
+    finite = np.flatnonzero(np.isfinite(wrenches).all(1))
+    order = finite[np.argsort(-wrenches[finite, 2], kind="stable")]
+    ranks = np.linspace(0, len(order) - 1, min(max(pairs, 1), len(order))).round().astype(int)
+    for place in order[np.unique(ranks)]:
+        file, row = places[place]
+        yield from iterate_rows_at(file, [row])
 
 
 def _render_tile(row: dict[str, Any], references: ReferenceImageFile) -> _ColourImage | None:

@@ -5,10 +5,11 @@ network on its own sensor, for comparison (docs/references.md).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy import ndarray as Array
 
@@ -156,22 +157,24 @@ class WrenchEvaluation:
 
     def to_json_dict(self) -> dict[str, Any]:
         """Return plain values for JSON, N and N·m; undefined scores are null."""
-        return {
+        values = {
             "pairs": self.pairs,
-            "axes": list(WRENCH_AXES),
-            "units": list(WRENCH_UNITS),
-            "about_mm": None if self.predictions.about_mm is None else list(self.predictions.about_mm),
-            **{field.name: _six_to_json(getattr(self.scores, field.name)) for field in fields(AxisScores)},
-            "mean_mae": asdict(self.mean_mae),
-            "mean_std": asdict(self.mean_std),
-            "by_load": _groups_to_json(self.by_load),
-            "no_contact": None if self.no_contact is None else asdict(self.no_contact),
-            "distribution": str(self.predictions.distribution) if self.coverage else None,
-            "coverage": {f"{100 * found.share:g}": _six_to_json(found.covered) for found in self.coverage},
-            "by_object": _groups_to_json(self.by_object),
-            "by_sensor": _groups_to_json(self.by_sensor),
-            "published": asdict(published_scores_about_torque_point(self.predictions.about_mm)),
+            "axes": WRENCH_AXES,
+            "units": WRENCH_UNITS,
+            "about_mm": self.predictions.about_mm,
+            **vars(self.scores),
+            "mean_mae": self.mean_mae,
+            "mean_std": self.mean_std,
+            "by_load": _groups_by_name(self.by_load),
+            "no_contact": self.no_contact,
+            "distribution": self.predictions.distribution if self.coverage else None,
+            "coverage": {f"{100 * found.share:g}": found.covered for found in self.coverage},
+            "by_object": _groups_by_name(self.by_object),
+            "by_sensor": _groups_by_name(self.by_sensor),
+            "published": published_scores_about_torque_point(self.predictions.about_mm),
         }
+        content = msgspec.json.encode(values, enc_hook=lambda six: six.tolist())  # not-a-number becomes null
+        return msgspec.json.decode(content, type=dict[str, Any])
 
 
 def evaluate_predictions(predictions: WrenchPredictions) -> WrenchEvaluation:
@@ -276,14 +279,6 @@ def interval_coverage(predictions: WrenchPredictions, share: float) -> Six:
     return _ratio(inside.sum(0).astype(float), counts.sum(0).astype(float))
 
 
-def _groups_to_json(groups: Iterable[GroupScores]) -> dict[str, Any]:
-    """Return plain values by the groups' names."""
-    return {
-        group.name: {"pairs": group.pairs, "mae": _six_to_json(group.mae), "bias": _six_to_json(group.bias)}
-        for group in groups
-    }
-
-
-def _six_to_json(six: Six) -> list[float | None]:
-    """Return six numbers as a list with None for NaN, which JSON cannot represent."""
-    return [None if np.isnan(value) else float(value) for value in six]
+def _groups_by_name(groups: Iterable[GroupScores]) -> dict[str, dict[str, Any]]:
+    """Return pairs and errors of each group by its name."""
+    return {group.name: {"pairs": group.pairs, "mae": group.mae, "bias": group.bias} for group in groups}

@@ -24,11 +24,12 @@ from ninedtact.force.estimator_interface import ForceEstimator, unknown_wrench_e
 from ninedtact.force.network_input import InputChannels, NetworkInputBuilder, full_resolution_input_settings
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
 from ninedtact.reading import Reading
+from ninedtact_train.collecting.training_pair_rule import wrench_limits
 from ninedtact_train.evaluation.evaluation import PUBLISHED_SCORES_AT_SKIN
 from ninedtact_train.training.networks import DenseNet
 
 NETWORK = "densenet169"
-WRENCH_MIN, WRENCH_MAX = np.array([-3, -3, -12, -0.2, -0.2, -0.05]), np.array([3, 3, 0, 0.2, 0.2, 0.05])
+WRENCH_MIN, WRENCH_MAX = wrench_limits()
 
 
 @dataclass

@@ -4,12 +4,13 @@ The resolved training settings are stored beside the model and in its card.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
+from msgspec import Meta
 
 from ninedtact.design import ForceTorqueMount
-from ninedtact.errors import InputError
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact.force.network_input import InputChannels, NetworkInputSettings, full_resolution_input_settings
 from ninedtact_train.training.augmentation import NO_AUGMENTATION, Augmentation
 from ninedtact_train.training.networks import require_network_input_size
@@ -17,19 +18,15 @@ from ninedtact_train.training.networks import require_network_input_size
 _Point = tuple[float, float, float]
 
 
-class TrainingImpossible(InputError):
-    """No training is possible with these settings."""
-
-
 @dataclass(frozen=True)
 class TrainingSettings:
-    """All settings that determine the trained model; raises `TrainingImpossible`, `InputError`."""
+    """All settings that determine the trained model; raises `InputError`."""
 
     network: str = "moments"
     input: NetworkInputSettings = NetworkInputSettings(InputChannels.HEIGHTS_AND_SENSOR)
-    epochs: int = 40
-    batch: int = 64
-    learning_rate: float = 2e-3
+    epochs: Annotated[int, Meta(gt=0)] = 40
+    batch: Annotated[int, Meta(gt=0)] = 64
+    learning_rate: Annotated[float, Meta(gt=0)] = 2e-3
     """Learning rate; the highest one where the schedule varies it."""
     optimiser: Literal["adam", "adamw"] = "adamw"
     schedule: Literal["constant", "one cycle"] = "one cycle"
@@ -39,20 +36,14 @@ class TrainingSettings:
     with the lowest value as offset."""
     about_mm: _Point = (0.0, 0.0, 0.0)
     """Point of the torques that the network learns; estimated torques are moved to the skin's centre afterwards."""
-    scale_weight: float = 0.05
+    scale_weight: Annotated[float, Meta(ge=0)] = 0.05
     """Weight of the scale's negative log-likelihood relative to the absolute error; 0: the network predicts no scale."""
     augmentation: Augmentation = field(default_factory=Augmentation)
-    seed: int = 0
+    seed: Annotated[int, Meta(ge=0)] = 0
 
     def __post_init__(self) -> None:
         require_network_input_size(self.network, self.input)
-        for name in ("epochs", "batch", "learning_rate"):
-            if not getattr(self, name) > 0:
-                raise TrainingImpossible(f"expected {name} above zero, got {getattr(self, name)}; give a larger value")
-        if self.seed < 0 or not self.scale_weight >= 0:
-            raise TrainingImpossible(
-                f"expected seed and scale_weight of zero or more, got {self.seed} and {self.scale_weight}; correct them"
-            )
+        require_within_bounds(self)
 
     def to_json_dict(self) -> dict[str, Any]:
         """Return the settings as plain values for JSON."""

@@ -7,8 +7,7 @@ tensorboard/               the same metrics for TensorBoard
 model.onnx                 the model with its card, written last
 """
 
-import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -17,16 +16,16 @@ from typing import Any
 
 import numpy as np
 import torch
-from lightning import LightningDataModule, Trainer
+from lightning import Callback, LightningDataModule, Trainer
 from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.loggers import TensorBoardLogger
 from numpy import ndarray as Array
 from torch.utils.data import DataLoader
+from tqdm import tqdm
 
-from ninedtact.atomic_write import FileNotWritten, is_partial_file, write_file_atomically
-from ninedtact.checked_reading import read_json_object
-from ninedtact.errors import OutputError
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.force.onnx_model import ForceModel
+from ninedtact_train.dataset.folder import begin_or_resume_folder
 from ninedtact_train.dataset.split import SplitRows
 from ninedtact_train.evaluation import WrenchEvaluation
 from ninedtact_train.evaluation.report import plot_training_curves
@@ -55,15 +54,11 @@ from ninedtact_train.training.training_module import (
     silence_lightning,
 )
 
-_SETTINGS_FILE, MODEL_FILE, _CURVES_FILE, _METRICS_FILE = "settings.json", "model.onnx", "curves.png", "metrics.csv"
+MODEL_FILE, _CURVES_FILE, _METRICS_FILE = "model.onnx", "curves.png", "metrics.csv"
 CHECKPOINT_FOLDER, _TENSORBOARD_FOLDER = "checkpoints", "tensorboard"
 _BEST_CHECKPOINT, _LAST_CHECKPOINT = "best", "last"
 _MAX_DIGESTED_IMAGES = 1000
 """Largest number of images by which a training is recognised."""
-
-
-class TrainingFolderTaken(OutputError):
-    """The output folder holds other files, or another training."""
 
 
 @dataclass(frozen=True)
@@ -89,13 +84,11 @@ def train_network(
     """Train on `rows.train`, select the epoch that is best on `rows.test`, and write the model and its curves to `out`.
 
     A training that was stopped continues after its last complete epoch when it is called again with the same arguments.
-    Returns None in all processes of a distributed training but the first. Raises `ExamplesUnusable`, `TrainingFolderTaken`,
+    Returns None in all processes of a distributed training but the first. Raises `ExamplesUnusable`, `FolderTaken`,
     `TrainingStopped`, `CheckpointDamaged`, `FileNotWritten`.
     """
     require_trainable_examples(examples, rows, settings.input)
-    _open_training_folder(
-        out, {"settings": settings.to_json_dict(), "examples": _digest_examples(examples, rows), "name": name}
-    )
+    begin_or_resume_folder(out, {**settings.to_json_dict(), "examples": _digest_examples(examples, rows), "name": name})
     examples = move_examples_to_torque_point(examples, settings.about_mm)
     module = ForceTrainingModule(settings, fit_label_scaling(examples.labels[rows.train], settings))
     fitted = fit_network(module, examples, rows, out, machine, progress)
@@ -131,45 +124,6 @@ def _digest_arrays(arrays: Iterable[Array | None]) -> str:
     return digest.hexdigest()
 
 
-def _open_training_folder(out: Path, description: dict[str, Any]) -> None:
-    """Make the folder, or verify that it holds an earlier run of the same training.
-
-    The processes of a distributed training may call it at once: each of them writes the same settings, or finds them. Raises
-    `TrainingFolderTaken`, `FileNotWritten`.
-    """
-    wanted = json.loads(json.dumps(description))
-    # The order matters: whatever another process of this training has added was added after its settings.
-    holds_something = out.exists() and (not out.is_dir() or any(not is_partial_file(path) for path in out.iterdir()))
-    if (out / _SETTINGS_FILE).is_file():
-        _require_same_training(out, wanted)
-        return
-    if holds_something:
-        raise TrainingFolderTaken(
-            f"expected an empty folder or a training to continue, got {out}, which holds something else; give another folder"
-        )
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as trouble:
-        raise FileNotWritten(
-            f"expected to make the folder {out}, got: {trouble.strerror or trouble}; correct the path or its permissions"
-        ) from trouble
-    write_file_atomically(out / _SETTINGS_FILE, json.dumps(wanted, indent=1).encode())
-
-
-def _require_same_training(out: Path, wanted: dict[str, Any]) -> None:
-    """Raise `TrainingFolderTaken` where the folder was begun with other data or settings."""
-    try:
-        found = read_json_object(out / _SETTINGS_FILE)
-    except (OSError, ValueError):
-        found = {}
-    differing = sorted(name for name in {*found, *wanted} if found.get(name) != wanted.get(name))
-    if differing:
-        raise TrainingFolderTaken(
-            f"expected the training that {out} was begun with, got another {', '.join(differing)}; give the same data and "
-            "options to continue, or another folder"
-        )
-
-
 @dataclass(frozen=True)
 class _FitResult:
     """Lightning's trainer after the last epoch, and the metrics of all epochs."""
@@ -192,9 +146,14 @@ def fit_network(
     """
     folder = out / CHECKPOINT_FOLDER
     history = MetricsHistory(out / _METRICS_FILE)
-    trainer = _build_trainer(module, history, out, machine, progress)
     last = folder / f"{_LAST_CHECKPOINT}.ckpt"
-    with interrupt_as_training_stopped(out), silence_lightning(), _subnormal_numbers_as_zero():
+    with (
+        interrupt_as_training_stopped(out),
+        silence_lightning(),
+        _subnormal_numbers_as_zero(),
+        tqdm(unit="batch", disable=not progress) as bar,
+    ):
+        trainer = _build_trainer(module, [history, TrainingProgressBar(bar)], out, machine)
         data = _ExamplesDataModule(module.settings, examples, rows, machine.loader_workers)
         trainer.fit(module, datamodule=data, ckpt_path=resumable_checkpoint(last), weights_only=True)
     module.load_state_dict(load_checkpoint(folder / f"{_BEST_CHECKPOINT}.ckpt")["state_dict"])
@@ -215,7 +174,7 @@ def _subnormal_numbers_as_zero() -> Iterator[None]:
 
 
 def _build_trainer(
-    module: ForceTrainingModule, history: MetricsHistory, out: Path, machine: ComputeSettings, progress: bool
+    module: ForceTrainingModule, callbacks: Sequence[Callback], out: Path, machine: ComputeSettings
 ) -> Trainer:
     """Return a Lightning trainer that writes to `out` alone."""
     checkpoints = _MovableModelCheckpoint(
@@ -226,23 +185,22 @@ def _build_trainer(
         enable_version_counter=False,
         save_on_train_epoch_end=True,
     )
-    with silence_lightning():
-        return Trainer(
-            accelerator=machine.accelerator,
-            devices=machine.devices,
-            num_nodes=machine.nodes,
-            strategy=machine.strategy,
-            precision=machine.precision,
-            max_epochs=module.settings.epochs,
-            logger=TensorBoardLogger(str(out), name=_TENSORBOARD_FOLDER, version=""),
-            callbacks=[history, checkpoints, *([TrainingProgressBar()] if progress else [])],
-            plugins=[AtomicCheckpointIO()],
-            default_root_dir=str(out),
-            use_distributed_sampler=False,
-            num_sanity_val_steps=0,
-            enable_progress_bar=False,
-            enable_model_summary=False,
-        )
+    return Trainer(
+        accelerator=machine.accelerator,
+        devices=machine.devices,
+        num_nodes=machine.nodes,
+        strategy=machine.strategy,
+        precision=machine.precision,
+        max_epochs=module.settings.epochs,
+        logger=TensorBoardLogger(str(out), name=_TENSORBOARD_FOLDER, version=""),
+        callbacks=[*callbacks, checkpoints],
+        plugins=[AtomicCheckpointIO()],
+        default_root_dir=str(out),
+        use_distributed_sampler=False,
+        num_sanity_val_steps=0,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+    )
 
 
 class _MovableModelCheckpoint(ModelCheckpoint):

@@ -92,7 +92,7 @@ class ForceTrainingModule(lightning.LightningModule):
         settings = self.settings
         # Labels, and the positions that pixels are resampled from, need full precision.
         with torch.no_grad(), torch.autocast(self.device.type, enabled=False):
-            augmented = self._augment(batch.to_float(), self._batch_generator(number))
+            augmented = self.augment(batch.to_float(), self._batch_generator(number))
             shown = augmented.network_input(settings.input.channels)
         loss = compute_batch_loss(self.model(shown), augmented.wrench, self.model.unit)
         self.log(
@@ -115,7 +115,7 @@ class ForceTrainingModule(lightning.LightningModule):
             {MONITORED_METRIC: loss.absolute_error.mean(), **metrics}, batch_size=len(batch.wrench), sync_dist=True
         )
 
-    def _augment(self, batch: TrainingBatch, generator: torch.Generator) -> TrainingBatch:
+    def augment(self, batch: TrainingBatch, generator: torch.Generator) -> TrainingBatch:
         """Return the batch, randomly changed. Torques are moved to the skin's centre for it, about which images are mirrored."""
         settings = self.settings
         x, y, z = settings.about_mm
@@ -265,16 +265,16 @@ def _metrics_csv(epochs: list[EpochMetrics]) -> bytes:
 
 
 class TrainingProgressBar(Callback):
-    """Lightning callback that shows one bar over all epochs with the remaining time."""
+    """Lightning callback that advances one bar over all epochs, with the remaining time."""
+
+    def __init__(self, bar: Any) -> None:
+        self.bar = bar
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Show the bar, advanced by the epochs of an earlier run."""
-        from tqdm import tqdm
-
+        """Begin the bar, advanced by the epochs of an earlier run."""
         batches = int(trainer.num_training_batches)
-        self.bar = tqdm(
-            total=(trainer.max_epochs or 0) * batches, initial=trainer.current_epoch * batches, unit="batch"
-        )
+        self.bar.reset((trainer.max_epochs or 0) * batches)
+        self.bar.update(trainer.current_epoch * batches)
 
     def on_train_batch_end(self, trainer: Trainer, pl_module: LightningModule, *_: Any) -> None:
         """Advance the bar by one batch."""
@@ -284,12 +284,3 @@ class TrainingProgressBar(Callback):
         """Show the losses of the epoch."""
         losses = {name: f"{float(trainer.callback_metrics[name]):.3f}" for name in ("train_loss", MONITORED_METRIC)}
         self.bar.set_postfix(epoch=trainer.current_epoch + 1, **losses)
-
-    def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Close the bar at the end."""
-        self.bar.close()
-
-    def on_exception(self, trainer: Trainer, pl_module: LightningModule, exception: BaseException) -> None:
-        """Close the bar after an error."""
-        if hasattr(self, "bar"):
-            self.bar.close()

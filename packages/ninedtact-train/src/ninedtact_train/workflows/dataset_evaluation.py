@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
+from msgspec import Meta
 from tqdm import tqdm
 
-from ninedtact.errors import InputError
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact.force.estimator_interface import ForceEstimator
 from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file_of_spec, without_contact_detection
 from ninedtact.force.known_load_scale import ScaledForceEstimator, select_force_scale
@@ -56,14 +57,13 @@ class DatasetEvaluationSettings:
     modulus: Literal["true", "design", "calibrated"] = "true"
     """Shear modulus assumed for simulated gels: true (the simulated one), design (the nominal one), or calibrated.
     calibrated: force calibration with five simulated loads of 100 to 500 g, as `ninedtact adapt` does."""
-    every: int = 1
+    every: Annotated[int, Meta(ge=1)] = 1
     """Evaluate one of every n pairs; which one varies."""
     without_contact_detection: bool = False
     """Use a network's estimate also where no contact is detected; otherwise it is zero there."""
 
     def __post_init__(self) -> None:
-        if self.every < 1:
-            raise InputError(expected="--every of at least 1", got=str(self.every), remedy="drop it")
+        require_within_bounds(self)
 
 
 def predict_dataset(

@@ -150,7 +150,7 @@ class Press:
         return presses
 
 
-def _drop_array(number: Float64[Array, "*batch"]) -> ScalarPerContact:
+def _drop_array(number: Float64[Array, "*batch"] | float) -> ScalarPerContact:
     """Return the number of a single press as a float, those of a batch as they are."""
     return float(number) if np.ndim(number) == 0 else number
 

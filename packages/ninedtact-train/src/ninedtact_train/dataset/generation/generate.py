@@ -79,11 +79,11 @@ class SimulatedPressSession:
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng([self.settings.seed, 1, self.number])
         self._rule = SamplingRule(self.settings.rule, self._rng)
-        self._missing = _session_quotas(self.number, self.settings)
+        self._missing = session_quotas(self.number, self.settings)
 
     def requests(self) -> RequestGenerator[list[DatasetRow]]:
         """Yield the session's requests; the result is its pairs. Raises `GenerationImpossible` where presses give no pairs."""
-        objects = _session_objects(self.settings, self.number)
+        objects = session_objects(self.settings, self.number)
         fruitless = 0
         while any(self._missing.values()):
             before = len(self.rows)
@@ -191,7 +191,7 @@ def _mesh_digests(settings: GenerationSettings) -> dict[str, str]:
     return {name: sha256(file.read_bytes()).hexdigest() for name, file in files.items() if file is not None}
 
 
-def _session_objects(settings: GenerationSettings, session: int) -> Iterator[str]:
+def session_objects(settings: GenerationSettings, session: int) -> Iterator[str]:
     """Yield names of objects for one session without end; over all sessions all objects come equally often."""
     names = settings.selected_objects
     order = np.random.default_rng([settings.seed, 2]).permutation(len(names))
@@ -203,7 +203,7 @@ def _session_objects(settings: GenerationSettings, session: int) -> Iterator[str
         at += 1
 
 
-def _session_quotas(number: int, settings: GenerationSettings) -> dict[str, int]:
+def session_quotas(number: int, settings: GenerationSettings) -> dict[str, int]:
     """Return how many pairs of each kind a session makes, such that the shares hold over all sessions.
 
     Where both small kinds are due in a session without room for both, light touches wait for the next one with room.
@@ -255,13 +255,11 @@ def generate_dataset(
         sessions_per_batch: number of sessions that a GPU advances together.
         notify: is called with a sentence when the memory of a GPU is too small for a batch.
 
-    Raises `GenerationImpossible`, `InputError`, `UnknownObject`, `DatasetFolderTaken`, `FileNotWritten`, `DeviceMissing`.
+    Raises `GenerationImpossible`, `InputError`, `UnknownObject`, `FolderTaken`, `FileNotWritten`, `DeviceMissing`.
     """
     require_workers(workers)
     if sessions_per_batch < 1:
-        raise GenerationImpossible(
-            f"expected at least 1 session per batch, got {sessions_per_batch}; give a larger number"
-        )
+        raise InputError(f"expected at least 1 session per batch, got {sessions_per_batch}; give a larger number")
     on = _select_device(device, workers)
     folder = DatasetFolder(out)
     _begin_generation(folder, settings, on.kind)

@@ -8,24 +8,27 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from jaxtyping import Float64
+from msgspec import Meta
 from numpy import ndarray as Array
 from tyro.conf import Suppress, arg
 
 from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.errors import InputError
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact_train.collecting.training_pair_rule import SamplingRuleSettings
 from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
 
 if TYPE_CHECKING:
     from ninedtact_train.population.sensor_population import SampledSensor
 
-_SMALLEST_PX = 16
+_Count = Annotated[int, Meta(ge=1)]
+_SidePx = Annotated[int, Meta(ge=16)]
 _PUBLISHED_AREA_MM = SensingArea().size_mm
 _Pair = tuple[float, float]
 
 
 class GenerationImpossible(InputError):
-    """Raised for a data set that cannot be generated."""
+    """Raised for presses that give no pairs."""
 
 
 @dataclass(frozen=True)
@@ -82,47 +85,49 @@ class PressSettings:
 class PairKindShares:
     """The shares of pairs without contact and with a light touch, which the paper's sampling rule would not collect."""
 
-    no_contact: float = 0.03
+    no_contact: Annotated[float, Meta(ge=0)] = 0.03
     """Share of pairs in which nothing touches and the wrench is zero."""
-    light_touch: float = 0.05
+    light_touch: Annotated[float, Meta(ge=0)] = 0.05
     """Share of pairs whose load is below that of a light touch."""
 
     def __post_init__(self) -> None:
-        if not (min(self.no_contact, self.light_touch) >= 0 and self.no_contact + self.light_touch <= 1):
-            raise GenerationImpossible(
-                f"expected shares from 0 to 1, together at most 1, got {self.no_contact} without contact and "
-                f"{self.light_touch} touching lightly; correct them"
+        require_within_bounds(self, "shares")
+        if self.no_contact + self.light_touch > 1:
+            raise InputError(
+                expected="shares that are together at most 1",
+                got=f"{self.no_contact} without contact and {self.light_touch} touching lightly",
+                remedy="correct them",
             )
 
 
 @dataclass(frozen=True)
 class GenerationSettings:
-    """Everything that decides about the bytes of a generated data set."""
+    """Everything that decides about the bytes of a generated data set. Raises `InputError`."""
 
-    pairs: int = 10_000
+    pairs: _Count = 10_000
     """Number of images with their wrenches."""
-    size: tuple[int, int] = (460, 345)
+    size: tuple[_SidePx, _SidePx] = (460, 345)
     """Columns and rows of the rectified images; images of every size show the width of the sensing area."""
-    sensors: int = 20
+    sensors: _Count = 20
     """Number of different sensors, which take turns."""
-    objects: int = 175
+    objects: _Count = 175
     """Number of generated objects that are pressed; 175, as in the paper, unless objects are named."""
     object_names: tuple[str, ...] = ()
     """Objects by name in place of generated ones (ball:4, gear_07, part.stl)."""
-    seed: int = 0
+    seed: Annotated[int, Meta(ge=0)] = 0
     """Seed of sensors, presses and noise."""
-    objects_seed: int = 0
+    objects_seed: Annotated[int, Meta(ge=0)] = 0
     """Seed of generated objects: a name and a seed are one shape in every data set."""
     shares: Annotated[PairKindShares, arg(name="")] = PairKindShares()
     mechanics: Annotated[NonidealMechanicsShares, arg(name="")] = NonidealMechanicsShares()
     """Shares of sensors whose gel is not linear on a rigid base."""
-    light_below_n: float = 0.3
+    light_below_n: Annotated[float, Meta(gt=0)] = 0.3
     """Load below which a pair counts as a light touch."""
-    pitch_mm: float = 0.2
+    pitch_mm: Annotated[float, Meta(ge=0.05, le=1)] = 0.2
     """Pitch of the grid on which contacts are solved; a coarser one is faster."""
-    session_pairs: int = 50
+    session_pairs: _Count = 50
     """Pairs with one sensor before the next one's turn; fewer if otherwise not all sensors would have one."""
-    sessions_per_file: int = 5
+    sessions_per_file: _Count = 5
     """Sessions whose pairs are in one Parquet file."""
     design: Annotated[SensorDesign, Suppress] = SensorDesign()
     """The design that all sensors vary about."""
@@ -130,24 +135,7 @@ class GenerationSettings:
     press: Annotated[PressSettings, Suppress] = field(default_factory=PressSettings)
 
     def __post_init__(self) -> None:
-        for name in ("pairs", "sensors", "objects", "session_pairs", "sessions_per_file"):
-            if getattr(self, name) < 1:
-                raise GenerationImpossible(
-                    f"expected {name} of at least 1, got {getattr(self, name)}; give a larger number"
-                )
-        for name in ("seed", "objects_seed"):
-            if getattr(self, name) < 0:
-                raise GenerationImpossible(f"expected {name} of zero or more, got {getattr(self, name)}; give another")
-        if min(self.size) < _SMALLEST_PX:
-            raise GenerationImpossible(
-                f"expected images of at least {_SMALLEST_PX} x {_SMALLEST_PX} pixels, got {self.size[0]} x {self.size[1]}; give "
-                "columns and rows, as 460 345"
-            )
-        if not (self.light_below_n > 0 and 0.05 <= self.pitch_mm <= 1):
-            raise GenerationImpossible(
-                f"expected light touches below a load above zero and a grid pitch from 0.05 to 1 mm, got "
-                f"{self.light_below_n} N and {self.pitch_mm} mm; correct them"
-            )
+        require_within_bounds(self)
 
     @property
     def selected_objects(self) -> tuple[str, ...]:

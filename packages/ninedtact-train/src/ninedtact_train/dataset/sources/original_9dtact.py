@@ -23,6 +23,7 @@ from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact.force.brightness_channels import NotAMixedImage, deformation_from_mixed_image, to_whole_grey_levels
 from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM
+from ninedtact_train.collecting.training_pair_rule import wrench_limits
 from ninedtact_train.dataset.fault_report import PairFault
 from ninedtact_train.dataset.parquet_files import encode_png
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
@@ -32,9 +33,6 @@ _IMAGE, _MIXED, _WRENCH = "image", "mixed_image", "wrench"
 _NORM_SUFFIX = "_norm"
 _PAIRS_PER_PART = 500
 _USUAL_ORIGIN_MM = (0.0, 0.0, -FORCE_TORQUE_BELOW_SKIN_MM)
-_NORM_LOWEST = np.array([-3, -3, -12, -0.2, -0.2, -0.05])
-_NORM_SPAN = np.array([6, 6, 12, 0.4, 0.4, 0.1])
-"""`_norm.npy` contains (wrench - lowest) / span."""
 _NORM_TOLERANCE = 1e-5
 
 _GreyImage = UInt8[Array, "rows cols"]
@@ -114,7 +112,8 @@ class _PairFiles:
         wrench = _read_six_numbers(self.wrench)
         if self.norm is not None:
             try:
-                difference = np.abs((wrench - _NORM_LOWEST) / _NORM_SPAN - _read_six_numbers(self.norm)).max()
+                low, high = wrench_limits()
+                difference = np.abs((wrench - low) / (high - low) - _read_six_numbers(self.norm)).max()
                 if np.isfinite(wrench).all() and not difference < _NORM_TOLERANCE:
                     message = f"{self.norm.name} differs by {difference:.2g} of the range"
                     faults.append((PairFault.NORM_DIFFERS, message))

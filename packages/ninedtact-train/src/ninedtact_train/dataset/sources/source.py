@@ -6,14 +6,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float32, Float64
+from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.capture.strict_image_reading import natural_sort_key
 from ninedtact.errors import InputError
+from ninedtact.field_bounds import require_within_bounds
 from ninedtact.quantities import Wrench
 from ninedtact_train.dataset.schema import SourceItem
 
@@ -36,7 +38,7 @@ class SourceConventions:
     """Point that the torques of the labels are about; 0 0 -35 for the original project, 0 0 0 for the centre of the skin."""
     axes: str = _AS_MEASURED
     """Measured axes that are the sensor's x, y and z; --axes=-x,-y,-z reverses what the skin applies to the object."""
-    mm_per_px: float | None = None
+    mm_per_px: Annotated[float, Meta(gt=0, lt=1)] | None = None
     """Scale of the images of the original project or of the episodes."""
     sensor_name: str | None = None
     """Name of the sensor that took the images of the original project or of the episodes; by default that of the source."""
@@ -46,9 +48,8 @@ class SourceConventions:
     """Sensor folder for recordings, in place of the one that they contain."""
 
     def __post_init__(self) -> None:
+        require_within_bounds(self)
         _parse_axes(self.axes)
-        if self.mm_per_px is not None and not 0 < self.mm_per_px < 1:
-            raise SourceUnknown(f"expected a scale of about 0.05 mm per pixel, got {self.mm_per_px}; correct it")
         if self.origin_mm is not None and not np.isfinite(self.origin_mm).all():
             raise SourceUnknown(f"expected an origin in mm, got {self.origin_mm}; correct it")
 
