@@ -127,10 +127,20 @@ def sensor_a(calibrated_a: Calibration, tmp_path_factory: pytest.TempPathFactory
 
 
 @pytest.fixture(scope="session")
-def twin_sensor(tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
+def calibrated_twin() -> Calibration:
     """The default twin, calibrated from its own four images, by the method that is done soonest."""
     images = CalibrationImages(**vars(simulate_calibration_images(default_twin())))
-    return save_sensor(
-        tmp_path_factory.mktemp("twin") / "sensor",
-        calibrate(images, settings=CalibrationSettings(method="ratio"), sensor_id="twin"),
-    )
+    return calibrate(images, settings=CalibrationSettings(method="ratio"), sensor_id="twin")
+
+
+@pytest.fixture(scope="session")
+def twin_sensor(calibrated_twin: Calibration, tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
+    """The twin as it was calibrated; a test that changes its folder copies it."""
+    return save_sensor(tmp_path_factory.mktemp("twin") / "sensor", calibrated_twin)
+
+
+@pytest.fixture(scope="session")
+def physical_sensor(tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
+    """The default twin calibrated by physics, so that it has a twin and an estimator; a test that changes its folder copies it."""
+    images = CalibrationImages(**vars(simulate_calibration_images(default_twin(), frames=4)))
+    return save_sensor(tmp_path_factory.mktemp("physical") / "my_sensor", calibrate(images, sensor_id="my_sensor"))

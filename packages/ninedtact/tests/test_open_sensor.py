@@ -50,16 +50,6 @@ RELEASED_S = PRESSED.stop * FRAME_NS / 1e9
 
 
 @pytest.fixture(scope="module")
-def physical_sensor(tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
-    """The default twin calibrated by physics, so that it has a twin and an estimator of its own."""
-    from ninedtact.simulation.calibration_images import simulate_calibration_images
-
-    images = ninedtact.CalibrationImages(**vars(simulate_calibration_images(ninedtact.default_twin())))
-    folder = tmp_path_factory.mktemp("physical") / "my_sensor"
-    return ninedtact.save_sensor(folder, ninedtact.calibrate(images, sensor_id="my_sensor"))
-
-
-@pytest.fixture(scope="module")
 def recording(physical_sensor: SensorFolder, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of the sensor's twin that carries its sensor: nothing touches, a press in the middle, its imprint after that."""
     path, twin = tmp_path_factory.mktemp("recording") / "press.mcap", physical_sensor.twin()

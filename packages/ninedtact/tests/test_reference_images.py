@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_sensor import SHAPE, skin
 
-from ninedtact.force.contact_detection import detect_contact, measure_darkening_and_limit
+from ninedtact.force.contact_detection import detect_contact
 from ninedtact.quantities import Frame, HeightMap, HeightSource, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.reference_images import FollowingSettings, ReferenceFollower, ReferenceImages
@@ -123,19 +123,6 @@ def test_the_settling_error_is_that_of_the_largest_force_of_the_contact_between_
     later = replace(reading_of(pressed, taken, 0), frame=frame_at(later_ns))
     follower.follow(later.with_force(pressing(-0.5, later_ns)))
     assert follower.with_settling_error(nothing_at(later_ns)).std[2] == pytest.approx(0.05 * 8 * np.exp(-0.1), rel=0.02)
-
-
-def test_contact_is_looked_for_ten_times_a_second_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
-    looks = []
-    monkeypatch.setattr(
-        "ninedtact.reference_images.measure_darkening_and_limit",
-        lambda reading: looks.append(reading.stamp_ns) or measure_darkening_and_limit(reading),
-    )
-    taken = Rectified(SKIN, MM_PER_PX)
-    follower = ReferenceFollower(taken)
-    for number in range(100):  # two seconds
-        follower.follow(replace(reading_of(SKIN, taken, 0), frame=frame_at(20_000_000 * number)))
-    assert len(looks) == 20 and min(np.diff(looks)) >= 1e8
 
 
 def frame_at(stamp_ns: int) -> Frame:

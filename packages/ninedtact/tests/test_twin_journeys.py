@@ -180,14 +180,3 @@ def test_a_demo_of_nothing_is_refused(
 ) -> None:
     assert main(["demo", "--out", str(tmp_path / "demo"), *option]) == 1
     assert said in capsys.readouterr().err and not (tmp_path / "demo").exists()
-
-
-def test_a_stopped_data_set_says_that_it_goes_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted(*of: object, **how: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("ninedtact_train.dataset.generation.generate.generate_dataset", interrupted)
-    assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs")]) == 1
-    assert "again to continue where it stopped" in capsys.readouterr().err

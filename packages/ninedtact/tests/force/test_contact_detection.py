@@ -10,7 +10,6 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.force.contact_detection import (
     ContactRegionSettings,
-    cell_noise_upper_bound,
     detect_contact,
     find_contact_region,
     pressure_reaches_unseen,
@@ -103,33 +102,12 @@ def test_a_contact_takes_in_what_is_deep_and_what_is_joined_to_it(
     assert joined[:, 16:].sum() == 6 + 10  # with its rim
 
 
-def test_the_margin_of_the_image_does_not_say_how_deep_a_contact_is() -> None:
-    with_margin = region_of((BLOCK, 0.4), (FAR, 0.06), margin_mm=3.0)
-    assert with_margin is not None and with_margin[FAR].all() and with_margin[0].all()
-
-
-def test_what_noise_could_darken_is_no_contact() -> None:
-    darkest = 0.2 * 0.82  # the middle of five dark cells, smoothed over 1.5 cells on each axis
-    limit = 9 / (2 * np.sqrt(np.pi) * 1.5)
-    assert region_of((BLOCK, 0.4), noise=0.95 * darkest / limit) is not None
-    assert region_of((BLOCK, 0.4), noise=1.05 * darkest / limit) is None
-
-
 def test_cells_that_are_half_as_dark_as_the_darkest_are_in_contact_at_any_height() -> None:
     """Deep presses saturate the depth curve, and a depth reader may then give heights that are too shallow."""
     z_mm, change = np.zeros((2, 20, 26), np.float32)
     change[BLOCK], change[FAR] = -0.2, -0.05  # the smaller patch is a quarter as dark at most
     region = find_contact_region(change, z_mm, np.ones_like(z_mm), 1e-4, 1, SETTINGS)
     assert region is not None and region[BLOCK].all() and not region[FAR].any()
-
-
-def test_noise_of_cells_is_doubted_beyond_five_thousandths_or_25_times_that_of_independent_pixels() -> None:
-    reference = np.full((200, 300), 100, np.float32)
-    noise = np.random.default_rng(0).normal(0, 1, reference.shape).astype(np.float32)
-    # Differences of pixels one above the other have the noise of two pixels, and a mean over 1,000 pixels less by √1000.
-    for grey_levels, expected in ((0.1, 5e-3), (4.0, 25 * 0.04 / np.sqrt(1000))):
-        bound = cell_noise_upper_bound(reference + np.float32(grey_levels) * noise, reference, cells=60)
-        assert bound == pytest.approx(expected, rel=0.1 if grey_levels > 1 else 1e-9)
 
 
 def test_pressure_beside_what_is_unseen_reaches_it() -> None:

@@ -10,10 +10,8 @@ from hypothesis import strategies as st
 from linear_model import a_card, linear_model
 
 from ninedtact.design import Gel
-from ninedtact.errors import NinedtactError
 from ninedtact.force.corrected_force import NetworkCorrectedForce, apply_network_correction
 from ninedtact.force.estimator_and_scale import zero_wrench
-from ninedtact.force.network_force import NetworkForce
 from ninedtact.force.network_input import (
     TYPICAL_FEATURES,
     InputChannels,
@@ -145,12 +143,6 @@ def test_without_contact_the_answer_is_zero_and_the_network_is_not_asked() -> No
     nothing = WrenchEstimate(zero_wrench(), diagonal_covariance(STD), touching=False)
     estimator = NetworkCorrectedForce(KnownPhysics(nothing), model(), TYPICAL_FEATURES)
     assert estimator.estimate(reading()) is nothing
-
-
-def test_a_model_that_corrects_physics_is_refused_as_an_estimator_of_its_own() -> None:
-    alone = NetworkForce(model(), features=TYPICAL_FEATURES, contact_test=lambda _: True)
-    with pytest.raises(NinedtactError, match="expected the tractions that physics found"):
-        alone.estimate_contact(reading())
 
 
 def test_tractions_are_sampled_at_their_places() -> None:

@@ -14,7 +14,6 @@ from ninedtact.force.brightness_channels import (
     deformation_from_mixed_image,
     deformation_network_input,
     encode_mixed_image,
-    render_deformation,
     split_darker_brighter,
     stack_deformation_channels,
     to_whole_grey_levels,
@@ -63,11 +62,6 @@ def test_a_image_that_lost_bits_is_no_mixed_image() -> None:
     squeezed = cv2.imdecode(cv2.imencode(".jpg", made)[1], cv2.IMREAD_COLOR)
     with pytest.raises(NotAMixedImage, match=r"expected blue the reference.*got \d+\.\d% of the pixels.*give the PNG"):
         deformation_from_mixed_image(np.asarray(squeezed), 0.05)
-
-
-def test_colours_become_the_grey_that_the_original_takes() -> None:
-    colour = np.random.default_rng(0).integers(0, 256, (30, 40, 3), dtype=np.uint8)
-    assert (to_whole_grey_levels(colour, 0.05).grey == cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)).all()
 
 
 @pytest.mark.parametrize("library", [np.asarray, torch.from_numpy])
@@ -133,11 +127,3 @@ def test_images_that_do_not_belong_together_are_refused() -> None:
         compute_image_deformation(noise(1), noise(0), (224, 224))
     with pytest.raises(InputError, match="got 0 x 0; ask for 1 x 1"):
         compute_image_deformation(noise(1), noise(0), (0, 0))
-
-
-def test_a_person_sees_darker_red_and_brighter_green() -> None:
-    reference = Rectified(np.full((1, 4), 100, np.float32), 0.05)
-    image = Rectified(np.array([[100, 90, 110, 0]], np.float32), 0.05)
-    shown = render_deformation(compute_image_deformation(image, reference))
-    assert shown.dtype == np.uint8
-    assert shown[0].tolist() == [[0, 0, 0], [0, 0, 50], [0, 70, 0], [0, 0, 255]]

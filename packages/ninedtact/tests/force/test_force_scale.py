@@ -9,7 +9,6 @@ from ninedtact.calibration.force_calibration import (
     ForceScaleImpossible,
     KnownLoadPress,
     fit_force_scale,
-    weight_of_grams_n,
 )
 from ninedtact.errors import FileFormatError
 from ninedtact.force.estimator_and_scale import (
@@ -37,14 +36,10 @@ def presses(true_factor: float, curve: float = 0.0, noise: float = 0.02) -> list
 
 @pytest.mark.parametrize("factor", [0.7, 1.0, 1.3])
 def test_a_soft_or_stiff_gel_is_found_within_its_error(factor: float) -> None:
-    found = fit_force_scale(presses(factor)).adaptation
-    assert found.curve == 0
+    judged = fit_force_scale(presses(factor))
+    found = judged.adaptation
+    assert found.curve == 0 and (factor == 1 or judged.by_factor < 0.2 * judged.unadapted)
     assert abs(found.factor / factor - 1) < 2 * found.error + 0.01
-
-
-def test_presses_left_out_are_predicted_better_than_without_adaptation() -> None:
-    judged = fit_force_scale(presses(1.3))
-    assert judged.by_factor < 0.2 * judged.unadapted
 
 
 def test_a_gel_that_stiffens_gets_its_curve_and_one_that_does_not_gets_none() -> None:
@@ -54,11 +49,6 @@ def test_a_gel_that_stiffens_gets_its_curve_and_one_that_does_not_gets_none() ->
     assert [bent.adaptation.at(load) for load in (1.0, 8.0)] == pytest.approx(
         [1.2 * 3**-0.25, 1.2 * (8 / 3) ** 0.25], rel=0.05
     )
-
-
-def test_loads_alike_tell_no_curve() -> None:
-    alike = [KnownLoadPress(3 + 0.1 * n, 3.3 + 0.1 * n) for n in range(6)]
-    assert fit_force_scale(alike).by_curve is None
 
 
 class Constant(ForceEstimator):
@@ -160,15 +150,8 @@ def test_a_damaged_file_is_refused(tmp_path: Path, text: str) -> None:
 def test_a_press_that_cannot_be_is_refused(estimated_n: float, weighed_n: float, said: str) -> None:
     with pytest.raises(ForceScaleImpossible, match=said):
         KnownLoadPress(estimated_n, weighed_n)
-
-
-def test_one_press_is_too_few() -> None:
     with pytest.raises(ForceScaleImpossible, match="at least 2"):
         fit_force_scale([KnownLoadPress(1.0, 1.0)])
-
-
-def test_a_kilogram_weighs_what_it_weighs() -> None:
-    assert weight_of_grams_n(1000) == pytest.approx(9.80665)
 
 
 def test_presses_that_contradict_each_other_are_refused() -> None:

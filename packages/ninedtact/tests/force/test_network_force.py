@@ -15,7 +15,7 @@ from ninedtact.force.network_input import (
     NetworkInputBuilder,
     NetworkInputSettings,
 )
-from ninedtact.force.onnx_model import SHIPPED_MODEL, parse_force_model, read_force_model
+from ninedtact.force.onnx_model import parse_force_model
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified, Wrench
 from ninedtact.reading import Reading
 
@@ -75,13 +75,6 @@ def test_what_training_did_not_see_is_doubted() -> None:
     assert EstimateWarning.OUT_OF_RANGE in stiff.estimate(reading(0.5)).warnings
 
 
-def test_two_results_share_no_memory() -> None:
-    network = estimator()
-    first = network.estimate(reading(0.0))
-    first.std[:] = 9
-    assert network.estimate(reading(0.0)).std[0] != 9
-
-
 class OverlappedNetworkForce(NetworkForce):
     """Is told by another thread to forget what it has just remembered."""
 
@@ -118,8 +111,3 @@ def test_a_model_with_sensor_features_refuses_to_run_without_them() -> None:
     with pytest.raises(ForceEstimationError, match=r"expected the features of the sensor .*\.estimator\("):
         NetworkForce(model, Gel())
     assert NetworkForce(model, Gel(), features=TYPICAL_FEATURES).estimate(reading(0.5)).touching
-
-
-def test_the_shipped_model_refuses_to_run_without_sensor_features() -> None:
-    with pytest.raises(ForceEstimationError, match="which was trained with them"):
-        NetworkForce(read_force_model(SHIPPED_MODEL), Gel())

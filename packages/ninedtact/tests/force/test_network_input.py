@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from ninedtact.errors import ForceEstimationError
 from ninedtact.force.network_input import (
     InputChannels,
     NetworkInputBuilder,
@@ -75,8 +74,3 @@ def test_images_live_and_in_batches_of_torch_are_alike(channels: InputChannels) 
     live = NetworkInputBuilder(NetworkInputSettings(channels))(reading)
     batch = stack_image_channels(torch.from_numpy(images[:1]), torch.from_numpy(images[1:]), channels)
     np.testing.assert_array_equal(batch[0].numpy(), live)
-
-
-def test_an_input_without_columns_is_refused() -> None:
-    with pytest.raises(ForceEstimationError, match=r"expected input\.cols from 1 to 4000, got 0"):
-        NetworkInputSettings(cols=0)

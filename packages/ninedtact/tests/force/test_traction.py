@@ -7,6 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ninedtact.design import Gel
 from ninedtact.force.traction.brightness_from_traction import COMPLIANT_BASE
@@ -26,7 +28,15 @@ from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.layer_compliance import layered_compliance
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin, gel_skin, padded_grid
-from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified, centred_axis_mm
+from ninedtact.quantities import (
+    EstimateWarning,
+    Frame,
+    HeightMap,
+    HeightSource,
+    Rectified,
+    WrenchEstimate,
+    centred_axis_mm,
+)
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import Deblurring, DepthCurve, GlobalDimmingModel
@@ -87,7 +97,7 @@ def test_gel_at_finite_strain_bears_more(share: float) -> None:
 
 
 def test_untouched_skin_has_no_wrench_at_all() -> None:
-    for seed in range(20):
+    for seed in range(5):
         flat = np.random.default_rng(seed).normal(0, 0.01, WIDE)
         found = by_height().estimate(reading(flat))
         assert not found.touching and not found.warnings
@@ -102,12 +112,6 @@ def test_pressure_is_nowhere_negative_and_nothing_acts_outside_the_contact() -> 
     x, y = (centred_axis_mm(side, traction.mm_per_px) for side in (cols, rows))
     far = np.hypot(x[None] - 1.5, y[:, None] + 0.4) > 6
     assert not traction.pressure_mpa[far].any() and not traction.shear_mpa[:, far].any()
-
-
-def test_the_sum_of_the_tractions_is_the_wrench() -> None:
-    found = by_height().estimate(reading(noisy()))
-    assert found.traction is not None
-    np.testing.assert_array_equal(found.traction.wrench().six, found.wrench.six)
 
 
 def test_forces_scale_with_the_modulus() -> None:
@@ -138,42 +142,51 @@ def test_a_moved_touch_has_the_same_force() -> None:
     assert arm_nm == pytest.approx(-one.force_n[2] * 10 * PX_MM / 1e3, rel=0.03)
 
 
-def test_the_answer_does_not_depend_on_where_the_search_began() -> None:
-    cold, warm = by_height(), by_height()
-    warm.estimate(reading(noisy(contact=dragged(1.3, -0.2, 0.2))))
-    for _ in range(6):
-        late = warm.estimate(reading(noisy()))
-    first = cold.estimate(reading(noisy()))
-    np.testing.assert_array_less(np.abs(late.wrench.six - first.wrench.six), 0.3 * first.std + 1e-6)
+PLACES = ((1.0, -0.6, 0.5), (-3.0, 2.0, -0.7), (0.0, 0.0, 0.0), (1.6, -0.4, -0.6))
+"""Contacts that overlap, and one that does not."""
 
 
-def test_a_forgotten_past_changes_nothing() -> None:
-    fresh, used = by_height(), by_height()
-    used.estimate(reading(noisy(contact=dragged(-3.0, 2.0, -0.7))))
-    used.forget()
-    one, other = (each.estimate(reading(noisy())).wrench.six for each in (fresh, used))
-    np.testing.assert_array_equal(one, other)
+@lru_cache
+def image(number: int) -> Reading:
+    return reading(noisy(seed=number, contact=dragged(*PLACES[number])))
 
 
-def test_a_contact_that_does_not_overlap_the_last_one_starts_anew() -> None:
-    fresh, used = by_height(), by_height()
-    used.estimate(reading(noisy(contact=dragged(-8.0, 5.0, 0.0))))
-    one, other = (each.estimate(reading(noisy(contact=dragged(7.0, -4.0, 0.0)))) for each in (fresh, used))
-    assert one.touching
-    np.testing.assert_array_equal(one.wrench.six, other.wrench.six)
+@lru_cache
+def alone(number: int) -> WrenchEstimate:
+    return TractionForce(HeightObservationModel(), GEL).estimate(image(number))
 
 
-def test_live_search_is_short() -> None:
-    force = by_height(solver=SolverSettings())
-    force.estimate(reading(noisy()))
-    assert force.last is not None and force.last.iterations <= SolverSettings().max_iterations
-    force.estimate(reading(noisy(seed=1)))
-    assert force.last.iterations == SolverSettings().max_warm_iterations
+@settings(max_examples=10, deadline=None)
+@given(st.lists(st.integers(0, len(PLACES) - 1), min_size=2, max_size=5))
+def test_separate_images_have_the_same_wrench_in_any_order(order: list[int]) -> None:
+    shared = TractionForce(HeightObservationModel(), GEL)
+    for number in order:
+        shared.forget()
+        np.testing.assert_array_equal(shared.estimate(image(number)).wrench.six, alone(number).wrench.six)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.lists(st.integers(0, len(PLACES) - 1), min_size=2, max_size=5))
+def test_a_stream_that_jumps_between_contacts_reads_each_as_if_it_were_alone(order: list[int]) -> None:
+    stream = TractionForce(HeightObservationModel(), GEL)
+    for number in order:
+        found = stream.estimate(image(number))
+        assert found.warnings == alone(number).warnings
+        off = np.abs(found.wrench.six - alone(number).wrench.six) / alone(number).std
+        assert off.max() < 1.0
+
+
+def test_a_start_from_the_last_image_saves_iterations_where_the_contact_moves_slowly() -> None:
+    stream = TractionForce(HeightObservationModel(), GEL)
+    stream.estimate(image(0))
+    assert stream.last is not None and stream.last.iterations <= SolverSettings().max_iterations
+    stream.estimate(reading(noisy(seed=9, contact=dragged(*PLACES[0]))))
+    assert stream.last.iterations == 1
 
 
 def test_error_bars_cover() -> None:
     true, estimates = dragged().wrench().six, []
-    for seed in range(12):
+    for seed in range(8):
         estimates.append(by_height().estimate(reading(noisy(seed=seed))))
     off = np.array([np.abs(each.wrench.six - true) / each.std for each in estimates])
     assert (off < 2).mean() > 0.9
@@ -288,28 +301,6 @@ def test_a_touch_deeper_than_calibrated_is_doubted() -> None:
     assert by_height().estimate(reading(z_mm, source)).warnings == (EstimateWarning.OUT_OF_RANGE,)
 
 
-def test_light_pressure_beyond_the_calibrated_depths_is_doubted_and_skin_without_pressure_is_not() -> None:
-    """The pressure of this press is below the shear modulus everywhere."""
-    model = ContactModel(gel_skin(padded_grid(24, 18, PX_MM, 4.0), GEL))
-    *_, contact = model.follow(Ball(4.0), [Pose(1.0, -0.6, 0.2)])
-    z_mm = noisy(contact=contact)
-    y, x = (np.indices(WIDE) - np.reshape(WIDE, (2, 1, 1)) / 2) * PX_MM
-    off_mm = np.hypot(x - 1.0, y + 0.6)
-    for where, warnings in ((off_mm < 1.0, (EstimateWarning.OUT_OF_RANGE,)), (off_mm > 3.5, ())):
-        source = np.where(where, HeightSource.EXTRAPOLATED, HeightSource.MEASURED).astype(np.uint8)
-        found = by_height().estimate(reading(z_mm, source))
-        assert found.touching and found.traction is not None and found.warnings == warnings
-        assert found.traction.pressure_mpa.max() < GEL.shear_modulus_mpa
-
-
-@pytest.mark.parametrize("allowed", [1, 2])
-def test_no_search_takes_more_iterations_than_allowed(allowed: int) -> None:
-    solver = SolverSettings(max_iterations=allowed, target_decrement=0.0)
-    force = TractionForce(BrightnessObservationModel(CURVE, GlobalDimmingModel(), 0.5), GEL, solver=solver)
-    force.estimate(lit(dragged()))
-    assert force.last is not None and force.last.iterations == allowed
-
-
 def test_a_touch_deeper_than_linear_gel_goes_is_doubted() -> None:
     *_, deepest = ContactModel(gel_skin(padded_grid(24, 18, PX_MM, 4.0), GEL)).follow(
         Ball(4.0), [Pose(0.5, 0.3, depth) for depth in (0.6, 1.2, 1.6, 1.9)]
@@ -365,12 +356,3 @@ def bare(deblurring: Deblurring | None) -> CalibratedShape:
     for name, value in (("curve", CURVE), ("loss", GlobalDimmingModel()), ("deblurring", deblurring)):
         object.__setattr__(shape, name, value)
     return shape
-
-
-def test_finite_strain_adds_a_little_to_the_stated_error() -> None:
-    relative = []
-    for share in (0.0, 1.0):
-        gel = replace(GEL, finite_strain=share)
-        estimate = TractionForce(HeightObservationModel(), gel).estimate(reading(noisy(contact=dragged())))
-        relative.append(estimate.std[2] / -estimate.wrench.force_n[2])
-    assert 1.0 < relative[1] / relative[0] < 1.6

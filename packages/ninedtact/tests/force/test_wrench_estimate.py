@@ -1,9 +1,10 @@
-"""Errors of a wrench move with its torques, and the scale of a sensor is common to all axes."""
+"""The sum of tractions is the wrench; errors of a wrench move with its torques; the scale of a sensor is common to all axes."""
 
 import numpy as np
+import pytest
 
 from ninedtact.force.estimator_and_scale import UNCALIBRATED, ForceScale
-from ninedtact.quantities import Wrench, WrenchEstimate, diagonal_covariance
+from ninedtact.quantities import Traction, Wrench, WrenchEstimate, centred_axis_mm, diagonal_covariance
 
 SIX = np.array([1.0, -0.5, -6.0, 0.01, 0.02, 0.003])
 STD = np.array([0.1, 0.2, 0.3, 1e-3, 2e-3, 1e-4])
@@ -14,12 +15,16 @@ def estimate(std: np.ndarray = STD) -> WrenchEstimate:
     return WrenchEstimate(Wrench(SIX[:3], SIX[3:]), diagonal_covariance(std), touching=True)
 
 
-def test_errors_of_forces_add_to_those_of_torques_about_another_point() -> None:
-    moved = estimate().about(BELOW_MM)
-    np.testing.assert_allclose(moved.wrench.six, estimate().wrench.about(BELOW_MM).six)
-    np.testing.assert_allclose(moved.std[:3], STD[:3])
-    np.testing.assert_allclose(moved.std[3:5], np.hypot(STD[3:5], 0.035 * STD[[1, 0]]))
-    np.testing.assert_allclose(moved.about(np.zeros(3)).covariance, estimate().covariance, atol=1e-15)
+@pytest.mark.parametrize("shape", [(5, 7), (4, 6)])
+def test_a_wrench_is_the_sum_of_its_tractions_on_the_pressed_skin(shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(0)
+    pressure, height_mm = rng.random((2, *shape)).astype(np.float32)
+    shear = rng.normal(size=(2, *shape)).astype(np.float32)
+    x, y = np.meshgrid(*(centred_axis_mm(side, 0.5) for side in shape[::-1]))
+    force = np.stack([*shear, -pressure], axis=-1).reshape(-1, 3).astype(float) * 0.25
+    torque = np.cross(np.stack([x, y, height_mm], axis=-1).reshape(-1, 3), force).sum(0) / 1e3
+    found = Traction(pressure, shear, 0.5, height_mm=height_mm).wrench()
+    assert found.six == pytest.approx(np.concatenate([force.sum(0), torque]), rel=1e-5, abs=1e-9)
 
 
 def test_a_torque_about_another_point_is_the_cross_product_of_the_arm_and_the_force() -> None:
@@ -57,10 +62,3 @@ def test_a_quarter_of_every_force_is_in_the_error_until_the_sensor_is_calibrated
     # It is one factor: the error of a lever arm, the ratio of torque to force, does not grow.
     arm = np.array([0, 0, SIX[3] / SIX[2] ** 2, -1 / SIX[2], 0, 0])
     assert arm @ scaled.covariance @ arm < 1.01 * (arm @ estimate().covariance @ arm)
-
-
-def test_a_curve_of_the_load_scales_what_the_load_makes_and_shear_has_the_factor_of_light_loads() -> None:
-    scale = ForceScale(1.2, curve=0.2, about_n=2.0)
-    light, loaded = scale.at(0.0), scale.at(6.0)
-    assert light < scale.at(2.0) == 1.2 < loaded
-    np.testing.assert_allclose(scale(estimate()).wrench.six / SIX, [light, light, loaded, loaded, loaded, light])

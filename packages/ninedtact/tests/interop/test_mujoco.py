@@ -11,7 +11,8 @@ import pytest
 
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
-from ninedtact import CalibrationImages, calibrate, default_twin, save_sensor  # noqa: E402
+from ninedtact import default_twin  # noqa: E402
+from ninedtact.calibration.sensor_folder import SensorFolder  # noqa: E402
 from ninedtact.errors import InputError, SimulationError  # noqa: E402
 from ninedtact.interop.mujoco import (  # noqa: E402
     TactileReading,
@@ -19,7 +20,6 @@ from ninedtact.interop.mujoco import (  # noqa: E402
 )
 from ninedtact.mechanics.indenter import FlatPunch  # noqa: E402
 from ninedtact.mechanics.pose import Pose  # noqa: E402
-from ninedtact.simulation.calibration_images import simulate_calibration_images  # noqa: E402
 from ninedtact.simulation.twin import Twin  # noqa: E402
 from ninedtact_train.environments.mujoco_batch import TactileSensorBatch  # noqa: E402
 
@@ -455,10 +455,10 @@ def test_an_environment_refuses_an_action_that_is_no_number_and_leaves_its_scene
 
 
 @pytest.mark.interop
-def test_the_peg_is_inserted_by_the_wrench_that_is_estimated_from_the_image(tmp_path: Path, make_env: Any) -> None:
-    images = CalibrationImages(**vars(simulate_calibration_images(TWIN, frames=4)))
-    folder = save_sensor(tmp_path / "twin", calibrate(images))
-    env = make_env("ninedtact/PegInsertion-v0", sensor_folder=folder, force="physics")
+def test_the_peg_is_inserted_by_the_wrench_that_is_estimated_from_the_image(
+    physical_sensor: SensorFolder, make_env: Any
+) -> None:
+    env = make_env("ninedtact/PegInsertion-v0", sensor_folder=physical_sensor, force="physics")
     of_the_gel: list[float] = []
 
     def insert(observation: dict[str, Any]) -> list[float]:
@@ -472,7 +472,7 @@ def test_the_peg_is_inserted_by_the_wrench_that_is_estimated_from_the_image(tmp_
     observation, _ = env.reset(seed=4)
     heights = env.unwrapped.sensor.last.heights.z_mm
     assert observation["heights"].min() == pytest.approx(heights.min(), abs=0.1)
-    for options in ({"sensor_folder": TWIN, "force": "physics"}, {"sensor_folder": folder, "force": "none"}):
+    for options in ({"sensor_folder": TWIN, "force": "physics"}, {"sensor_folder": physical_sensor, "force": "none"}):
         with pytest.raises(InputError, match="expected force='gel', or the name of an estimator and the folder of a"):
             make_env("ninedtact/PegInsertion-v0", **options)
 

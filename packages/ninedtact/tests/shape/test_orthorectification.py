@@ -39,14 +39,6 @@ def test_every_solver_finds_the_heights_that_a_far_camera_would_see(at, method):
     assert off_mm < 2e-3 and off_mm < 0.15 * seen_off_mm
 
 
-@pytest.mark.parametrize("at", [(0.0, 0.0), (4.0, -3.0)])
-def test_what_a_near_camera_saw_becomes_what_a_far_one_would_see(at):
-    straight = orthorectify(ball_print(at=at, camera_mm=20.0))
-    assert np.isinf(straight.camera_distance_mm)
-    np.testing.assert_allclose(straight.z_mm, ball_print(at=at).z_mm, atol=0.03)
-    assert np.abs(straight.z_mm - ball_print(at=at).z_mm).mean() < 2e-4
-
-
 def test_a_far_camera_s_map_stays_as_it_is():
     height = with_hole(ball_print(61, 80))
     straight = orthorectify(height)

@@ -47,10 +47,6 @@ def test_brightness_comes_from_where_the_lens_says(shape: tuple[int, int]) -> No
     assert np.abs(grey - expected)[seen].mean() < 0.8
 
 
-def test_the_middle_pixel_sees_the_middle_of_the_skin() -> None:
-    assert made().source_px[172, [229, 230]].mean(axis=0) == pytest.approx(LENS.to_px(np.zeros((1, 2)))[0], abs=0.01)
-
-
 def test_what_lies_outside_the_image_is_said() -> None:
     wide = made(mm_per_px=2 * SCALE)
     assert (
@@ -116,7 +112,3 @@ def test_derivatives_of_the_lens_are_those_of_difference_quotients() -> None:
     lenses = [(LENS.with_parameters(base + d), LENS.with_parameters(base - d)) for d in np.eye(len(base)) * step]
     by_parameter = [(more.to_px(points) - less.to_px(points)) / (2 * step) for more, less in lenses]
     assert LENS.px_per_parameter(points) == pytest.approx(np.stack(by_parameter, axis=-1), rel=1e-4, abs=1e-2)
-
-
-def test_the_middle_of_an_image_lies_between_its_middle_pixels() -> None:
-    assert LENS.middle_px.tolist() == [319.5, 239.5] and LENS.unit_px == 320

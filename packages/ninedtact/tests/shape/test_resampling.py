@@ -49,11 +49,7 @@ def test_the_index_is_the_signal_in_steps_and_stays_in_the_table(signal: Brightn
     assert np.abs(reader.quantise(grey) - expected).max() <= 1
 
 
-@pytest.mark.parametrize("by_opencv", [True, False])
-def test_both_ways_to_look_up_agree(by_opencv: bool, monkeypatch: pytest.MonkeyPatch):
-    if by_opencv and not depth.OPENCV_TAKES_16_BITS:
-        pytest.skip("this OpenCV looks up 8 bits only")
-    monkeypatch.setattr(depth, "OPENCV_TAKES_16_BITS", by_opencv)
+def test_heights_are_looked_up_by_index():
     curve = DepthCurve("ratio", (0.0, 0.3, 1.0), (0.0, 0.8, 2.0), (0.0,) * 3, (0.0, 0.4), (0.0, 1.0))
     index = np.arange(depth.TABLE_SIZE, dtype=np.uint16).reshape(256, 256).T.copy()
     np.testing.assert_array_equal(curve.look_up_mm(index), curve.table[index])

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from skins import ball_print, skin, with_hole
 
-from ninedtact.atomic_write import FileNotWritten
 from ninedtact.errors import FileFormatError, InputError, OutputError
 from ninedtact.quantities import HeightMap, HeightSource
 from ninedtact.shape.export import (
@@ -116,8 +115,3 @@ def test_a_height_that_does_not_fit_16_bits_is_refused(z_mm):
 def test_an_ending_that_nobody_can_write_is_refused_by_naming_those_that_can(tmp_path, name):
     with pytest.raises(InputError, match=r"\.npy, \.png, \.ply, \.stl or \.obj"):
         export_shape(HEIGHT, tmp_path / name)
-
-
-def test_a_missing_folder_is_named(tmp_path):
-    with pytest.raises(FileNotWritten, match="make the folder"):
-        export_shape(HEIGHT, tmp_path / "missing" / "skin.ply")

@@ -17,7 +17,6 @@ from ninedtact.shape.coloured_height_map import (
     draw_height_map_figure,
     facing_light,
     render_relief,
-    round_up_to_1_2_5,
     shade_heights,
 )
 
@@ -57,11 +56,6 @@ def test_every_height_map_gives_a_image(draw, height):
     image = cv2.imdecode(np.frombuffer(draw(height), np.uint8), cv2.IMREAD_COLOR)
     assert 800 <= image.shape[1] <= 1200
     assert image.std() > 5
-
-
-@pytest.mark.parametrize(("at_least", "expected"), [(0.3, 0.5), (0.5, 0.5), (1.01, 2.0), (7.0, 10.0), (0.06, 0.1)])
-def test_round_numbers(at_least, expected):
-    assert round_up_to_1_2_5(at_least) == pytest.approx(expected)
 
 
 def test_importing_the_images_does_not_import_matplotlib():

@@ -40,11 +40,6 @@ def test_a_loss_of_light_far_from_a_deep_press_is_no_contact_but_a_second_press_
     assert summarise_shape(skin(two)).contact_area_mm2 > 1.9 * summarise_shape(print_alone).contact_area_mm2
 
 
-def test_the_least_threshold_holds_without_noise():
-    assert summarise_shape(skin(np.full((3, 3), -0.049))).contact_area_mm2 == 0
-    assert summarise_shape(skin(np.full((3, 3), -0.051))).contact_area_mm2 == pytest.approx(9 * MM_PER_PX**2)
-
-
 def test_what_is_out_of_view_does_not_count_and_what_is_extrapolated_is_told():
     height = with_hole(skin(np.full((20, 30), -1.0)))
     source = np.where(height.in_view, HeightSource.EXTRAPOLATED, HeightSource.OUT_OF_VIEW).astype(np.uint8)

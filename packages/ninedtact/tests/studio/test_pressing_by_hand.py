@@ -300,8 +300,8 @@ def test_a_moment_without_wrenches_shows_none_of_the_moment_before(tmp_path: Pat
     with pressed_twin(twin_sensor, tmp_path) as twin, page_viewer(twin.page, twin.server) as (client, viewer):
         wait_until(lambda: (twin.studio.refresh(twin.page), client.shows("N·mm"))[1], PATIENCE_S)
         wait_until(lambda: client.shows("about the skin"))
-        viewer.show(PageMoment((replace(twin.moment.sensors[0], wrenches=()),)))  # of a recording that has none
-        wait_until(lambda: not client.shows("N·mm") and not client.shows("about the skin"))
+        bare = PageMoment((replace(twin.moment.sensors[0], wrenches=()),))  # of a recording that has none
+        wait_until(lambda: (viewer.show(bare), not client.shows("N·mm") and not client.shows("about the skin"))[1])
 
 
 def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor: SensorFolder) -> None:
