@@ -146,7 +146,9 @@ def find_layout_faults(tab: Any) -> list[str]:
     ]
     for number, one in enumerate(shown):
         faults += [f"{one['key']} is over {other['key']}" for other in shown[number + 1 :] if _overlap(one, other)]
-    broken = "[...document.querySelectorAll('img:not([hidden])')].filter(i => !i.complete || i.naturalWidth === 0).length"
+    broken = (
+        "[...document.querySelectorAll('img:not([hidden])')].filter(i => !i.complete || i.naturalWidth === 0).length"
+    )
     return [*faults, *(["an image is not there"] if _stays_true(tab, broken) else [])]
 
 
