@@ -26,6 +26,7 @@ LAYERS = {
         {"force", "simulation"},
         {"calibration", "reference_images"},
         {"recording", "sensor"},
+        {"source_addresses"},
         {"open_sensor", "live"},
         {"studio"},
         {"interop"},

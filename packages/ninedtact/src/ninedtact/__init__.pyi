@@ -11,7 +11,7 @@ from .design import SensorDesign
 from .errors import NinedtactError
 from .force.estimator_and_scale import ForceEstimator
 from .mechanics.pose import Pose
-from .open_sensor import open, source_for  # noqa: A004
+from .open_sensor import open  # noqa: A004
 from .quantities import (
     Deformation,
     EstimateWarning,
@@ -39,6 +39,7 @@ from .simulation.press_sequence import ObjectTrajectory, PressSequence
 from .simulation.simulated_sources import SimulatedCamera, SimulatedForceTorque
 from .simulation.trajectory import ScriptedPress, press_trajectory
 from .simulation.twin import Twin, default_twin
+from .source_addresses import source_for
 
 __all__ = [
     "FIXED_EXPOSURE",

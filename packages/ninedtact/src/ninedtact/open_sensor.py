@@ -1,25 +1,24 @@
-"""Open a sensor: its folder, the source that its address names, its reference images, and the estimator of its force.
+"""Open a sensor: its folder, the source that it is read from, its reference images, and the estimator of its force.
 
     address ──▶ source ──▶ reference images ──▶ estimator ──▶ Sensor
 
-An address is what a person writes after `--source`: a camera, stream, video, folder, recording, or the twin. Those of `capture` are
-listed in `capture.source_from_address.SOURCE_TYPES`. A program calls `ninedtact.open`; the live page and the bridges read the same
-in real time (`assemble_live_sensor`). Packages are imported when a sensor is opened, so that `ninedtact --help` stays quick.
+A program calls this as `ninedtact.open`; the live page and the bridges read the same in real time (`assemble_live_sensor`).
+Packages are imported when a sensor is opened, so that `ninedtact --help` stays quick.
 """
 
-import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.recording.errors import (
-    ReferenceMomentRefused,
-    SensorNotGiven,
-    WrenchSourceMismatched,
-    require_recording_libraries,
+from ninedtact.recording.errors import ReferenceMomentRefused
+from ninedtact.source_addresses import (
+    RECORDING_SUFFIX,
+    is_twin_address,
+    load_given_or_recorded_sensor,
+    source_for,
+    source_in_real_time,
 )
 
 if TYPE_CHECKING:
@@ -31,102 +30,6 @@ if TYPE_CHECKING:
     from ninedtact.sensor import Sensor
     from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
     from ninedtact.simulation.press_sequence import PressSequence
-
-SIMULATED = "sim"
-"""Name of the sensor's twin as a source."""
-RECORDING_SUFFIX = ".mcap"
-_RECORDING_ADDRESS = re.compile(rf".*{re.escape(RECORDING_SUFFIX)}(#\w+)?", re.IGNORECASE | re.DOTALL)
-
-
-def is_recording_address(text: str) -> bool:
-    """Return whether the text names a file that `ninedtact record` or `collect` writes, or one sensor of it: `grasp.mcap#left`."""
-    return _RECORDING_ADDRESS.fullmatch(text) is not None and "://" not in text
-
-
-def is_twin_address(text: str) -> bool:
-    """Return whether the text names the twin of the sensor."""
-    return text == SIMULATED
-
-
-def source_for(
-    text: str, settings: "CameraSettings | None" = None, sensor: "SensorFolder | None" = None
-) -> "FrameSource":
-    """Return the source that `text` names, not yet opened.
-
-    `text` is a camera, stream, video file, folder of images, recording (.mcap) or "sim", the twin of `sensor`. Without a
-    sensor it is the default twin. `settings` apply to cameras on this computer. Raises `SourceUnknown`.
-
-    >>> ninedtact.source_for("0").name
-    'camera 0'
-    """
-    if is_twin_address(text):
-        from ninedtact.simulation.simulated_sources import demo_sources
-        from ninedtact.simulation.twin import default_twin
-
-        return demo_sources(default_twin() if sensor is None else sensor.twin()).camera
-    if is_recording_address(text):
-        require_recording_libraries()
-        from ninedtact.recording.recorded_source import RecordedFrameSource
-
-        return RecordedFrameSource(Path(text).expanduser())
-    from ninedtact.capture import source_from_address
-    from ninedtact.capture.frame_source import DEFAULT_CAMERA
-
-    return source_from_address.camera_or_file_source(text, settings or DEFAULT_CAMERA)
-
-
-def source_in_real_time(
-    text: str, settings: "CameraSettings | None" = None, notify: Callable[[str], None] | None = None
-) -> "FrameSource":
-    """Return the source that `text` names; files and recordings play at their own pace, stamped as their frames are read.
-
-    notify: receives a sentence where images of a file are missing or damaged; without it, reading raises this at the end.
-    """
-    from ninedtact.capture.frame_pacing import LivePlayback
-
-    return LivePlayback(source_for(text, settings), notify)
-
-
-def require_matching_force_source(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:
-    """Raise `WrenchSourceMismatched` unless images and forces come from the same kind: devices, a simulation or recordings."""
-    if force_torque is not None and any(kind(source) != kind(force_torque) for kind in kinds):
-        raise WrenchSourceMismatched(
-            f"expected --source and --force-torque to be both devices, both {SIMULATED} or both recordings, got '{source}' "
-            f"and '{force_torque}'; name two that belong together"
-        )
-
-
-@contextmanager
-def load_given_or_recorded_sensor(
-    sensor: "Path | str | SensorFolder | None", source: "str | FrameSource"
-) -> "Iterator[SensorFolder]":
-    """Load the sensor that is named, or else the one that a recording carries.
-
-    A sensor restored from a recording is deleted when the block ends; what was loaded from it stays usable. Raises
-    `SensorNotGiven`, `SensorFolderDamaged`.
-    """
-    from tempfile import TemporaryDirectory
-
-    from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
-
-    if isinstance(sensor, SensorFolder):
-        yield sensor
-        return
-    if sensor is not None:
-        yield load_sensor(sensor)
-        return
-    recording = source.recording if not isinstance(source, str) else source if is_recording_address(source) else None
-    if recording is None:
-        name = source if isinstance(source, str) else source.name
-        raise SensorNotGiven(
-            f"expected --sensor with --source {name}, got none; name the folder that 'ninedtact calibrate --out' wrote"
-        )
-    require_recording_libraries()
-    from ninedtact.recording.reader import extract_sensor_folder
-
-    with TemporaryDirectory(prefix="ninedtact_") as folder:
-        yield load_sensor(extract_sensor_folder(Path(recording).expanduser(), Path(folder) / "sensor"))
-
 
 PathLike = Path | str
 

@@ -27,7 +27,7 @@ from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, SourceNot
 from ninedtact.cli import main
 from ninedtact.cli.record import twin_sources
 from ninedtact.force.estimator_and_scale import ForceEstimator
-from ninedtact.open_sensor import assemble_live_sensor, load_given_or_recorded_sensor, source_in_real_time
+from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import ReferenceMomentRefused
@@ -44,6 +44,7 @@ from ninedtact.recording.recorder import EstimateRecorder, Recorder, SensorToRec
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
+from ninedtact.source_addresses import load_given_or_recorded_sensor, source_in_real_time
 
 
 @pytest.fixture(scope="module")

@@ -25,13 +25,13 @@ from ninedtact.cli.shared_options import (
     camera_settings,
     require_duration,
 )
-from ninedtact.open_sensor import (
+from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
+from ninedtact.source_addresses import (
     is_recording_address,
     is_twin_address,
     require_matching_force_source,
     source_in_real_time,
 )
-from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
 from ninedtact_train.collecting.pair_selection import CollectSettings
 
 if TYPE_CHECKING:

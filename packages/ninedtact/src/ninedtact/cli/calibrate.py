@@ -42,7 +42,7 @@ from ninedtact.cli.shared_options import (
 )
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CameraError, InputError, NinedtactError, OutputError
-from ninedtact.open_sensor import is_twin_address, source_for
+from ninedtact.source_addresses import is_twin_address, source_for
 
 if TYPE_CHECKING:
     from ninedtact.calibration.guidance import CaptureStep

@@ -9,7 +9,7 @@ import msgspec
 
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
 from ninedtact.cli.shared_options import JsonOption, require_duration
-from ninedtact.open_sensor import is_twin_address
+from ninedtact.source_addresses import is_twin_address
 
 if TYPE_CHECKING:
     from ninedtact.capture.camera_delay import LightSwitch

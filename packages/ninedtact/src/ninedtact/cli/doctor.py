@@ -85,7 +85,7 @@ class Doctor:
         from ninedtact.capture.camera_check import check_camera
         from ninedtact.capture.source_from_address import camera_or_file_source
         from ninedtact.capture.uvc_camera import list_cameras
-        from ninedtact.open_sensor import source_for
+        from ninedtact.source_addresses import source_for
 
         with StepLine() as line:
             if self.source is not None:

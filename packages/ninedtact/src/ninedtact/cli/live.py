@@ -34,8 +34,9 @@ from ninedtact.cli.shared_options import (
     parse_named_sources,
 )
 from ninedtact.force.estimator_loading import NONE
-from ninedtact.open_sensor import RECORDING_SUFFIX, SIMULATED, assemble_live_sensor, is_recording_address
+from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.recording.errors import RecordingUnreadable, require_recording_libraries
+from ninedtact.source_addresses import RECORDING_SUFFIX, SIMULATED, is_recording_address
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder

@@ -28,13 +28,13 @@ from ninedtact.cli.shared_options import (
     require_duration,
 )
 from ninedtact.force.estimator_loading import NONE
-from ninedtact.open_sensor import (
+from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
+from ninedtact.source_addresses import (
     RECORDING_SUFFIX,
     is_twin_address,
     require_matching_force_source,
     source_in_real_time,
 )
-from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder

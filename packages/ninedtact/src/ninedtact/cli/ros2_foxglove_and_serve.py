@@ -43,7 +43,7 @@ from ninedtact.cli.shared_options import (
 from ninedtact.design import SensorDesign
 from ninedtact.errors import MissingLibraryError
 from ninedtact.force.estimator_loading import PHYSICS
-from ninedtact.open_sensor import is_twin_address, require_matching_force_source
+from ninedtact.source_addresses import is_twin_address, require_matching_force_source
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder

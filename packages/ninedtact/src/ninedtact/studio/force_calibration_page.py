@@ -6,8 +6,8 @@ from typing import Any
 from viser import GuiEvent, Icon
 
 from ninedtact.calibration.force_calibration import ForceScaleFit, weight_of_grams_n
-from ninedtact.open_sensor import is_twin_address
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
+from ninedtact.source_addresses import is_twin_address
 from ninedtact.studio.force_calibration_session import (
     ForceCalibrationPhase,
     ForceCalibrationSession,

@@ -17,8 +17,8 @@ from viser import ClientHandle, GuiApi, GuiEvent, GuiImageHandle, Icon
 from ninedtact.calibration.guidance import PinSearchResult
 from ninedtact.capture.frame_source import ExposureWithLimits
 from ninedtact.errors import NinedtactError
-from ninedtact.open_sensor import is_twin_address
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
+from ninedtact.source_addresses import is_twin_address
 from ninedtact.studio.guided_session import GuidedSession, GuidedState, ImageQuality
 from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_server import PageServer, prepare_page

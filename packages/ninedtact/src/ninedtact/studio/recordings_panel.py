@@ -17,12 +17,12 @@ from viser import GuiApi, GuiButtonHandle, GuiEvent, Icon, IconName
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.errors import InputError
-from ninedtact.open_sensor import RECORDING_SUFFIX, load_given_or_recorded_sensor
 from ninedtact.reading import Reading
 from ninedtact.recording.export import export_each_sensor
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.source_addresses import RECORDING_SUFFIX, load_given_or_recorded_sensor
 from ninedtact.studio.page_cards import (
     card_html,
     explained_wrench_table_html,
