@@ -5,7 +5,8 @@ from threading import Thread
 import pytest
 
 from ninedtact.cli import main
-from ninedtact.design import DesignFileUnreadable, Gel, SensingArea, SensorDesign, read_design_file
+from ninedtact.design import Gel, SensingArea, SensorDesign, read_design_file
+from ninedtact.errors import FileFormatError
 from ninedtact_hardware.buildability import find_broken_rules
 from ninedtact_hardware.design import HardwareDesign, default_hardware_design, original_hardware_design
 from ninedtact_hardware.design_file import hardware_design_to_toml, read_hardware_design
@@ -39,7 +40,7 @@ def test_hardware_comes_back_too(tmp_path: Path, hardware: HardwareDesign) -> No
     ],
 )
 def test_hardware_that_no_sensor_has_is_refused(tmp_path: Path, text: str, words: str) -> None:
-    with pytest.raises(DesignFileUnreadable, match=words):
+    with pytest.raises(FileFormatError, match=words):
         read_hardware_design(written(tmp_path, text), "default")
 
 

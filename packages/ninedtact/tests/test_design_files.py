@@ -10,7 +10,6 @@ from ninedtact.cli import main
 from ninedtact.cli.calibrate import CalibrateCommand
 from ninedtact.cli.demo import Demo
 from ninedtact.design import (
-    DesignFileUnreadable,
     DesignImpossible,
     Gel,
     SensingArea,
@@ -20,7 +19,7 @@ from ninedtact.design import (
     shear_modulus_mpa_to_shore_a,
     shore_a_to_shear_modulus_mpa,
 )
-from ninedtact.errors import InputError
+from ninedtact.errors import FileFormatError, InputError
 from ninedtact.simulation.calibration_images import SimulatedCalibrationImages, simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel, brightness_model_for_design
 from ninedtact.simulation.twin import default_twin, twin_from_design
@@ -55,7 +54,7 @@ def test_a_design_comes_back_as_it_was_written(tmp_path: Path) -> None:
     ],
 )
 def test_a_file_that_is_no_design_is_refused(tmp_path: Path, text: str, words: str) -> None:
-    with pytest.raises(DesignFileUnreadable, match=words):
+    with pytest.raises(FileFormatError, match=words):
         read_design_file(written(tmp_path, text))
 
 
@@ -73,12 +72,12 @@ def test_dimensions_beyond_what_can_be_made_are_refused_by_name(tmp_path: Path, 
     part, field = name.split(".")
     if field in ("rows", "cols", "raw_long_side_px"):
         value = {"inf": "1000000000000", "nan": "-1", "1e12": "100000", "1e-12": "0"}[value]
-    with pytest.raises(DesignFileUnreadable, match=re.escape(name)):
+    with pytest.raises(FileFormatError, match=re.escape(name)):
         read_design_file(written(tmp_path, f"[{part}]\n{field} = {value}"))
 
 
 def test_impossible_dimensions_are_refused_as_anywhere_else(tmp_path: Path) -> None:
-    with pytest.raises(DesignFileUnreadable, match=r"gel\.thickness_mm"):
+    with pytest.raises(FileFormatError, match=r"gel\.thickness_mm"):
         read_design_file(written(tmp_path, "[gel]\nthickness_mm = -1"))
 
 

@@ -143,13 +143,14 @@ def test_paths_of_sources_are_absolute_on_a_cluster(tmp_path: Path) -> None:
 
 
 def test_a_source_that_a_worker_does_not_find_is_named(tmp_path: Path) -> None:
+    from ninedtact.errors import InputError
     from ninedtact_train.dataset.build import _make_part
     from ninedtact_train.dataset.checks import PairCheckSettings
-    from ninedtact_train.dataset.sources.source import SourceItem, SourcePart, SourceUnknown
+    from ninedtact_train.dataset.sources.source import SourceItem, SourcePart
 
     class EmptyPart(SourcePart):
         def items(self) -> Iterator[SourceItem]:
             return iter(())
 
-    with pytest.raises(SourceUnknown, match=f"expected {tmp_path}/in on .*, got nothing there"):
+    with pytest.raises(InputError, match=f"expected {tmp_path}/in on .*, got nothing there"):
         _make_part(tmp_path, EmptyPart("in"), (tmp_path / "in",), 0, PairCheckSettings())

@@ -35,7 +35,7 @@ class DesignOptions:
     """default: with the improvements that docs/hardware.md lists. original: with the original's dimensions."""
 
     def read_hardware(self) -> "HardwareDesign":
-        """Return the hardware design; raises `DesignFileUnreadable`, `DesignImpossible`."""
+        """Return the hardware design; raises `FileFormatError`, `DesignImpossible`."""
         from ninedtact_hardware.design_file import read_hardware_design
 
         return read_hardware_design(self.design, self.variant)

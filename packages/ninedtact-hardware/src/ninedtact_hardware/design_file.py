@@ -8,13 +8,13 @@ import tomli_w
 
 from ninedtact.design import (
     HARDWARE_TABLE,
-    DesignFileUnreadable,
     SensorDesign,
     convert_tables_to_design,
     design_to_toml,
     read_design_tables,
     sensor_design_from_tables,
 )
+from ninedtact.errors import FileFormatError
 from ninedtact_hardware.design import PART_TABLES, DesignVariant, HardwareDesign, hardware_design_of_variant
 
 VARIANT_KEY = "variant"
@@ -40,7 +40,7 @@ def _split_variant(hardware: Any, variant: DesignVariant, path: Path | str) -> t
         return variant, hardware
     named = hardware[VARIANT_KEY]
     if named not in get_args(DesignVariant):
-        raise DesignFileUnreadable(
+        raise FileFormatError(
             f"expected hardware.variant of {path} to be one of {', '.join(get_args(DesignVariant))}, got {named!r}; correct it"
         )
     return named, {name: table for name, table in hardware.items() if name != VARIANT_KEY}
@@ -49,11 +49,11 @@ def _split_variant(hardware: Any, variant: DesignVariant, path: Path | str) -> t
 def _replace_dimensions(design: HardwareDesign, tables: Any, path: Path | str) -> HardwareDesign:
     """Return a design in which the dimensions of these tables replace its own."""
     if not isinstance(tables, dict) or not all(isinstance(table, dict) for table in tables.values()):
-        raise DesignFileUnreadable(
+        raise FileFormatError(
             f"expected [hardware] of {path} to hold tables, got values; write [hardware.shell] and the like"
         )
     if unknown := [name for name in tables if name not in PART_TABLES]:
-        raise DesignFileUnreadable(
+        raise FileFormatError(
             f"expected [hardware] tables {', '.join(PART_TABLES)}, got {unknown[0]!r} in {path}; correct or remove it"
         )
     merged = {name: {**asdict(getattr(design, name)), **table} for name, table in tables.items()}

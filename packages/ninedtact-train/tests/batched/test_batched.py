@@ -16,7 +16,7 @@ import torch
 
 from ninedtact._version import installation_command
 from ninedtact.cli import main
-from ninedtact.errors import InputError, NinedtactError
+from ninedtact.errors import DeviceError, InputError, NinedtactError, OutputError
 from ninedtact.mechanics import skin
 from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.indenter import Ball, FlatPunch
@@ -24,16 +24,10 @@ from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.simulation.objects.catalogue import generate_object
 from ninedtact.simulation.twin import PoseOutOfView, Press
 from ninedtact_train.batched import executor
-from ninedtact_train.batched.executor import BatchExecutor, Device, DeviceMissing, choose_compute_device
+from ninedtact_train.batched.executor import BatchExecutor, Device, choose_compute_device
 from ninedtact_train.batched.session_requests import RenderRequest, StepRequest
-from ninedtact_train.dataset.folder import FolderTaken
 from ninedtact_train.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
-from ninedtact_train.dataset.generation.settings import (
-    GenerationImpossible,
-    GenerationSettings,
-    PairKindShares,
-    PressSettings,
-)
+from ninedtact_train.dataset.generation.settings import GenerationSettings, PairKindShares, PressSettings
 from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
 
 SMALL = GenerationSettings(
@@ -127,9 +121,9 @@ def test_kinds_of_devices_are_not_mixed(together: GenerationResult, by_processor
     assert json.loads((together.folder / "settings.json").read_text())["device"] == "torch-cpu"
     assert "with `--device torch-cpu`" in (together.folder / "README.md").read_text()
     assert json.loads((by_processor.folder / "settings.json").read_text())["device"] == "cpu"
-    with pytest.raises(FolderTaken, match=r"another device \(device: cpu instead of torch-cpu\)"):
+    with pytest.raises(OutputError, match=r"another device \(device: cpu instead of torch-cpu\)"):
         generate_dataset(together.folder, SMALL)
-    with pytest.raises(FolderTaken, match=r"another device \(device: torch-cpu instead of cpu\)"):
+    with pytest.raises(OutputError, match=r"another device \(device: torch-cpu instead of cpu\)"):
         generate_dataset(by_processor.folder, SMALL, device="torch-cpu")
 
 
@@ -231,13 +225,13 @@ def test_a_hand_that_finds_nothing_gives_up_together_too(tmp_path: Path) -> None
     settings = replace(
         SMALL, press=faint, shares=PairKindShares(0, 0), object_names=("ball:4",), pairs=3, sensors=1, pitch_mm=1.0
     )
-    with pytest.raises(GenerationImpossible, match="press harder"):
+    with pytest.raises(InputError, match="press harder"):
         generate_dataset(tmp_path / "faint", settings, device="torch-cpu")
 
 
 @pytest.mark.parametrize("name", ["tpu", "cuda:x", "CPU", "cpu:0", ""])
 def test_devices_go_by_their_names(name: str) -> None:
-    with pytest.raises(DeviceMissing, match="expected a device named auto, cpu, cuda, cuda:N or torch-cpu"):
+    with pytest.raises(DeviceError, match="expected a device named auto, cpu, cuda, cuda:N or torch-cpu"):
         choose_compute_device(name)
 
 
@@ -274,7 +268,7 @@ def test_a_gpu_without_any_room_is_one_sentence(monkeypatch: pytest.MonkeyPatch)
         raise RuntimeError("CUDA error: out of memory\nCUDA kernel errors might be reported later")
 
     monkeypatch.setattr(torch, "zeros", full)
-    with pytest.raises(DeviceMissing, match="expected room in the memory of cuda, got none at all"):
+    with pytest.raises(DeviceError, match="expected room in the memory of cuda, got none at all"):
         Device("cuda").zero_array()
 
 

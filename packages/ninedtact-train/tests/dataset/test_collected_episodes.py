@@ -21,6 +21,7 @@ from ninedtact.calibration.sensor_toml_schema import (
 )
 from ninedtact.cli import main
 from ninedtact.design import RectifiedImageSize, SensorDesign
+from ninedtact.errors import CalibrationError, DatasetError
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import RecordingCutShort, sensor_folder_attachments
@@ -29,8 +30,6 @@ from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.depth import DepthCurve, Smoothing
 from ninedtact_train.collecting.collected_pairs import read_recorded_pairs
 from ninedtact_train.dataset.build import BuildResult, build_dataset
-from ninedtact_train.dataset.calibrated_readings import SensorCalibrationMissing
-from ninedtact_train.dataset.fault_report import NoUsablePairs
 from ninedtact_train.dataset.sources.find_sources import find_sources
 from ninedtact_train.dataset.sources.source import SourceConventions
 from ninedtact_train.workflows.dataset_calibrations import load_dataset_sensors
@@ -93,7 +92,7 @@ def test_the_calibrations_of_recordings_are_in_the_data_set_unless_they_contradi
     other = attached[f"sensor/{SENSOR_FILE}"].replace(b'software = "test"', b'software = "another"')
     episode(tmp_path / "in" / "wednesday.mcap", {f"sensor/{SENSOR_FILE}": other})
     built_from(tmp_path / "two", tmp_path / "in")
-    with pytest.raises(SensorCalibrationMissing, match="got none, or several of one sensor; give --sensors"):
+    with pytest.raises(CalibrationError, match="got none, or several of one sensor; give --sensors"):
         load_dataset_sensors(tmp_path / "two", None, 1, progress=False)
 
 
@@ -119,7 +118,7 @@ def test_pairs_are_rectified_with_the_sensor_that_rides_along(sensor: SensorFold
 
 def test_a_recording_without_its_sensor_needs_one_named(sensor: SensorFolder, tmp_path: Path) -> None:
     episode(tmp_path / "in" / "bare.mcap")
-    with pytest.raises(NoUsablePairs, match="1 unreadable"):
+    with pytest.raises(DatasetError, match="1 unreadable"):
         built_from(tmp_path / "none", tmp_path / "in")
     stated = SourceConventions(sensor=sensor.path)
     assert built_from(tmp_path / "out", tmp_path / "in" / "bare.mcap", stated).statistics.pairs == 2
@@ -132,7 +131,7 @@ def test_the_folder_of_another_sensor_does_not_rectify_a_recording(sensor: Senso
     assert again.statistics.pairs == 2
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / SENSOR_FILE).write_bytes(to_sensor_toml(msgspec.structs.replace(sensor.record, id="other")))
-    with pytest.raises(NoUsablePairs):
+    with pytest.raises(DatasetError):
         built_from(tmp_path / "out", tmp_path / "in", SourceConventions(sensor=tmp_path / "other"))
     report = (tmp_path / "out" / "report.json").read_text()
     assert "expected the sensor folder of 'little'" in report and "got that of 'other'" in report

@@ -9,11 +9,10 @@ import pytest
 from built_sets import listed
 from little_sources import grey, touched, untouched
 
+from ninedtact.errors import DatasetError
 from ninedtact_train.dataset.checks import PairCheckSettings, check_dataset, local_darkening_levels
 from ninedtact_train.dataset.fault_report import (
     FAULT_MEANINGS,
-    FaultsFound,
-    NoUsablePairs,
     PairFault,
     read_quality_report,
     require_any_usable_pair,
@@ -109,7 +108,7 @@ def test_a_report_is_read_as_it_was_written(tmp_path: Path) -> None:
     found = check_dataset(data_set(tmp_path, *rows))
     write_quality_report(tmp_path / "check.json", found)
     assert read_quality_report(tmp_path / "check.json") == found
-    with pytest.raises(NoUsablePairs, match=r"2 not finite.*correct the sources"):
+    with pytest.raises(DatasetError, match=r"2 not finite.*correct the sources"):
         require_any_usable_pair(found, tmp_path / "check.json")
-    with pytest.raises(FaultsFound, match="--drop"):
+    with pytest.raises(DatasetError, match="--drop"):
         require_no_faults(found, tmp_path / "check.json")

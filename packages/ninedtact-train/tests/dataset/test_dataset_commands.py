@@ -12,7 +12,8 @@ from built_sets import rows_in
 from little_sources import LittleTree, little_tree
 
 from ninedtact.cli import main
-from ninedtact_train.dataset.preview_image import NothingToPreview, render_preview
+from ninedtact.errors import InputError
+from ninedtact_train.dataset.preview_image import render_preview
 
 
 def told(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
@@ -144,5 +145,5 @@ def test_a_sheet_of_nothing_is_refused(tmp_path: Path, twins: Path) -> None:
     shutil.copytree(twins, tmp_path / "bare")
     references = tmp_path / "bare" / "references.parquet"
     pq.write_table(pq.read_table(references).slice(0, 0), references)
-    with pytest.raises(NothingToPreview, match="ninedtact dataset check"):
+    with pytest.raises(InputError, match="ninedtact dataset check"):
         render_preview(tmp_path / "bare")

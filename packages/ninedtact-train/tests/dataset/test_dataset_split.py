@@ -9,16 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ninedtact_train.dataset.split import (
-    DatasetSplit,
-    SplitFileUnusable,
-    SplitImpossible,
-    SplitKeys,
-    SplitSettings,
-    read_split,
-    split_dataset,
-    write_split,
-)
+from ninedtact.errors import FileFormatError, InputError
+from ninedtact_train.dataset.split import DatasetSplit, SplitKeys, SplitSettings, read_split, split_dataset, write_split
 
 KINDS = ("standard", "object", "sensor", "sensor_and_object")
 
@@ -48,7 +40,7 @@ def test_whatever_the_data_nothing_held_out_is_trained_on(kind, seed, part, by_c
     pairs = SplitKeys([f"{row:02d}" for row in range(len(rows))], objects, sensors, contacts)
     try:
         found = split_dataset(pairs, SplitSettings(kind, part, part, part, by_contact, seed))
-    except SplitImpossible:
+    except InputError:
         return
     assert sorted([*found.train, *found.test, *found.left_out]) == list(pairs.ids)
     assert found.train and found.test and (not found.left_out or kind == "sensor_and_object")
@@ -123,7 +115,7 @@ REFUSED: dict[str, tuple[Callable[[], SplitKeys], SplitSettings, str]] = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_cannot_be_divided_is_refused_in_one_sentence(case: str) -> None:
     pairs, settings, words = REFUSED[case]
-    with pytest.raises(SplitImpossible, match=words):
+    with pytest.raises(InputError, match=words):
         split_dataset(pairs(), settings)
 
 
@@ -133,7 +125,7 @@ def test_a_held_out_object_that_was_never_on_a_held_out_sensor_leaves_nothing_to
     for seed in range(20):
         try:
             outcomes.add(split_dataset(pairs, SplitSettings("sensor_and_object", objects=1, sensors=1, seed=seed)).test)
-        except SplitImpossible as refusal:
+        except InputError as refusal:
             assert "pairs to train with, got none" in str(refusal) or "pairs to test with, got none" in str(refusal)
             outcomes.add(())
     assert outcomes == {("a", "b"), ("c", "d"), ()}
@@ -150,10 +142,10 @@ def test_a_split_is_read_as_it_was_written(tmp_path: Path) -> None:
 def test_a_split_of_other_data_is_refused_and_says_what_differs() -> None:
     found = DatasetSplit(SplitSettings(), ("a", "b"), ("c",))
     with pytest.raises(
-        SplitFileUnusable, match=r"got 1 \(such as 'x'\) that it does not know, 1 \(such as 'b'\) of its own missing"
+        FileFormatError, match=r"got 1 \(such as 'x'\) that it does not know, 1 \(such as 'b'\) of its own missing"
     ):
         found.rows(["a", "c", "x"])
-    with pytest.raises(SplitFileUnusable, match="1 ids repeated"):
+    with pytest.raises(FileFormatError, match="1 ids repeated"):
         found.rows(["a", "b", "c", "c"])
 
 
@@ -172,7 +164,7 @@ def test_a_damaged_split_is_refused(tmp_path: Path, change: Callable[[dict], obj
     table = json.loads(path.read_text())
     change(table)
     path.write_text(json.dumps(table))
-    with pytest.raises(SplitFileUnusable, match=r"expected a split in .*, got.*split again"):
+    with pytest.raises(FileFormatError, match=r"expected a split in .*, got.*split again"):
         read_split(path)
 
 
@@ -180,5 +172,5 @@ def test_a_damaged_split_is_refused(tmp_path: Path, change: Callable[[dict], obj
 def test_no_content_makes_reading_fail_otherwise(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
     path = tmp_path_factory.getbasetemp() / "any.json"
     path.write_bytes(content)
-    with pytest.raises(SplitFileUnusable):
+    with pytest.raises(FileFormatError):
         read_split(path)

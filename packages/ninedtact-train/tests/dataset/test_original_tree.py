@@ -12,11 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from little_sources import LittleTree, grey, mixed_of, touched, untouched, wrench_about_sensor
 
-from ninedtact.errors import NinedtactError
-from ninedtact_train.dataset.fault_report import NoUsablePairs
-from ninedtact_train.dataset.folder import FolderTaken
+from ninedtact.errors import DatasetError, InputError, NinedtactError, OutputError
 from ninedtact_train.dataset.schema import DatasetRow, RejectedItem
-from ninedtact_train.dataset.sources.source import SourceConventions, SourceUnknown
+from ninedtact_train.dataset.sources.source import SourceConventions
 
 
 def test_images_references_and_wrenches_are_the_stored_ones(tree: LittleTree, tmp_path: Path) -> None:
@@ -50,10 +48,10 @@ def test_another_origin_and_other_axes_may_be_stated(tree: LittleTree, tmp_path:
     (row, *_) = rows_in(tmp_path / "out")
     assert row["wrench"] == pytest.approx(-np.load(tree.root / "wrench/1/1.npy"), rel=1e-6)
     assert (row["sensor"], row["mm_per_px"]) == ("ours", pytest.approx(0.05))
-    with pytest.raises(SourceUnknown, match="each letter once"):
+    with pytest.raises(InputError, match="each letter once"):
         SourceConventions(axes="+x,+x,+z")
     for wrong in ("x,y", "", "xyz", "x,y,z,z", "*x,y,z", "x,y,"):
-        with pytest.raises(SourceUnknown, match="each letter once"):
+        with pytest.raises(InputError, match="each letter once"):
             SourceConventions(axes=wrong)
 
 
@@ -71,7 +69,7 @@ def test_a_mixed_image_alone_holds_image_and_reference_even_where_it_wrapped(tmp
 
 def test_images_alone_have_no_reference_unless_one_is_named(tree: LittleTree, tmp_path: Path) -> None:
     (tree.root / "mixed_image").rename(tmp_path / "elsewhere")
-    with pytest.raises(NoUsablePairs, match="6 no reference"):
+    with pytest.raises(DatasetError, match="6 no reference"):
         built_from(tmp_path / "none", tree.root)
     named = tmp_path / "skin.png"
     cv2.imwrite(str(named), tree.skin)
@@ -93,7 +91,7 @@ def test_another_image_by_the_name_of_the_stated_reference_is_not_mixed_in(tree:
     built_from(tmp_path / "out", tree.root, conventions=conventions)
     (tmp_path / "out" / "README.md").unlink()  # as after a stop
     cv2.imwrite(str(tmp_path / "skin.png"), tree.skin[::-1])
-    with pytest.raises(FolderTaken, match="got another source"):
+    with pytest.raises(OutputError, match="got another source"):
         built_from(tmp_path / "out", tree.root, conventions=conventions)
 
 
@@ -127,7 +125,7 @@ def test_what_is_missing_or_odd_is_listed(tree: LittleTree, tmp_path: Path) -> N
 def test_a_folder_without_a_pair_is_refused(tmp_path: Path) -> None:
     for part in ("image", "wrench"):
         (tmp_path / "Dataset" / part).mkdir(parents=True)
-    with pytest.raises(SourceUnknown, match="whole Dataset folder"):
+    with pytest.raises(InputError, match="whole Dataset folder"):
         built_from(tmp_path / "out", tmp_path / "Dataset")
 
 

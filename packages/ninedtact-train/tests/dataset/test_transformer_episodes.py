@@ -8,7 +8,7 @@ import pytest
 from built_sets import built_from, decoded, listed, references_in, rows_in
 from little_sources import grey, little_episode, untouched
 
-from ninedtact_train.dataset.fault_report import NoUsablePairs
+from ninedtact.errors import DatasetError
 from ninedtact_train.dataset.sources.source import SourceConventions
 
 
@@ -102,5 +102,5 @@ def test_a_damaged_file_is_listed(tmp_path: Path, harm: object) -> None:
 
 def test_nothing_but_damage_is_refused(tmp_path: Path) -> None:
     (tmp_path / "e.npz").write_bytes(b"no zip")
-    with pytest.raises(NoUsablePairs, match="1 unreadable"):
+    with pytest.raises(DatasetError, match="1 unreadable"):
         built_from(tmp_path / "out", tmp_path / "e.npz")

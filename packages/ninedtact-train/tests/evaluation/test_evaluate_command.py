@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from ninedtact.cli import main
-from ninedtact_train.evaluation import PredictionsUnusable, WrenchPredictions
+from ninedtact.errors import FileFormatError
+from ninedtact_train.evaluation import WrenchPredictions
 from ninedtact_train.evaluation.evaluation import PUBLISHED_SCORES, PUBLISHED_SCORES_AT_SKIN
 from ninedtact_train.evaluation.predictions import read_predictions, write_predictions
 
@@ -105,7 +106,7 @@ def test_predictions_are_read_as_they_were_written(tmp_path_factory, truth, pred
 def test_no_content_makes_reading_fail_otherwise(tmp_path_factory, content: bytes) -> None:
     path = tmp_path_factory.getbasetemp() / "any.csv"
     path.write_bytes(content)
-    with pytest.raises(PredictionsUnusable):
+    with pytest.raises(FileFormatError):
         read_predictions(path)
 
 

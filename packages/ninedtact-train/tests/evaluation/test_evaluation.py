@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ninedtact.errors import FileFormatError
 from ninedtact.quantities import Wrench
-from ninedtact_train.evaluation import ErrorDistribution, PredictionsUnusable, WrenchPredictions, evaluate_predictions
+from ninedtact_train.evaluation import ErrorDistribution, WrenchPredictions, evaluate_predictions
 from ninedtact_train.evaluation.report import format_evaluation_report
 
 SCALE = np.array([1, 1, 4, 0.03, 0.03, 0.004])
@@ -168,9 +169,9 @@ def test_torques_move_as_a_wrench_does_and_mixed_errors_are_claimed_no_longer() 
     assert evaluate_predictions(given_about.about((0.0, 0.0, -35.0))).coverage[0].covered.tolist() == pytest.approx(
         evaluate_predictions(given_about).coverage[0].covered.tolist()
     )
-    with pytest.raises(PredictionsUnusable, match=r"name it .--predictions-about-mm"):
+    with pytest.raises(FileFormatError, match=r"name it .--predictions-about-mm"):
         replace(given_about, about_mm=None).about((0.0, 0.0, 0.0))
-    with pytest.raises(PredictionsUnusable, match=r"finite numbers, got .*nan"):
+    with pytest.raises(FileFormatError, match=r"finite numbers, got .*nan"):
         given_about.about((0.0, float("nan"), 0.0))
 
 
@@ -189,5 +190,5 @@ def test_torques_move_as_a_wrench_does_and_mixed_errors_are_claimed_no_longer() 
 )
 def test_what_cannot_be_judged_is_refused(change: dict, words: str) -> None:
     whole = {"truth": wrenches(10), "predicted": wrenches(10), "std": None, "objects": None}
-    with pytest.raises(PredictionsUnusable, match=words):
+    with pytest.raises(FileFormatError, match=words):
         WrenchPredictions(**{**whole, **change})

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ninedtact.design import Gel, SensingArea, SensorDesign, rectified_mm_per_px
+from ninedtact.errors import InputError
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.gel_brightness import (
@@ -18,7 +19,7 @@ from ninedtact.simulation.gel_brightness import (
     GlarePatch,
     deviation_from_population,
 )
-from ninedtact_train.population.mechanics_shares import InvalidPopulation, NonidealMechanicsShares
+from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
 from ninedtact_train.population.real_sensor_twins import REAL_FITS
 from ninedtact_train.population.rectified_renderer import (
     misaligned_pixel_positions_mm,
@@ -205,5 +206,5 @@ def test_noise_is_new_in_every_image_and_as_strong_as_it_is_said_to_be() -> None
     ],
 )
 def test_members_that_cannot_be_drawn_are_refused(wrong: object) -> None:
-    with pytest.raises(InvalidPopulation, match="expected"):
+    with pytest.raises(InputError, match="expected"):
         wrong()  # type: ignore[operator]

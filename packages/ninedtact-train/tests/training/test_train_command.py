@@ -21,7 +21,7 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, load_sensor
 from ninedtact.cli import main
 from ninedtact.design import Gel
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CalibrationError, NinedtactError
 from ninedtact.force.brightness_channels import to_whole_grey_levels
 from ninedtact.force.estimator_and_scale import ForceScale, write_force_scale
 from ninedtact.force.estimator_loading import build_estimator
@@ -36,11 +36,7 @@ from ninedtact.force.network_input import (
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
-from ninedtact_train.dataset.calibrated_readings import (
-    DatasetSensorCalibration,
-    SensorCalibrationMissing,
-    iterate_rows_with_references,
-)
+from ninedtact_train.dataset.calibrated_readings import DatasetSensorCalibration, iterate_rows_with_references
 from ninedtact_train.dataset.height_cache import load_height_pairs
 from ninedtact_train.dataset.parquet_files import write_pair_file, write_reference_images_file
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage
@@ -381,9 +377,9 @@ def test_images_that_no_calibration_fits_are_refused(
     calibrated: dict[str, DatasetSensorCalibration], tmp_path: Path
 ) -> None:
     small = data_set(tmp_path / "small", pairs=4, size=(64, 48))
-    with pytest.raises(SensorCalibrationMissing, match="460 x 345, as sensor 'a'"):
+    with pytest.raises(CalibrationError, match="460 x 345, as sensor 'a'"):
         load_height_pairs(small, calibrated, GRID.grid)
-    with pytest.raises(SensorCalibrationMissing, match="'b'"):
+    with pytest.raises(CalibrationError, match="'b'"):
         load_height_pairs(small, {"a": calibrated["a"]}, GRID.grid)
 
 

@@ -12,20 +12,15 @@ import pytest
 import torch
 from toy import IMAGES, PAIRS, ROWS, of_heights, of_images, toy_settings
 
-from ninedtact.errors import InputError
+from ninedtact.errors import FileFormatError, ForceEstimationError, InputError, OutputError
 from ninedtact.force.network_input import InputChannels
 from ninedtact.force.onnx_model import read_force_model
-from ninedtact_train.dataset.folder import FolderTaken, begin_or_resume_folder
+from ninedtact_train.dataset.folder import begin_or_resume_folder
 from ninedtact_train.dataset.split import SplitRows
 from ninedtact_train.training.augmentation import NO_AUGMENTATION, GeometricAugmentation
 from ninedtact_train.training.compute_settings import ComputeSettings
 from ninedtact_train.training.error_scale_and_model_card import TrainedNetwork
-from ninedtact_train.training.examples import (
-    ExamplesUnusable,
-    TrainingBatch,
-    TrainingExamples,
-    move_examples_to_torque_point,
-)
+from ninedtact_train.training.examples import TrainingBatch, TrainingExamples, move_examples_to_torque_point
 from ninedtact_train.training.networks import WrenchNetwork
 from ninedtact_train.training.onnx_export import rewrite_card
 from ninedtact_train.training.settings import PAPER_TRAINING, TrainingSettings
@@ -35,13 +30,7 @@ from ninedtact_train.training.train import (
     fit_network,
     train_network,
 )
-from ninedtact_train.training.training_module import (
-    CheckpointDamaged,
-    ForceTrainingModule,
-    TrainingStopped,
-    fit_label_scaling,
-    load_checkpoint,
-)
+from ninedtact_train.training.training_module import ForceTrainingModule, fit_label_scaling, load_checkpoint
 
 CPU = ComputeSettings(accelerator="cpu")
 
@@ -122,7 +111,7 @@ def test_a_network_that_corrects_physics_learns_what_physics_lacks(tmp_path: Pat
     assert done is not None and done.model.card.input.channels.of_physics
     assert (done.evaluation.scores.skill[:3] > 0.6).all()
     assert (np.array(done.model.card.wrench_min) < 0.9 * heights.wrench[ROWS.train].min(0) + 1e-9).all()
-    with pytest.raises(ExamplesUnusable, match="without the tractions and wrenches of physics"):
+    with pytest.raises(ForceEstimationError, match="without the tractions and wrenches of physics"):
         train_network(heights, ROWS, settings, tmp_path / "other", machine=CPU)
 
 
@@ -166,7 +155,7 @@ class Watched(ForceTrainingModule):
 def test_gone_on_with_after_a_stop_it_learns_the_same(tmp_path: Path) -> None:
     settings, handler = toy_settings(), signal.getsignal(signal.SIGINT)
     whole, rows = fitted(tmp_path / "whole", settings)
-    with pytest.raises(TrainingStopped, match="run the command again"):
+    with pytest.raises(ForceEstimationError, match="run the command again"):
         fitted(tmp_path / "stopped", settings, Interrupted)
     assert signal.getsignal(signal.SIGINT) is handler
     again, rows_again = fitted(tmp_path / "stopped", settings)
@@ -190,7 +179,7 @@ def test_a_training_of_ten_steps_ends(tmp_path: Path) -> None:
 def test_the_best_epoch_stays_the_best_where_the_folder_is_moved_between_two_runs(tmp_path: Path) -> None:
     settings = toy_settings(schedule="constant", optimiser="adam")
     whole, rows = fitted(tmp_path / "whole", settings, WorseInTheEnd)
-    with pytest.raises(TrainingStopped):
+    with pytest.raises(ForceEstimationError):
         fitted(tmp_path / "stopped", settings, Interrupted)
     (tmp_path / "stopped").rename(tmp_path / "moved")
     again, rows_again = fitted(tmp_path / "moved", settings, WorseInTheEnd)
@@ -230,7 +219,7 @@ def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
     folder = tmp_path / CHECKPOINT_FOLDER
     folder.mkdir()
     (folder / "last.ckpt").write_bytes(b"half of a file")
-    with pytest.raises(CheckpointDamaged, match="remove it to begin again"):
+    with pytest.raises(FileFormatError, match="remove it to begin again"):
         fitted(tmp_path, toy_settings())
 
 
@@ -264,36 +253,36 @@ def test_settings_that_train_nothing_are_refused() -> None:
 def test_what_cannot_be_learnt_from_is_refused(
     examples: TrainingExamples, rows: SplitRows, says: str, tmp_path: Path
 ) -> None:
-    with pytest.raises(ExamplesUnusable, match=says):
+    with pytest.raises(ForceEstimationError, match=says):
         train_network(examples, rows, toy_settings(), tmp_path / "out", machine=CPU)
     assert not (tmp_path / "out").exists()
 
 
 def test_wrenches_of_a_sensor_without_torques_are_refused(tmp_path: Path) -> None:
     forces = of_heights().wrench * np.float32([1, 1, 1, 0, 0, 0])
-    with pytest.raises(ExamplesUnusable, match="got the same Tx, Ty, Tz in all 128 training pairs"):
+    with pytest.raises(ForceEstimationError, match="got the same Tx, Ty, Tz in all 128 training pairs"):
         train_network(replace(of_heights(), wrench=forces), ROWS, toy_settings(), tmp_path / "out", machine=CPU)
 
 
 def test_labels_that_are_no_numbers_are_refused() -> None:
     wrench = of_heights().wrench.copy()
     wrench[[7, 9], 2] = np.nan
-    with pytest.raises(ExamplesUnusable, match="2 of 160 that are not, the first in row 7"):
+    with pytest.raises(ForceEstimationError, match="2 of 160 that are not, the first in row 7"):
         replace(of_heights(), wrench=wrench)
-    with pytest.raises(ExamplesUnusable, match="other lengths"):
+    with pytest.raises(ForceEstimationError, match="other lengths"):
         replace(of_heights(), objects=["ball"])
 
 
 def test_another_training_in_the_same_folder_is_refused(trained: TrainingResult, tmp_path: Path) -> None:
-    with pytest.raises(FolderTaken, match="another seed"):
+    with pytest.raises(OutputError, match="another seed"):
         train_network(of_heights(), ROWS, toy_settings(seed=1), trained.path.parent, machine=CPU)
     heights = of_heights()
     features = np.full((PAIRS, 5), 0.1, np.float32)
     for other in (replace(heights, images=2 * heights.images), replace(heights, sensor_features=features)):
-        with pytest.raises(FolderTaken, match="another examples"):
+        with pytest.raises(OutputError, match="another examples"):
             train_network(other, ROWS, toy_settings(), trained.path.parent, machine=CPU)
     (tmp_path / "something").write_text("else")
-    with pytest.raises(FolderTaken, match="something else"):
+    with pytest.raises(OutputError, match="something else"):
         train_network(of_heights(), ROWS, toy_settings(), tmp_path, machine=CPU)
 
 
@@ -304,10 +293,10 @@ def test_processes_of_one_training_open_its_folder_at_once(tmp_path: Path) -> No
     for out in (tmp_path / "begun", *(tmp_path / f"new_{number}" for number in range(10))):
         with ThreadPoolExecutor(8) as ranks:
             list(ranks.map(begin_or_resume_folder, [out] * 8, [{"name": "one"}] * 8))
-        with pytest.raises(FolderTaken, match="another name"):
+        with pytest.raises(OutputError, match="another name"):
             begin_or_resume_folder(out, {"name": "other"})
         (out / "settings.json").write_text("[1]")
-        with pytest.raises(FolderTaken, match="another name"):
+        with pytest.raises(OutputError, match="another name"):
             begin_or_resume_folder(out, {"name": "one"})
 
 

@@ -209,14 +209,10 @@ HARDWARE_TABLE = "hardware"
 Design = TypeVar("Design")
 
 
-class DesignFileUnreadable(FileFormatError):
-    """A design file that is missing, is not TOML, or has a key or value that no design has."""
-
-
 def read_design_file(path: Path | str) -> SensorDesign:
     """Read a sensor design; what the file does not state is as in the published sensor.
 
-    Raises `DesignFileUnreadable`, and `DesignImpossible` for dimensions that no sensor can have.
+    Raises `FileFormatError`, and `DesignImpossible` for dimensions that no sensor can have.
     """
     return sensor_design_from_tables(read_design_tables(path), path)
 
@@ -229,11 +225,11 @@ def sensor_design_from_tables(tables: dict[str, Any], path: Path | str) -> Senso
 
 
 def read_design_tables(path: Path | str) -> dict[str, Any]:
-    """Read the file's tables, of a sensor folder's `sensor.toml` those of its design; raises `DesignFileUnreadable`."""
+    """Read the file's tables, of a sensor folder's `sensor.toml` those of its design; raises `FileFormatError`."""
     try:
         tables = tomllib.loads(read_text_file(path, accepts_pipe=True))
     except (OSError, ValueError, RecursionError) as trouble:
-        raise DesignFileUnreadable(
+        raise FileFormatError(
             f"expected a design in TOML, got {path} ({trouble}); give a file such as 'ninedtact hardware export' writes"
         ) from trouble
     is_sensor = "format" in tables and isinstance(tables.get("design"), dict)
@@ -246,19 +242,19 @@ def convert_tables_to_design(tables: dict[str, Any], kind: type[Design], path: P
     try:
         return convert_tables_to_class(tables, kind)
     except msgspec.ValidationError as trouble:
-        raise DesignFileUnreadable(
+        raise FileFormatError(
             f"expected {path} to hold a possible value in every place, got: {trouble}; correct the file"
         ) from trouble
 
 
 def _require_known_keys(tables: dict[str, Any], kind: type[Any], path: Path | str, within: tuple[str, ...]) -> None:
-    """Refuse keys that the design does not have; raises `DesignFileUnreadable`."""
+    """Refuse keys that the design does not have; raises `FileFormatError`."""
     hints, known = get_type_hints(kind), {field.name for field in fields(kind)}
     for name, value in tables.items():
         if name not in known:
             where = f" in [{'.'.join(within)}]" if within else ""
             more = f", {HARDWARE_TABLE}" if kind is SensorDesign else ""
-            raise DesignFileUnreadable(
+            raise FileFormatError(
                 f"expected one of {', '.join(sorted(known))}{more}{where}, got {name!r} in {path}; correct or remove it"
             )
         if isinstance(value, dict) and is_dataclass(hints[name]):

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.recording.errors import ReferenceMomentRefused
+from ninedtact.errors import InputError
 from ninedtact.source_addresses import (
     RECORDING_SUFFIX,
     is_twin_address,
@@ -69,8 +69,8 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
 
     Raises
     ------
-    SensorFolderDamaged, DepthNotCalibrated, SourceUnknown, SensorNotGiven, InputError, ForceModelUnusable,
-    FileFormatError, TractionImpossible, ImageUnreadable, ReferenceUnusable, ReferenceImplausible, ReferenceMomentRefused
+    SensorFolderDamaged, CalibrationError, InputError, ForceModelUnusable,
+    FileFormatError, ForceEstimationError, FileFormatError, ReferenceUnusable, InputError
         The sensor, the source, the estimator or a reference image is not usable. Opening the returned sensor raises what
         its source raises.
 
@@ -189,11 +189,11 @@ def _references_at_moments(
 ) -> "Sequence[tuple[int, DepthReader]]":
     """Return the reference images that a recording gives at moments, in s after its first image (`ReferenceImages.at_moments`).
 
-    first: in use until the first moment, where it is not that of the recording's first images. Raises `ReferenceMomentRefused`,
+    first: in use until the first moment, where it is not that of the recording's first images. Raises `InputError`,
     also where the source is not a recording.
     """
     if frames.recording is None:
-        raise ReferenceMomentRefused(
+        raise InputError(
             f"expected a recording ({RECORDING_SUFFIX}) with a moment for the reference, got {frames.name}; drop the moment, or "
             "call take_reference() of the sensor while nothing touches"
         )

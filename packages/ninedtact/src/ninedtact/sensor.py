@@ -19,10 +19,6 @@ from ninedtact.reference_images import ReferenceImages
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader
 
 
-class ReferenceMissing(CalibrationError):
-    """A reading was asked for before the sensor had a reference image."""
-
-
 @dataclass
 class Sensor:
     """A frame source together with a calibration. Open it in a `with` statement while nothing touches the gel.
@@ -48,7 +44,7 @@ class Sensor:
     def read(self) -> Reading:
         """Wait for the next frame and return its reading.
 
-        Raises `ReferenceMissing` when the sensor has no reference image, and whatever the source raises.
+        Raises `CalibrationError` when the sensor has no reference image, and whatever the source raises.
         """
         self._require_reference()
         watch = Stopwatch()
@@ -135,7 +131,7 @@ class Sensor:
 
     def _require_reference(self) -> DepthReader:
         if self.references.in_use is None:
-            raise ReferenceMissing(
+            raise CalibrationError(
                 "expected a reference image (no contact) before the first reading, got none; open the sensor in a with "
                 "statement, or call take_reference()"
             )

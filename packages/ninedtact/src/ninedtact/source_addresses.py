@@ -11,7 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.recording.errors import SensorNotGiven, WrenchSourceMismatched, require_recording_libraries
+from ninedtact.errors import InputError
+from ninedtact.recording.errors import require_recording_libraries
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -39,7 +40,7 @@ def source_for(
     """Return the source that `text` names, not yet opened.
 
     `text` is a camera, stream, video file, folder of images, recording (.mcap) or "sim", the twin of `sensor`. Without a
-    sensor it is the default twin. `settings` apply to cameras on this computer. Raises `SourceUnknown`.
+    sensor it is the default twin. `settings` apply to cameras on this computer. Raises `InputError`.
 
     >>> ninedtact.source_for("0").name
     'camera 0'
@@ -73,9 +74,9 @@ def source_in_real_time(
 
 
 def require_matching_force_source(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:
-    """Raise `WrenchSourceMismatched` unless images and forces come from the same kind: devices, a simulation or recordings."""
+    """Raise `InputError` unless images and forces come from the same kind: devices, a simulation or recordings."""
     if force_torque is not None and any(kind(source) != kind(force_torque) for kind in kinds):
-        raise WrenchSourceMismatched(
+        raise InputError(
             f"expected --source and --force-torque to be both devices, both {SIMULATED} or both recordings, got '{source}' "
             f"and '{force_torque}'; name two that belong together"
         )
@@ -88,7 +89,7 @@ def load_given_or_recorded_sensor(
     """Load the sensor that is named, or else the one that a recording carries.
 
     A sensor restored from a recording is deleted when the block ends; what was loaded from it stays usable. Raises
-    `SensorNotGiven`, `SensorFolderDamaged`.
+    `InputError`, `SensorFolderDamaged`.
     """
     from tempfile import TemporaryDirectory
 
@@ -103,7 +104,7 @@ def load_given_or_recorded_sensor(
     recording = source.recording if not isinstance(source, str) else source if is_recording_address(source) else None
     if recording is None:
         name = source if isinstance(source, str) else source.name
-        raise SensorNotGiven(
+        raise InputError(
             f"expected --sensor with --source {name}, got none; name the folder that 'ninedtact calibrate --out' wrote"
         )
     require_recording_libraries()

@@ -12,13 +12,13 @@ from ninedtact.calibration.board.board_fit import (
 )
 from ninedtact.calibration.board.detection import BoardNotFound, find_board_candidate
 from ninedtact.calibration.board.lens_fit import fit_lens_with_terms, rms_vector_length
-from ninedtact.calibration.brightness_change import ImageUnusable
 from ninedtact.calibration.guidance import search_board_pins
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.design import PinBoard, SensorDesign
+from ninedtact.errors import CalibrationError
 
 BOARD = PinBoard()
 
@@ -186,7 +186,7 @@ def test_noise_is_no_board() -> None:
 @pytest.mark.parametrize(("level", "word"), [(0, "lit"), (255, "overexposed")])
 def test_dark_and_burnt_images_are_refused(level: int, word: str) -> None:
     flat = np.full((480, 640, 3), level, np.uint8)
-    with pytest.raises(ImageUnusable, match=word):
+    with pytest.raises(CalibrationError, match=word):
         fit_board(flat, flat, BOARD)
 
 

@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 from known_sensor import LENS
 
-from ninedtact.calibration.board.board_fit import (
-    BoardFit,
-    BoardWithoutCentralPin,
-    PublishedPinMap,
-    build_rectification,
-    calibrated_area_mm,
-)
+from ninedtact.calibration.board.board_fit import BoardFit, PublishedPinMap, build_rectification, calibrated_area_mm
 from ninedtact.calibration.board.detection import (
     BoardCandidate,
     BoardNotFound,
@@ -40,6 +34,7 @@ from ninedtact.calibration.board.pin_imprint_centres import (
     measure_pins,
 )
 from ninedtact.design import PinBoard, SensorDesign
+from ninedtact.errors import InputError
 from ninedtact.shape.lens_and_rectification import CorrectedLensModel, LensModel, LensModelCorrection, central_mm_per_px
 
 RNG = np.random.default_rng(0)
@@ -213,7 +208,7 @@ def test_the_papers_way_needs_a_pin_in_the_middle(rows: int, cols: int, has_midd
     if has_middle:
         assert pin_map.mm_per_px == pytest.approx(0.05)
     else:
-        with pytest.raises(BoardWithoutCentralPin, match=f"got {cols} x {rows} pins"):
+        with pytest.raises(InputError, match=f"got {cols} x {rows} pins"):
             _ = pin_map.mm_per_px
 
 

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from upstream_folder import UpstreamFolder
 
-from ninedtact.calibration.brightness_change import ImageUnusable
 from ninedtact.calibration.drift.diagnosis import diagnose_drift
 from ninedtact.calibration.drift.reference_check import CalibratedReference, load_calibrated_reference, measure_drift
 from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
-from ninedtact.capture.strict_image_reading import ImageSizeWrong, read_image
+from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.cli.check import CheckCommand
-from ninedtact.errors import InputError
+from ninedtact.errors import CalibrationError, FileFormatError, InputError
 from ninedtact.quantities import BgrImage
 
 SENSORS = ("sensor_a", "sensor_i", "sensor_j")
@@ -146,9 +145,9 @@ def test_figures_are_right(known: dict, images: dict) -> None:
 
 
 def test_an_image_that_cannot_be_compared_is_refused(known: dict[str, CalibratedReference]) -> None:
-    with pytest.raises(ImageSizeWrong, match="640 x 480 pixels, got 320 x 240"):
+    with pytest.raises(FileFormatError, match="640 x 480 pixels, got 320 x 240"):
         measure_drift(known["sensor_a"], np.full((240, 320, 3), 160, np.uint8))
-    with pytest.raises(ImageUnusable, match="switch the sensor's light on"):
+    with pytest.raises(CalibrationError, match="switch the sensor's light on"):
         measure_drift(known["sensor_a"], np.zeros((480, 640, 3), np.uint8))
 
 

@@ -14,11 +14,11 @@ from ninedtact.calibration.drift.reference_check import (
     CalibratedReference,
     DriftMeasurement,
     ReferenceImageChecker,
-    ReferenceImplausible,
     describe_new_contact,
     measure_drift,
 )
 from ninedtact.design import RectifiedImageSize, SensorDesign
+from ninedtact.errors import InputError
 from ninedtact.quantities import BgrImage, Frame, Rectified, centred_axis_mm
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.lens_and_rectification import LensModel, rectification_of_projection
@@ -214,7 +214,7 @@ def test_a_reference_with_a_contact_or_of_another_sensor_is_refused_and_slow_cha
     ):
         found = check.find_faults([Frame(image_of(brightness, 4)), Frame(image_of(brightness, 5))])
         assert [each.partition(":")[0] for each in found] == ([] if fault is None else [fault])
-    with pytest.raises(ReferenceImplausible, match="of sensor small without contact, got one with a fault; something"):
+    with pytest.raises(InputError, match="of sensor small without contact, got one with a fault; something"):
         check.require_faultless([Frame(image_of(untouched * press, 4))])
     assert ReferenceImageChecker("imported", None).find_faults([Frame(image_of(untouched * press, 4))]) == ()
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from ninedtact.calibration.brightness_change import (
-    ImageUnusable,
     estimate_camera_noise,
     estimate_pixel_noise,
     flat_fielded_brightness_change,
     require_same_image_size,
     require_usable_exposure,
 )
+from ninedtact.errors import CalibrationError
 
 
 def columns(*levels: float) -> np.ndarray:
@@ -34,8 +34,8 @@ def test_the_noise_of_a_pixel_is_found_beside_smooth_content() -> None:
 def test_dark_and_overexposed_images_and_two_sizes_are_refused() -> None:
     require_usable_exposure("ball image", columns(250, *[120] * 9))
     for levels, remedy in (([5], "switch the sensor's light on"), ([250, 250, 120], "lower exposure or gain")):
-        with pytest.raises(ImageUnusable, match=f"for the ball image, got .*; {remedy}"):
+        with pytest.raises(CalibrationError, match=f"for the ball image, got .*; {remedy}"):
             require_usable_exposure("ball image", columns(*levels))
     require_same_image_size("board image", columns(1, 2), columns(3, 4))
-    with pytest.raises(ImageUnusable, match=r"the board image and its reference .* got 3x5 and 2x5"):
+    with pytest.raises(CalibrationError, match=r"the board image and its reference .* got 3x5 and 2x5"):
         require_same_image_size("board image", columns(1, 2), columns(3, 4, 5))

@@ -25,11 +25,7 @@ from ninedtact.calibration.original_9dtact.folder_format import (
     ROW_INDEX,
     read_finite_npy,
 )
-from ninedtact.calibration.original_9dtact.import_export import (
-    OriginalFolderDamaged,
-    export_original_calibration,
-    import_original_calibration,
-)
+from ninedtact.calibration.original_9dtact.import_export import export_original_calibration, import_original_calibration
 from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolderDamaged, load_sensor
 from ninedtact.calibration.sensor_toml_schema import (
@@ -44,7 +40,7 @@ from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.cli.original_calibration import ExportCalibrationCommand, ImportCalibrationCommand
 from ninedtact.cli.reconstruct import ReconstructCommand
 from ninedtact.design import RectifiedImageSize, SensorDesign
-from ninedtact.errors import OutputError
+from ninedtact.errors import FileFormatError, OutputError
 from ninedtact.quantities import Frame, HeightSource
 from ninedtact.shape.depth import DepthCurve, Smoothing
 
@@ -177,7 +173,7 @@ def test_a_folder_that_is_not_one_sensor_is_refused(tmp_path: Path) -> None:
 
 def assert_refused(folder: Path, sentence: str) -> None:
     out = folder.parent / "out" / "ours"
-    with pytest.raises(OriginalFolderDamaged, match=sentence):
+    with pytest.raises(FileFormatError, match=sentence):
         import_original_calibration(folder, out)
     assert not out.parent.exists() or not any(out.parent.iterdir())
 
@@ -193,7 +189,7 @@ def test_any_damage_to_a_file_is_refused_or_harmless(tmp_path: Path, position: i
     path.write_bytes(bytes(content[:cut] if cut < 200 else content))
     try:
         numbers = read_finite_npy(path, 1)
-    except OriginalFolderDamaged as refusal:
+    except FileFormatError as refusal:
         assert "\n" not in str(refusal)
     else:
         assert np.isfinite(numbers).all()
@@ -286,7 +282,7 @@ def test_an_export_that_would_lose_something_is_refused(tmp_path: Path) -> None:
         export_original_calibration(ours, tmp_path / "ours" / SENSOR_FILE)
     imported = import_original_calibration(UpstreamFolder().write(tmp_path / "sensor_2"), tmp_path / "imported")
     UpstreamFolder(position_scale=np.array([239.0, 318.0, 0.0511])).write(imported.path / "original_9dtact")
-    with pytest.raises(OriginalFolderDamaged, match="as it was imported"):
+    with pytest.raises(FileFormatError, match="as it was imported"):
         export_original_calibration(imported, tmp_path / "sensor_1")
 
 

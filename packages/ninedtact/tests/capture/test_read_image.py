@@ -11,14 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ninedtact.capture.strict_image_reading import (
-    ImageSizeWrong,
-    ImageUnreadable,
-    average_images,
-    image_file_fault,
-    read_image,
-    require_image_size,
-)
+from ninedtact.capture.strict_image_reading import average_images, image_file_fault, read_image, require_image_size
+from ninedtact.errors import FileFormatError
 
 IMAGE = np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8)
 SMOOTH = cv2.GaussianBlur(IMAGE, (0, 0), 4)
@@ -44,7 +38,7 @@ def read_or_refuse(content: bytes, folder: Path) -> np.ndarray | None:
     path.write_bytes(content)
     try:
         image = read_image(path)
-    except ImageUnreadable as refusal:
+    except FileFormatError as refusal:
         assert "expected" in str(refusal) and ", got " in str(refusal) and "; " in str(refusal)
         return None
     assert image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3
@@ -159,7 +153,7 @@ def test_what_cannot_be_measured_is_refused_with_the_reason(tmp_path: Path, capf
     for reason, content in reasons.items():
         path = tmp_path / "image.png"
         path.write_bytes(content)
-        with pytest.raises(ImageUnreadable, match=f"expected .*, got .*{reason}.*; "):
+        with pytest.raises(FileFormatError, match=f"expected .*, got .*{reason}.*; "):
             read_image(path)
     huge_file = tmp_path / "huge.png"
     huge_file.touch()
@@ -170,7 +164,7 @@ def test_what_cannot_be_measured_is_refused_with_the_reason(tmp_path: Path, capf
         (Path("/dev/zero"), "device"),
         (huge_file, "huge file"),
     ):
-        with pytest.raises(ImageUnreadable, match=reason):
+        with pytest.raises(FileFormatError, match=reason):
             read_image(path)
     printed = capfd.readouterr()
     assert printed.err == "" and printed.out == ""
@@ -181,11 +175,11 @@ def test_an_average_is_rounded_and_refuses_mixed_sizes() -> None:
     assert np.all(average_images(levels) == 254)
     assert np.all(average_images(levels[:2]) == 255)
     assert np.array_equal(average_images([IMAGE]), IMAGE)
-    with pytest.raises(ImageSizeWrong, match="image 2 of 2 to be 3 x 2 pixels, got 32 x 24"):
+    with pytest.raises(FileFormatError, match="image 2 of 2 to be 3 x 2 pixels, got 32 x 24"):
         average_images([levels[0], IMAGE])
-    with pytest.raises(ImageUnreadable, match="got none"):
+    with pytest.raises(FileFormatError, match="got none"):
         average_images([])
-    with pytest.raises(ImageSizeWrong, match="the press"):
+    with pytest.raises(FileFormatError, match="the press"):
         require_image_size(IMAGE, rows=480, cols=640, what="the press")
 
 
@@ -202,7 +196,7 @@ def test_an_image_of_a_hundred_million_pixels_is_the_largest(tmp_path: Path) -> 
         )
 
     (tmp_path / "large.png").write_bytes(of_width(10_001))
-    with pytest.raises(ImageUnreadable, match="got 10001 x 10000 pixels"):
+    with pytest.raises(FileFormatError, match="got 10001 x 10000 pixels"):
         read_image(tmp_path / "large.png")
     assert read_or_refuse(of_width(1000), tmp_path) is not None
 

@@ -21,22 +21,20 @@ from twin_folder import twin_folder
 from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback, RepeatingSource
 from ninedtact.capture.frame_source import (
     CameraLost,
-    CameraNotFound,
     ExposureWithLimits,
     FrameSource,
     ImageFolder,
     SourceEnded,
     SourceIncomplete,
     SourceNotOpen,
-    SourceUnknown,
 )
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.source_from_address import camera_or_file_source
-from ninedtact.capture.strict_image_reading import ImageSizeWrong, ImageUnreadable
 from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.capture.video_file import VideoFile
+from ninedtact.errors import CameraError, FileFormatError, InputError
 from ninedtact.quantities import Frame
 from ninedtact.recording import background_reader
 from ninedtact.recording.metadata import RecordingMetadata
@@ -244,7 +242,7 @@ def test_what_is_not_there_is_refused_in_one_sentence_and_nothing_stays_open(
     absent: FrameSource, capfd: pytest.CaptureFixture[str]
 ) -> None:
     for source in (absent, LatestFrameSource(absent), reconnecting(absent)):
-        with pytest.raises(CameraNotFound, match=r"expected .* got .*;"), source:
+        with pytest.raises(CameraError, match=r"expected .* got .*;"), source:
             pass
         with pytest.raises(SourceNotOpen):
             source.read()
@@ -334,10 +332,10 @@ def test_a_driver_that_hangs_is_told_once(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_a_page_that_is_no_stream_and_a_file_that_is_no_video_are_refused(tmp_path: Path) -> None:
-    with MjpegCamera() as camera, pytest.raises(CameraNotFound), NetworkStream(camera.url.replace("stream", "other")):
+    with MjpegCamera() as camera, pytest.raises(CameraError), NetworkStream(camera.url.replace("stream", "other")):
         pass
     (tmp_path / "video.mp4").write_bytes(b"not a video" * 100)
-    with pytest.raises(ImageUnreadable, match="expected a video"), VideoFile(tmp_path / "video.mp4"):
+    with pytest.raises(FileFormatError, match="expected a video"), VideoFile(tmp_path / "video.mp4"):
         pass
 
 
@@ -418,7 +416,7 @@ def test_a_video_whose_images_change_their_size_ends_there(tmp_path: Path) -> No
     (tmp_path / "two.mjpg").write_bytes(7 * large + 5 * small)
     with VideoFile(tmp_path / "two.mjpg") as video:
         assert [video.read().image.shape[:2] for _ in range(7)] == 7 * [(48, 64)]
-        with pytest.raises(ImageSizeWrong, match="to be 64 x 48 pixels, got 64 x 32 after 7 images;"):
+        with pytest.raises(FileFormatError, match="to be 64 x 48 pixels, got 64 x 32 after 7 images;"):
             video.read()
         with pytest.raises(SourceEnded):
             video.read()
@@ -434,11 +432,11 @@ def test_a_folder_is_read_in_counting_order_and_goes_on_after_a_bad_image(tmp_pa
         assert [int(folder.read().image[0, 0, 0]) for _ in range(2)] == [1, 2]
         (tmp_path / "press_4.png").write_bytes(b"")  # of which an open folder knows nothing
         folder.open()
-        with pytest.raises(ImageUnreadable, match=r"press_3.*empty"):
+        with pytest.raises(FileFormatError, match=r"press_3.*empty"):
             folder.read()
         after = folder.read()
         assert int(after.image[0, 0, 0]) == 10 and after.index == 3
-        with pytest.raises(ImageSizeWrong, match="8 x 8 pixels, got 8 x 9"):
+        with pytest.raises(FileFormatError, match="8 x 8 pixels, got 8 x 9"):
             folder.read()
 
 
@@ -471,17 +469,17 @@ def test_text_names_a_source(bench: Bench) -> None:
         "-1",
         str(bench.folder / "press_0.png"),
     ):
-        with pytest.raises(SourceUnknown, match=r"expected .* got .*;"):
+        with pytest.raises(InputError, match=r"expected .* got .*;"):
             camera_or_file_source(text)
 
 
 def test_a_password_is_never_shown() -> None:
     source = NetworkStream("rtsp://me:secret@127.0.0.1:9/live?x=1", open_timeout_ms=500.0)
-    with pytest.raises(CameraNotFound) as refusal:
+    with pytest.raises(CameraError) as refusal:
         source.open()
     assert source.name == "rtsp://127.0.0.1:9/live?x=1"
     assert "secret" not in str(refusal.value)
     for wrong in ("rtps://me:secret@[x/live", "http://me:secret@[x/live"):
-        with pytest.raises(SourceUnknown) as unknown:
+        with pytest.raises(InputError) as unknown:
             camera_or_file_source(wrong)
         assert "secret" not in str(unknown.value)

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ninedtact.design import Gel
+from ninedtact.errors import ForceEstimationError
 from ninedtact.force.traction.brightness_from_traction import COMPLIANT_BASE
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force
 from ninedtact.force.traction.observation import (
     BrightnessObservationModel,
     HeightObservationModel,
-    TractionImpossible,
     build_brightness_observation_model,
     cell_grid_over_image,
 )
@@ -330,23 +330,23 @@ def test_a_search_that_was_cut_short_is_doubted() -> None:
 
 def test_a_curve_without_bulges_is_refused() -> None:
     blind = replace(CURVE, brightening=(0.0,), bulge_mm=(0.0,))
-    with pytest.raises(TractionImpossible, match="expected a depth curve that knows bulges"):
+    with pytest.raises(ForceEstimationError, match="expected a depth curve that knows bulges"):
         BrightnessObservationModel(blind, GlobalDimmingModel(), 0.5)
 
 
 def test_a_map_that_is_out_of_view_is_refused() -> None:
     nowhere = np.full(WIDE, HeightSource.OUT_OF_VIEW, np.uint8)
-    with pytest.raises(TractionImpossible, match="out of view everywhere"):
+    with pytest.raises(ForceEstimationError, match="out of view everywhere"):
         by_height().estimate(reading(noisy(), nowhere))
 
 
 def test_a_missing_gel_is_refused() -> None:
-    with pytest.raises(TractionImpossible, match="got no gel"):
+    with pytest.raises(ForceEstimationError, match="got no gel"):
         build_traction_force(bare(Deblurring(0.5)), None)
 
 
 def test_a_calibration_that_knows_no_scattering_is_refused() -> None:
-    with pytest.raises(TractionImpossible, match="how light scatters"):
+    with pytest.raises(ForceEstimationError, match="how light scatters"):
         build_brightness_observation_model(bare(None))
 
 

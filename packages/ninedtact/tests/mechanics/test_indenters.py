@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from ninedtact.design import DesignImpossible
-from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, InvalidUnderside, indenter_from_heights
+from ninedtact.errors import InputError
+from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter import (
     _TILT_DRIFT_MM,
     _TILT_REACH_MM,
@@ -85,7 +86,7 @@ def test_a_footprint_is_cut_out_and_lowered_to_the_plane() -> None:
     assert grid.heights_mm.shape == (2, 5)
     assert grid.heights_mm[0].tolist() == [0.5, 0.5, 0.0, 0.5, 0.5]
     for wrong in (np.zeros((0, 3)), np.ones((2, 2)), np.full((2, 2), np.nan), np.array([[0.0, NO_OBJECT_MM + 1]])):
-        with pytest.raises(InvalidUnderside):
+        with pytest.raises(InputError):
             HeightGridIndenter("wrong", wrong, 1.0)
 
 

@@ -6,6 +6,7 @@ from gels import BALL, DOUBLE, GEL, SMALL, Plate, model, pressed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ninedtact.errors import InputError
 from ninedtact.mechanics import contact_model as contacts
 from ninedtact.mechanics.active_region import (
     GridRectangle,
@@ -17,7 +18,7 @@ from ninedtact.mechanics.active_region import (
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.contact_result import ContactLeavesGrid, periodic_image_error_mm
 from ninedtact.mechanics.pose import Pose
-from ninedtact.mechanics.skin import PeriodicGrid, PeriodicGridTooSmall, gel_skin, padded_grid
+from ninedtact.mechanics.skin import PeriodicGrid, gel_skin, padded_grid
 
 MOVES = (Pose(depth_mm=0.8), Pose(0.4, -0.2, 0.9, 0.1))
 
@@ -91,7 +92,7 @@ def test_a_patch_is_wide_enough_and_quick_to_transform():
     assert grid.height_mm >= 26
     assert grid.cell_area_mm2 == pytest.approx(0.04)
     np.testing.assert_allclose(grid.positions_mm.mean(axis=(1, 2)), 0, atol=1e-12)
-    with pytest.raises(PeriodicGridTooSmall, match=r"expected a grid of at least 8 x 8 points"):
+    with pytest.raises(InputError, match=r"expected a grid of at least 8 x 8 points"):
         PeriodicGrid(4, 100, 0.2)
 
 

@@ -18,9 +18,9 @@ from mcap.reader import make_reader
 from mcap.summary import Summary
 from mcap.writer import Writer
 
-from ninedtact.capture.frame_source import CameraNotFound
 from ninedtact.cli import main
-from ninedtact.recording.errors import RecordingRefused, RecordingStopped, RecordingUnreadable
+from ninedtact.errors import CameraError, OutputError
+from ninedtact.recording.errors import RecordingStopped, RecordingUnreadable
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans, write_whole_copy
 from ninedtact.recording.metadata import METADATA_RECORD, RECORDING_FORMAT, RecordingMetadata
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses
@@ -169,7 +169,7 @@ def test_a_recording_that_is_being_written_is_read_and_is_not_said_to_be_cut(
         said = capsys.readouterr().err
         assert "of a recording that is still being written; use what was read" in said and "cut short" not in said
         make_old(path)
-        with pytest.raises(RecordingRefused, match=r"which is still being written.*; wait, and label it then"):
+        with pytest.raises(OutputError, match=r"which is still being written.*; wait, and label it then"):
             edit_labelled_spans(path, lambda _: [PUSH])
         cut.write_bytes(path.read_bytes())  # a copy, which nobody writes
     assert read_beginning(path) == (6, 40)
@@ -287,12 +287,12 @@ def test_a_recording_never_overwrites_and_is_missed_in_words(tmp_path: Path) -> 
     path = write_episode(tmp_path / "there.mcap", frames=1, samples=1)
     before = path.read_bytes()
     for taken in (path, tmp_path / "no folder" / "x.mcap"):
-        with pytest.raises(RecordingRefused, match=r"expected .* got"), RecordingWriter(taken, RecordingMetadata("x")):
+        with pytest.raises(OutputError, match=r"expected .* got"), RecordingWriter(taken, RecordingMetadata("x")):
             pass
     assert path.read_bytes() == before
     os.mkfifo(tmp_path / "pipe.mcap")
     for path, kind in ((tmp_path / "pipe.mcap", "a pipe or device"), (tmp_path, "a folder")):
-        with pytest.raises(CameraNotFound, match=f"got {kind}; give a file"):
+        with pytest.raises(CameraError, match=f"got {kind}; give a file"):
             Recording(path)
 
 
@@ -356,7 +356,7 @@ def test_labels_of_a_recording_that_was_cut_short_are_written_with_its_whole_cop
     cut.write_bytes(write_episode(tmp_path / "whole.mcap").read_bytes()[:-100])
     for age_s in (4.0, -4.0):  # another computer may be writing it, whose clock may be ahead
         os.utime(cut, (time.time() - age_s,) * 2)
-        with pytest.raises(RecordingRefused, match=r"or was until 5 s ago; wait, and label it then"):
+        with pytest.raises(OutputError, match=r"or was until 5 s ago; wait, and label it then"):
             edit_labelled_spans(cut, lambda _: [PUSH])
     os.utime(cut, (time.time() - 5.5,) * 2)
     assert edit_labelled_spans(cut, lambda _: [PUSH]) == [PUSH]

@@ -26,11 +26,11 @@ from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, SourceNotOpen
 from ninedtact.cli import main
 from ninedtact.cli.record import twin_sources
+from ninedtact.errors import InputError
 from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
-from ninedtact.recording.errors import ReferenceMomentRefused
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import (
@@ -487,7 +487,7 @@ def test_heights_that_could_not_be_computed_are_an_error_and_the_images_stay(
     assert f"{path} keeps" in kept and "6 of /twin/image_raw" in kept
     assert "expected at least 10 images for the reference of heights and forces, got 6" in said
     said = f"expected reference images in {path}, or at least 10 images .*, got 6 images alone; record longer"
-    with Recording(path) as recording, pytest.raises(ReferenceMomentRefused, match=said):
+    with Recording(path) as recording, pytest.raises(InputError, match=said):
         list(recording.readings())
 
 

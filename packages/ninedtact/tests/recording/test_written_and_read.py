@@ -13,7 +13,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from ninedtact.errors import OutputError
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Wrench, WrenchEstimate
-from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
+from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.export import export_recording
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata, parse_recording_metadata
 from ninedtact.recording.reader import Recording
@@ -159,7 +159,7 @@ def test_what_could_not_be_read_again_is_not_recorded(tmp_path: Path, changed: d
     path, metadata = tmp_path / "never.mcap", RecordingMetadata("small")
     for field, value in changed.items():
         object.__setattr__(metadata, field, value)  # as a program without a type checker would give it
-    with pytest.raises(RecordingRefused, match=told), RecordingWriter(path, metadata):
+    with pytest.raises(OutputError, match=told), RecordingWriter(path, metadata):
         pass
     assert not path.exists()
 

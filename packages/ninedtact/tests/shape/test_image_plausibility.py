@@ -6,10 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from ninedtact.calibration.drift.reference_check import ReferenceImplausible, load_reference_image_checker
+from ninedtact.calibration.drift.reference_check import load_reference_image_checker
 from ninedtact.calibration.procedure import CalibrationImages
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.quantities import EstimateWarning, Frame
@@ -100,10 +101,10 @@ def test_real_presses_are_plausible_and_exchanged_ones_are_not(
     check.require_faultless([Frame(images.ball_reference)])
     check.require_faultless([Frame(images.board_reference)])
     for wrong in (images.ball, images.board, images.ball_reference[:, ::-1].copy()):
-        with pytest.raises(ReferenceImplausible, match="without contact"):
+        with pytest.raises(InputError, match="without contact"):
             check.require_faultless([Frame(wrong)])
     for letter in "ij":
-        with pytest.raises(ReferenceImplausible, match="another sensor's gel"):
+        with pytest.raises(InputError, match="another sensor's gel"):
             check.require_faultless([Frame(real_images[letter].ball_reference)])
 
 

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ninedtact.errors import InputError
 from ninedtact.mechanics.skin import PeriodicGrid
-from ninedtact.simulation.gel_brightness import BrightnessModel, InvalidBrightnessModel
+from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import REFINEMENT, SightlineGrid, blur_and_refine_fields, refine_fields
 
 lights = st.builds(
@@ -38,7 +39,7 @@ def test_nothing_is_lost_where_nothing_is_dark(light: BrightnessModel) -> None:
     "name", ["darkening_per_mm", "saturation", "point_spread_mm", "global_dimming", "inverse_distance_per_mm"]
 )
 def test_a_negative_light_is_refused(name: str) -> None:
-    with pytest.raises(InvalidBrightnessModel, match=f"light.{name} of zero or more"):
+    with pytest.raises(InputError, match=f"light.{name} of zero or more"):
         BrightnessModel(**{name: -0.1})
 
 

@@ -8,6 +8,7 @@ import pytest
 from small_press_simulation import TWIN
 
 from ninedtact.design import PinBoard
+from ninedtact.errors import InputError
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.quantities import HeightSource
@@ -21,7 +22,7 @@ from ninedtact.simulation.ground_truth import (
     true_shear_map_mpa,
 )
 from ninedtact.simulation.hand_moved_object import HandTarget, SimulatedHand
-from ninedtact.simulation.trajectory import InvalidPress, ScriptedPress
+from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import LOAD_TOLERANCE, ContactLeavesGel, PoseOutOfView
 
 
@@ -64,7 +65,7 @@ def test_a_load_is_held_all_the_way() -> None:
     ],
 )
 def test_a_press_that_is_none_is_refused(press: type[ScriptedPress], said: str) -> None:
-    with pytest.raises(InvalidPress, match=said):
+    with pytest.raises(InputError, match=said):
         press()
 
 
@@ -72,7 +73,7 @@ def test_what_a_twin_cannot_answer_for_is_refused() -> None:
     for beside in ((15.0, 0.0), (0.0, -11.0)):
         with pytest.raises(PoseOutOfView, match=r"expected the object over the skin .*; press nearer to the centre"):
             ScriptedPress(1.0, at_mm=beside).simulate(TWIN, Ball(4.0))
-    with pytest.raises(InvalidPress, match=r"the gel is thick, 2.5 mm, got 2.7 mm"):
+    with pytest.raises(InputError, match=r"the gel is thick, 2.5 mm, got 2.7 mm"):
         ScriptedPress(2.7).simulate(TWIN, Ball(4.0))
     with pytest.raises(InvalidPose, match=r"its base, 2.5 mm, got 2.59"):
         TWIN.press(None, Ball(4.0), Pose(depth_mm=2.6))

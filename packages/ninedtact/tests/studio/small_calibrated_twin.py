@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from ninedtact.capture.frame_source import CameraLost, CameraNotFound
+from ninedtact.capture.frame_source import CameraLost
+from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
 from ninedtact.simulation.gel_brightness import synthetic_reference_image
@@ -29,7 +30,7 @@ class PluggedCamera(SimulatedCalibrationCamera):
 
     def open(self) -> None:
         if not self.plugged_in:
-            raise CameraNotFound("expected the camera, got none; plug it in")
+            raise CameraError("expected the camera, got none; plug it in")
         super().open()
 
     def read(self) -> Frame:

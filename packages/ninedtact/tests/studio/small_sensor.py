@@ -18,8 +18,9 @@ from ninedtact.calibration.sensor_toml_schema import (
     SensorTomlRecord,
 )
 from ninedtact.capture.frame_pacing import LatestFrameSource
-from ninedtact.capture.frame_source import CameraLost, CameraNotFound, FrameSource, SourceNotOpen
+from ninedtact.capture.frame_source import CameraLost, FrameSource, SourceNotOpen
 from ninedtact.design import RectifiedImageSize, SensorDesign
+from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
 from ninedtact.shape.depth import DepthCurve, Smoothing
@@ -79,7 +80,7 @@ class SkinCamera(FrameSource):
 
     def open(self) -> None:
         if not self.plugged_in:
-            raise CameraNotFound(f"expected {self.name}, got none; plug it in")
+            raise CameraError(f"expected {self.name}, got none; plug it in")
         self._closed, self._next_index = Event(), 0
 
     def read(self) -> Frame:

@@ -13,9 +13,9 @@ from small_sensor import sensor_folder, wait_until
 
 from ninedtact.calibration.guidance import PinSearchResult
 from ninedtact.calibration.settings import CalibrationSettings
-from ninedtact.capture.frame_source import CameraNotFound, FrameSource, SourceEnded
+from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.design import SensorDesign
-from ninedtact.errors import OutputError
+from ninedtact.errors import CameraError, OutputError
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession
@@ -150,7 +150,7 @@ def test_an_existing_sensor_is_replaced_only_by_agreement(session: CalibrationSe
 def test_another_camera_is_chosen_only_before_the_start(tmp_path: Path, camera: PluggedCamera) -> None:
     def open_source(address: str) -> PluggedCamera:
         if address == "none":
-            raise CameraNotFound("expected camera none, got none; plug it in")
+            raise CameraError("expected camera none, got none; plug it in")
         return camera
 
     with CalibrationSession(SwitchableCamera(open_source, "none"), tmp_path / "s", settings=SETTINGS) as session:

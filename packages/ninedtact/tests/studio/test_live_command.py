@@ -16,10 +16,8 @@ from small_sensor import sensor_folder, skin
 
 from ninedtact._version import installation_command
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
-from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.cli import main
 from ninedtact.cli.live import Live
-from ninedtact.cli.shared_options import InvalidLiveOption
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.studio.page_controller import PageMoment
@@ -98,9 +96,9 @@ def test_bad_options_are_refused_before_any_camera_is_touched(
     folder = sensor_folder(tmp_path / "small")
     with pytest.raises(SensorFolderDamaged, match="expected a sensor folder"):
         Live((str(images),), (str(tmp_path / "none"),)).run()
-    with pytest.raises(SourceUnknown, match="which is none of these"):
+    with pytest.raises(InputError, match="which is none of these"):
         Live(("nothing",), (str(folder),)).run()
-    with pytest.raises(InvalidLiveOption, match="above 0 and at most 120, got 0;"):
+    with pytest.raises(InputError, match="above 0 and at most 120, got 0;"):
         Live((str(images),), (str(folder),), display_hz=0).run()
     with pytest.raises(InputError, match="got 'robot';"):
         Live((str(images),), (str(folder),), allow_origin=("robot",)).run()

@@ -30,14 +30,14 @@ from small_sensor import SkinCamera, sensor_folder, sensor_on, wait_until
 import ninedtact
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
-from ninedtact.errors import InputError, NinedtactError
+from ninedtact.errors import InputError, NinedtactError, OutputError
 from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.live.wrench_history import MOST_HZ, WrenchHistory, WrenchWithUncertainty
 from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
-from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
+from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
@@ -306,7 +306,7 @@ def test_labels_that_cannot_be_written_leave_the_file_as_it_was(recorded: tuple[
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
     assert path.read_bytes() == before and len(list(path.parent.iterdir())) == 1
     path.write_bytes(before[:-300])
-    with pytest.raises(RecordingRefused, match="still being written, or was until 5 s ago"):
+    with pytest.raises(OutputError, match="still being written, or was until 5 s ago"):
         edit_labelled_spans(path, lambda _: [LabelledSpan(0, 1, "x")])
     assert path.read_bytes() == before[:-300]
 

@@ -5,11 +5,12 @@ import pytest
 from small_sensor import MM_PER_PX, PRESSED_PX, SHAPE, UNTOUCHED, SkinCamera, skin
 
 from ninedtact.capture.frame_source import CameraLost
+from ninedtact.errors import CalibrationError
 from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.reference_images import ReferenceImages
-from ninedtact.sensor import ReferenceMissing, Sensor
+from ninedtact.sensor import Sensor
 
 STD = np.array([0.1, 0.1, 0.2, 1e-3, 1e-3, 1e-4])
 
@@ -56,7 +57,7 @@ def test_every_opening_takes_a_new_reference() -> None:
 def test_a_reading_without_a_reference_is_refused() -> None:
     sensor = Sensor(SkinCamera(), SHAPE)
     sensor.open(take_reference=False)
-    with pytest.raises(ReferenceMissing, match="take_reference"):
+    with pytest.raises(CalibrationError, match="take_reference"):
         sensor.read()
     sensor.close()
 

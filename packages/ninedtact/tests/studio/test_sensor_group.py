@@ -25,7 +25,7 @@ from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.cli import main
 from ninedtact.cli.live import Live
-from ninedtact.cli.shared_options import InvalidLiveOption
+from ninedtact.errors import InputError
 from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.live.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 from ninedtact.quantities import Wrench
@@ -389,13 +389,13 @@ def test_live_shows_named_sources_until_ctrl_c(tmp_path: Path) -> None:
 
 
 def test_wrong_names_and_numbers_of_sensors_are_refused() -> None:
-    with pytest.raises(InvalidLiveOption, match="a name of its own for each of several, such as left=usb:1-2, got 0"):
+    with pytest.raises(InputError, match="a name of its own for each of several, such as left=usb:1-2, got 0"):
         Live(("left=0", "0")).run()
-    with pytest.raises(InvalidLiveOption, match="expected --sensor for left, right, got one for up"):
+    with pytest.raises(InputError, match="expected --sensor for left, right, got one for up"):
         Live(("left=0", "right=1"), ("up=x",)).run()
-    with pytest.raises(InvalidLiveOption, match="expected at most 4 sources on one page, got 5"):
+    with pytest.raises(InputError, match="expected at most 4 sources on one page, got 5"):
         Live(tuple(f"{name}=0" for name in "abcde")).run()
-    with pytest.raises(InvalidLiveOption, match=r"expected no --reference with named sources, got a\.png; drop it"):
+    with pytest.raises(InputError, match=r"expected no --reference with named sources, got a\.png; drop it"):
         Live(("left=0", "right=1"), reference=(Path("a.png"),)).run()
-    with pytest.raises(InvalidLiveOption, match="expected one --sensor with one --source, got 2"):
+    with pytest.raises(InputError, match="expected one --sensor with one --source, got 2"):
         Live(("0",), ("a", "b")).run()

@@ -42,10 +42,6 @@ _OUT_OF_MEMORY_WORDS = ("out of memory", "CUFFT_ALLOC_FAILED", "CUFFT_INTERNAL_E
 """Words in the error messages of torch and of cuFFT when memory runs out."""
 
 
-class DeviceMissing(DeviceError):
-    """Raised for a device that does not exist or cannot be used."""
-
-
 @dataclass(frozen=True)
 class Device:
     """Where contacts are solved and images are rendered."""
@@ -63,7 +59,7 @@ class Device:
         return self.kind != "cpu"
 
     def zero_array(self) -> Any:
-        """Return a torch zero on the device in single precision; raises `DeviceMissing` where its memory is full."""
+        """Return a torch zero on the device in single precision; raises `DeviceError` where its memory is full."""
         import torch
 
         try:
@@ -71,7 +67,7 @@ class Device:
         except RuntimeError as error:
             if not _is_out_of_memory(error):
                 raise
-            raise DeviceMissing(
+            raise DeviceError(
                 f"expected room in the memory of {self.name}, got none at all; end other programs that use it, or give "
                 f"--device cpu"
             ) from error
@@ -85,16 +81,16 @@ class Device:
 
 
 def choose_compute_device(name: str) -> Device:
-    """Return the device of this name; `auto` is a GPU where torch finds one, else the processor. Raises `DeviceMissing`."""
+    """Return the device of this name; `auto` is a GPU where torch finds one, else the processor. Raises `DeviceError`."""
     kind, _, number = name.partition(":")
     if name == "auto":
         return Device("cuda" if _gpu_driver_exists() and find_spec("torch") and _gpu_count() else "cpu")
     if name == "cpu":
         return Device(name)
     if not (name in ("cuda", "torch-cpu") or (kind == "cuda" and number.isdecimal())):
-        raise DeviceMissing(f"expected a device named {_DEVICE_NAMES}, got {name!r}; correct it")
+        raise DeviceError(f"expected a device named {_DEVICE_NAMES}, got {name!r}; correct it")
     if find_spec("torch") is None:
-        raise DeviceMissing(
+        raise DeviceError(
             f"expected torch, which computes on {name}, got no such package; run {installation_command('train')}, or give "
             f"--device cpu"
         )
@@ -111,11 +107,11 @@ def _is_out_of_memory(error: RuntimeError) -> bool:
 
 
 def _require_gpu(name: str, number: int) -> None:
-    """Refuse a GPU that torch does not find; raises `DeviceMissing`."""
+    """Refuse a GPU that torch does not find; raises `DeviceError`."""
     count = _gpu_count()
     if number >= count:
         found = f"{count}, cuda:0 to cuda:{count - 1}" if count else "none"
-        raise DeviceMissing(
+        raise DeviceError(
             f"expected {name}, a GPU that torch sees, got {found}; give --device cpu, or a torch that is built for the GPU "
             f"and its driver"
         )
@@ -131,10 +127,6 @@ def _gpu_count() -> int:
     import torch
 
     return torch.cuda.device_count() if torch.cuda.is_available() else 0
-
-
-class DeviceMemoryExhausted(DeviceError):
-    """Raised where not even one contact fits in the memory of the device."""
 
 
 @dataclass
@@ -166,7 +158,7 @@ class BatchExecutor:
     def execute(self, requests: Sequence[SessionRequest]) -> list[Any]:
         """Return the responses to requests that are all steps or all renders.
 
-        A response that is itself a request must be computed in place of the first one. Raises `DeviceMemoryExhausted`.
+        A response that is itself a request must be computed in place of the first one. Raises `DeviceError`.
         """
         responses: list[Any] = []
         while len(responses) < len(requests):
@@ -195,9 +187,9 @@ class BatchExecutor:
             return None
 
     def _halve_batch_size(self, failed: int) -> None:
-        """Use smaller batches after one of this size failed; raises `DeviceMemoryExhausted` after a batch of one."""
+        """Use smaller batches after one of this size failed; raises `DeviceError` after a batch of one."""
         if failed == 1:
-            raise DeviceMemoryExhausted(
+            raise DeviceError(
                 f"expected room for one contact in the memory of {self.device.name}, got {self.memory_error!r}; end other "
                 f"programs that use it, or give a coarser --pitch-mm, or --device cpu"
             )

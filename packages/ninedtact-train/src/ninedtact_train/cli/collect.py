@@ -25,7 +25,8 @@ from ninedtact.cli.shared_options import (
     camera_settings,
     require_duration,
 )
-from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
+from ninedtact.errors import OutputError
+from ninedtact.recording.errors import require_recording_libraries
 from ninedtact.source_addresses import (
     is_recording_address,
     is_twin_address,
@@ -239,14 +240,14 @@ class Collect:
         return collection_setup_from_devices(camera, device, folder, checks, screen.show_message)
 
     def _resolve_camera_delay_ms(self, folder: "SensorFolder", setup: "CollectSetup") -> float:
-        """Return the delay to subtract, which is zero where a recording's stamps have one subtracted; raises `RecordingRefused`."""
+        """Return the delay to subtract, which is zero where a recording's stamps have one subtracted; raises `OutputError`."""
         from ninedtact.capture.camera_delay import SAVED, resolve_camera_delay_ms
 
         given, subtracted = self.camera_delay_ms, f"{setup.camera_delay_ms:g} ms subtracted"
         if given == 0 or setup.camera_delay_ms == 0:
             return resolve_camera_delay_ms(given, folder.path, setup.camera_name)
         if given != SAVED:
-            raise RecordingRefused(
+            raise OutputError(
                 f"expected no --camera-delay-ms for {self.source}, whose stamps already have {subtracted}, got {given}; drop it"
             )
         print_notice(f"the stamps of {self.source} already have {subtracted}; the saved delay is not subtracted again")

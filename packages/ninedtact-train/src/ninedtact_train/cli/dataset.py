@@ -47,7 +47,7 @@ class BuildDatasetCommand:
     json: JsonOption = False
 
     def run(self) -> int:
-        """Build it and print what is in it; raises `DatasetStopped`, and `FaultsFound` with `--strict`."""
+        """Build it and print what is in it; raises `DatasetStopped`, and `DatasetError` with `--strict`."""
         from ninedtact.parallel_jobs import connect_workers
         from ninedtact_train.dataset.fault_report import PairFault, require_no_faults
         from ninedtact_train.dataset.folder import REPORT_FILE
@@ -81,7 +81,7 @@ class CheckDatasetCommand:
     json: JsonOption = False
 
     def run(self) -> int:
-        """Check the pairs, write the list and print the counts; raises `NoUsablePairs`, and `FaultsFound` with `--strict`."""
+        """Check the pairs, write the list and print the counts; raises `DatasetError`, and `DatasetError` with `--strict`."""
         from ninedtact.atomic_write import require_place_for_file
         from ninedtact_train.dataset.checks import check_dataset
         from ninedtact_train.dataset.fault_report import (

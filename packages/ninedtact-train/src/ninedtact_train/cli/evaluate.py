@@ -21,10 +21,6 @@ _PREDICTIONS_OPTIONS = ("predictions_about_mm", "distribution", "trust_units")
 """Options of the evaluation of a file with predictions."""
 
 
-class InvalidEvaluateOption(InputError):
-    """The options name neither predictions nor a data set, or both, a step below one, or what has no effect."""
-
-
 @dataclass(frozen=True)
 class Evaluate:
     """Evaluate predicted wrenches by the paper's scores and more, beside the published network's: predictions in a file, or an
@@ -64,11 +60,11 @@ class Evaluate:
         return print_result(self.json, {**evaluation.to_json_dict(), "files": files}, lines)
 
     def _load_predictions(self) -> "WrenchPredictions":
-        """Return the predictions of the file or of the estimator; raises `InvalidEvaluateOption`, `PredictionsUnusable`."""
+        """Return the predictions of the file or of the estimator; raises `InputError`, `FileFormatError`."""
         if self.data is not None:
             return self._predict(self.data)
         if self.predictions is None:
-            raise InvalidEvaluateOption("expected --predictions or --data, got neither; name a CSV file or a data set")
+            raise InputError("expected --predictions or --data, got neither; name a CSV file or a data set")
         self._refuse_given(_DATA_OPTIONS, "--predictions")
         from ninedtact_train.evaluation import ErrorDistribution
         from ninedtact_train.evaluation.predictions import read_predictions, require_si_units
@@ -84,7 +80,7 @@ class Evaluate:
         from ninedtact_train.workflows.dataset_evaluation import predict_dataset
 
         if self.predictions is not None:
-            raise InvalidEvaluateOption("expected --predictions or --data, got both; name one of them")
+            raise InputError("expected --predictions or --data, got both; name one of them")
         self._refuse_given(_PREDICTIONS_OPTIONS, "--data")
         from ninedtact.parallel_jobs import connect_workers
 
@@ -97,7 +93,7 @@ class Evaluate:
         return predictions
 
     def _refuse_given(self, options: tuple[str, ...], beside: str) -> None:
-        """Raise `InvalidEvaluateOption` where one of the options that have no effect beside another has been given."""
+        """Raise `InputError` where one of the options that have no effect beside another has been given."""
         given = []
         for one in fields(self):
             value = getattr(self, one.name)
@@ -107,6 +103,6 @@ class Evaluate:
             if one.name in options:
                 given += [f"--{name.replace('_', '-')}" for name, default, now in changed if now != default]
         if given:
-            raise InvalidEvaluateOption(
+            raise InputError(
                 f"expected options that have an effect with {beside}, got {' and '.join(given)}; drop what does not apply"
             )

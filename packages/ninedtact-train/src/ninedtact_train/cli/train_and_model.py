@@ -24,10 +24,6 @@ if TYPE_CHECKING:
 _REQUIRED_PACKAGES = ("torch", "lightning", "onnx", "onnxscript", "onnxruntime", "tensorboard", "pyarrow")
 
 
-class TrainingPackagesMissing(MissingLibraryError):
-    """Packages that training needs are not installed."""
-
-
 @dataclass(frozen=True)
 class Train:
     """Train a force model on a data set. Run again after a stop, it continues after the last complete epoch."""
@@ -93,7 +89,7 @@ class Train:
         )
 
     def _require_inputs(self) -> None:
-        """Raise `SplitFileUnusable`, `DatasetDamaged` without data, and `SensorCalibrationMissing` where heights lack one."""
+        """Raise `FileFormatError` without data, and `CalibrationError` where heights lack one."""
         from ninedtact.force.network_input import InputChannels
         from ninedtact_train.dataset.folder import find_pair_files
         from ninedtact_train.dataset.split import read_split
@@ -128,12 +124,12 @@ class Train:
 
 
 def _require_training_packages() -> None:
-    """Raise `TrainingPackagesMissing` before work begins."""
+    """Raise `MissingLibraryError` before work begins."""
     from importlib.util import find_spec
 
     missing = [name for name in _REQUIRED_PACKAGES if find_spec(name) is None]
     if missing:
-        raise TrainingPackagesMissing(
+        raise MissingLibraryError(
             f"expected the packages {', '.join(_REQUIRED_PACKAGES)}, got none of {', '.join(missing)}; run "
             f"{installation_command('train')}"
         )
@@ -166,10 +162,6 @@ def _format_training_result(trained: "TrainingResult") -> Iterator[str]:
 
 
 DESCRIPTION = "Force models: print a model card, or make a model from simulation alone."
-
-
-class ModelMakingStopped(ForceEstimationError):
-    """Ctrl-C ended the command before there was a model."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +203,7 @@ class _MakeForceModel:
     json: JsonOption = False
 
     def run(self) -> int:
-        """Do all steps that are not done yet; raises `ModelMakingStopped`."""
+        """Do all steps that are not done yet; raises `ForceEstimationError`."""
         _require_training_packages()
         from ninedtact_train.workflows.force_model_from_simulation import RECIPES, make_force_model
 
@@ -226,7 +218,7 @@ class _MakeForceModel:
                 notify=print_notice,
             )
         except KeyboardInterrupt:
-            raise ModelMakingStopped(
+            raise ForceEstimationError(
                 f"stopped by Ctrl-C; no file in {self.out} is incomplete; run the command again to continue"
             ) from None
         figures = {"model": str(made.model), "card": str(made.card_file), "evaluation": made.card.evaluation}

@@ -50,7 +50,7 @@ class RecordedPair:
 def read_recorded_pairs(recording: Path | str) -> Iterator[RecordedPair]:
     """Yield the pairs of a recording, finished or cut short, in the order of saving, undone contacts excluded.
 
-    Raises `CameraNotFound` where there is no file, `RecordingUnreadable`, and `RecordingCutShort` after the last pair of a
+    Raises `CameraError` where there is no file, `RecordingUnreadable`, and `RecordingCutShort` after the last pair of a
     recording that has no end.
     """
     from ninedtact.recording.reader import Recording

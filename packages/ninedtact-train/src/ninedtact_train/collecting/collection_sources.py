@@ -19,10 +19,10 @@ from ninedtact.capture.frame_source import FrameSource
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.design import ForceTorqueMount
+from ninedtact.errors import InputError
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
-from ninedtact.recording.errors import WrenchSourceMismatched
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedFrameSource, RecordedWrenchSource
 from ninedtact.simulation.objects.catalogue import indenter_from_name
@@ -110,13 +110,13 @@ def collection_setup_from_recordings(
     """Return the setup of the images and the wrenches of recordings, with their own stamps.
 
     Recorded wrenches are in the sensor frame, about the centre of the skin; they are checked in the frame of the device. Raises
-    `WrenchSourceMismatched` for recordings that do not share a clock.
+    `InputError` for recordings that do not share a clock.
     """
     device = CheckedWrenchSource(DeviceFrameWrenchSource(RecordedWrenchSource(wrenches), mount), checks)
     with Recording(images) as recording, Recording(wrenches) as measured:
         metadata, apart_ns = recording.metadata, _wall_clock_difference_ns(recording, measured)
     if abs(apart_ns) > _SAME_CLOCK_NS:
-        raise WrenchSourceMismatched(
+        raise InputError(
             f"expected recordings of images and wrenches that were made together on one computer, got {images} and {wrenches}, "
             f"whose clocks are {abs(apart_ns) / 1e9:.0f} s apart; name two that belong together"
         )

@@ -317,7 +317,7 @@ def collect_pairs(
     image and sample, and while none arrives; it may also begin the next object, undo a contact or take a tare. notify: receives a
     sentence for the person who collects. on_progress: called after every image and sample.
 
-    Raises `RecordingRefused`, `RecordingStopped` and what a lost device raises; every pair that was saved before is kept.
+    Raises `OutputError`, `RecordingStopped` and what a lost device raises; every pair that was saved before is kept.
     """
     ahead_ns = setup.wall_minus_monotonic_ns
     metadata = RecordingMetadata(

@@ -21,6 +21,7 @@ from tyro.conf import arg
 from ninedtact.atomic_write import write_file_atomically, write_files_atomically
 from ninedtact.bounds_and_checked_reading import read_regular_file
 from ninedtact.calibration.sensor_folder import SENSOR_FILE
+from ninedtact.errors import FileFormatError, InputError
 from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
 from ninedtact_train.dataset.checks import FileCheck, PairCheckSettings, check_pair_file, combine_file_checks
 from ninedtact_train.dataset.fault_report import (
@@ -33,7 +34,6 @@ from ninedtact_train.dataset.fault_report import (
 )
 from ninedtact_train.dataset.folder import DatasetFolder, begin_or_resume_dataset, make_folder, to_json_bytes
 from ninedtact_train.dataset.parquet_files import (
-    DatasetDamaged,
     copy_pairs_without_rows,
     iterate_rows,
     stored_image_bytes,
@@ -41,7 +41,7 @@ from ninedtact_train.dataset.parquet_files import (
     write_reference_images_file,
 )
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, escape_invalid_utf8
-from ninedtact_train.dataset.sources.source import Source, SourcePart, SourceUnknown
+from ninedtact_train.dataset.sources.source import Source, SourcePart
 from ninedtact_train.dataset.statistics_and_card import (
     DatasetStatistics,
     compute_dataset_statistics,
@@ -54,7 +54,7 @@ _Value = TypeVar("_Value")
 
 @dataclass(frozen=True)
 class BuildSettings:
-    """How a data set is built from its sources; raises `UnknownLicence`."""
+    """How a data set is built from its sources; raises `InputError`."""
 
     checks: Annotated[PairCheckSettings, arg(name="limits")] = PairCheckSettings()
     drop: bool = False
@@ -86,7 +86,7 @@ def build_dataset(
     """Build a data set from sources, or continue a build that was stopped.
 
     out: folder of the data set: new, empty, or begun with the same sources and settings. workers: number of processes, or a cluster
-    whose workers read the sources at the same paths. Raises `SourceUnknown`, `FolderTaken`, `NoUsablePairs`,
+    whose workers read the sources at the same paths. Raises `InputError`, `OutputError`, `DatasetError`,
     `FileNotWritten`, `InputError`.
     """
     require_workers(workers)
@@ -165,7 +165,7 @@ class _PartFiles:
         try:
             return msgspec.json.decode(read_regular_file(self.check), type=FileCheck)
         except (OSError, ValueError, RecursionError) as trouble:
-            raise DatasetDamaged(
+            raise FileFormatError(
                 f"expected the result of a check in {self.check}, got: {trouble}; delete it, and run the command again"
             ) from trouble
 
@@ -205,10 +205,10 @@ def _source_paths(source: Source) -> tuple[Path, ...]:
 
 
 def _require_absolute_paths(sources: Sequence[Source]) -> None:
-    """Refuse paths that mean something else in the working folder of a cluster's worker; raises `SourceUnknown`."""
+    """Refuse paths that mean something else in the working folder of a cluster's worker; raises `InputError`."""
     for path in (path for source in sources for path in _source_paths(source)):
         if not path.is_absolute():
-            raise SourceUnknown(
+            raise InputError(
                 f"expected absolute paths of sources for a cluster, got {path}; give the path at which every worker sees it"
             )
 
@@ -216,10 +216,10 @@ def _require_absolute_paths(sources: Sequence[Source]) -> None:
 def _make_part(
     folder: Path, part: SourcePart, paths: tuple[Path, ...], number: int, settings: PairCheckSettings
 ) -> int:
-    """Write the files of one part and return its number of pairs; raises `FileNotWritten`, `SourceUnknown`."""
+    """Write the files of one part and return its number of pairs; raises `FileNotWritten`, `InputError`."""
     for path in paths:
         if not path.exists():  # on a worker; a reader would list every pair as missing
-            raise SourceUnknown(
+            raise InputError(
                 f"expected {path} on {gethostname()}, got nothing there; keep sources on a file system that every worker sees"
             )
     files = _PartFiles(folder, number)
@@ -233,7 +233,7 @@ def _make_part(
 
 
 def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], parts: int, settings: BuildSettings) -> None:
-    """Check across parts and combine them into one data set; raises `NoUsablePairs`, `FileNotWritten`."""
+    """Check across parts and combine them into one data set; raises `DatasetError`, `FileNotWritten`."""
     files = [_PartFiles(folder.parts, number) for number in range(parts)]
     checks = [file.read_check() for file in files]
     names = [file.pairs.name for file in files] if settings.drop else _name_pair_files(folder, checks)
@@ -272,7 +272,7 @@ def _save_sensors(folder: DatasetFolder, sources: Sequence[Source]) -> None:
     """Write the parameters of simulated sensors and the sensor folders that the sources carry.
 
     A name that several different simulated sensors or calibrations have is left out, because the images do not say which one is
-    theirs. Raises `FileNotWritten`, `DatasetDamaged`.
+    theirs. Raises `FileNotWritten`, `FileFormatError`.
     """
     tables = [table for source in sources for table in source.simulated_sensors()]
     simulated, ambiguous = _find_unambiguous((table["name"], table, table) for table in tables)

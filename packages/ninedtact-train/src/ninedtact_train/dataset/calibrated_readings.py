@@ -12,14 +12,13 @@ from jaxtyping import Float32
 from numpy import ndarray as Array
 
 from ninedtact.design import Gel, SensingArea
-from ninedtact.errors import CalibrationError
+from ninedtact.errors import CalibrationError, FileFormatError
 from ninedtact.force.estimator_and_scale import ForceScale
 from ninedtact.quantities import NO_OBJECT, Frame, Rectified
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
 from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact_train.dataset.parquet_files import (
-    DatasetDamaged,
     StoredImageUnreadable,
     decode_stored_image,
     decode_stored_wrench,
@@ -32,10 +31,6 @@ READ_COLUMNS = ("image", "reference_id", "sensor", "mm_per_px")
 
 _ROWS_PER_GROUP = 64
 """Rows that are read together, some 4 MB of images."""
-
-
-class SensorCalibrationMissing(CalibrationError):
-    """Raised for images of a sensor whose calibration was not given, or was made with images of another size."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +72,7 @@ class RowsWithReferences:
         return {row["sensor"] or "" for row in self.rows}
 
     def readings(self, sensors: Mapping[str, DatasetSensorCalibration]) -> Iterator[ReadingWithWrench]:
-        """Yield each row as a reading; raises `SensorCalibrationMissing`, `DatasetDamaged`."""
+        """Yield each row as a reading; raises `CalibrationError`, `FileFormatError`."""
         depth_reader = RowReadingComputer(self.file, sensors, self.references)
         for row in self.rows:
             wrench, object_name = decode_stored_wrench(row["wrench"]), str(row["object"] or NO_OBJECT)
@@ -91,7 +86,7 @@ def iterate_rows_with_references(
     """Yield one of every n pairs of a data set in groups of at most `_ROWS_PER_GROUP`, without those of some sensors.
 
     Which one varies from one run of n pairs to the next, because sessions of simulated sensors begin with pairs without contact:
-    equal steps would select far too many of these. The same data give the same pairs. Raises `DatasetDamaged`.
+    equal steps would select far too many of these. The same data give the same pairs. Raises `FileFormatError`.
     """
     number = 0
     for file in find_pair_files(folder):
@@ -121,7 +116,7 @@ def _with_references(file: Path, rows: list[dict[str, Any]], references: Mapping
 
 
 def read_file_references(file: Path) -> dict[str, Any]:
-    """Return the values of the column `image` of the reference images that a file names; raises `DatasetDamaged`."""
+    """Return the values of the column `image` of the reference images that a file names; raises `FileFormatError`."""
     ids = {row["reference_id"] for row in iterate_rows(file, ["reference_id"])}
     rows = iterate_rows(file.parents[1] / REFERENCES_FILE, ("reference_id", "image"))
     return {row["reference_id"]: row["image"] for row in rows if row["reference_id"] in ids}
@@ -141,7 +136,7 @@ class RowReadingComputer:
     def read(self, row: Mapping[str, Any]) -> Reading:
         """Return the reading of a row; its raw frame is empty. The scale of an image, where unknown, is that of the calibration.
 
-        Raises `SensorCalibrationMissing`, `DatasetDamaged`.
+        Raises `CalibrationError`, `FileFormatError`.
         """
         sensor, reference_id = row["sensor"] or "", row["reference_id"]
         mm_per_px = row["mm_per_px"] or (
@@ -153,33 +148,33 @@ class RowReadingComputer:
             self._readers[sensor, reference_id] = self._bind_depth_reader(sensor, reference)
         reader = self._readers[sensor, reference_id]
         if image.grey.shape != reader.reference.grey.shape:
-            raise DatasetDamaged(
+            raise FileFormatError(
                 f"expected images of sensor {sensor!r} as large as its reference, {reader.reference.grey.shape}, got "
                 f"{image.grey.shape}; leave them out: ninedtact dataset build --drop"
             )
         return Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, reader(image), reference=reader.reference)
 
     def _bind_depth_reader(self, name: str, reference: Rectified) -> DepthReader:
-        """Return the sensor's depth reader for this reference image; raises `SensorCalibrationMissing`."""
+        """Return the sensor's depth reader for this reference image; raises `CalibrationError`."""
         if name not in self.sensors:
-            raise SensorCalibrationMissing(
+            raise CalibrationError(
                 f"expected the calibration of every sensor, got none of {name!r}; give a folder that holds a sensor folder of "
                 "each name"
             )
         shape = self.sensors[name].shape
         calibrated = shape.rectify.height_source.shape
         if reference.grey.shape != calibrated:
-            raise SensorCalibrationMissing(
+            raise CalibrationError(
                 f"expected images of {calibrated[1]} x {calibrated[0]}, as sensor {name!r} was calibrated with, got "
                 f"{reference.grey.shape[1]} x {reference.grey.shape[0]}; make the data set at that size"
             )
         return shape.reader_against(reference)
 
     def _decode_rectified(self, stored: Any, mm_per_px: float | None) -> Rectified:
-        """Return a stored image with its scale, that of the published sensing area if unknown; raises `DatasetDamaged`."""
+        """Return a stored image with its scale, that of the published sensing area if unknown; raises `FileFormatError`."""
         advice = f"leave it out: ninedtact dataset build --drop --out NEW {self.file.parents[1]}"
         try:
             grey = decode_stored_image(stored).astype(np.float32)
         except StoredImageUnreadable as error:
-            raise DatasetDamaged(f"{error} (in {self.file}); {advice}") from error
+            raise FileFormatError(f"{error} (in {self.file}); {advice}") from error
         return Rectified(grey, mm_per_px or SensingArea().width_mm / grey.shape[1])

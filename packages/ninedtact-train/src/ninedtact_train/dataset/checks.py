@@ -77,7 +77,7 @@ def check_dataset(
 ) -> QualityReport:
     """Check every pair of a data set in several processes; nothing is changed.
 
-    Raises `DatasetDamaged`, `InputError`.
+    Raises `FileFormatError`, `InputError`.
     """
     from tqdm import tqdm
 
@@ -99,7 +99,7 @@ def combine_file_checks(checks: list[FileCheck], names: list[str], dropped: bool
 
 
 def check_pair_file(path: Path, references: Path, settings: PairCheckSettings) -> FileCheck:
-    """Check every pair of one file by itself; raises `DatasetDamaged`."""
+    """Check every pair of one file by itself; raises `FileFormatError`."""
     store, check = ReferenceImageFile(references), FileCheck([], [], [])
     for number, row in enumerate(iterate_rows(path, _CHECKED_COLUMNS)):
         try:

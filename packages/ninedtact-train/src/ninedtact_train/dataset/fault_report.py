@@ -12,18 +12,6 @@ from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum,
 from ninedtact.errors import DatasetError, FileFormatError
 
 
-class NoUsablePairs(DatasetError):
-    """Raised for a data set without a single pair that can be used for training."""
-
-
-class FaultsFound(DatasetError):
-    """Raised where the checks found faults and none are accepted."""
-
-
-class ReportDamaged(FileFormatError):
-    """Raised for a file that is not a report of checks."""
-
-
 class PairFault(StrEnum):
     """What can be wrong with a pair of image and wrench."""
 
@@ -127,31 +115,31 @@ def write_quality_report(path: Path, report: QualityReport) -> None:
 
 
 def read_quality_report(path: Path) -> QualityReport:
-    """Read a report that `write_quality_report` wrote; raises `ReportDamaged`."""
+    """Read a report that `write_quality_report` wrote; raises `FileFormatError`."""
     try:
         values = read_json_object(path, most_bytes=None)
         if values.get(CHECKSUM_KEY) not in (None, mapping_checksum(values)):
             raise ValueError("other values than its checksum")
         return msgspec.convert(values, QualityReport)
     except (OSError, ValueError) as trouble:
-        raise ReportDamaged(
+        raise FileFormatError(
             f"expected a report of checks in {path}, got: {trouble}; copy the whole data set again, or check it anew"
         ) from trouble
 
 
 def require_any_usable_pair(report: QualityReport, report_path: Path) -> None:
-    """Raise `NoUsablePairs` if no pair can be used for training."""
+    """Raise `DatasetError` if no pair can be used for training."""
     if report.usable < 1:
         counted = sorted(report.counts.items(), key=lambda item: -item[1])
         reasons = ", ".join(f"{count} {fault}" for fault, count in counted) or "the sources are empty"
-        raise NoUsablePairs(
+        raise DatasetError(
             f"expected pairs to train with, got none that is usable ({reasons}); {report_path} lists them all: correct the "
             "sources, or state what they lack"
         )
 
 
 def require_no_faults(report: QualityReport, report_path: Path) -> None:
-    """Raise `FaultsFound` if the report contains any finding."""
+    """Raise `DatasetError` if the report contains any finding."""
     if report.findings:
         counted = ", ".join(f"{count} {fault}" for fault, count in report.counts.items())
-        raise FaultsFound(f"expected no faults, got {counted}; {report_path} lists them, --drop leaves them out")
+        raise DatasetError(f"expected no faults, got {counted}; {report_path} lists them, --drop leaves them out")

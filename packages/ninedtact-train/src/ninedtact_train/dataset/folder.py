@@ -21,21 +21,13 @@ from typing import Any
 from ninedtact.atomic_write import FileNotWritten, is_partial_file, write_file_atomically
 from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum, read_json_object, read_text_file
 from ninedtact.calibration.sensor_folder import SENSOR_FILE
-from ninedtact.errors import OutputError
-from ninedtact_train.dataset.parquet_files import DatasetDamaged, require_pair_columns
+from ninedtact.errors import FileFormatError, OutputError
+from ninedtact_train.dataset.parquet_files import require_pair_columns
 from ninedtact_train.dataset.schema import DATASET_FORMAT
 
 REFERENCES_FILE, SETTINGS_FILE, SENSORS_FILE = "references.parquet", "settings.json", "sensors.json"
 REPORT_FILE = "report.json"
 _FILE_COUNT = re.compile(r"-of-(\d+)\.parquet$")
-
-
-class DatasetUnfinished(DatasetDamaged):
-    """Raised for a data set of which some files are still missing."""
-
-
-class FolderTaken(OutputError):
-    """Raised for a folder that holds something else, or that was begun with other settings."""
 
 
 @dataclass(frozen=True)
@@ -92,21 +84,21 @@ class DatasetFolder:
 def find_pair_files(folder: Path) -> list[Path]:
     """Return all files of pairs of a data set in order.
 
-    Raises `DatasetDamaged`, `DatasetFormatUnknown` and, if files are missing, `DatasetUnfinished`.
+    Raises `FileFormatError` and, if files are missing, `FileFormatError`.
     """
     files = sorted(path for path in (folder / "data").glob("*.parquet") if not path.name.startswith("."))
     if not files:
-        raise DatasetDamaged(
+        raise FileFormatError(
             f"expected a data set, got {folder} without Parquet files in {folder / 'data'}; give the folder that "
             "'ninedtact dataset build' or 'ninedtact simulate dataset' made"
         )
     numbered = _FILE_COUNT.search(files[-1].name)
     if numbered and int(numbered[1]) != len(files):
-        raise DatasetUnfinished(
+        raise FileFormatError(
             f"expected {int(numbered[1])} files in {folder / 'data'}, got {len(files)}; finish it with the command that began it"
         )
     if not (folder / REFERENCES_FILE).is_file():
-        raise DatasetUnfinished(
+        raise FileFormatError(
             f"expected {folder / REFERENCES_FILE}, got no such file; finish the data set with the command that began it"
         )
     for file in files:
@@ -120,11 +112,11 @@ def begin_or_resume_dataset(
     """Make the folder of a new data set, or check that it was begun with the same settings.
 
     The version of the program and of the format belong to the settings. Half-written files of a stopped run are removed.
-    Raises `FolderTaken`, also for a folder inside one of the sources, and `FileNotWritten`.
+    Raises `OutputError`, also for a folder inside one of the sources, and `FileNotWritten`.
     """
     for source in source_paths:
         if source.is_dir() and folder.path.resolve().is_relative_to(source.resolve()):
-            raise FolderTaken(f"expected a folder outside of the sources, got {folder.path} in {source}; give another")
+            raise OutputError(f"expected a folder outside of the sources, got {folder.path} in {source}; give another")
     begin_or_resume_folder(folder.path, {"ninedtact": version("ninedtact"), "format": DATASET_FORMAT, **settings})
     for half_written in [*folder.path.rglob(".*.partial")]:
         if half_written.is_dir():
@@ -137,7 +129,7 @@ def begin_or_resume_dataset(
 def begin_or_resume_folder(path: Path, settings: Mapping[str, Any]) -> None:
     """Make the folder of long work, with its settings, or check that it was begun with the same ones.
 
-    The processes of one work may call it at once: each of them writes the same settings, or finds them. Raises `FolderTaken`,
+    The processes of one work may call it at once: each of them writes the same settings, or finds them. Raises `OutputError`,
     `FileNotWritten`.
     """
     kept, wanted = path / SETTINGS_FILE, json.loads(json.dumps(settings))
@@ -147,7 +139,7 @@ def begin_or_resume_folder(path: Path, settings: Mapping[str, Any]) -> None:
         _require_same_settings(kept, wanted)
         return
     if holds_something:
-        raise FolderTaken(
+        raise OutputError(
             f"expected an empty folder or work to continue, got {path}, which holds something else; give another folder"
         )
     make_folder(path)
@@ -155,16 +147,18 @@ def begin_or_resume_folder(path: Path, settings: Mapping[str, Any]) -> None:
 
 
 def read_dataset_settings(folder: Path) -> dict[str, Any]:
-    """Return the settings of a data set, none where it states none; raises `DatasetDamaged` where they were changed."""
+    """Return the settings of a data set, none where it states none; raises `FileFormatError` where they were changed."""
     path = folder / SETTINGS_FILE
     if not path.exists():
         return {}
     try:
         found = read_json_object(path)
     except (OSError, ValueError) as trouble:
-        raise DatasetDamaged(f"expected settings in {path}, got: {trouble}; copy the whole data set again") from trouble
+        raise FileFormatError(
+            f"expected settings in {path}, got: {trouble}; copy the whole data set again"
+        ) from trouble
     if found.get(CHECKSUM_KEY) not in (None, mapping_checksum(found)):
-        raise DatasetDamaged(
+        raise FileFormatError(
             f"expected {path} as it was written, got other settings than its checksum; copy the whole data set again"
         )
     return found
@@ -178,7 +172,7 @@ def find_sensor_folders(folder: Path) -> list[Path]:
 def read_sensor_parameters(folder: Path) -> list[dict[str, Any]]:
     """Return all parameters of a data set's simulated sensors as they are stored, none where it has none.
 
-    Raises `DatasetDamaged`, also where they were changed.
+    Raises `FileFormatError`, also where they were changed.
     """
     path = folder / SENSORS_FILE
     if not path.exists() and "objects_seed" not in read_dataset_settings(folder):
@@ -194,9 +188,9 @@ def read_sensor_parameters(folder: Path) -> list[dict[str, Any]]:
         raise sensor_parameters_damage(folder, trouble) from trouble
 
 
-def sensor_parameters_damage(folder: Path, trouble: Exception) -> DatasetDamaged:
+def sensor_parameters_damage(folder: Path, trouble: Exception) -> FileFormatError:
     """Return the error for parameters of simulated sensors that cannot be read."""
-    return DatasetDamaged(
+    return FileFormatError(
         f"expected the simulated sensors in {folder / SENSORS_FILE} as they were written, got: {trouble}; copy the whole data set "
         "again"
     )
@@ -225,7 +219,7 @@ def _require_same_settings(kept: Path, resolved: dict[str, Any]) -> None:
     names = {*found, *resolved} - {CHECKSUM_KEY}
     if differing := sorted(name for name in names if found.get(name) != resolved.get(name)):
         name = differing[0]
-        raise FolderTaken(
+        raise OutputError(
             f"expected what {kept.parent} was begun with, got another {', '.join(differing)} ({name}: {resolved.get(name)} "
             f"instead of {found.get(name)}); give the same data and options to continue, or another folder"
         )

@@ -22,6 +22,7 @@ from ninedtact._version import __version__
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
 from ninedtact.design import Gel
+from ninedtact.errors import CalibrationError
 from ninedtact.force.network_input import tractions_over_shear_modulus
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force
 from ninedtact.parallel_jobs import run_jobs
@@ -32,7 +33,6 @@ from ninedtact_train.dataset.calibrated_readings import (
     READ_COLUMNS,
     DatasetSensorCalibration,
     RowReadingComputer,
-    SensorCalibrationMissing,
     read_file_references,
 )
 from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files
@@ -75,8 +75,8 @@ def load_height_pairs(
 ) -> HeightWrenchPairs:
     """Return all height grids of a data set without those of the sensors that are left out; missing ones are computed now.
 
-    with_physics: whether to compute tractions and wrenches by physics too. Raises `DatasetDamaged`, `SensorCalibrationMissing`,
-    `FileNotWritten`, `TractionImpossible`.
+    with_physics: whether to compute tractions and wrenches by physics too. Raises `FileFormatError`, `CalibrationError`,
+    `FileNotWritten`, `ForceEstimationError`.
     """
     table = read_pair_columns(folder)
     names = np.array(read_name_column(table, "sensor"))
@@ -135,7 +135,7 @@ class _CachedFields:
 def _require_calibrations(names: Shaped[Array, " n"], sensors: Mapping[str, DatasetSensorCalibration]) -> None:
     """Refuse images of sensors without calibration."""
     if missing := sorted(set(names.tolist()) - set(sensors)):
-        raise SensorCalibrationMissing(
+        raise CalibrationError(
             f"expected the calibration of every sensor, got none of {len(missing)} (such as {missing[0]!r}); give a folder that "
             "holds a sensor folder of each name"
         )
@@ -197,7 +197,7 @@ def _compute_cache_file(
 ) -> None:
     """Write the fields of one Parquet file; they are zero for sensors that are not given.
 
-    Raises `DatasetDamaged`, `SensorCalibrationMissing`, `FileNotWritten`, `TractionImpossible`.
+    Raises `FileFormatError`, `CalibrationError`, `FileNotWritten`, `ForceEstimationError`.
     """
     reader = RowReadingComputer(file, sensors, read_file_references(file))
     physics = {name: fields.physics_of(sensor) for name, sensor in sensors.items()}

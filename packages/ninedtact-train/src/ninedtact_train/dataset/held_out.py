@@ -43,7 +43,7 @@ class HeldOutSettings:
         sensors: Sequence[str],
         all_ids: Sequence[str] | None = None,
     ) -> SplitRows:
-        """Return the rows for training and for validation; raises `SplitImpossible`, `SplitFileUnusable`.
+        """Return the rows for training and for validation; raises `InputError`, `FileFormatError`.
 
         all_ids: ids of the whole data set, which a split file is of, where some of its pairs are no examples.
         """

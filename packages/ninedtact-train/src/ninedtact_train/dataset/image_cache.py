@@ -27,10 +27,9 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import is_partial_file, open_atomic_file, write_file_atomically
 from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
-from ninedtact.errors import InputError
+from ninedtact.errors import FileFormatError, InputError
 from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files, make_folder
 from ninedtact_train.dataset.parquet_files import (
-    DatasetDamaged,
     StoredImageUnreadable,
     decode_stored_image,
     iterate_rows,
@@ -43,10 +42,6 @@ _SMALLEST_PX = 8
 _ABANDONED_AFTER_S = 3600
 _IMAGES_PER_GROUP = 256
 """Images that threads decode together; the sizes of their originals are in memory at once."""
-
-
-class ImageSizeImpossible(InputError):
-    """Raised for an image size that no network takes."""
 
 
 class _KnownFile(msgspec.Struct, frozen=True):
@@ -72,12 +67,10 @@ def load_or_decode_images(
 ) -> DecodedImages:
     """Return all images of a data set at a size (columns, rows); images that are not in the cache are decoded now.
 
-    Raises `DatasetDamaged`, `ImageSizeImpossible` and `FileNotWritten`.
+    Raises `FileFormatError`, `InputError` and `FileNotWritten`.
     """
     if min(size) < _SMALLEST_PX:
-        raise ImageSizeImpossible(
-            f"expected images of at least {_SMALLEST_PX} x {_SMALLEST_PX}, got {size}; give a larger size"
-        )
+        raise InputError(f"expected images of at least {_SMALLEST_PX} x {_SMALLEST_PX}, got {size}; give a larger size")
     cache = folder / "cache" if cache is None else cache
     files = [*find_pair_files(folder), folder / REFERENCES_FILE]
     final = cache / f"{size[0]}x{size[1]}-{digest_files_with_cache(files, cache)}"
@@ -88,7 +81,7 @@ def load_or_decode_images(
         _remove_outdated(final)
         decoded = _map_decoded_images(final, size)
     if decoded is None:
-        raise DatasetDamaged(f"expected decoded images in {final}, got damaged files; delete that folder")
+        raise FileFormatError(f"expected decoded images in {final}, got damaged files; delete that folder")
     return decoded
 
 
@@ -137,7 +130,7 @@ def make_cache_folder(path: Path) -> None:
 
 
 def _decode_files(files: Sequence[Path], folder: Path, size: tuple[int, int], threads: int, progress: bool) -> None:
-    """Decode every image into the arrays of a folder; raises `DatasetDamaged`, `FileNotWritten`."""
+    """Decode every image into the arrays of a folder; raises `FileFormatError`, `FileNotWritten`."""
     from tqdm import tqdm
 
     *pair_files, references = files
@@ -183,7 +176,7 @@ def _decode_image(
     try:
         image = decode_stored_image(stored)
     except StoredImageUnreadable as error:
-        raise DatasetDamaged(
+        raise FileFormatError(
             f"{error} (row {number} of {file}); or leave it out: ninedtact dataset build --drop --out NEW {file.parent}"
         ) from error
     resized = image if image.shape == size[::-1] else cv2.resize(image, size, interpolation=cv2.INTER_AREA)

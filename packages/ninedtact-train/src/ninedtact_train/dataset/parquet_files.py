@@ -40,14 +40,6 @@ _READ_ERRORS = (pa.ArrowException, OSError, ValueError, MemoryError)
 _NO_WRENCH = [float("nan")] * 6
 
 
-class DatasetDamaged(FileFormatError):
-    """Raised for a folder that is not a data set, or a file of it that is incomplete."""
-
-
-class DatasetFormatUnknown(DatasetDamaged):
-    """Raised for a data set whose format this version does not read."""
-
-
 def write_pair_file(path: Path, rows: Iterable[DatasetRow]) -> None:
     """Write a file of pairs; raises `FileNotWritten`."""
     _write_parquet_file(path, map(row_to_columns, rows), PAIR_COLUMNS)
@@ -59,7 +51,7 @@ def write_reference_images_file(path: Path, references: Iterable[ReferenceImage]
 
 
 def copy_pairs_without_rows(path: Path, target: Path, unwanted_rows: Container[int]) -> None:
-    """Copy a file of pairs without some of its rows; raises `FileNotWritten`, `DatasetDamaged`."""
+    """Copy a file of pairs without some of its rows; raises `FileNotWritten`, `FileFormatError`."""
     kept = (row for number, row in enumerate(iterate_rows(path)) if number not in unwanted_rows)
     _write_parquet_file(target, kept, PAIR_COLUMNS)
 
@@ -76,7 +68,7 @@ def _write_parquet_file(path: Path, rows: Iterator[dict[str, Any]], columns: tup
 
 
 def iterate_rows(path: Path, columns: Collection[str] | None = None) -> Iterator[dict[str, Any]]:
-    """Yield the rows of a file one by one as column values, all columns or the named ones; raises `DatasetDamaged`."""
+    """Yield the rows of a file one by one as column values, all columns or the named ones; raises `FileFormatError`."""
     file = open_parquet_file(path)
     try:
         for batch in file.iter_batches(_ROWS_PER_GROUP, columns=columns and list(columns)):
@@ -86,7 +78,7 @@ def iterate_rows(path: Path, columns: Collection[str] | None = None) -> Iterator
 
 
 def iterate_rows_at(path: Path, numbers: Collection[int]) -> Iterator[dict[str, Any]]:
-    """Yield the rows of these numbers in ascending order; raises `DatasetDamaged`."""
+    """Yield the rows of these numbers in ascending order; raises `FileFormatError`."""
     file, begin = open_parquet_file(path), 0
     for group in range(file.num_row_groups):
         end = begin + file.metadata.row_group(group).num_rows
@@ -100,7 +92,7 @@ def iterate_rows_at(path: Path, numbers: Collection[int]) -> Iterator[dict[str, 
 
 
 def read_columns(paths: Sequence[Path], columns: Sequence[str]) -> Any:
-    """Return whole columns of several files as one Arrow table; raises `DatasetDamaged`."""
+    """Return whole columns of several files as one Arrow table; raises `FileFormatError`."""
     tables = []
     for path in paths:
         try:
@@ -127,7 +119,7 @@ def decode_stored_wrench(value: Any) -> Float32[Array, "6"]:
 
 
 def open_parquet_file(path: Path) -> Any:
-    """Open a Parquet file; raises `DatasetDamaged`."""
+    """Open a Parquet file; raises `FileFormatError`."""
     try:
         if not path.is_file():
             raise OSError("no such file" if not path.exists() else "a folder, a pipe or a device and not a file")
@@ -137,25 +129,25 @@ def open_parquet_file(path: Path) -> Any:
 
 
 def require_pair_columns(path: Path) -> None:
-    """Refuse a file that does not hold pairs in the current format; raises `DatasetDamaged`, `DatasetFormatUnknown`."""
+    """Refuse a file that does not hold pairs in the current format; raises `FileFormatError`."""
     schema = open_parquet_file(path).schema_arrow
     found = (schema.metadata or {}).get(FORMAT_KEY)
     if found != str(DATASET_FORMAT).encode():
-        raise DatasetFormatUnknown(
+        raise FileFormatError(
             f"expected a data set of format {DATASET_FORMAT} in {path}, got {'no format' if found is None else found.decode()}; "
             "make it again from its sources with 'ninedtact dataset build' or 'ninedtact simulate dataset'"
         )
     expected = [column.name for column in PAIR_COLUMNS]
     if missing := [name for name in expected if name not in schema.names]:
-        raise DatasetDamaged(
+        raise FileFormatError(
             f"expected the columns {', '.join(expected)} in {path}, got no column {missing[0]}; give the folder of a data set "
             "of pairs"
         )
 
 
-def _parquet_damage(path: Path, error: Exception) -> DatasetDamaged:
+def _parquet_damage(path: Path, error: Exception) -> FileFormatError:
     reason = (str(error).splitlines() or [type(error).__name__])[0]
-    return DatasetDamaged(f"expected a whole Parquet file in {path}, got: {reason}; copy it again or build it again")
+    return FileFormatError(f"expected a whole Parquet file in {path}, got: {reason}; copy it again or build it again")
 
 
 GreyImage = UInt8[Array, "rows cols"]

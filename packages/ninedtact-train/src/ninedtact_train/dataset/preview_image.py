@@ -37,21 +37,17 @@ _CONTRAST = 2
 _GREY, _WHITE = (170, 170, 170), (255, 255, 255)
 
 
-class NothingToPreview(InputError):
-    """Raised for a data set without a pair that can be drawn."""
-
-
 def render_preview(folder: Path, pairs: int = 24) -> _ColourImage:
     """Render some pairs of a data set, evenly spread over the loads, as one BGR image.
 
-    Raises `DatasetDamaged`, `NothingToPreview`.
+    Raises `FileFormatError`, `InputError`.
     """
     files = find_pair_files(folder)
     references = ReferenceImageFile(folder / REFERENCES_FILE)
     tiles = [_render_tile(row, references) for row in _read_spread_over_loads(files, pairs)]
     rendered = [tile for tile in tiles if tile is not None]
     if not rendered:
-        raise NothingToPreview(
+        raise InputError(
             f"expected pairs with an image and a reference in {folder}, got none; run ninedtact dataset check"
         )
     return _arrange_tiles(rendered)

@@ -10,10 +10,11 @@ import pyarrow as pa
 from jaxtyping import Float32, Float64, Int, Int64, Shaped, UInt8
 from numpy import ndarray as Array
 
+from ninedtact.errors import FileFormatError
 from ninedtact.quantities import NO_OBJECT
 from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact_train.dataset.image_cache import DecodedImages, load_or_decode_images
-from ninedtact_train.dataset.parquet_files import DatasetDamaged, read_columns, wrench_array
+from ninedtact_train.dataset.parquet_files import read_columns, wrench_array
 from ninedtact_train.dataset.schema import PAIR_COLUMNS
 from ninedtact_train.dataset.split import SplitKeys
 
@@ -136,7 +137,7 @@ def load_dataset(
         threads: number of threads that decode images.
         progress: whether to show a progress bar while decoding.
 
-    Raises `DatasetDamaged`, also for wrenches that are not finite and pairs without a reference image, and `ImageSizeImpossible`.
+    Raises `FileFormatError`, also for wrenches that are not finite and pairs without a reference image, and `InputError`.
 
     Example:
         >>> import numpy as np
@@ -175,13 +176,13 @@ def load_dataset(
 def read_pair_columns(folder: Path) -> Any:
     """Return all columns but the images as one Arrow table, in the order of the files.
 
-    Raises `DatasetDamaged`, also for wrenches that are not finite and pairs without a reference image.
+    Raises `FileFormatError`, also for wrenches that are not finite and pairs without a reference image.
     """
     table = read_columns(find_pair_files(folder), [column.name for column in PAIR_COLUMNS if column.name != "image"])
     wrenches, references = wrench_array(table), _reference_column(folder, table)
     not_finite, alone = int((~np.isfinite(wrenches).all(1)).sum()), int((references.codes < 0).sum())
     if not_finite or alone or not len(wrenches):
-        raise DatasetDamaged(
+        raise FileFormatError(
             f"expected pairs with six finite numbers and a reference in {folder}, got {len(wrenches)} pairs, {not_finite} not "
             f"finite and {alone} without reference; leave those out: ninedtact dataset build --drop --out NEW {folder}"
         )

@@ -36,14 +36,6 @@ What = Literal["pairs", "objects", "sensors"]
 Amount = int | float
 
 
-class SplitImpossible(InputError):
-    """A split with these settings is not possible for these data."""
-
-
-class SplitFileUnusable(FileFormatError):
-    """A split file is damaged, or belongs to other data."""
-
-
 @dataclass(frozen=True)
 class SplitSettings:
     """Kind of a split, and how much is held out: each amount is a number (18) or a fraction between 0 and 1 (0.1)."""
@@ -71,21 +63,19 @@ class SplitKeys:
 
     def __post_init__(self) -> None:
         if repeated := [name for name, count in Counter(self.ids).items() if count > 1]:
-            raise SplitImpossible(
+            raise InputError(
                 f"expected every id once, got {repeated[0]!r} more often; give every pair an id of its own"
             )
         for what in ("objects", "sensors", "contacts"):
             column = getattr(self, what)
             if column is not None and len(column) != len(self.ids):
-                raise SplitImpossible(
-                    f"expected {what} of {len(self.ids)} pairs, got {len(column)}; give one for every id"
-                )
+                raise InputError(f"expected {what} of {len(self.ids)} pairs, got {len(column)}; give one for every id")
 
     def column(self, what: Literal["objects", "sensors", "contacts"]) -> Shaped[Array, " n"]:
-        """Return the labels of one kind as an array; raises `SplitImpossible` where they are not known."""
+        """Return the labels of one kind as an array; raises `InputError` where they are not known."""
         column = getattr(self, what)
         if column is None:
-            raise SplitImpossible(
+            raise InputError(
                 f"expected the {what[:-1]} of every pair, got none; give {what}, or split the standard way"
             )
         return np.asarray(column, dtype=str)
@@ -113,12 +103,12 @@ class DatasetSplit:
     def rows(self, ids: Sequence[str]) -> SplitRows:
         """Return the rows of the training and test pairs in a data set with these ids.
 
-        Raises `SplitFileUnusable` unless the ids are exactly those of the split.
+        Raises `FileFormatError` unless the ids are exactly those of the split.
         """
         place = {name: row for row, name in enumerate(ids)}
         known = {*self.train, *self.test, *self.left_out}
         if len(place) != len(ids) or place.keys() != known:
-            raise SplitFileUnusable(
+            raise FileFormatError(
                 f"expected the {len(known)} pairs of the split, got {count_with_example(set(place) - known)} that it does not "
                 f"know, {count_with_example(known - set(place))} of its own missing, and {len(ids) - len(place)} ids repeated; "
                 "give the data set that it was made from, or split again"
@@ -130,16 +120,16 @@ class DatasetSplit:
 def split_dataset(pairs: SplitKeys, settings: SplitSettings = SplitSettings()) -> DatasetSplit:
     """Split pairs into training and test pairs.
 
-    Raises `SplitImpossible` where a part would be empty, or where there are too few objects, sensors or pairs to choose from.
+    Raises `InputError` where a part would be empty, or where there are too few objects, sensors or pairs to choose from.
     """
     if len(pairs.ids) < 2:
-        raise SplitImpossible(f"expected at least 2 pairs to divide, got {len(pairs.ids)}; record more")
+        raise InputError(f"expected at least 2 pairs to divide, got {len(pairs.ids)}; record more")
     held = HeldOutSelection(pairs, settings)
     is_test, is_train = held.masks
     ids = np.asarray(pairs.ids, dtype=str)
     for name, part in (("train", is_train), ("test", is_test)):
         if not part.any():
-            raise SplitImpossible(
+            raise InputError(
                 f"expected pairs to {name} with, got none of {len(ids)} by the {settings.kind} split; hold out other "
                 "amounts, or take another seed"
             )
@@ -203,10 +193,10 @@ class HeldOutSelection:
         return self.chosen("sensors") if "sensor" in self.settings.kind else ()
 
     def chosen(self, what: Literal["objects", "sensors"]) -> tuple[str, ...]:
-        """Return the sorted names of the objects or sensors to hold out; raises `SplitImpossible`."""
+        """Return the sorted names of the objects or sensors to hold out; raises `InputError`."""
         different = set(self.pairs.column(what).tolist()) - {NO_OBJECT}
         if len(different) < 2:
-            raise SplitImpossible(
+            raise InputError(
                 f"expected at least 2 different {what} to hold some out, got {len(different)}; record more {what}, or split "
                 "the standard way"
             )
@@ -215,10 +205,10 @@ class HeldOutSelection:
 
 
 def held_out_count(amount: Amount, available: int, what: What) -> int:
-    """Return an amount as a whole number that leaves at least one item on each side; raises `SplitImpossible`."""
+    """Return an amount as a whole number that leaves at least one item on each side; raises `InputError`."""
     number = round(amount * available) if 0 < amount < 1 else amount
     if not (0 < number < available and number == int(number)):
-        raise SplitImpossible(
+        raise InputError(
             f"expected a number of {what} from 1 to {available - 1} or a part between 0 and 1, got {amount} of {available}; "
             f"hold out another amount, as {max(1, available // 10)}"
         )
@@ -245,19 +235,19 @@ def write_split(path: Path | str, split: DatasetSplit) -> None:
 
 
 def read_split(path: Path | str) -> DatasetSplit:
-    """Read and check a file that `write_split` wrote; raises `SplitFileUnusable`."""
+    """Read and check a file that `write_split` wrote; raises `FileFormatError`."""
     try:
         content = read_regular_file(path)
         version = msgspec.json.decode(content, type=dict[str, object]).get("format")
         read = msgspec.json.decode(content, type=DatasetSplit)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as trouble:
-        raise SplitFileUnusable(
+        raise FileFormatError(
             f"expected a split in {path}, got: {trouble}; give a file that this program wrote, or split again"
         ) from trouble
     counts = Counter([*read.train, *read.test, *read.left_out])
     repeated = counts.total() - len(counts)
     if version != SPLIT_FORMAT or not read.train or not read.test or repeated:
-        raise SplitFileUnusable(
+        raise FileFormatError(
             f"expected a split in {path}, format {SPLIT_FORMAT}, with pairs to train and to test, each once, got format "
             f"{version} with {len(read.train)} to train, {len(read.test)} to test and {repeated} repeated; split again"
         )

@@ -95,7 +95,7 @@ class DatasetStatistics:
 
 
 def compute_dataset_statistics(pair_files: Sequence[Path]) -> DatasetStatistics:
-    """Count what is in the files of pairs of a data set; raises `DatasetDamaged`."""
+    """Count what is in the files of pairs of a data set; raises `FileFormatError`."""
     table = read_columns(pair_files, ("kind", "sensor", "object", "wrench"))
     kinds = [kind or "rule" for kind in table["kind"].to_pylist()]
     wrenches = wrench_array(table).astype(float)
@@ -137,14 +137,10 @@ _FRAME = (
 )
 
 
-class UnknownLicence(InputError):
-    """Raised for text that is not the name of a licence."""
-
-
 def require_licence_name(licence: str | None) -> None:
-    """Raise `UnknownLicence` for text that cannot be the name of a licence."""
+    """Raise `InputError` for text that cannot be the name of a licence."""
     if licence is not None and not _LICENCE.fullmatch(licence):
-        raise UnknownLicence(
+        raise InputError(
             f"expected a licence as Hugging Face names it, such as mit or cc-by-nc-4.0, got {licence!r}; correct it"
         )
 

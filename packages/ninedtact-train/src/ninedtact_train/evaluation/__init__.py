@@ -5,7 +5,8 @@ True and predicted wrenches (`WrenchPredictions`) go in, read from a CSV file or
 intervals (`WrenchEvaluation`). A terminal table or a folder with an HTML page, figures and JSON comes out (`report`).
 """
 
+from ninedtact.errors import FileFormatError
 from ninedtact_train.evaluation.evaluation import WrenchEvaluation, evaluate_predictions
-from ninedtact_train.evaluation.predictions import ErrorDistribution, PredictionsUnusable, WrenchPredictions
+from ninedtact_train.evaluation.predictions import ErrorDistribution, WrenchPredictions
 
-__all__ = ["ErrorDistribution", "PredictionsUnusable", "WrenchEvaluation", "WrenchPredictions", "evaluate_predictions"]
+__all__ = ["ErrorDistribution", "FileFormatError", "WrenchEvaluation", "WrenchPredictions", "evaluate_predictions"]

@@ -43,10 +43,6 @@ Wrenches = Float64[Array, "n 6"]
 Six = Float64[Array, "6"]
 
 
-class PredictionsUnusable(FileFormatError):
-    """The predictions are inconsistent, not finite, or not in N and N·m, so that they cannot be evaluated."""
-
-
 class ErrorDistribution(StrEnum):
     """Whether claimed errors are Gaussian or Laplace distributed, given their standard deviation."""
 
@@ -63,7 +59,7 @@ class ErrorDistribution(StrEnum):
 
 @dataclass(frozen=True)
 class WrenchPredictions:
-    """True and predicted wrenches, N and N·m, one row for each pair; raises `PredictionsUnusable`."""
+    """True and predicted wrenches, N and N·m, one row for each pair; raises `FileFormatError`."""
 
     truth: Wrenches
     predicted: Wrenches
@@ -79,15 +75,13 @@ class WrenchPredictions:
     def __post_init__(self) -> None:
         rows = len(self.truth)
         if rows < _FEWEST_PAIRS:
-            raise PredictionsUnusable(f"expected at least {_FEWEST_PAIRS} pairs to evaluate, got {rows}; evaluate more")
+            raise FileFormatError(f"expected at least {_FEWEST_PAIRS} pairs to evaluate, got {rows}; evaluate more")
         for name in ("truth", "predicted", "std"):
             _require_wrenches(name, getattr(self, name), rows)
         for name in ("objects", "sensors"):
             column = getattr(self, name)
             if column is not None and len(column) != rows:
-                raise PredictionsUnusable(
-                    f"expected {name} of {rows} pairs, got {len(column)}; give one for every pair"
-                )
+                raise FileFormatError(f"expected {name} of {rows} pairs, got {len(column)}; give one for every pair")
 
     @property
     def in_contact(self) -> Bool[Array, " n"]:
@@ -104,7 +98,7 @@ class WrenchPredictions:
         return self.predicted - self.truth
 
     def select(self, chosen: Sequence[bool]) -> "WrenchPredictions":
-        """Return the chosen pairs; raises `PredictionsUnusable` where they are too few."""
+        """Return the chosen pairs; raises `FileFormatError` where they are too few."""
         rows = np.flatnonzero(chosen).tolist()
         objects, sensors = (
             None if names is None else [names[row] for row in rows] for names in (self.objects, self.sensors)
@@ -119,18 +113,18 @@ class WrenchPredictions:
         )
 
     def about(self, point_mm: tuple[float, float, float]) -> "WrenchPredictions":
-        """Return the predictions with torques about another point, moved as by `Wrench.about`; raises `PredictionsUnusable`.
+        """Return the predictions with torques about another point, moved as by `Wrench.about`; raises `FileFormatError`.
 
         Standard deviations of torques into which the move mixes forces become NaN, because their correlation is not known.
         """
         if self.about_mm is None:
-            raise PredictionsUnusable(
+            raise FileFormatError(
                 "expected to know the point of the torques before they are moved, got none; name it "
                 "(--predictions-about-mm 0 0 0 is the skin's centre, 0 0 -35 the paper's force/torque sensor)"
             )
         arm_m = (np.array(self.about_mm) - point_mm) / 1e3
         if not np.isfinite(arm_m).all():
-            raise PredictionsUnusable(
+            raise FileFormatError(
                 f"expected points of finite numbers, got {self.about_mm} and {point_mm}; correct them"
             )
         truth, predicted = (_shift_torques(six, arm_m) for six in (self.truth, self.predicted))
@@ -149,17 +143,17 @@ def _axes_mixed_by_shift(arm_m: Float64[Array, "3"]) -> Array:
 
 
 def _require_wrenches(name: str, six: Wrenches | None, rows: int) -> None:
-    """Raise `PredictionsUnusable` for anything but six finite numbers for each pair, or standard deviations of zero or more."""
+    """Raise `FileFormatError` for anything but six finite numbers for each pair, or standard deviations of zero or more."""
     if six is None:
         return
     if six.shape != (rows, len(WRENCH_AXES)):
-        raise PredictionsUnusable(
+        raise FileFormatError(
             f"expected {rows} rows of six numbers as {name}, got an array of {six.shape}; give both of the same pairs"
         )
     bad = six < 0 if name == "std" else ~np.isfinite(six)
     if bad.any():
         row, axis = np.argwhere(bad)[0]
-        raise PredictionsUnusable(
+        raise FileFormatError(
             f"expected {'no standard deviation below zero' if name == 'std' else 'finite numbers'}, got {six[row, axis]} as "
             f"{name} {WRENCH_AXES[axis]} of pair {row + 1} ({bad.any(axis=1).sum()} such pairs); correct them or leave these pairs "
             "out"
@@ -167,9 +161,9 @@ def _require_wrenches(name: str, six: Wrenches | None, rows: int) -> None:
 
 
 def require_si_units(predictions: WrenchPredictions) -> None:
-    """Raise `PredictionsUnusable` where wrenches do not look like N and N·m about a point near the skin."""
+    """Raise `FileFormatError` where wrenches do not look like N and N·m about a point near the skin."""
     for suspicion in _unit_suspicions(predictions):
-        raise PredictionsUnusable(
+        raise FileFormatError(
             f"expected forces in N and torques in N·m, got {suspicion}, or pass --trust-units if they are right"
         )
 
@@ -214,7 +208,7 @@ def read_predictions(
     distribution: ErrorDistribution = ErrorDistribution.GAUSSIAN,
     about_mm: tuple[float, float, float] | None = None,
 ) -> WrenchPredictions:
-    """Read and check a file; raises `PredictionsUnusable` with the row and column of what is wrong.
+    """Read and check a file; raises `FileFormatError` with the row and column of what is wrong.
 
     distribution: the distribution of the claimed errors. about_mm: the point of the torques. The file contains neither.
     """
@@ -227,7 +221,7 @@ def read_predictions(
             convert_options=csv.ConvertOptions(column_types=types, null_values=[]),
         )
     except (OSError, UnicodeDecodeError, pa.ArrowException) as trouble:
-        raise PredictionsUnusable(
+        raise FileFormatError(
             f"expected a CSV file of predictions in {path}, got: {trouble}; check the path, or correct that row"
         ) from trouble
     _require_columns(path, table.column_names)
@@ -238,13 +232,13 @@ def read_predictions(
 
 
 def _require_columns(path: Path, header: Sequence[str]) -> None:
-    """Raise `PredictionsUnusable` for a header without a required column, or with a name twice."""
+    """Raise `FileFormatError` for a header without a required column, or with a name twice."""
     wanted = (*_TRUTH, *_PREDICTED, *(_STD if any(name in _STD for name in header) else ()))
     missing = [name for name in wanted if name not in header]
     repeated = sorted({name for name in header if header.count(name) > 1})
     if missing or repeated:
         fault = f"no {', '.join(missing)}" if missing else f"{', '.join(repeated)} more than once"
-        raise PredictionsUnusable(
+        raise FileFormatError(
             f"expected columns {' '.join(_TRUTH)} {' '.join(_PREDICTED)} in {path}, separated by commas, got {fault} (the columns "
             f"there: {' '.join(header)[:200]}); name them so"
         )

@@ -8,10 +8,6 @@ from ninedtact.errors import InputError
 MechanicsKind = Literal["bonded", "compliant_base", "finite_strain"]
 
 
-class InvalidPopulation(InputError):
-    """Raised for settings of a population that admit no sensor."""
-
-
 @dataclass(frozen=True)
 class NonidealMechanicsShares:
     """Shares of sensors whose mechanics differ from the gel on a rigid base that estimators assume."""
@@ -23,7 +19,7 @@ class NonidealMechanicsShares:
 
     def __post_init__(self) -> None:
         if not (min(self.compliant_base, self.finite_strain) >= 0 and self.compliant_base + self.finite_strain <= 1):
-            raise InvalidPopulation(
+            raise InputError(
                 f"expected shares of sensors from 0 to 1, together at most 1, got {self.compliant_base} on a compliant base "
                 f"and {self.finite_strain} with finite strain; correct them"
             )

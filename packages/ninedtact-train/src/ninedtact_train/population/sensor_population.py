@@ -20,6 +20,7 @@ import msgspec
 import numpy as np
 
 from ninedtact.design import Gel, SensorDesign
+from ninedtact.errors import InputError
 from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
 from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPressSettings
 from ninedtact.simulation.gel_brightness import (
@@ -35,7 +36,7 @@ from ninedtact.simulation.gel_brightness import (
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import PITCH_MM, Twin, lens_for_design, scale_pixel_map_to_published
-from ninedtact_train.population.mechanics_shares import InvalidPopulation, MechanicsKind, NonidealMechanicsShares
+from ninedtact_train.population.mechanics_shares import MechanicsKind, NonidealMechanicsShares
 
 _SATURATION = 0.1, 6.0
 """Range of the saturation, whose logarithm is uniform."""
@@ -232,9 +233,9 @@ def sample_sensor(
     kinds: NonidealMechanicsShares = NonidealMechanicsShares(),
     design: SensorDesign = SensorDesign(),
 ) -> SampledSensor:
-    """Sample sensor `number` of a seed, which does not depend on other numbers; raises `InvalidPopulation` below zero."""
+    """Sample sensor `number` of a seed, which does not depend on other numbers; raises `InputError` below zero."""
     if number < 0 or seed < 0:
-        raise InvalidPopulation(f"expected number and seed of zero or more, got {number} and {seed}; correct them")
+        raise InputError(f"expected number and seed of zero or more, got {number} and {seed}; correct them")
     rng = np.random.default_rng([seed, number])
     kind = kinds.kind_at((0.5 + GOLDEN * number) % 1)
     gel = _sample_gel(rng, design.gel)

@@ -26,13 +26,9 @@ from ninedtact_train.dataset.split import SplitRows
 _FEWEST_PAIRS = 2
 
 
-class ExamplesUnusable(ForceEstimationError):
-    """The examples are too few, inconsistent, not finite, or do not fit the network's input."""
-
-
 @dataclass(frozen=True)
 class TrainingExamples:
-    """Images at the size of the network's input with their wrenches; raises `ExamplesUnusable`. Arrays may be mapped files."""
+    """Images at the size of the network's input with their wrenches; raises `ForceEstimationError`. Arrays may be mapped files."""
 
     images: Shaped[Array, "n rows cols"]
     """Heights in mm on the network's grid (`orthorectified_heights`), or grey levels; of any numeric type."""
@@ -58,13 +54,13 @@ class TrainingExamples:
             n,
             len(WRENCH_AXES),
         ):
-            raise ExamplesUnusable(
+            raise ForceEstimationError(
                 f"expected a wrench of six, object, sensor and the rest for each of {n} images, got columns of other "
                 "lengths; give one of each for every image"
             )
         if not np.isfinite(self.wrench).all():
             bad = ~np.isfinite(self.wrench).all(1)
-            raise ExamplesUnusable(
+            raise ForceEstimationError(
                 f"expected wrenches of six finite numbers, got {bad.sum()} of {n} that are not, the first in row "
                 f"{int(bad.argmax())}; leave those pairs out"
             )
@@ -87,10 +83,10 @@ class TrainingExamples:
 
 
 def require_trainable_examples(examples: TrainingExamples, rows: SplitRows, settings: NetworkInputSettings) -> None:
-    """Raise `ExamplesUnusable` for too few pairs, for wrenches that were not measured on all axes, or for examples that do not fit
+    """Raise `ForceEstimationError` for too few pairs, for wrenches that were not measured on all axes, or for examples that do not fit
     the network's input."""
     if min(len(rows.train), len(rows.test)) < _FEWEST_PAIRS:
-        raise ExamplesUnusable(
+        raise ForceEstimationError(
             f"expected at least {_FEWEST_PAIRS} pairs for training and for validation, got {len(rows.train)} and "
             f"{len(rows.test)}; hold out more or less, or record more"
         )
@@ -98,17 +94,17 @@ def require_trainable_examples(examples: TrainingExamples, rows: SplitRows, sett
         name for name, values in zip(WRENCH_AXES, examples.wrench[rows.train].T, strict=True) if not np.ptp(values)
     ]
     if unmeasured:
-        raise ExamplesUnusable(
+        raise ForceEstimationError(
             f"expected wrenches that vary on all six axes, got the same {', '.join(unmeasured)} in all {len(rows.train)} training "
             "pairs, as of a sensor that does not measure it; give wrenches that were measured on all axes"
         )
     size = examples.images.shape[1:]
     if size != (settings.rows, settings.cols):
-        raise ExamplesUnusable(
+        raise ForceEstimationError(
             f"expected images of {settings.cols} x {settings.rows}, got {size[1]} x {size[0]}; read the data at that size"
         )
     if settings.channels.of_physics != (examples.tractions is not None and examples.physics is not None):
-        raise ExamplesUnusable(
+        raise ForceEstimationError(
             f"expected examples for the channels {settings.channels.value!r}, got some "
             f"{'with' if examples.physics is not None else 'without'} the tractions and wrenches of physics; choose other channels"
         )
@@ -116,7 +112,7 @@ def require_trainable_examples(examples: TrainingExamples, rows: SplitRows, sett
         examples.references is None
     ):
         given = "heights" if examples.references is None else "images with references"
-        raise ExamplesUnusable(
+        raise ForceEstimationError(
             f"expected examples for the channels {settings.channels.value!r}, got {given}; give the other kind, or choose "
             "other channels"
         )

@@ -30,14 +30,10 @@ _PARITY_TOLERANCE = 1e-3
 _PARITY_INPUTS = 3
 
 
-class ExportedGraphDiffers(OutputError):
-    """The exported graph and the network predict different wrenches."""
-
-
 def export_model(path: Path, network: WrenchNetwork, card: ModelCard) -> ForceModel:
     """Write the network as an ONNX file, atomically, after comparing it with the network.
 
-    Raises `ExportedGraphDiffers`, `FileNotWritten`.
+    Raises `OutputError`, `FileNotWritten`.
     """
     content = _serialise_with_card(_build_onnx_graph(network, card), card)
     model = parse_force_model(content, str(path))
@@ -91,7 +87,7 @@ def _remove_traces(graph: onnx.ModelProto) -> None:
 
 
 def _require_onnx_parity(network: WrenchNetwork, model: ForceModel) -> None:
-    """Raise `ExportedGraphDiffers` where graph and network differ on random inputs."""
+    """Raise `OutputError` where graph and network differ on random inputs."""
     shown = torch.rand(_PARITY_INPUTS, *model.card.input.shape)
     with torch.no_grad():
         expected = [part.double().numpy() for part in network(shown)]
@@ -100,7 +96,7 @@ def _require_onnx_parity(network: WrenchNetwork, model: ForceModel) -> None:
     pairs = zip(expected, (given.wrench, given.scale), strict=False)
     difference = max(float((np.abs(a - b) / (unit + np.abs(a))).max()) for a, b in pairs)
     if not difference <= _PARITY_TOLERANCE:
-        raise ExportedGraphDiffers(
+        raise OutputError(
             f"expected the exported graph to predict what the network predicts, got a relative difference of {difference:.2g}; "
             "update torch and onnx"
         )

@@ -84,8 +84,8 @@ def train_network(
     """Train on `rows.train`, select the epoch that is best on `rows.test`, and write the model and its curves to `out`.
 
     A training that was stopped continues after its last complete epoch when it is called again with the same arguments.
-    Returns None in all processes of a distributed training but the first. Raises `ExamplesUnusable`, `FolderTaken`,
-    `TrainingStopped`, `CheckpointDamaged`, `FileNotWritten`.
+    Returns None in all processes of a distributed training but the first. Raises `ForceEstimationError`, `OutputError`,
+    `ForceEstimationError`, `FileFormatError`, `FileNotWritten`.
     """
     require_trainable_examples(examples, rows, settings.input)
     begin_or_resume_folder(out, {**settings.to_json_dict(), "examples": _digest_examples(examples, rows), "name": name})
@@ -142,7 +142,7 @@ def fit_network(
 ) -> _FitResult:
     """Optimise the network, from the start or from the last checkpoint in `out`, and load its best weights into `module`.
 
-    Raises `TrainingStopped`, `CheckpointDamaged`.
+    Raises `ForceEstimationError`, `FileFormatError`.
     """
     folder = out / CHECKPOINT_FOLDER
     history = MetricsHistory(out / _METRICS_FILE)

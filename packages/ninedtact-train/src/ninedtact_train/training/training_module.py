@@ -1,7 +1,7 @@
 """The Lightning module of a force model's training (augmentation, the network, its loss and its optimiser), and adaptations of
 Lightning: checkpoints, metrics, progress bar, interrupts and log messages.
 
-Checkpoints are written atomically and read without running code in them. Ctrl-C raises `TrainingStopped`. The metrics of every
+Checkpoints are written atomically and read without running code in them. Ctrl-C raises `ForceEstimationError`. The metrics of every
 epoch are kept in a CSV file, one progress bar covers all epochs, and Lightning's advice is suppressed.
 """
 
@@ -144,14 +144,6 @@ class ForceTrainingModule(lightning.LightningModule):
 EpochMetrics = dict[str, float]
 
 
-class CheckpointDamaged(FileFormatError):
-    """The checkpoint of an earlier run cannot be read."""
-
-
-class TrainingStopped(ForceEstimationError):
-    """Ctrl-C ended the training before its last epoch."""
-
-
 class AtomicCheckpointIO(TorchCheckpointIO):
     """Lightning plugin that writes checkpoints atomically."""
 
@@ -164,7 +156,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 
 
 def resumable_checkpoint(path: Path) -> str | None:
-    """Return the path of the last checkpoint of an earlier run, None without one; raises `CheckpointDamaged`."""
+    """Return the path of the last checkpoint of an earlier run, None without one; raises `FileFormatError`."""
     if not path.is_file():
         return None
     load_checkpoint(path)
@@ -172,24 +164,24 @@ def resumable_checkpoint(path: Path) -> str | None:
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:
-    """Read a checkpoint, plain values and weights alone, without running code in it; raises `CheckpointDamaged`."""
+    """Read a checkpoint, plain values and weights alone, without running code in it; raises `FileFormatError`."""
     try:
         return dict(torch.load(path, map_location="cpu", weights_only=True))
     except Exception as trouble:  # torch raises many kinds of error for a damaged file
         reason = (str(trouble).splitlines() or [""])[0]
-        raise CheckpointDamaged(
+        raise FileFormatError(
             f"expected a checkpoint of this program in {path}, got: {reason}; remove it to begin again"
         ) from trouble
 
 
 @contextmanager
 def interrupt_as_training_stopped(out: Path) -> Iterator[None]:
-    """Raise `TrainingStopped` at Ctrl-C; Lightning itself would end the whole program and ignore further signals."""
+    """Raise `ForceEstimationError` at Ctrl-C; Lightning itself would end the whole program and ignore further signals."""
     before = signal.getsignal(signal.SIGINT)
     try:
         yield
     except (SystemExit, KeyboardInterrupt):
-        raise TrainingStopped(
+        raise ForceEstimationError(
             f"stopped by Ctrl-C; the last complete epoch is kept in {out}; run the command again to continue"
         ) from None
     finally:

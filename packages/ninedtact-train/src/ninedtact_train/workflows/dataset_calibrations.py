@@ -21,12 +21,12 @@ from ninedtact.calibration.drift.reference_check import load_reference_image_che
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CalibrationError, NinedtactError
 from ninedtact.force.estimator_and_scale import read_force_scales
 from ninedtact.parallel_jobs import Workers, run_writing_jobs
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, simulate_calibration_images
-from ninedtact_train.dataset.calibrated_readings import DatasetSensorCalibration, SensorCalibrationMissing
+from ninedtact_train.dataset.calibrated_readings import DatasetSensorCalibration
 from ninedtact_train.dataset.folder import (
     REFERENCES_FILE,
     DatasetFolder,
@@ -64,7 +64,7 @@ class DatasetSensors:
 
 
 def load_simulated_sensors(data: Path) -> dict[str, SampledSensor]:
-    """Read the simulated sensors of a data set by name; a data set of real sensors has none. Raises `DatasetDamaged`."""
+    """Read the simulated sensors of a data set by name; a data set of real sensors has none. Raises `FileFormatError`."""
     tables = read_sensor_parameters(data)
     try:
         return {table["name"]: sampled_sensor_from_json(table) for table in tables}
@@ -77,7 +77,7 @@ def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progr
 
     given: a folder with a sensor folder for each sensor, by name; where None, the calibrations that the recordings of the data set
     carried are read, or its simulated sensors are calibrated. workers: number of processes that calibrate, or a cluster. Raises
-    `SensorCalibrationMissing`, `SensorFolderDamaged`, `FileFormatError`, `DatasetDamaged`.
+    `CalibrationError`, `SensorFolderDamaged`, `FileFormatError`.
     """
     require_sensor_calibrations(data, given)
     refused: dict[str, str] = {}
@@ -86,7 +86,7 @@ def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progr
         members = load_simulated_sensors(data)
         refused = calibrate_simulated_sensors(members, folder, workers, progress)
         if members and len(refused) == len(members):
-            raise SensorCalibrationMissing(
+            raise CalibrationError(
                 f"expected simulated sensors that can be calibrated, got none of {data}: {next(iter(refused.values()))}"
             )
     by_name = {path.name: _load_calibrated_sensor(path) for path in find_sensor_folders(folder)}
@@ -98,7 +98,7 @@ def find_calibration_doubts(data: Path, given: Path | None) -> Iterator[str]:
     reference image of the data set shows.
 
     given: as for `load_dataset_sensors`; where None, simulated sensors, calibrated from their own images, are not compared. Raises
-    `SensorFolderDamaged`, `DatasetDamaged`.
+    `SensorFolderDamaged`, `FileFormatError`.
     """
     place = DatasetFolder(data).sensor_folders if given is None else given
     folders = {path.name: load_sensor(path) for path in find_sensor_folders(place)}
@@ -127,13 +127,13 @@ def _read_first_references(data: Path, names: Collection[str]) -> Iterator[tuple
 
 
 def require_sensor_calibrations(data: Path, given: Path | None, otherwise: str = "") -> None:
-    """Raise `SensorCalibrationMissing` where a data set has no calibrations and none can be made; this takes no time.
+    """Raise `CalibrationError` where a data set has no calibrations and none can be made; this takes no time.
 
     otherwise: what can be done without calibrations, as the end of the sentence.
     """
     carried = find_sensor_folders(DatasetFolder(data).sensor_folders)
     if data.is_dir() and given is None and not carried and not load_simulated_sensors(data):
-        raise SensorCalibrationMissing(
+        raise CalibrationError(
             f"expected the calibrations of the sensors of {data}, got none, or several of one sensor; give --sensors, a folder "
             f"that holds a sensor folder of each name{otherwise}"
         )

@@ -30,10 +30,6 @@ OVEREXPOSED = 250
 _MAX_OVEREXPOSED_SHARE = 0.2
 
 
-class ImageUnusable(CalibrationError):
-    """The image cannot be used for a calibration."""
-
-
 def flat_fielded_brightness_change(reference: BgrImage, press: BgrImage) -> Float32[Array, "rows cols"]:
     """Return (press − reference) / reference, times the mean grey level of the reference, as under uniform light."""
     before, after = to_grey_float(reference), to_grey_float(press)
@@ -92,17 +88,17 @@ def find_exposure_fault(image: BgrImage) -> ExposureFault | None:
 
 
 def require_usable_exposure(name: str, image: BgrImage) -> None:
-    """Raise `ImageUnusable` for an image that is black or overexposed."""
+    """Raise `CalibrationError` for an image that is black or overexposed."""
     fault = find_exposure_fault(image)
     if fault is not None:
-        raise ImageUnusable(f"expected {fault.expected} for the {name}, got {fault.sentence}")
+        raise CalibrationError(f"expected {fault.expected} for the {name}, got {fault.sentence}")
 
 
 def require_same_image_size(name: str, reference: BgrImage, press: BgrImage) -> None:
     """Refuse a pair of images of different sizes."""
     if reference.shape != press.shape:
         (rows, cols), (got_rows, got_cols) = reference.shape[:2], press.shape[:2]
-        raise ImageUnusable(
+        raise CalibrationError(
             f"expected the {name} and its reference to be of one size, got {got_cols}x{got_rows} and {cols}x{rows}; "
             "take both with the same camera settings"
         )

@@ -188,7 +188,7 @@ class UnscaledForceReader:
         self._depth_reader: DepthReader | None = None
 
     def use_reference(self, frames: Sequence[Frame]) -> None:
-        """Compare the following images with the mean of these, which show no contact; raises `ReferenceImplausible`."""
+        """Compare the following images with the mean of these, which show no contact; raises `InputError`."""
         self._check.require_faultless(frames)
         self._depth_reader = self._shape.depth_reader(*frames)
 

@@ -69,7 +69,7 @@ class PinSearchResult:
 def search_board_pins(
     reference: BgrImage, press: BgrImage, design: SensorDesign, settings: CalibrationSettings
 ) -> PinSearchResult:
-    """Return which pins a press shows and where others are missing; raises `ImageUnusable`."""
+    """Return which pins a press shows and where others are missing; raises `CalibrationError`."""
     expected, half = design.pin_board.count, np.array(press.shape[1::-1]) / 2
     try:
         fit = fit_board(reference, press, design.pin_board, settings.camera_rotation_deg)

@@ -135,7 +135,7 @@ def calibrate(
     on_step: Callable[[str], None] = lambda step: None,
     imported: SensorFolder | None = None,
 ) -> Calibration:
-    """Calibrate a sensor; raises `BoardNotFound`, `BallPressUnusable`, `ImageUnusable`, whose messages say what to do, and
+    """Calibrate a sensor; raises `BoardNotFound`, `BallPressUnusable`, `CalibrationError`, whose messages say what to do, and
     `InputError`.
 
     on_step: called with what is fitted next, in words. imported: a sensor whose rectification is used in place of a board's. Linear
@@ -337,7 +337,7 @@ def repeat_calibration(
     """Calibrate from the stored images, with the stored lens and mounting, or through the imported rectification.
 
     ball: new images of the skin before the ball and under it, in place of stored ones. design, smoothing: in place of the stored
-    ones. Raises `SensorFolderDamaged` where images are missing, `DepthNotCalibrated` where none of a ball are stored or given, and
+    ones. Raises `SensorFolderDamaged` where images are missing, `CalibrationError` where none of a ball are stored or given, and
     what `calibrate` raises.
     """
     names = ("ball_reference", "ball") if folder.is_imported else ("board_reference", "board", "ball_reference", "ball")

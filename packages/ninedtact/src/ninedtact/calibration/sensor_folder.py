@@ -60,14 +60,6 @@ class SensorFolderDamaged(FileFormatError):
     """The folder is not a sensor folder, a file in it is missing or changed, or its format is not supported."""
 
 
-class DepthNotCalibrated(CalibrationError):
-    """The sensor was calibrated with the pin board alone, so that it has no depth, no twin and no force."""
-
-
-class TwinMissing(CalibrationError):
-    """The sensor's calibration contains no twin."""
-
-
 @dataclass(frozen=True)
 class SensorFolder:
     """One sensor's folder, read and checked.
@@ -123,14 +115,14 @@ class SensorFolder:
 
     @property
     def depth(self) -> DepthTable:
-        """The calibrated depth; raises `DepthNotCalibrated` for a sensor that was calibrated with the board alone."""
+        """The calibrated depth; raises `CalibrationError` for a sensor that was calibrated with the board alone."""
         if self.record.depth is None:
             raise self._depth_not_calibrated()
         return self.record.depth
 
-    def _depth_not_calibrated(self) -> DepthNotCalibrated:
+    def _depth_not_calibrated(self) -> CalibrationError:
         """Return the error of a sensor that was calibrated with the board alone."""
-        return DepthNotCalibrated(
+        return CalibrationError(
             f"expected {self.path} to be calibrated for depth, got a sensor calibrated with the board alone, which rectifies "
             f"images and gives no heights and no force; press the ball and run: {self.completion_command}"
         )
@@ -186,7 +178,7 @@ class SensorFolder:
     def stored_image(self, name: str) -> Frame:
         """Read an image that the sensor was calibrated from: `board_reference`, `board`, `ball_reference` or `ball`.
 
-        Raises `SensorFolderDamaged` where it is missing or changed, and `DepthNotCalibrated` for an image of the ball that was not
+        Raises `SensorFolderDamaged` where it is missing or changed, and `CalibrationError` for an image of the ball that was not
         pressed yet. Imported sensors have no images of a board.
         """
         if name not in self.record.images:
@@ -203,7 +195,7 @@ class SensorFolder:
     def twin(self) -> "Twin":
         """Build the sensor's digital twin from what its ball press showed of gel and light.
 
-        Raises `TwinMissing` where the calibration fitted none (`--method ratio` or `table`, imported sensors), and
+        Raises `CalibrationError` where the calibration fitted none (`--method ratio` or `table`, imported sensors), and
         `SensorFolderDamaged` where its images are missing.
 
         >>> twin = ninedtact.load_sensor("my_sensor").twin()
@@ -212,7 +204,7 @@ class SensorFolder:
 
         table = self.record.twin
         if table is None:
-            raise TwinMissing(
+            raise CalibrationError(
                 f"expected {self.path} to hold a twin, got a sensor without one; run: {self.completion_command}"
             )
         reference, area = self.stored_image("ball_reference").image, self.record.design.sensing_area
@@ -228,7 +220,7 @@ class SensorFolder:
         spec: `physics`, `corrected` (physics, corrected by the shipped model), `none`, or the path of a force model (.onnx) or of
         the original project's weights (.pt). with_force_scale: without, forces are those before the calibration with known loads.
         Raises `InputError`, `ForceModelUnusable`, `FileFormatError`, and
-        `TractionImpossible` for a sensor that was imported or calibrated without scattering of light.
+        `ForceEstimationError` for a sensor that was imported or calibrated without scattering of light.
 
         >>> estimator = ninedtact.load_sensor("my_sensor").estimator("physics")
         >>> estimator.name
@@ -238,9 +230,9 @@ class SensorFolder:
         from ninedtact.force.estimator_loading import CORRECTED, NONE, PHYSICS, build_estimator
 
         if spec in (PHYSICS, CORRECTED) and self.shape.deblurring is None:
-            from ninedtact.force.traction.observation import TractionImpossible
+            from ninedtact.errors import ForceEstimationError
 
-            raise TractionImpossible(
+            raise ForceEstimationError(
                 expected=f"{self.path} to be calibrated for force by physics",
                 got="a calibration that does not know how the gel scatters light (imported, or of another method than 'physics')",
                 remedy=f"run: {self.completion_command}",

@@ -16,27 +16,15 @@ from types import TracebackType
 from typing import Any, ClassVar, Generic, TypeVar
 
 from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, read_image, require_image_size
-from ninedtact.errors import CameraError, FileFormatError, InputError
+from ninedtact.errors import CameraError, FileFormatError
 from ninedtact.quantities import Frame
 
 Opened = TypeVar("Opened", bound="Openable")
 Inner = TypeVar("Inner", bound="Openable")
 
 
-class SourceUnknown(InputError):
-    """Raised for text that names no camera, stream, file or force/torque sensor."""
-
-
-class CameraNotFound(CameraError):
-    """Raised where no camera, stream or file could be opened at the given address."""
-
-
 class CameraLost(CameraError):
     """Raised where a camera that had delivered images stopped."""
-
-
-class CameraSettingRefused(CameraError):
-    """Raised for a setting that the camera did not accept, or settings that contradict each other."""
 
 
 class SourceEnded(CameraError):
@@ -99,7 +87,7 @@ class ExposureWithLimits:
 
 
 class FrameSource(Openable):
-    """The interface of every source of frames; `open` raises `CameraNotFound`, `CameraSettingRefused` or `ImageUnreadable`."""
+    """The interface of every source of frames; `open` raises `CameraError` or `FileFormatError`."""
 
     is_live: bool = True
     """Whether images show the present: a camera, a stream or a simulated camera. False for recordings, videos and images."""
@@ -129,8 +117,8 @@ class FrameSource(Openable):
         return None
 
     def set_exposure(self, exposure_ms: float) -> None:
-        """Set the exposure of the open source; raises `CameraSettingRefused` where it does not take it."""
-        raise CameraSettingRefused(
+        """Set the exposure of the open source; raises `CameraError` where it does not take it."""
+        raise CameraError(
             f"expected a camera whose exposure can be set here, got {self.name} for {exposure_ms:g} ms; set it with the camera's "
             "own tool"
         )
@@ -204,13 +192,11 @@ class CameraSettings:
 
     def __post_init__(self) -> None:
         if self.exposure_ms is not None and self.auto_exposure:
-            raise CameraSettingRefused("expected exposure_ms or auto_exposure, got both; drop one")
+            raise CameraError("expected exposure_ms or auto_exposure, got both; drop one")
         if self.white_balance_k is not None and self.auto_white_balance:
-            raise CameraSettingRefused("expected white_balance_k or auto_white_balance, got both; drop one")
+            raise CameraError("expected white_balance_k or auto_white_balance, got both; drop one")
         if self.pixel_format is not None and len(self.pixel_format) != 4:
-            raise CameraSettingRefused(
-                f"expected pixel_format of four letters, got '{self.pixel_format}'; try MJPG or YUYV"
-            )
+            raise CameraError(f"expected pixel_format of four letters, got '{self.pixel_format}'; try MJPG or YUYV")
 
 
 DEFAULT_CAMERA = CameraSettings()
@@ -250,7 +236,7 @@ class ImageFileList(FrameSource):
             self._next_index, self._size = 0, None
 
     def read(self) -> Frame:
-        """Return the next image; raises `SourceEnded`, or `ImageUnreadable` or `ImageSizeWrong` for a bad file.
+        """Return the next image; raises `SourceEnded`, or `FileFormatError` for a bad file.
 
         A bad image is reported once and counts as read, so that the next call continues after it.
         """
@@ -290,13 +276,13 @@ class ImageFolder(ImageFileList, AddressedFrameSource):
         return cls(folder) if address and folder.is_dir() else None
 
     def open(self) -> None:
-        """List the images, anew at every opening; raises `CameraNotFound` where there are none."""
+        """List the images, anew at every opening; raises `CameraError` where there are none."""
         if self._next_index is not None:
             return
         self.images = tuple(_list_images(self.folder))
         if not self.images:
             kinds = ", ".join(IMAGE_SUFFIXES)
-            raise CameraNotFound(f"expected a folder of images ({kinds}), got none in {self.folder}; check the path")
+            raise CameraError(f"expected a folder of images ({kinds}), got none in {self.folder}; check the path")
         super().open()
 
 

@@ -4,15 +4,9 @@ from urllib.parse import urlsplit
 
 import cv2
 
-from ninedtact.capture.frame_source import (
-    AddressedFrameSource,
-    CameraLost,
-    CameraNotFound,
-    CameraSettings,
-    SourceNotOpen,
-    SourceUnknown,
-)
+from ninedtact.capture.frame_source import AddressedFrameSource, CameraLost, CameraSettings, SourceNotOpen
 from ninedtact.capture.shared_video_capture import ThreadSafeVideoCapture, silence_video_libraries
+from ninedtact.errors import CameraError, InputError
 from ninedtact.quantities import Frame
 
 _SCHEMES = ("http", "https", "rtsp", "rtsps", "rtmp", "tcp", "udp")
@@ -34,29 +28,29 @@ class NetworkStream(AddressedFrameSource):
 
     @classmethod
     def from_address(cls, address: str, settings: CameraSettings) -> "NetworkStream | None":
-        """Return the stream of a URL, to which camera settings do not apply; raises `SourceUnknown` for another scheme."""
+        """Return the stream of a URL, to which camera settings do not apply; raises `InputError` for another scheme."""
         if "://" not in address:
             return None
         scheme = address.partition("://")[0]
         if scheme.lower() not in _SCHEMES:
-            raise SourceUnknown(f"expected one of {', '.join(_SCHEMES)} before ://, got {scheme}; correct it")
+            raise InputError(f"expected one of {', '.join(_SCHEMES)} before ://, got {scheme}; correct it")
         try:
             urlsplit(address)
         except ValueError as fault:
-            raise SourceUnknown(
+            raise InputError(
                 f"expected an address of a stream, got one that cannot be read ({fault}); write it as in a browser"
             ) from fault
         return cls(address)
 
     def open(self) -> None:
-        """Connect and read one image; raises `CameraNotFound`."""
+        """Connect and read one image; raises `CameraError`."""
         if self._grabber is not None:
             return
         silence_video_libraries()
         grabber = ThreadSafeVideoCapture(self.name, cv2.VideoCapture(self._url, cv2.CAP_FFMPEG, self._timeouts))
         if grabber.read() is None:
             grabber.release()
-            raise CameraNotFound(
+            raise CameraError(
                 f"expected a video stream at {self.name}, got none; check the address, and open it in a browser or VLC"
             )
         grabber.next_index = 0

@@ -14,11 +14,10 @@ from ninedtact.capture.frame_source import (
     DEFAULT_CAMERA,
     AddressedFrameSource,
     CameraLost,
-    CameraNotFound,
-    CameraSettingRefused,
     CameraSettings,
     SourceNotOpen,
 )
+from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
 
 _SILENCE_LIMIT_S = 2.0
@@ -32,15 +31,15 @@ _INSTALL_HINT = (
 
 
 def _open_picamera(number: int) -> Any:
-    """Open a camera exclusively; raises `CameraNotFound` without picamera2 or without a camera."""
+    """Open a camera exclusively; raises `CameraError` without picamera2 or without a camera."""
     try:
         from picamera2 import Picamera2
     except ImportError as absence:
-        raise CameraNotFound(f"expected picamera2 for csi:{number}, got no such package; {_INSTALL_HINT}") from absence
+        raise CameraError(f"expected picamera2 for csi:{number}, got no such package; {_INSTALL_HINT}") from absence
     try:
         return Picamera2(number)
     except (IndexError, RuntimeError) as trouble:
-        raise CameraNotFound(
+        raise CameraError(
             f"expected a camera at csi:{number}, got: {trouble}; check the ribbon cable and close other programs"
         ) from trouble
 
@@ -71,7 +70,7 @@ class RaspberryPiCamera(AddressedFrameSource):
         return cls(int(found[1] or 0), settings) if found else None
 
     def open(self) -> None:
-        """Open the camera, apply the settings and read them back; raises `CameraNotFound` or `CameraSettingRefused`."""
+        """Open the camera, apply the settings and read them back; raises `CameraError`."""
         if self._camera is not None:
             return
         camera = self._opener(self._number)
@@ -101,7 +100,7 @@ class RaspberryPiCamera(AddressedFrameSource):
     def _start(self, camera: Any) -> None:
         controls = dict(_libcamera_controls(self.settings))
         if unknown := [name for name in controls if name not in camera.camera_controls]:
-            raise CameraSettingRefused(f"expected {self.name} to take {unknown[0]}, got no such control; leave it out")
+            raise CameraError(f"expected {self.name} to take {unknown[0]}, got no such control; leave it out")
         # The format "RGB888" of picamera2 lies in memory as blue, green, red. Without a queue an image is never older
         # than the request for it.
         main = {"format": "RGB888", "size": self.settings.size_px or (640, 480)}
@@ -110,14 +109,14 @@ class RaspberryPiCamera(AddressedFrameSource):
         self._read_back(camera, controls)
 
     def _read_back(self, camera: Any, controls: dict[str, _Control]) -> None:
-        """Wait for the controls, which libcamera applies a few images late; raises `CameraSettingRefused`."""
+        """Wait for the controls, which libcamera applies a few images late; raises `CameraError`."""
         wanted = {name: controls[name] for name in ("ExposureTime", "AnalogueGain") if name in controls}
         got: dict[str, _Control] = {}
         for _ in range(_IMAGES_TO_SETTLE):
             _, got = self._capture(camera)
             if all(math.isclose(got[name], value, rel_tol=_RELATIVE_TOLERANCE) for name, value in wanted.items()):
                 return
-        raise CameraSettingRefused(
+        raise CameraError(
             f"expected {self.name} to take {wanted}, got { {name: got[name] for name in wanted} }; ask for other values"
         )
 
@@ -131,11 +130,9 @@ class RaspberryPiCamera(AddressedFrameSource):
 
 
 def _libcamera_controls(settings: CameraSettings) -> Iterator[tuple[str, _Control]]:
-    """Yield the settings as controls of libcamera; raises `CameraSettingRefused` for those that it does not have."""
+    """Yield the settings as controls of libcamera; raises `CameraError` for those that it does not have."""
     if settings.pixel_format is not None or settings.white_balance_k is not None:
-        raise CameraSettingRefused(
-            "expected no pixel_format and no white_balance_k on a Raspberry Pi, got one; leave it out"
-        )
+        raise CameraError("expected no pixel_format and no white_balance_k on a Raspberry Pi, got one; leave it out")
     if settings.rate_hz is not None:
         yield "FrameRate", settings.rate_hz
     if settings.auto_exposure is not None or settings.exposure_ms is not None:

@@ -7,14 +7,14 @@ from typing import ClassVar, Generic, TypeVar
 
 from ninedtact.capture.frame_source import (
     CameraLost,
-    CameraNotFound,
     FrameSource,
     FrameSourceWrapper,
     Inner,
     SourceNotOpen,
     SourceWrapper,
 )
-from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSensorNotFound, WrenchSource, WrenchSourceWrapper
+from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource, WrenchSourceWrapper
+from ninedtact.errors import CameraError, DeviceError
 from ninedtact.quantities import Frame, Wrench
 
 Loss = TypeVar("Loss", bound=Exception)
@@ -92,7 +92,7 @@ class _ReconnectingSource(SourceWrapper[Inner], Generic[Inner, Loss]):
 class ReconnectingFrameSource(_ReconnectingSource[FrameSource, CameraLost], FrameSourceWrapper):
     """Reads another source and reopens it after `CameraLost`; meanwhile `read` waits, so put `LatestFrameSource` around it."""
 
-    _absence = CameraNotFound
+    _absence = CameraError
 
     def _start_counting(self) -> None:
         super()._start_counting()
@@ -117,7 +117,7 @@ class ReconnectingWrenchSource(_ReconnectingSource[WrenchSource, WrenchSensorLos
     The zero of a device may change while its power is off, so tare again after `on_back`.
     """
 
-    _absence = WrenchSensorNotFound
+    _absence = DeviceError
 
     def read(self) -> Wrench:
         """Wait for the next sample, however long the sensor is away."""

@@ -8,13 +8,13 @@ from ninedtact.capture.frame_source import (
     CameraSettings,
     FrameSource,
     ImageFolder,
-    SourceUnknown,
 )
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES
 from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.capture.video_file import VideoFile
+from ninedtact.errors import InputError
 
 SOURCE_TYPES: tuple[type[AddressedFrameSource], ...] = (
     UvcCamera,
@@ -29,7 +29,7 @@ SOURCE_TYPES: tuple[type[AddressedFrameSource], ...] = (
 def camera_or_file_source(address: str, settings: CameraSettings = DEFAULT_CAMERA) -> FrameSource:
     """Return the source that the address names, not yet opened.
 
-    `settings` apply to cameras on this machine. Raises `SourceUnknown` with the addresses that are accepted.
+    `settings` apply to cameras on this machine. Raises `InputError` with the addresses that are accepted.
 
         with camera_or_file_source("/dev/video0") as camera:
             frame = camera.read()
@@ -40,6 +40,6 @@ def camera_or_file_source(address: str, settings: CameraSettings = DEFAULT_CAMER
             return source
     path = Path(address).expanduser()
     if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
-        raise SourceUnknown(f"expected a source of many images, got the single image {address}; name its folder")
+        raise InputError(f"expected a source of many images, got the single image {address}; name its folder")
     accepted = ", ".join(kind.address_help for kind in SOURCE_TYPES)
-    raise SourceUnknown(f"expected {accepted}, got '{address}', which is none of these; correct it")
+    raise InputError(f"expected {accepted}, got '{address}', which is none of these; correct it")

@@ -30,18 +30,10 @@ _CUT_SHORT = "a file that is cut short"
 _DAMAGED = "a damaged file"
 
 
-class ImageUnreadable(FileFormatError):
-    """Raised for an image that is missing, damaged, or of a kind that cannot be measured."""
-
-
-class ImageSizeWrong(FileFormatError):
-    """Raised for an image whose size differs from that of the images it belongs to."""
-
-
 def read_image(path: str | Path) -> UInt8[Array, "rows cols 3"]:
     """Read a PNG, JPEG or BMP file as 8-bit BGR, pixels as stored (no rotation by EXIF).
 
-    A grey image is repeated in all three channels; a fully opaque alpha channel is dropped. Raises `ImageUnreadable` for
+    A grey image is repeated in all three channels; a fully opaque alpha channel is dropped. Raises `FileFormatError` for
     everything else: missing, empty, cut short or damaged files, animations, 16 bits, transparency.
 
     >>> ninedtact.read_image("my_sensor/images/ball.png").shape
@@ -52,7 +44,7 @@ def read_image(path: str | Path) -> UInt8[Array, "rows cols 3"]:
     fault = image_file_fault(content)
     decoded = _decode(content) if fault is None else fault
     if isinstance(decoded, str):
-        raise ImageUnreadable(f"expected an image in {path}, got {decoded}; record it again, or save it as 8-bit PNG")
+        raise FileFormatError(f"expected an image in {path}, got {decoded}; record it again, or save it as 8-bit PNG")
     return decoded
 
 
@@ -120,27 +112,27 @@ def _decode(content: bytes) -> UInt8[Array, "rows cols 3"] | str:
 
 
 def _read_file_bytes(path: Path) -> bytes:
-    """Return the bytes of a file; raises `ImageUnreadable` with what is wrong with the path or the file."""
+    """Return the bytes of a file; raises `FileFormatError` with what is wrong with the path or the file."""
     if path.is_dir():
-        raise ImageUnreadable(f"expected an image file, got the folder {path}; name one file in it")
+        raise FileFormatError(f"expected an image file, got the folder {path}; name one file in it")
     if not path.exists():
-        raise ImageUnreadable(f"expected an image at {path}, got no such file; check the path")
+        raise FileFormatError(f"expected an image at {path}, got no such file; check the path")
     if not path.is_file() or path.stat().st_size > _LARGEST_FILE_BYTES:
-        raise ImageUnreadable(f"expected an image file, got {path}, a device or a huge file; check the path")
+        raise FileFormatError(f"expected an image file, got {path}, a device or a huge file; check the path")
     try:
         content = path.read_bytes()
     except OSError as trouble:
-        raise ImageUnreadable(f"expected to read {path}, got: {trouble.strerror}; check its permissions") from trouble
+        raise FileFormatError(f"expected to read {path}, got: {trouble.strerror}; check its permissions") from trouble
     if not content:
-        raise ImageUnreadable(f"expected an image in {path}, got an empty file; record it again")
+        raise FileFormatError(f"expected an image in {path}, got an empty file; record it again")
     return content
 
 
 def require_image_size(image: Shaped[Array, "rows cols *channels"], rows: int, cols: int, what: str) -> None:
-    """Raise `ImageSizeWrong` unless the image called `what` has this size."""
+    """Raise `FileFormatError` unless the image called `what` has this size."""
     got_rows, got_cols = image.shape[:2]
     if (got_rows, got_cols) != (rows, cols):
-        raise ImageSizeWrong(
+        raise FileFormatError(
             f"expected {what} to be {cols} x {rows} pixels, got {got_cols} x {got_rows}; record both alike"
         )
 
@@ -148,10 +140,10 @@ def require_image_size(image: Shaped[Array, "rows cols *channels"], rows: int, c
 def average_images(images: Sequence[UInt8[Array, "_ _ 3"]]) -> UInt8[Array, "rows cols 3"]:
     """Return the mean of images of one size, rounded to whole grey levels.
 
-    Raises `ImageSizeWrong` for images of different sizes and `ImageUnreadable` for no images.
+    Raises `FileFormatError` for images of different sizes and `FileFormatError` for no images.
     """
     if not images:
-        raise ImageUnreadable("expected at least one image to average, got none; name the images")
+        raise FileFormatError("expected at least one image to average, got none; name the images")
     rows, cols = images[0].shape[:2]
     total = np.zeros((rows, cols, 3), np.uint32)
     for number, image in enumerate(images, start=1):

@@ -20,13 +20,12 @@ from ninedtact.capture.frame_source import (
     DEFAULT_CAMERA,
     AddressedFrameSource,
     CameraLost,
-    CameraNotFound,
-    CameraSettingRefused,
     CameraSettings,
     ExposureWithLimits,
     SourceNotOpen,
 )
 from ninedtact.capture.shared_video_capture import ThreadSafeVideoCapture, VideoCaptureProtocol, silence_video_libraries
+from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
 
 _SILENCE_LIMIT_S = 2
@@ -104,14 +103,14 @@ class UvcCamera(AddressedFrameSource):
         return None if now_ms is None else ExposureWithLimits(now_ms, *_exposure_limits_ms(self._device_path))
 
     def set_exposure(self, exposure_ms: float) -> None:
-        """Set the exposure of the open camera and read it back; raises `CameraSettingRefused`."""
+        """Set the exposure of the open camera and read it back; raises `CameraError`."""
         settings = CameraSettings(None, exposure_ms=exposure_ms)
         self._open_grabber().query(lambda capture: _apply_settings(settings, capture, self.name))
 
     def open(self) -> None:
         """Open the camera, apply and read back the settings, and read one image.
 
-        Raises `CameraNotFound` or `CameraSettingRefused`.
+        Raises `CameraError`.
         """
         if self._grabber is None:
             device = self._find_device()
@@ -141,14 +140,14 @@ class UvcCamera(AddressedFrameSource):
         return self._grabber
 
     def _find_device(self) -> int | str:
-        """Return number or path of the camera; raises `CameraNotFound` unless one alone has the USB port or serial number."""
+        """Return number or path of the camera; raises `CameraError` unless one alone has the USB port or serial number."""
         if not isinstance(self.device, str) or not self.device.startswith(_USB):
             return self.device
         devices = self._list_devices()
         found = [device.path for device in devices if self.device in device.usb_addresses]
         if len(found) != 1:
             others = ", ".join(f"{' or '.join(device.usb_addresses)} ({device.name})" for device in devices) or "none"
-            raise CameraNotFound(
+            raise CameraError(
                 f"expected one camera at {self.device}, got {len(found) or 'none'}; plug it in or name another (this machine has "
                 f"{others})"
             )
@@ -156,11 +155,11 @@ class UvcCamera(AddressedFrameSource):
 
     def _start(self, capture: VideoCaptureProtocol, device: int | str) -> ThreadSafeVideoCapture:
         if not capture.isOpened():
-            raise CameraNotFound(f"expected {self.name} to open, got {_open_failure(device)}")
+            raise CameraError(f"expected {self.name} to open, got {_open_failure(device)}")
         _apply_settings(self.settings, capture, self.name)
         grabber = ThreadSafeVideoCapture(self.name, capture, _arrival_ns)
         if _read_past_damaged_images(grabber) is None:
-            raise CameraNotFound(f"expected an image from {self.name}, got none; plug it in again, or try another one")
+            raise CameraError(f"expected an image from {self.name}, got none; plug it in again, or try another one")
         grabber.next_index = 0  # the first image after opening is often half exposed and is not counted
         return grabber
 
@@ -208,14 +207,14 @@ class _PropertySetting:
 
 
 def _apply_settings(settings: CameraSettings, capture: VideoCaptureProtocol, name: str) -> None:
-    """Set everything, then read everything back, since one setting may undo another; raises `CameraSettingRefused`."""
+    """Set everything, then read everything back, since one setting may undo another; raises `CameraError`."""
     wanted = [*_video_mode(settings), *_image_controls(settings)]
     for setting in wanted:
         setting.try_values(capture)
     for setting in wanted:
         if not setting.is_in_force(capture):
             got = capture.get(setting.prop)
-            raise CameraSettingRefused(
+            raise CameraError(
                 f"expected {name} to take {setting.label} {setting.accepted[0]:g}, got {got:g}; {setting.remedy}"
             )
 

@@ -20,20 +20,14 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import (
     AddressedFrameSource,
-    CameraNotFound,
     CameraSettings,
     SourceIncomplete,
     SourceNotOpen,
     source_ended,
 )
 from ninedtact.capture.shared_video_capture import silence_video_libraries
-from ninedtact.capture.strict_image_reading import (
-    IMAGE_SUFFIXES,
-    ImageSizeWrong,
-    ImageUnreadable,
-    has_jpeg_end,
-    jpeg_size,
-)
+from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, has_jpeg_end, jpeg_size
+from ninedtact.errors import CameraError, FileFormatError
 from ninedtact.quantities import Frame
 
 _DEFAULT_VIDEO_HZ = 30.0
@@ -69,16 +63,16 @@ class VideoFile(AddressedFrameSource):
         return cls(path) if path.is_file() and path.suffix.lower() not in IMAGE_SUFFIXES else None
 
     def open(self) -> None:
-        """Open the file at its first image; raises `CameraNotFound` or `ImageUnreadable`."""
+        """Open the file at its first image; raises `CameraError` or `FileFormatError`."""
         with self._lock:
             if self._images is not None:
                 return
             if not self.path.is_file():
-                raise CameraNotFound(f"expected a video file at {self.path}, got none; check the path")
+                raise CameraError(f"expected a video file at {self.path}, got none; check the path")
             silence_video_libraries()
             images = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
             if not images.isOpened():
-                raise ImageUnreadable(
+                raise FileFormatError(
                     f"expected a video in {self.path}, got something else or half a file; record it again"
                 )
             self._packets = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
@@ -94,7 +88,7 @@ class VideoFile(AddressedFrameSource):
     def read(self) -> Frame:
         """Return the next undamaged image; raises `SourceEnded` after the last.
 
-        Raises `SourceIncomplete` instead, once, where images are missing or damaged, and `ImageSizeWrong` where their size changes.
+        Raises `SourceIncomplete` instead, once, where images are missing or damaged, and `FileFormatError` where their size changes.
         """
         with self._lock:
             if self._images is None:
@@ -127,7 +121,7 @@ class VideoFile(AddressedFrameSource):
         """Return whether a stored image lacks its mark of completeness, or is predicted from one that does.
 
         Some cameras never send the marker that ends a JPEG image, and old versions of FFV1 have no checksum: the first image of a
-        video shows whether the others have one. Raises `ImageSizeWrong` for another size than that of the first image.
+        video shows whether the others have one. Raises `FileFormatError` for another size than that of the first image.
         """
         is_first, is_lossless = not self._positions_ms, images.get(cv2.CAP_PROP_FOURCC) == _FFV1
         is_jpeg = packet.startswith(_JPEG)
@@ -139,11 +133,11 @@ class VideoFile(AddressedFrameSource):
         return self._was_damaged
 
     def _require_same_size(self, size: tuple[int, ...]) -> None:
-        """Raise `ImageSizeWrong` and end the video where an image was stored in another size than those before."""
+        """Raise `FileFormatError` and end the video where an image was stored in another size than those before."""
         rows, cols = self._size = self._size or (size[0], size[1])
         if size != (rows, cols):
             self._is_over = True
-            raise ImageSizeWrong(
+            raise FileFormatError(
                 f"expected all images of {self.path} to be {cols} x {rows} pixels, got {size[1]} x {size[0]} after "
                 f"{len(self._positions_ms)} images; use what was read before, or record it again at one size"
             )

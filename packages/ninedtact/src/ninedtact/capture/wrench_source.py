@@ -13,10 +13,6 @@ from ninedtact.errors import DeviceError, MissingLibraryError
 from ninedtact.quantities import Wrench
 
 
-class WrenchSensorNotFound(DeviceError):
-    """No force/torque sensor could be opened at the given address."""
-
-
 class WrenchSensorLost(DeviceError):
     """A force/torque sensor that had delivered samples stopped."""
 

@@ -64,10 +64,6 @@ _NO_DEFAULT = "tyro.MISSING"
 """Beginning of what tyro gives as the default of an option that is required."""
 
 
-class OptionRepeated(InputError):
-    """An option that takes one value was given several times."""
-
-
 class CommandNotInstalled(MissingLibraryError):
     """The distribution that brings a command is not installed."""
 
@@ -167,7 +163,7 @@ def _command_summary(module_name: str, class_name: str) -> str:
 def _parse_command(commands: Any, description: str | None, arguments: Sequence[str], program: str) -> Any:
     """Parse the arguments into a command: a dataclass, or one of a union of dataclasses. `program` is its name in the usage.
 
-    Exits with code 0 after --help and 2 on wrong usage; raises `OptionRepeated`.
+    Exits with code 0 after --help and 2 on wrong usage; raises `InputError`.
     """
     repeatable: set[str] = set()
     command = tyro.cli(
@@ -183,14 +179,14 @@ def _parse_command(commands: Any, description: str | None, arguments: Sequence[s
 
 
 def _require_each_option_once(arguments: Sequence[str], repeatable: set[str]) -> None:
-    """Refuse an option that is given again, of which only the last value would count; raises `OptionRepeated`."""
+    """Refuse an option that is given again, of which only the last value would count; raises `InputError`."""
     given = Counter(word.partition("=")[0].replace("_", "-") for word in arguments if word.startswith("--"))
     for option, count in given.items():
         if count > 1 and option not in repeatable:
             several = (
                 "; name several sensors after one, as in --source left=0 right=2" if option in _OF_A_SENSOR else ""
             )
-            raise OptionRepeated(f"expected {option} once, got it {count} times{several or '; keep one of them'}")
+            raise InputError(f"expected {option} once, got it {count} times{several or '; keep one of them'}")
 
 
 def _plain_help_registry(repeatable: set[str]) -> ConstructorRegistry:

@@ -110,7 +110,7 @@ class ForceCalibrationPageServer:
         """Serve the page until Ctrl-C, and the live page once somebody asks for it; return the file that was written, if any."""
         require_page_library()
         from ninedtact.calibration.force_calibration import UnscaledForceReader
-        from ninedtact.capture.frame_source import CameraNotFound
+        from ninedtact.errors import CameraError
         from ninedtact.live.socket_guard import SocketGuard
         from ninedtact.studio.force_calibration_page import ForceCalibrationPage, ball_press_under_load
         from ninedtact.studio.force_calibration_session import ForceCalibrationSession
@@ -119,7 +119,7 @@ class ForceCalibrationPageServer:
         simulated, stiffness = self._simulated_camera()
         list_cameras = partial(list_calibration_cameras, self.source, simulated is not None)
         if not list_cameras():
-            raise CameraNotFound(
+            raise CameraError(
                 expected="a camera", got="none", remedy="plug it in, or name a stream or recording with --source"
             )
         guard = guard or SocketGuard.for_host(options.host, options.allow_origin)
@@ -227,7 +227,7 @@ def simulated_calibration_camera(design: "SensorDesign") -> "SimulatedCalibratio
 def simulated_loaded_camera(folder: "SensorFolder") -> "tuple[SimulatedCalibrationCamera, float]":
     """Return the simulated camera on which the force calibration is practised, and the stiffness of its gel over the assumed one.
 
-    The factor is drawn anew each time, so that the person who calibrates does not know it. Raises `TwinMissing`.
+    The factor is drawn anew each time, so that the person who calibrates does not know it. Raises `CalibrationError`.
     """
     from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
     from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera

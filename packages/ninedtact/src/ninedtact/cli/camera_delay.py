@@ -67,7 +67,7 @@ class CameraDelayCommand:
         )
 
     def _camera_and_light(self) -> "tuple[FrameSource, LightSwitch]":
-        """Return the camera, not yet opened, and the light; raises `SourceUnknown`."""
+        """Return the camera, not yet opened, and the light; raises `InputError`."""
         from ninedtact.capture.camera_delay import FileLight, SimulatedDelayedCamera, SimulatedLight, TerminalLight
         from ninedtact.capture.frame_source import FIXED_EXPOSURE
         from ninedtact.capture.source_from_address import camera_or_file_source

@@ -22,7 +22,6 @@ from ninedtact.cli.shared_options import (
     DisplayRateOption,
     FollowReferenceOption,
     ForceOption,
-    InvalidLiveOption,
     LoopOption,
     NamedSensorsOption,
     NamedSourcesOption,
@@ -33,6 +32,7 @@ from ninedtact.cli.shared_options import (
     camera_settings,
     parse_named_sources,
 )
+from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import NONE
 from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.recording.errors import RecordingUnreadable, require_recording_libraries
@@ -102,14 +102,14 @@ class Live:
         return 0
 
     def named_sources(self) -> dict[str, tuple[str, Path | None]]:
-        """Return address and sensor folder of all sources by their names; raises `InvalidLiveOption`."""
+        """Return address and sensor folder of all sources by their names; raises `InputError`."""
         named = parse_named_sources(self.source, self.sensor)
         if len(named) > MAX_SENSORS:
-            raise InvalidLiveOption(
+            raise InputError(
                 expected=f"at most {MAX_SENSORS} sources on one page", got=f"{len(named)}", remedy="drop some"
             )
         if self.reference and "" not in named:
-            raise InvalidLiveOption(
+            raise InputError(
                 expected="no --reference with named sources",
                 got=f"{self.reference[0]}",
                 remedy="drop it: the first images of each are its reference",

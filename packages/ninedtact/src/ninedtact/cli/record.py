@@ -27,8 +27,9 @@ from ninedtact.cli.shared_options import (
     parse_named_sources,
     require_duration,
 )
+from ninedtact.errors import OutputError
 from ninedtact.force.estimator_loading import NONE
-from ninedtact.recording.errors import RecordingRefused, require_recording_libraries
+from ninedtact.recording.errors import require_recording_libraries
 from ninedtact.source_addresses import (
     RECORDING_SUFFIX,
     is_twin_address,
@@ -90,7 +91,7 @@ class Record:
         require_new_recording_path(self.out)
         require_duration(self.seconds)
         if self.height_bits == 16 and not self.heights:
-            raise RecordingRefused(
+            raise OutputError(
                 expected="--height-bits with --heights",
                 got="it alone",
                 remedy="give --heights as well, or leave it out",
@@ -99,7 +100,7 @@ class Record:
         if "" in named:
             require_matching_force_source(named[""][0], self.force_torque, is_twin_address)
         elif self.force_torque is not None:
-            raise RecordingRefused(
+            raise OutputError(
                 expected="one --source with --force-torque", got="several", remedy="record them one by one"
             )
         with ExitStack() as opened:
@@ -198,11 +199,11 @@ def twin_sources(
 
 
 def require_new_recording_path(out: Path, option: str = "--out") -> None:
-    """Raise `RecordingRefused` for a name without .mcap, which other programs would not know, and for one that exists."""
+    """Raise `OutputError` for a name without .mcap, which other programs would not know, and for one that exists."""
     if out.suffix.lower() != RECORDING_SUFFIX:
-        raise RecordingRefused(expected=f"{option} to end in {RECORDING_SUFFIX}", got=str(out), remedy="add it")
+        raise OutputError(expected=f"{option} to end in {RECORDING_SUFFIX}", got=str(out), remedy="add it")
     if out.exists():
-        raise RecordingRefused(expected=f"{option} to be a new file", got=str(out), remedy="choose another name")
+        raise OutputError(expected=f"{option} to be a new file", got=str(out), remedy="choose another name")
 
 
 @contextmanager

@@ -26,7 +26,6 @@ from ninedtact.cli.shared_options import (
     FollowReferenceOption,
     ForceOption,
     ForceTorqueOption,
-    InvalidLiveOption,
     LoopOption,
     NamedSensorsOrDemoTwinOption,
     NamedSourcesOption,
@@ -41,7 +40,7 @@ from ninedtact.cli.shared_options import (
     require_points_every,
 )
 from ninedtact.design import SensorDesign
-from ninedtact.errors import MissingLibraryError
+from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import PHYSICS
 from ninedtact.source_addresses import is_twin_address, require_matching_force_source
 
@@ -128,13 +127,9 @@ class Ros2:
         require_points_every(self.points_every)
         named = parse_named_sources(self.source, self.sensor)
         if "" not in named and self.name is not None:
-            raise InvalidLiveOption(
-                f"expected --name with a --source that has no name, got {', '.join(named)}; drop --name"
-            )
+            raise InputError(f"expected --name with a --source that has no name, got {', '.join(named)}; drop --name")
         if len(named) > 1 and self.force_torque is not None:
-            raise InvalidLiveOption(
-                "expected one --source with --force-torque, got several; start one command for each"
-            )
+            raise InputError("expected one --source with --force-torque, got several; start one command for each")
         for address, _ in named.values():
             require_matching_force_source(address, self.force_torque, is_twin_address)
         with ExitStack() as opened:
@@ -237,7 +232,7 @@ class Foxglove:
         require_duration(self.shared.seconds)
         require_points_every(self.points_every)
         if self.layout is not None and self.layout.exists():
-            raise InvalidLiveOption(f"expected --layout to name a new file, got {self.layout}; choose another name")
+            raise InputError(f"expected --layout to name a new file, got {self.layout}; choose another name")
         served = 0
         with (
             self.shared.assemble(self.source, self.sensor) as (folder, live),

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 
 from ninedtact._version import find_incompatible_library, installation_command
 from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
-from ninedtact.cli.shared_options import InvalidLiveOption
-from ninedtact.errors import MissingLibraryError
+from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.force.estimator_loading import NONE
 from ninedtact.recording.errors import require_recording_libraries
 
@@ -214,7 +213,7 @@ def _estimate_history(sensor: "Sensor", force: str, folder: "SensorFolder") -> "
 def require_display_rate(display_hz: float) -> None:
     """Refuse a display rate of zero, or one above the rate of screens."""
     if not 0 < display_hz <= _MAX_DISPLAY_HZ:
-        raise InvalidLiveOption(
+        raise InputError(
             expected=f"--display-hz above 0 and at most {_MAX_DISPLAY_HZ:g}", got=f"{display_hz:g}", remedy="drop it"
         )
 

@@ -107,20 +107,16 @@ DesignFileOption = Annotated[Path | None, arg(name="design")]
 """`--design sensor.toml`: what differs from the published sensor. Its help is that of the field, which says what it is for."""
 
 
-class InvalidLiveOption(InputError):
-    """An option of a command that reads live has a value that it cannot have."""
-
-
 def require_duration(seconds: float | None) -> None:
-    """Raise `InvalidLiveOption` for a duration that is not above zero."""
+    """Raise `InputError` for a duration that is not above zero."""
     if seconds is not None and not 0 < seconds < float("inf"):
-        raise InvalidLiveOption(f"expected --seconds above zero, got {seconds}; drop it, or give a longer time")
+        raise InputError(f"expected --seconds above zero, got {seconds}; drop it, or give a longer time")
 
 
 def require_points_every(points_every: int) -> None:
-    """Raise `InvalidLiveOption` for a number of rows and columns that is not above zero."""
+    """Raise `InputError` for a number of rows and columns that is not above zero."""
     if points_every < 1:
-        raise InvalidLiveOption(f"expected --points-every of 1 or more, got {points_every}; drop it")
+        raise InputError(f"expected --points-every of 1 or more, got {points_every}; drop it")
 
 
 _NAMED_ADDRESS = re.compile(r"(?P<name>[A-Za-z][A-Za-z0-9_]*)=(?P<address>.+)")
@@ -130,15 +126,15 @@ _NAMED_ADDRESS = re.compile(r"(?P<name>[A-Za-z][A-Za-z0-9_]*)=(?P<address>.+)")
 def parse_named_sources(source: tuple[str, ...], sensor: tuple[str, ...]) -> dict[str, tuple[str, Path | None]]:
     """Return address and sensor folder of all sources by their names; a single one may do without, and has the empty name here.
 
-    Raises `InvalidLiveOption`.
+    Raises `InputError`.
     """
     if len(source) == 1 and _NAMED_ADDRESS.match(source[0]) is None:
         if len(sensor) > 1:
-            raise InvalidLiveOption(f"expected one --sensor with one --source, got {len(sensor)}; drop the others")
+            raise InputError(f"expected one --sensor with one --source, got {len(sensor)}; drop the others")
         return {"": (source[0], Path(sensor[0]).expanduser() if sensor else None)}
     sources, sensors = _split_named("--source", source), _split_named("--sensor", sensor)
     if strangers := sensors.keys() - sources.keys():
-        raise InvalidLiveOption(
+        raise InputError(
             f"expected --sensor for {', '.join(sources)}, got one for {min(strangers)}; name it as its source"
         )
     folders = {name: Path(path).expanduser() for name, path in sensors.items()}
@@ -151,7 +147,7 @@ def _split_named(option: str, named: tuple[str, ...]) -> dict[str, str]:
     for text in named:
         match = _NAMED_ADDRESS.match(text)
         if match is None or match["name"] in found:
-            raise InvalidLiveOption(
+            raise InputError(
                 f"expected {option} with a name of its own for each of several, such as left=usb:1-2, got {text}; name each"
             )
         found[match["name"]] = match["address"]

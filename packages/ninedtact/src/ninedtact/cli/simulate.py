@@ -155,11 +155,12 @@ class _Press:
 
     @property
     def press(self) -> "ScriptedPress":
-        """The same in radians; raises `InvalidPress`, also for a seed below zero."""
-        from ninedtact.simulation.trajectory import InvalidPress, ScriptedPress
+        """The same in radians; raises `InputError`, also for a seed below zero."""
+        from ninedtact.errors import InputError
+        from ninedtact.simulation.trajectory import ScriptedPress
 
         if self.seed < 0:
-            raise InvalidPress(f"expected a seed of zero or more, got {self.seed}; give another")
+            raise InputError(f"expected a seed of zero or more, got {self.seed}; give another")
         tilt = radians(self.tilt_deg[0]), radians(self.tilt_deg[1])
         return ScriptedPress(self.depth_mm, self.load_n, self.at_mm, self.drag_mm, radians(self.twist_deg), tilt)
 

@@ -25,7 +25,7 @@ def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEs
 
     spec: `physics`, `corrected` (physics, corrected by the shipped model), `none`, or the path of a force model (.onnx) or of the
     original project's weights (.pt). Raises `InputError`, `ForceModelUnusable`, `FileFormatError`, and
-    `TractionImpossible` for a calibration that does not know how the gel scatters light.
+    `ForceEstimationError` for a calibration that does not know how the gel scatters light.
     """
     if spec == NONE:
         from ninedtact.force.estimator_and_scale import NoForceEstimator

@@ -54,7 +54,7 @@ class _RunningRecording:
     """A recording that a thread of its own writes, so that a slow disk delays neither the sensor nor subscribers."""
 
     def __init__(self, writer: RecordingWriter) -> None:
-        """Create the file; raises `RecordingRefused` or `RecordingStopped`."""
+        """Create the file; raises `OutputError` or `RecordingStopped`."""
         self.writer, self.trouble = writer, ""
         """trouble: why nothing more is written, and what the file keeps; empty while there is no reason."""
         self._waiting: Queue[Reading | Wrench | None] = Queue()

@@ -254,7 +254,7 @@ class ContactModel:
 
         guess: a contact like the wanted one, from whose tractions it is found sooner than from the last ones.
         Raises `InvalidPose` where the object would reach the base, `ContactLeavesGrid` where the contact would meet
-        its own periodic image, `ContactNotConverged`.
+        its own periodic image, `SimulationError`.
         """
         problem = build_contact_problem_at_pose(last, indenter, pose, ContactConstraint(), self.friction, guess)
         require_depth_within_gel(problem.max_overlap_mm, self.skin.thickness_mm)

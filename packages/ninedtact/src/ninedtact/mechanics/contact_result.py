@@ -30,10 +30,6 @@ from ninedtact.mechanics.skin import PeriodicGrid, PointMask, ScalarField, Skin,
 from ninedtact.quantities import Wrench
 
 
-class ContactNotConverged(SimulationError):
-    """Raised where the solver ran out of iterations before it reached its tolerance."""
-
-
 class NonPositiveLoad(InputError):
     """Raised for a load that does not press: zero, negative or not finite."""
 
@@ -196,12 +192,12 @@ def require_positive_load(load_n: ScalarPerContact) -> None:
 def require_converged(
     residual_mm: ScalarPerContact, tolerance_mm: ScalarPerContact, iterations: CountPerContact
 ) -> None:
-    """Refuse a solution that misses its tolerance; raises `ContactNotConverged`."""
+    """Refuse a solution that misses its tolerance; raises `SimulationError`."""
     residuals, wanted, counts = np.broadcast_arrays(np.atleast_1d(residual_mm), tolerance_mm, iterations)
     missed = np.flatnonzero(~(residuals <= wanted))
     if len(missed):
         which, many = missed[0], f", {len(missed)} of {len(residuals)} contacts" if len(residuals) > 1 else ""
-        raise ContactNotConverged(
+        raise SimulationError(
             f"expected the contact solved to {wanted[which]:.2g} mm, got {residuals[which]:.2g} mm after {counts[which]} "
             f"iterations{many}; take smaller steps, or allow more rounds"
         )

@@ -25,10 +25,6 @@ _MAX_STORED_GRIDS = 512
 """Largest number of height grids kept on a device; when there are more, all are dropped."""
 
 
-class InvalidUnderside(InputError):
-    """Raised for a grid of heights that is not the underside of an object."""
-
-
 @dataclass(frozen=True, eq=False)
 class HeightGridIndenter(Indenter):
     """An underside as a grid of heights. Instances compare by identity, so that they are cheap to hash and to compare."""
@@ -42,7 +38,7 @@ class HeightGridIndenter(Indenter):
         require_positive("height_grid_indenter.pitch_mm", self.pitch_mm)
         heights = self.heights_mm
         if heights.size == 0 or heights.min() != 0 or not heights.max() <= NO_OBJECT_MM:
-            raise InvalidUnderside(
+            raise InputError(
                 f"expected heights of {self.name} from 0 to {NO_OBJECT_MM:g} mm, got a grid of {heights.shape} that is "
                 f"empty, not finite or out of that range; make it with indenter_from_heights"
             )
@@ -63,12 +59,12 @@ class HeightGridIndenter(Indenter):
 def indenter_from_heights(name: str, heights_mm: Float[Array, "rows cols"], pitch_mm: float) -> HeightGridIndenter:
     """Return an indenter with these heights, infinite or not-a-number where there is no object.
 
-    The heights are lowered until the lowest point touches the plane, and cut to the footprint. Raises `InvalidUnderside` where
+    The heights are lowered until the lowest point touches the plane, and cut to the footprint. Raises `InputError` where
     there is no object at all.
     """
     finite = np.isfinite(heights_mm)
     if not finite.any():
-        raise InvalidUnderside(
+        raise InputError(
             f"expected an underside of {name}, got a grid of heights without an object; give another object"
         )
     lowest = heights_mm[finite].min()

@@ -36,10 +36,6 @@ _TILT_HALVINGS = 3
 for walls."""
 
 
-class TiltTooSteep(InputError):
-    """Raised for a tilt at which the underside cannot be distinguished from a side."""
-
-
 @dataclass(frozen=True)
 class BallUnderside:
     """A ball that faces the skin: its radius, and where its axis is from the object's origin."""
@@ -70,7 +66,7 @@ class Indenter(ABC):
     def height_over_skin_mm(self, pose: Pose, x_mm: Heights, y_mm: Heights) -> PosedHeights:
         """Return the height of the posed underside over the undeformed skin at (x, y), negative where it is pressed in.
 
-        Exact without tilt; with tilt see `_tilted_underside_mm`. Raises `TiltTooSteep`.
+        Exact without tilt; with tilt see `_tilted_underside_mm`. Raises `InputError`.
         """
         if pose.is_level:
             return self.underside_mm(*_to_object_frame(pose, x_mm, y_mm)) - expand_over_grid(pose.depth_mm, x_mm)
@@ -143,7 +139,7 @@ def _tilted_underside_mm(indenter: Indenter, pose: Pose, x_mm: Heights, y_mm: He
     interval in which it entered. This finds one entry at walls, overhangs and edges, where a fixed-point iteration would oscillate.
     """
     if not np.all(np.abs(pose.tilt_x_rad) + np.abs(pose.tilt_y_rad) < MAX_TILT_RAD):
-        raise TiltTooSteep(
+        raise InputError(
             f"expected tilts of at most {MAX_TILT_RAD:g} rad together, got {pose.tilt_x_rad} and "
             f"{pose.tilt_y_rad} rad; turn the object itself, so that another side faces the skin"
         )

@@ -31,13 +31,9 @@ from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_laye
 _MIN_POINTS_PER_SIDE = 8
 
 
-class PeriodicGridTooSmall(InputError):
-    """Raised for a grid that is too small to carry a contact."""
-
-
 @dataclass(frozen=True)
 class PeriodicGrid:
-    """A square grid centred on the sensor's origin; `PeriodicGridTooSmall` below 8 x 8 points or without a positive pitch."""
+    """A square grid centred on the sensor's origin; `InputError` below 8 x 8 points or without a positive pitch."""
 
     rows: int
     cols: int
@@ -45,7 +41,7 @@ class PeriodicGrid:
 
     def __post_init__(self) -> None:
         if min(self.rows, self.cols) < _MIN_POINTS_PER_SIDE or not self.pitch_mm > 0:
-            raise PeriodicGridTooSmall(
+            raise InputError(
                 f"expected a grid of at least {_MIN_POINTS_PER_SIDE} x {_MIN_POINTS_PER_SIDE} points with a pitch above zero, "
                 f"got {self.rows} x {self.cols} points with a pitch of {self.pitch_mm} mm; give a finer pitch or a larger area"
             )

@@ -20,7 +20,8 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from ninedtact._version import __version__
 from ninedtact.atomic_write import open_atomic_file
-from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
+from ninedtact.errors import OutputError
+from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_file import WRITTEN_WITHIN_S, McapFile, is_being_written, seconds_since_change
 from ninedtact.recording.metadata import REPAIR_RECORD
 from ninedtact.recording.reader import SPANS_ATTACHMENT, Recording, recorded_sensor_addresses
@@ -48,7 +49,7 @@ def edit_labelled_spans(
 
     Edits of one recording within this program follow each other, so that none is lost. The file is replaced as a whole by a copy,
     or stays as it was; one that was cut short is replaced by its whole copy first. Raises what `Recording` raises,
-    `RecordingRefused` for a file that is still being written, and `FileNotWritten`.
+    `OutputError` for a file that is still being written, and `FileNotWritten`.
     """
     with _EDIT_LOCKS.setdefault(path.resolve(), Lock()):
         with Recording(recorded_sensor_addresses(path)[0]) as recording:
@@ -67,11 +68,11 @@ def edit_labelled_spans(
 
 
 def _require_ended(recording: Recording) -> None:
-    """Raise `RecordingRefused` for a file that may still be being written; the lock of another computer is not seen here."""
+    """Raise `OutputError` for a file that may still be being written; the lock of another computer is not seen here."""
     if recording.is_finished:
         return
     if is_being_written(recording.path) or seconds_since_change(recording.path) < WRITTEN_WITHIN_S:
-        raise RecordingRefused(
+        raise OutputError(
             expected="a recording that has ended",
             got=f"{recording.path}, which is still being written, or was until {WRITTEN_WITHIN_S:g} s ago",
             remedy="wait, and label it then",

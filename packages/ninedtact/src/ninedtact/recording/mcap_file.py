@@ -26,7 +26,7 @@ from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 from numpy import ndarray as Array
 
-from ninedtact.capture.frame_source import CameraNotFound
+from ninedtact.errors import CameraError
 from ninedtact.recording.errors import RecordingUnreadable
 
 WRITTEN_WITHIN_S = 5.0
@@ -43,7 +43,7 @@ class McapFile:
     """An MCAP file, open for reading until it is closed. One thread at a time."""
 
     def __init__(self, path: Path) -> None:
-        """Open the file and find its records; raises `CameraNotFound` where there is no file, and `RecordingUnreadable`.
+        """Open the file and find its records; raises `CameraError` where there is no file, and `RecordingUnreadable`.
 
         The damaged chunks at the end of a file without an end, as a power cut leaves them, are left out.
         """
@@ -202,11 +202,11 @@ class McapFile:
 
 def _open_file(path: Path) -> BinaryIO:
     if not path.exists():
-        raise CameraNotFound(expected=f"a recording at {path}", got="no such file", remedy="check the path")
+        raise CameraError(expected=f"a recording at {path}", got="no such file", remedy="check the path")
     if not path.is_file():
         kind = "a folder" if path.is_dir() else "a pipe or device"
         remedy = "give a file, because it is read more than once"
-        raise CameraNotFound(expected=f"a recording at {path}", got=kind, remedy=remedy)
+        raise CameraError(expected=f"a recording at {path}", got=kind, remedy=remedy)
     try:
         return path.open("rb")
     except OSError as error:

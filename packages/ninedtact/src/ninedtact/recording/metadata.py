@@ -18,7 +18,8 @@ from msgspec import Meta
 
 from ninedtact._version import __version__
 from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum
-from ninedtact.recording.errors import RecordingRefused, RecordingUnreadable
+from ninedtact.errors import OutputError
+from ninedtact.recording.errors import RecordingUnreadable
 
 REPAIR_RECORD = "ninedtact_repair"
 """Name of the metadata record of a file that was cut short and completed later."""
@@ -154,10 +155,10 @@ def choose_sensor_metadata(found: tuple[RecordingMetadata, ...], name: str, path
 
 
 def require_recordable_metadata(metadata: RecordingMetadata) -> None:
-    """Raise `RecordingRefused` for metadata with which a recording could not be read again."""
+    """Raise `OutputError` for metadata with which a recording could not be read again."""
     try:
         parse_recording_metadata(metadata.to_mcap_metadata(), "the recording")
     except RecordingUnreadable as unreadable:
-        raise RecordingRefused(
+        raise OutputError(
             expected="options with which a recording can be read", got=str(unreadable.__cause__), remedy="correct them"
         ) from unreadable

@@ -18,9 +18,10 @@ from mcap.records import Attachment, Message
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import SourceIncomplete
+from ninedtact.errors import InputError
 from ninedtact.quantities import Frame, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading, read_frame
-from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefused
+from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_file import McapFile, is_being_written
 from ninedtact.recording.metadata import (
     REPAIR_RECORD,
@@ -66,7 +67,7 @@ class Recording:
     """
 
     def __init__(self, path: Path | str) -> None:
-        """Open the file and find its messages; raises `CameraNotFound` or `RecordingUnreadable`.
+        """Open the file and find its messages; raises `CameraError` or `RecordingUnreadable`.
 
         path: of a recording of several sensors, with the name of one of them: `grasp.mcap#left`.
         """
@@ -169,7 +170,7 @@ class Recording:
         """Yield what the recorded sensor measures in every frame: its calibration is applied to the images.
 
         The first ten frames are taken as reference images (no contact), unless the recording has its own (page, ROS, `collect`).
-        Raises `RecordingUnreadable` where the recording carries no sensor folder, and `ReferenceMomentRefused` where it has neither
+        Raises `RecordingUnreadable` where the recording carries no sensor folder, and `InputError` where it has neither
         reference images nor ten frames.
         """
         from ninedtact.calibration.drift.reference_check import load_reference_image_checker
@@ -370,10 +371,10 @@ class RecordedReferences:
         return self._last[1]
 
     def depth_reader_of_first_images(self) -> DepthReader:
-        """Return a depth reader for the first ten images; raises `ReferenceMomentRefused` where there are fewer."""
+        """Return a depth reader for the first ten images; raises `InputError` where there are fewer."""
         frames = list(islice(self.recording.frames(), REFERENCE_FRAMES))
         if len(frames) < REFERENCE_FRAMES:
-            raise ReferenceMomentRefused(
+            raise InputError(
                 expected=(
                     f"reference images in {self.recording.path}, or at least {REFERENCE_FRAMES} images of which the "
                     "first are taken as such"

@@ -16,8 +16,9 @@ from ninedtact.calibration.drift.reference_check import ReferenceImageChecker, d
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.capture.frame_source import FrameSource, Openable, SourceEnded, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.errors import InputError
 from ninedtact.quantities import Frame, HeightSource, Rectified, Wrench
-from ninedtact.recording.errors import RecordingUnreadable, ReferenceMomentRefused
+from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.reader import RecordedReferences, Recording
 from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import Topic
@@ -45,7 +46,7 @@ class _RecordedTopic(Openable):
         self._lock = Lock()
 
     def open(self) -> None:
-        """Open the recording at its first message; raises `CameraNotFound` or `RecordingUnreadable`."""
+        """Open the recording at its first message; raises `CameraError` or `RecordingUnreadable`."""
         with self._lock:
             if self._recording is not None:
                 return
@@ -101,7 +102,7 @@ class RecordedFrameSource(_RecordedTopic, FrameSource):
         self.recording = str(path)
 
     def open(self) -> None:
-        """Open the recording at its first image; raises `CameraNotFound` or `RecordingUnreadable`."""
+        """Open the recording at its first image; raises `CameraError` or `RecordingUnreadable`."""
         super().open()
         self._has_told_end = False
         self.recorded_hz = median_rate_hz(self._positions["stamp_ns"])
@@ -175,7 +176,7 @@ def read_references_at_moments(
     """Return depth readers for the reference images (no contact) at moments of a recording, with the stamp of each moment.
 
     Each is the mean of ten images. moments_s: seconds after the first image. before: rectified reference image until the first
-    moment; without it, that of the first ten images. Raises `ReferenceMomentRefused` for a moment that is not in the recording or
+    moment; without it, that of the first ten images. Raises `InputError` for a moment that is not in the recording or
     at which something touches the gel, and what reading a recording raises.
     """
     with Recording(path) as recording:
@@ -193,13 +194,13 @@ def read_references_at_moments(
 
 
 def _first_image_at(recording: Recording, positions: Array, at_s: float) -> int:
-    """Return the number of the first image at a moment; raises `ReferenceMomentRefused`."""
+    """Return the number of the first image at a moment; raises `InputError`."""
     seconds = (positions["stamp_ns"] - positions["stamp_ns"][:1]) / 1e9
     last = len(seconds) - REFERENCE_FRAMES
     first = int(np.searchsorted(seconds, at_s))
     if last < 0 or not at_s >= 0 or first > last:
         room = f"between 0 and {seconds[last]:.2f} s" if last >= 0 else f"in a recording of {REFERENCE_FRAMES} images"
-        raise ReferenceMomentRefused(
+        raise InputError(
             expected=f"a moment {room} for a reference of {REFERENCE_FRAMES} images",
             got=f"{at_s:g} s of {recording.path}, which has {len(seconds)} images",
             remedy="name a moment within the recording",
@@ -214,7 +215,7 @@ def _read_frames(recording: Recording, positions: Array) -> list[Frame]:
 def _require_no_contact(
     where: str, frames: list[Frame], before: Rectified, shape: CalibratedShape, check: ReferenceImageChecker
 ) -> Rectified:
-    """Return the rectified mean of reference images; raises `ReferenceMomentRefused` where they cannot be a reference."""
+    """Return the rectified mean of reference images; raises `InputError` where they cannot be a reference."""
     fault = next(iter(check.find_faults(frames)), None)
     if fault is None:
         mean = mean_rectified_image([shape.rectify(frame) for frame in frames])
@@ -222,7 +223,7 @@ def _require_no_contact(
         if contact is None:
             return mean
         fault = f"something touches the gel: {contact}"
-    raise ReferenceMomentRefused(
+    raise InputError(
         expected=f"the {len(frames)} images of {where} to show the skin without contact",
         got=f"a fault; {fault}",
         remedy="name a moment at which nothing touches",

@@ -15,12 +15,12 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_pacing import DelayCorrectedSource
 from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceIncomplete
 from ninedtact.capture.wrench_source import WrenchSource
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError, NinedtactError
 from ninedtact.force.estimator_and_scale import ForceEstimator, NoForceEstimator
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.reading import read_frame
 from ninedtact.recording.background_reader import BackgroundReader
-from ninedtact.recording.errors import RecordingStopped, ReferenceMomentRefused
+from ninedtact.recording.errors import RecordingStopped
 from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import ESTIMATE_TOPICS, RecordingEvent, RecordingEventKind, Topic
@@ -59,8 +59,8 @@ def record(
     called with every fault of the reference, a step of the clock and, after an error, what the file keeps: sentences.
     on_progress: called a few times a second.
 
-    Returns the closed writer, which has the numbers of messages and dropped images. Raises `RecordingRefused`,
-    `RecordingStopped`, what a lost device or a damaged video raises, and `ReferenceMomentRefused` where there were too few frames
+    Returns the closed writer, which has the numbers of messages and dropped images. Raises `OutputError`,
+    `RecordingStopped`, what a lost device or a damaged video raises, and `InputError` where there were too few frames
     for a reference; the file keeps everything recorded before.
 
     >>> sensor = ninedtact.load_sensor("my_sensor")
@@ -241,9 +241,9 @@ class EstimateRecorder:
         return {*(ESTIMATE_TOPICS if self._estimates_force else ()), *([Topic.HEIGHTS] if self.heights else ())}
 
     def require_reference(self) -> None:
-        """Raise `ReferenceMomentRefused` where the frames were too few for reference images, so that nothing was written."""
+        """Raise `InputError` where the frames were too few for reference images, so that nothing was written."""
         if self._depth_reader is None:
-            raise ReferenceMomentRefused(
+            raise InputError(
                 expected=f"at least {REFERENCE_FRAMES} images for the reference of heights and forces",
                 got=f"{len(self._first)}, so that neither was computed",
                 remedy="record longer",
@@ -327,7 +327,7 @@ class Recorder:
             raise
 
     def require_reference(self) -> None:
-        """Raise `ReferenceMomentRefused` where heights or forces could not be written for lack of reference images."""
+        """Raise `InputError` where heights or forces could not be written for lack of reference images."""
         if self.estimates is not None:
             self.estimates.require_reference()
 

@@ -12,9 +12,10 @@ from types import TracebackType
 
 from mcap.writer import CompressionType, Writer
 
+from ninedtact.errors import OutputError
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
-from ninedtact.recording.errors import RecordingRefused, RecordingStopped
+from ninedtact.recording.errors import RecordingStopped
 from ninedtact.recording.mcap_file import lock_while_writing
 from ninedtact.recording.metadata import (
     METADATA_RECORD,
@@ -93,7 +94,7 @@ class RecordingWriter:
         self._has_other_clock = abs(wall_minus_monotonic_ns() - self._wall_ahead_ns) > _CLOCK_STEP_NS
 
     def __enter__(self) -> "RecordingWriter":
-        """Create the file; raises `RecordingRefused` or `RecordingStopped`."""
+        """Create the file; raises `OutputError` or `RecordingStopped`."""
         opened = self._open_file
         for writer in opened.writers:
             require_recordable_metadata(writer.metadata)
@@ -318,16 +319,16 @@ class _RecordFile:
     """
 
     def __init__(self, path: Path) -> None:
-        """Create a new file; raises `RecordingRefused`."""
+        """Create a new file; raises `OutputError`."""
         self.path, self._end = path, 0
         try:
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         except FileExistsError as error:
-            raise RecordingRefused(
+            raise OutputError(
                 expected="a new file to record to", got=str(path), remedy="choose another name"
             ) from error
         except OSError as error:
-            raise RecordingRefused(
+            raise OutputError(
                 expected=f"to create {path}", got=str(error.strerror), remedy="correct the path and its permissions"
             ) from error
         lock_while_writing(self._file)

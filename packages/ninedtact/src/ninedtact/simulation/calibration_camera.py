@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.capture.frame_source import CameraSettingRefused, ExposureWithLimits, FrameSource, SourceNotOpen
+from ninedtact.capture.frame_source import ExposureWithLimits, FrameSource, SourceNotOpen
 from ninedtact.design import SensorDesign
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CameraError, NinedtactError
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_images import (
@@ -73,9 +73,9 @@ class SimulatedCalibrationCamera(FrameSource):
         return replace(_EXPOSURE, now_ms=self._exposure_ms)
 
     def set_exposure(self, exposure_ms: float) -> None:
-        """Set the exposure; raises `CameraSettingRefused` beyond its limits."""
+        """Set the exposure; raises `CameraError` beyond its limits."""
         if not _EXPOSURE.least_ms <= exposure_ms <= _EXPOSURE.most_ms:
-            raise CameraSettingRefused(
+            raise CameraError(
                 f"expected an exposure of {_EXPOSURE.least_ms:g} to {_EXPOSURE.most_ms:g} ms for {self.name}, got {exposure_ms:g} "
                 "ms; choose one of these"
             )

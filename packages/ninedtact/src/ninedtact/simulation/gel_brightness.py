@@ -32,10 +32,6 @@ from ninedtact.errors import InputError
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap
 
 
-class InvalidBrightnessModel(InputError):
-    """Raised for a parameter of the brightness model that is out of its range."""
-
-
 @dataclass(frozen=True)
 class BrightnessModel:
     """How the brightness of one sensor's image follows the height of its skin. Defaults are those of an average sensor."""
@@ -61,9 +57,7 @@ class BrightnessModel:
         require_positive("light.thickness_mm", self.thickness_mm)
         for name, value in vars(self).items():
             if not value >= 0:
-                raise InvalidBrightnessModel(
-                    f"expected light.{name} of zero or more, got {value}; fit the sensor again"
-                )
+                raise InputError(f"expected light.{name} of zero or more, got {value}; fit the sensor again")
 
     def brightness_change(self, height_mm: Float[Any, "*shape"]) -> Float[Any, "*shape"]:
         """Return f(u), the relative change of brightness at heights of any shape, before scattering; NumPy or torch."""

@@ -60,9 +60,7 @@ class SampleTimer:
 
     def __post_init__(self) -> None:
         if not 0 < self.hz < np.inf:
-            raise PressSequenceTimingInvalid(
-                f"expected a rate above zero, got {self.hz:g} samples per second; give another"
-            )
+            raise SimulationError(f"expected a rate above zero, got {self.hz:g} samples per second; give another")
 
     def restart(self) -> None:
         """Continue with the first sample that is not past."""
@@ -88,14 +86,6 @@ class SampleTimer:
 
 KEPT_PRESSES, KEPT_WRENCHES = 16, 1024
 """Number of the newest steps that are stored."""
-
-
-class PressSequenceTimingInvalid(SimulationError):
-    """Raised for a simulation whose trajectories take no time, or that has no rate."""
-
-
-class SimulationStepNoLongerStored(SimulationError):
-    """Raised for a requested step that is older than all stored ones."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +125,7 @@ class PressSequence:
 
     def __post_init__(self) -> None:
         if not self.trajectories or not self.round_s > 0 or not 0 < self.hz < np.inf:
-            raise PressSequenceTimingInvalid(
+            raise SimulationError(
                 f"expected trajectories that take time and a rate above zero, got {len(self.trajectories)} at {self.hz} Hz; "
                 "add a trajectory, or correct the rate"
             )
@@ -173,7 +163,7 @@ class PressSequence:
         """Return the press at a step.
 
         In real time it is that at the nearest step that is stored, which is later than asked for after a long wait. Raises
-        `SimulationStepNoLongerStored` where every step is solved.
+        `SimulationError` where every step is solved.
         """
         with self.lock:
             self._solve_to(number)
@@ -199,7 +189,7 @@ class PressSequence:
         """Return the true wrench (N, N·m) about the centre of the skin at a time, interpolated linearly between steps.
 
         While an object is held in the hand in real time, it is that of the last step: where the hand will be at the next one is
-        not known yet. Raises `SimulationStepNoLongerStored`.
+        not known yet. Raises `SimulationError`.
         """
         step = at_s * self.hz
         with self.lock:
@@ -249,9 +239,9 @@ class PressSequence:
         index = min(int(np.searchsorted(self.ends_s, within_s, side="right")), len(self.trajectories) - 1)
         return int(rounds) * len(self.trajectories) + index, within_s - (self.ends_s[index - 1] if index else 0.0)
 
-    def _step_expired(self, step: int, oldest: int) -> SimulationStepNoLongerStored:
+    def _step_expired(self, step: int, oldest: int) -> SimulationError:
         """Return the error for a step that is no longer stored."""
-        return SimulationStepNoLongerStored(
+        return SimulationError(
             f"expected a step of the simulation from {oldest} on, got {step}, which is no longer stored; open all "
             "sources together, and read them in turn"
         )

@@ -18,10 +18,6 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.twin import Twin
 
 
-class InvalidTrajectory(InputError):
-    """Raised for a trajectory without segments, a segment that takes no time or never ends, or an impossible speed or rate."""
-
-
 @dataclass(frozen=True)
 class TrajectorySegment:
     """A smooth movement to a pose within a given time."""
@@ -31,7 +27,7 @@ class TrajectorySegment:
 
     def __post_init__(self) -> None:
         if not 0 < self.seconds < np.inf:
-            raise InvalidTrajectory(
+            raise InputError(
                 f"expected a segment that takes time and ends, got {self.seconds} s; give it a duration above zero"
             )
 
@@ -91,10 +87,10 @@ def press_trajectory(
     """Return a trajectory that comes down, presses to the depth of a pose, drags, twists, tilts and lifts.
 
     at: pose of the press. drag_mm: (x, y). tilt_rad: about x and y. speed: 1 is about 1.5 mm/s, as a calm hand presses.
-    Raises `InvalidTrajectory` for a speed or a pause that is not above zero.
+    Raises `InputError` for a speed or a pause that is not above zero.
     """
     if not 0 < speed < np.inf:
-        raise InvalidTrajectory(f"expected a speed of the hand above zero, got {speed:g}; 1 is that of a calm hand")
+        raise InputError(f"expected a speed of the hand above zero, got {speed:g}; 1 is that of a calm hand")
     above = replace(at, depth_mm=-HOVER_MM)
     dragged = replace(at, x_mm=at.x_mm + drag_mm[0], y_mm=at.y_mm + drag_mm[1])
     twisted = replace(dragged, twist_rad=at.twist_rad + twist_rad)
@@ -109,9 +105,9 @@ def press_trajectory(
 
 
 def concatenate_trajectories(trajectories: Sequence[Trajectory], between_s: float = 0.3) -> Trajectory:
-    """Return one trajectory after the other, joined above the skin; raises `InvalidTrajectory` for none."""
+    """Return one trajectory after the other, joined above the skin; raises `InputError` for none."""
     if not trajectories:
-        raise InvalidTrajectory("expected at least one trajectory, got none; give some")
+        raise InputError("expected at least one trajectory, got none; give some")
     segments: list[TrajectorySegment] = []
     for trajectory in trajectories:
         if segments:
@@ -123,10 +119,6 @@ def concatenate_trajectories(trajectories: Sequence[Trajectory], between_s: floa
 DOWN_MM, ALONG_MM, ROUND_RAD = 0.5, 0.3, np.radians(4.0)
 """The longest steps of depth, drag and twist. Friction depends on the path, so steps must be small."""
 PRESS_SOLVER_SETTINGS = SolverSettings(tolerance=2e-3)
-
-
-class InvalidPress(InputError):
-    """Raised for a press without a positive depth or load, or one that does not stay within the gel."""
 
 
 @dataclass(frozen=True)
@@ -145,10 +137,10 @@ class ScriptedPress:
     def __post_init__(self) -> None:
         if (self.depth_mm is None) == (self.load_n is None):
             got = "both" if self.depth_mm is not None else "neither"
-            raise InvalidPress(f"expected a depth or a load, got {got}; give one of them")
+            raise InputError(f"expected a depth or a load, got {got}; give one of them")
         wanted, unit = (self.depth_mm, "mm deep") if self.load_n is None else (self.load_n, "N")
         if not 0 < (wanted or 0.0) < np.inf:
-            raise InvalidPress(f"expected a press above zero, got {wanted:g} {unit}; press the skin")
+            raise InputError(f"expected a press above zero, got {wanted:g} {unit}; press the skin")
 
     def poses(self) -> Iterator[Pose]:
         """Yield all poses; those of a press to a load have depth zero, which `simulate` replaces."""
@@ -166,7 +158,7 @@ class ScriptedPress:
     def simulate(
         self, twin: Twin, indenter: Indenter, solver_settings: SolverSettings | None = PRESS_SOLVER_SETTINGS
     ) -> Contact:
-        """Return the contact at the end of the press; raises `InvalidPress` and what `Twin.press` raises.
+        """Return the contact at the end of the press; raises `InputError` and what `Twin.press` raises.
 
         solver_settings: None keeps those of the twin.
         """
@@ -179,9 +171,9 @@ class ScriptedPress:
         return press.corrected
 
     def _require_within_gel(self, twin: Twin) -> None:
-        """Refuse a depth at which the object would go through the gel; raises `InvalidPress`."""
+        """Refuse a depth at which the object would go through the gel; raises `InputError`."""
         if self.depth_mm is not None and self.depth_mm >= twin.thickness_mm:
-            raise InvalidPress(
+            raise InputError(
                 f"expected a press less deep than the gel is thick, {twin.thickness_mm:g} mm, got {self.depth_mm:g} mm; press less"
             )
 

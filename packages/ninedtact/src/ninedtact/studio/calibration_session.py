@@ -283,7 +283,7 @@ class CalibrationSession(GuidedSession[CalibrationState]):
         return search_board_pins(reference, image, self.design, self.settings), monotonic() - began_s
 
     def _require_same_size(self, image: BgrImage, taken: dict[str, BgrImage]) -> None:
-        """Raise `ImageUnusable` for an image of another size than those taken."""
+        """Raise `CalibrationError` for an image of another size than those taken."""
         for earlier in taken.values():
             require_same_image_size("image", earlier, image)
 

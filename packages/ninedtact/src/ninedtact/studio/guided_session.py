@@ -86,7 +86,7 @@ class SwitchableCamera:
             return None if self._opened is None else self._opened.exposure
 
     def set_exposure(self, exposure_ms: float) -> None:
-        """Set the exposure of the camera that is open, now and when it comes back; raises `CameraSettingRefused`."""
+        """Set the exposure of the camera that is open, now and when it comes back; raises `CameraError`."""
         with self._lock:
             if self._opened is not None:
                 self._opened.set_exposure(exposure_ms)
@@ -214,7 +214,7 @@ class GuidedSession(ABC, Generic[State]):
     def set_exposure(self, exposure_ms: float) -> None:
         """Set the camera's exposure; nothing happens once the procedure has begun, since all its images must be of one exposure.
 
-        Raises `CameraSettingRefused`.
+        Raises `CameraError`.
         """
         if self.state.is_preview:
             self.camera.set_exposure(exposure_ms)

@@ -103,7 +103,7 @@ class PageRecorder:
     def start(self) -> Path:
         """Begin a recording, or return the path of the one that runs.
 
-        Raises `OutputError`, `RecordingRefused`, `RecordingStopped`.
+        Raises `OutputError`, `RecordingStopped`.
         """
         with self._lock:
             if self._state.is_running and self._state.path is not None:

@@ -134,7 +134,7 @@ class TwinPressController:
             self._revision += 1
 
     def choose(self, kind: str, family: str, number: int = 1) -> None:
-        """Take another object into the hand, at the same place, pressed gently; raises `UnknownObject`, `FileFormatError`."""
+        """Take another object into the hand, at the same place, pressed gently; raises `InputError`, `FileFormatError`."""
         with self._lock:
             wanted = replace(self._state, kind=kind, family=family, number=int(np.clip(number, 1, MAX_NUMBER)))
             wanted = replace(wanted, depth_mm=START_DEPTH_MM, by_load=False, tilt_x_deg=0.0, tilt_y_deg=0.0)

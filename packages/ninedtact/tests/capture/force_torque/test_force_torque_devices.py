@@ -26,10 +26,10 @@ from ninedtact.capture.wrench_source import (
     WrenchSampleRejected,
     WrenchSaturated,
     WrenchSensorLost,
-    WrenchSensorNotFound,
     WrenchSource,
 )
 from ninedtact.design import ForceTorqueMount
+from ninedtact.errors import DeviceError
 from ninedtact.quantities import Wrench
 
 LOAD = np.array([1.0, -2.0, -8.0, 0.05, 0.02, -0.01])
@@ -263,7 +263,7 @@ def test_bota_that_does_not_start_is_released(
     played_bota: Callable[[PlayedBota], BotaDriver], answers: tuple[bool, bool], said: str
 ) -> None:
     library = PlayedBota(1000, [], answers)
-    with pytest.raises(WrenchSensorNotFound, match=f"to start, got: {said}.*; check the file and the cable"):
+    with pytest.raises(DeviceError, match=f"to start, got: {said}.*; check the file and the cable"):
         played_bota(library).connect()
     assert library.ended == ["shutdown"]
 
@@ -293,7 +293,7 @@ def test_bota_flags_are_heeded(played_bota: Callable[[PlayedBota], BotaDriver]) 
 
 def test_a_serial_port_is_opened_for_one_program_and_at_the_documented_rate(bench: Bench) -> None:
     assert SerialPortDriver.from_address("serial:COM3")._baud == 460_800
-    with bench.serial(), pytest.raises(WrenchSensorNotFound, match="expected a serial port"):
+    with bench.serial(), pytest.raises(DeviceError, match="expected a serial port"):
         force_torque_sensor_for(f"serial:{bench.device.port}").open()
 
 

@@ -42,7 +42,7 @@ from ninedtact_train.batched.session_requests import (
 from ninedtact_train.collecting.training_pair_rule import SamplingRule
 from ninedtact_train.dataset.folder import DatasetFolder, begin_or_resume_dataset, to_json_bytes
 from ninedtact_train.dataset.generation.press_trajectory import RandomPress
-from ninedtact_train.dataset.generation.settings import GenerationImpossible, GenerationSettings
+from ninedtact_train.dataset.generation.settings import GenerationSettings
 from ninedtact_train.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact_train.dataset.statistics_and_card import (
@@ -82,7 +82,7 @@ class SimulatedPressSession:
         self._missing = session_quotas(self.number, self.settings)
 
     def requests(self) -> RequestGenerator[list[DatasetRow]]:
-        """Yield the session's requests; the result is its pairs. Raises `GenerationImpossible` where presses give no pairs."""
+        """Yield the session's requests; the result is its pairs. Raises `InputError` where presses give no pairs."""
         objects = session_objects(self.settings, self.number)
         fruitless = 0
         while any(self._missing.values()):
@@ -90,7 +90,7 @@ class SimulatedPressSession:
             yield from self._press_once(next(objects))
             fruitless = fruitless + 1 if len(self.rows) == before else 0
             if fruitless > _MAX_FRUITLESS_PRESSES:
-                raise GenerationImpossible(
+                raise InputError(
                     f"expected pairs from presses, got none from {_MAX_FRUITLESS_PRESSES} of them; press harder, or loosen the rule"
                 )
         return self.rows
@@ -170,7 +170,7 @@ def _cached_setup(number: int, settings: GenerationSettings) -> SimulatedSetup:
 
 
 def _load_object(name: str, seed: int) -> Indenter:
-    """Return the object of this name, made once, and again where its mesh file was written again; raises `UnknownObject`."""
+    """Return the object of this name, made once, and again where its mesh file was written again; raises `InputError`."""
     file = mesh_file_of_name(name)
     entry = file.stat() if file is not None and file.is_file() else None
     return _cached_object(name, seed, entry and (entry.st_size, entry.st_mtime_ns))
@@ -255,7 +255,7 @@ def generate_dataset(
         sessions_per_batch: number of sessions that a GPU advances together.
         notify: is called with a sentence when the memory of a GPU is too small for a batch.
 
-    Raises `GenerationImpossible`, `InputError`, `UnknownObject`, `FolderTaken`, `FileNotWritten`, `DeviceMissing`.
+    Raises `InputError`, `OutputError`, `FileNotWritten`, `DeviceError`.
     """
     require_workers(workers)
     if sessions_per_batch < 1:
@@ -273,7 +273,7 @@ def generate_dataset(
 
 
 def _select_device(name: str, workers: Workers) -> Device:
-    """Return the device of this name, the processor for `auto` on a cluster; raises `InputError`, `DeviceMissing`."""
+    """Return the device of this name, the processor for `auto` on a cluster; raises `InputError`, `DeviceError`."""
     if not isinstance(workers, Cluster):
         return choose_compute_device(name)
     if name not in ("auto", "cpu"):

@@ -27,10 +27,6 @@ _PUBLISHED_AREA_MM = SensingArea().size_mm
 _Pair = tuple[float, float]
 
 
-class GenerationImpossible(InputError):
-    """Raised for presses that give no pairs."""
-
-
 @dataclass(frozen=True)
 class PressTarget:
     """What one step of a press aims at."""

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from ninedtact.errors import InputError
 from ninedtact_train.dataset.schema import escape_invalid_utf8
 from ninedtact_train.dataset.sources.htt_episodes import EPISODE_SUFFIX, TactileTransformerSource
 from ninedtact_train.dataset.sources.original_9dtact import OriginalDatasetSource, find_original_dataset
@@ -12,7 +13,7 @@ from ninedtact_train.dataset.sources.recordings_and_datasets import (
     ExistingDatasetSource,
     RecordingsSource,
 )
-from ninedtact_train.dataset.sources.source import Source, SourceConventions, SourceUnknown
+from ninedtact_train.dataset.sources.source import Source, SourceConventions
 
 _KINDS = (
     "recordings of 'ninedtact collect' (.mcap), the original project's Dataset folder (image/ or mixed_image/, and wrench/), "
@@ -21,9 +22,9 @@ _KINDS = (
 
 
 def find_sources(arguments: Sequence[str], conventions: SourceConventions = SourceConventions()) -> list[Source]:
-    """Return the sources at these paths, each given as `PATH` or `NAME=PATH`; raises `SourceUnknown`."""
+    """Return the sources at these paths, each given as `PATH` or `NAME=PATH`; raises `InputError`."""
     if not arguments:
-        raise SourceUnknown(f"expected at least one source, got none; name {_KINDS}")
+        raise InputError(f"expected at least one source, got none; name {_KINDS}")
     named = list(_give_different_names(arguments))
     sources = [_open_source(name, path, conventions, several=len(named) > 1) for name, path in named]
     _require_effect(conventions, sources)
@@ -31,7 +32,7 @@ def find_sources(arguments: Sequence[str], conventions: SourceConventions = Sour
 
 
 def _require_effect(conventions: SourceConventions, sources: Sequence[Source]) -> None:
-    """Refuse statements that no source needs, because its files say the same; raises `SourceUnknown`."""
+    """Refuse statements that no source needs, because its files say the same; raises `InputError`."""
     kinds = {type(source) for source in sources}
     of_labels = kinds & {OriginalDatasetSource, TactileTransformerSource}
     needed = {
@@ -44,16 +45,16 @@ def _require_effect(conventions: SourceConventions, sources: Sequence[Source]) -
     }
     useless = [option for option in conventions.stated_options() if not needed[option]]
     if useless:
-        raise SourceUnknown(
+        raise InputError(
             f"expected options that have an effect on these sources, got {' and '.join(useless)}; drop what does not apply: "
             "recordings and data sets say axes, torque point and scale themselves"
         )
 
 
 def _open_source(name: str, path: Path, conventions: SourceConventions, several: bool) -> Source:
-    """Return the source at a path; raises `SourceUnknown`."""
+    """Return the source at a path; raises `InputError`."""
     if not path.exists():
-        raise SourceUnknown(f"expected a source at {path}, got nothing there; check the path")
+        raise InputError(f"expected a source at {path}, got nothing there; check the path")
     if find_original_dataset(path):
         return OriginalDatasetSource(name, path, conventions=conventions)
     if any((path / "data").glob("*.parquet")):
@@ -62,7 +63,7 @@ def _open_source(name: str, path: Path, conventions: SourceConventions, several:
         return RecordingsSource(name, path, conventions=conventions)
     if _contains_suffix(path, EPISODE_SUFFIX):
         return TactileTransformerSource(name, path, conventions=conventions)
-    raise SourceUnknown(f"expected {_KINDS}, got {path} with none of them; name the folder that holds them")
+    raise InputError(f"expected {_KINDS}, got {path} with none of them; name the folder that holds them")
 
 
 def _contains_suffix(path: Path, suffix: str) -> bool:
@@ -71,12 +72,12 @@ def _contains_suffix(path: Path, suffix: str) -> bool:
 
 
 def _give_different_names(arguments: Sequence[str]) -> Iterator[tuple[str, Path]]:
-    """Yield paths with different names; raises `SourceUnknown` if one name was given twice."""
+    """Yield paths with different names; raises `InputError` if one name was given twice."""
     given = [_split_argument(argument) for argument in arguments]
     given_names = [name for name, _ in given if name]
     repeated = [name for name, count in Counter(given_names).items() if count > 1]
     if repeated:
-        raise SourceUnknown(f"expected names of sources to differ, got {repeated[0]!r} more than once; change one")
+        raise InputError(f"expected names of sources to differ, got {repeated[0]!r} more than once; change one")
     taken = set(given_names)
     for name, path in given:
         own = name or next(free for free in _numbered_names(path.resolve().stem or "source") if free not in taken)
@@ -94,10 +95,10 @@ def _numbered_names(stem: str) -> Iterator[str]:
 
 
 def _split_argument(argument: str) -> tuple[str, Path]:
-    """Return a name, which may be empty, and a path; raises `SourceUnknown` for a name that no file could have."""
+    """Return a name, which may be empty, and a path; raises `InputError` for a name that no file could have."""
     name, mark, path = argument.partition("=")
     if not mark or Path(argument).exists():
         return "", Path(argument)
     if not name or not path or "/" in name or name.startswith("."):
-        raise SourceUnknown(f"expected NAME=PATH with a name without slashes, got {argument!r}; correct it")
+        raise InputError(f"expected NAME=PATH with a name without slashes, got {argument!r}; correct it")
     return name, Path(path)

@@ -21,14 +21,14 @@ from numpy import ndarray as Array
 from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
 from ninedtact.capture.frame_source import natural_sort_key
 from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, read_image
-from ninedtact.errors import FileFormatError, NinedtactError
+from ninedtact.errors import FileFormatError, InputError, NinedtactError
 from ninedtact.force.brightness_channels import NotAMixedImage, deformation_from_mixed_image, to_whole_grey_levels
 from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM
 from ninedtact_train.collecting.training_pair_rule import wrench_limits
 from ninedtact_train.dataset.fault_report import PairFault
 from ninedtact_train.dataset.parquet_files import encode_png
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
-from ninedtact_train.dataset.sources.source import Source, SourceConventions, SourcePart, SourceUnknown
+from ninedtact_train.dataset.sources.source import Source, SourceConventions, SourcePart
 
 _IMAGE, _MIXED, _WRENCH = "image", "mixed_image", "wrench"
 _NORM_SUFFIX = "_norm"
@@ -123,7 +123,7 @@ class _PairFiles:
         return wrench
 
     def _read_images(self, faults: _Faults) -> tuple[_GreyImage, _GreyImage | None]:
-        """Return the grey image, and the reference image if there is one; raises `ImageUnreadable`, `NotAMixedImage`."""
+        """Return the grey image, and the reference image if there is one; raises `FileFormatError`, `NotAMixedImage`."""
         image = None if self.image is None else _read_grey_image(self.image)
         if self.mixed is None:
             assert image is not None
@@ -158,7 +158,7 @@ def _read_six_numbers(path: Path) -> Float64[Array, "6"]:
 
 
 def _read_grey_image(path: Path) -> _GreyImage:
-    """Return an image file as grey levels; raises `ImageUnreadable`."""
+    """Return an image file as grey levels; raises `FileFormatError`."""
     return to_whole_grey_levels(read_image(path), 1.0).grey.astype(np.uint8)
 
 
@@ -228,7 +228,7 @@ class OriginalDatasetSource(Source):
         """Return parts of some hundred pairs, with objects in counting order."""
         pairs, stray = _group_files(self.root, self.files())
         if not pairs:
-            raise SourceUnknown(
+            raise InputError(
                 f"expected images and wrenches as <object>/<n>.png and <object>/<n>.npy in {self.root}, got none; copy the "
                 "whole Dataset folder of the original project"
             )

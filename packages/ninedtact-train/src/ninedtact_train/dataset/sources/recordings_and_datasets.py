@@ -19,7 +19,7 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.frame_source import SourceIncomplete
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import InputError, NinedtactError
 from ninedtact.quantities import NO_OBJECT, Frame
 from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.lens_and_rectification import Rectification
@@ -45,7 +45,6 @@ from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedI
 from ninedtact_train.dataset.sources.source import (
     Source,
     SourcePart,
-    SourceUnknown,
     find_files_with_suffix,
     relative_path_without_suffix,
 )
@@ -88,7 +87,7 @@ class _RecordingPart(SourcePart):
     def _load_rectification(self) -> Rectification:
         """Return the rectification of the given or attached sensor folder.
 
-        Raises `RecordingUnreadable`, `SensorFolderDamaged`, and `SourceUnknown` where the given folder is that of another sensor.
+        Raises `RecordingUnreadable`, `SensorFolderDamaged`, and `InputError` where the given folder is that of another sensor.
         """
         from ninedtact.recording.reader import Recording, extract_sensor_folder
 
@@ -96,7 +95,7 @@ class _RecordingPart(SourcePart):
             given = load_sensor(self.sensor_folder)
             with Recording(self.file) as recording:
                 if recording.sensor_files() and recording.sensor != given.id:
-                    raise SourceUnknown(
+                    raise InputError(
                         f"expected the sensor folder of {recording.sensor!r}, which took these images, got that of {given.id!r}; "
                         "build the recordings of one sensor at a time, or without --sensor"
                     )
@@ -254,12 +253,12 @@ class ExistingDatasetSource(Source):
             yield folder.name, read_folder_files(folder)
 
     def simulated_sensors(self) -> list[dict[str, Any]]:
-        """Return all parameters of its simulated sensors; raises `DatasetDamaged`."""
+        """Return all parameters of its simulated sensors; raises `FileFormatError`."""
         return read_sensor_parameters(self.path)
 
     @cached_property
     def _settings(self) -> dict[str, Any]:
-        """The settings in the folder; raises `DatasetDamaged`."""
+        """The settings in the folder; raises `FileFormatError`."""
         return read_dataset_settings(self.path)
 
     @property

@@ -23,10 +23,6 @@ Point = tuple[float, float, float]
 _AS_MEASURED = "+x,+y,+z"
 
 
-class SourceUnknown(InputError):
-    """Raised for a path without pairs of any known kind, or for a statement about a source that cannot be true."""
-
-
 @dataclass(frozen=True)
 class SourceConventions:
     """Axes, torque origin, image scale and reference that a person states about sources that do not say them.
@@ -51,7 +47,7 @@ class SourceConventions:
         require_within_bounds(self)
         _parse_axes(self.axes)
         if self.origin_mm is not None and not np.isfinite(self.origin_mm).all():
-            raise SourceUnknown(f"expected an origin in mm, got {self.origin_mm}; correct it")
+            raise InputError(f"expected an origin in mm, got {self.origin_mm}; correct it")
 
     def wrench_about_skin(self, measured: Float64[Array, "6"], usual_origin_mm: Point) -> Float32[Array, "6"]:
         """Return a measured wrench in the sensor's axes, with its torque about the centre of the skin.
@@ -85,11 +81,11 @@ class SourceConventions:
 
 
 def _parse_axes(text: str) -> list[str]:
-    """Return the axes in a text such as "+y,-x,z"; raises `SourceUnknown`."""
+    """Return the axes in a text such as "+y,-x,z"; raises `InputError`."""
     words = [word.strip() for word in text.split(",")]
     axes = [word if word[:1] in "+-" else f"+{word}" for word in words]
     if sorted(axis[1:] for axis in axes) != ["x", "y", "z"]:
-        raise SourceUnknown(
+        raise InputError(
             f"expected three axes such as +x,+y,+z or +y,-x,+z, each letter once, got {','.join(axes)}; correct them"
         )
     return axes

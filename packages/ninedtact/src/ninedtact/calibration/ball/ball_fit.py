@@ -54,7 +54,7 @@ def fit_ball(
     method: DepthMethod = "physics",
     smoothing: Smoothing = Smoothing(),
 ) -> BallFit:
-    """Find the contact disc and fit the depth curve; raises `BallPressUnusable`, `ImageUnusable`, `FileFormatError`.
+    """Find the contact disc and fit the depth curve; raises `BallPressUnusable`, `CalibrationError`, `FileFormatError`.
 
     reference, press: raw images (rows, cols, 3) of the skin without contact and of the ball pressed on it. smoothing: the filters
     after the look-up, for the methods `ratio` and `table`; `physics` has its own.

@@ -100,7 +100,7 @@ def find_ball_press(
 ) -> BallPress:
     """Check and rectify two raw images (rows, cols, 3) of the skin, without contact and under the ball, and find the contact.
 
-    Raises `BallPressUnusable`, `ImageUnusable` and `FileFormatError`.
+    Raises `BallPressUnusable`, `CalibrationError` and `FileFormatError`.
     """
     require_same_image_size("ball image", reference, press)
     require_usable_exposure("ball reference", reference)

@@ -156,7 +156,7 @@ class BoardFit:
 def fit_board(
     reference: BgrImage, press: BgrImage, board: PinBoard, mounting: CameraRotation | Literal["auto"] = "auto"
 ) -> BoardFit:
-    """Find the pins with sub-pixel accuracy and fit the lens; raises `BoardNotFound`, `ImageUnusable`.
+    """Find the pins with sub-pixel accuracy and fit the lens; raises `BoardNotFound`, `CalibrationError`.
 
     reference, press: raw images (rows, cols, 3) of the skin without contact and of the pressed skin, of one size.
     """
@@ -240,10 +240,6 @@ def calibrated_area_mm(design: SensorDesign) -> Area:
 Point = Float[Array, "2"]
 
 
-class BoardWithoutCentralPin(InputError):
-    """The paper's method needs a board with a pin in the centre."""
-
-
 @dataclass(frozen=True)
 class PublishedPinMap:
     """The paper's camera calibration: a cubic radial-basis map through whole-pixel centres of the pins' spots, and the mm per pixel
@@ -263,7 +259,7 @@ class PublishedPinMap:
 
     @property
     def mm_per_px(self) -> float:
-        """mm per pixel from the mean distance of the five central anchors; raises `BoardWithoutCentralPin`."""
+        """mm per pixel from the mean distance of the five central anchors; raises `InputError`."""
         return float(1 / (1 / self._anchor_scales).mean())
 
     @property
@@ -277,7 +273,7 @@ class PublishedPinMap:
         """The pitch divided by the distance in pixels of the central pin from each of its four neighbours."""
         pitch_mm = self.board.pitch_mm
         if not (self.board.rows % 2 and self.board.cols % 2):
-            raise BoardWithoutCentralPin(
+            raise InputError(
                 f"expected a board with a pin in the middle for the paper's way, got {self.board.cols} x {self.board.rows} pins; "
                 "use the lens model, which needs none"
             )

@@ -139,7 +139,7 @@ class DriftMeasurement:
 def load_calibrated_reference(sensor: SensorFolder) -> CalibratedReference:
     """Load the reference images. A sensor whose lens was imported has only that of the ball.
 
-    Raises `SensorFolderDamaged`, also for an imported sensor without images, and `DepthNotCalibrated`.
+    Raises `SensorFolderDamaged`, also for an imported sensor without images, and `CalibrationError`.
     """
     depth_image = sensor.stored_image("ball_reference").image
     lens_image = depth_image if sensor.is_imported else sensor.stored_image("board_reference").image
@@ -147,7 +147,7 @@ def load_calibrated_reference(sensor: SensorFolder) -> CalibratedReference:
 
 
 def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasurement:
-    """Measure what has changed; raises `ImageUnusable` for a dark or overexposed image, `ImageSizeWrong`.
+    """Measure what has changed; raises `CalibrationError` for a dark or overexposed image, `FileFormatError`.
 
     today: raw image (rows, cols, 3) of the skin, which should be without contact.
     """
@@ -281,10 +281,6 @@ def position_in_words(mark: ChangedSkinRegion) -> str:
     return f"({mark.x_mm:.1f}, {mark.y_mm:.1f}) mm"
 
 
-class ReferenceImplausible(InputError):
-    """A reference image does not show the calibrated sensor without contact."""
-
-
 @dataclass(frozen=True)
 class ReferenceImageChecker:
     """Checks whether images can be reference images (no contact) of one calibrated sensor. It reads no file after it was loaded."""
@@ -301,7 +297,7 @@ class ReferenceImageChecker:
     def find_faults(self, frames: Sequence[Frame]) -> tuple[str, ...]:
         """Return why the mean of raw images cannot be the reference image of the sensor; empty where it can be.
 
-        Raises `ImageSizeWrong` for images of another size than the calibrated one.
+        Raises `FileFormatError` for images of another size than the calibrated one.
         """
         today = average_images([np.asarray(frame.image) for frame in frames])
         exposure = find_exposure_fault(today)
@@ -313,14 +309,14 @@ class ReferenceImageChecker:
         return () if fault is None else (f"{fault.diagnosis}: {fault.sentence}",)
 
     def require_faultless(self, frames: Sequence[Frame]) -> None:
-        """Raise `ReferenceImplausible` for frames with a fault, and what `find_faults` raises."""
+        """Raise `InputError` for frames with a fault, and what `find_faults` raises."""
         for fault in self.find_faults(frames):
-            raise ReferenceImplausible(
+            raise InputError(
                 f"expected a reference image of sensor {self.sensor} without contact, got one with a fault; {fault}"
             )
 
     def read_images(self, paths: Sequence[Path]) -> list[Frame]:
-        """Read the reference images of a session from files; raises `ReferenceImplausible` and what reading an image raises."""
+        """Read the reference images of a session from files; raises `InputError` and what reading an image raises."""
         frames = [Frame(read_image(path)) for path in paths]
         if frames:
             self.require_faultless(frames)

@@ -31,16 +31,12 @@ from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX
 NAME = re.compile(r"sensor_\w+")
 
 
-class OriginalFolderDamaged(FileFormatError):
-    """The folder is not a calibration of the original project, or something in it is missing or wrong."""
-
-
 def _require(
     holds: bool | np.bool_, expected: str, got: str, remedy: str = "copy the file again or calibrate again"
 ) -> None:
-    """Raise `OriginalFolderDamaged` where a condition does not hold."""
+    """Raise `FileFormatError` where a condition does not hold."""
     if not holds:
-        raise OriginalFolderDamaged(expected=expected, got=got, remedy=remedy)
+        raise FileFormatError(expected=expected, got=got, remedy=remedy)
 
 
 def find_original_sensor_folder(folder: Path, files: Sequence[str]) -> Path:
@@ -58,11 +54,11 @@ def find_original_sensor_folder(folder: Path, files: Sequence[str]) -> Path:
 
 
 def read_finite_npy(path: Path, dimensions: int) -> Float[Array, "..."]:
-    """Return the finite numbers of a .npy file with this many dimensions; raises `OriginalFolderDamaged`."""
+    """Return the finite numbers of a .npy file with this many dimensions; raises `FileFormatError`."""
     array = _load_npy(path)
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "iuf":
         kind = str(getattr(array, "dtype", "an archive"))
-        raise OriginalFolderDamaged(expected=f"an array of numbers in {path}", got=kind, remedy="copy the file again")
+        raise FileFormatError(expected=f"an array of numbers in {path}", got=kind, remedy="copy the file again")
     is_shaped = array.ndim == dimensions and array.size > 0
     _require(is_shaped, f"{dimensions} dimension{'s' if dimensions > 1 else ''} in {path}", f"shape {array.shape}")
     numbers = np.array(array, float)
@@ -79,7 +75,7 @@ def _load_npy(path: Path) -> object:
         return np.load(path, mmap_mode="r", allow_pickle=False)
     except NPY_READ_ERRORS as trouble:
         first_line = (str(trouble).splitlines() or [type(trouble).__name__])[0]
-        raise OriginalFolderDamaged(
+        raise FileFormatError(
             expected=f"a whole .npy file without Python objects in {path}", got=first_line, remedy="copy the file again"
         ) from trouble
 
@@ -150,7 +146,7 @@ class OriginalCalibration:
 
 
 def read_original_calibration(folder: Path, view: RectifiedImageSize, thickness_mm: float) -> OriginalCalibration:
-    """Read `sensor_N`, or the one `sensor_N` in a folder, of a gel of this thickness; raises `OriginalFolderDamaged`."""
+    """Read `sensor_N`, or the one `sensor_N` in a folder, of a gel of this thickness; raises `FileFormatError`."""
     where = find_original_sensor_folder(folder, ORIGINAL_FILES)
     row_index, col_index = _read_index_map(where / ROW_INDEX, 0), _read_index_map(where / COL_INDEX, 1)
     shapes = row_index.shape, col_index.shape

@@ -31,7 +31,6 @@ from ninedtact.calibration.original_9dtact.folder_format import (
     ORIGINAL_FILES,
     POSITION_SCALE,
     OriginalCalibration,
-    OriginalFolderDamaged,
     find_original_sensor_folder,
     read_original_calibration,
     write_npy,
@@ -54,7 +53,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     SensorTomlRecord,
 )
 from ninedtact.design import SensorDesign
-from ninedtact.errors import OutputError
+from ninedtact.errors import FileFormatError, OutputError
 from ninedtact.quantities import HeightSource
 from ninedtact.shape.calibrated_shape import DepthReader
 from ninedtact.shape.depth import DepthCurve, Smoothing
@@ -159,7 +158,7 @@ def import_original_calibration(
     """Write a sensor folder from `sensor_N`, or from a folder that holds one; pixels are rectified exactly as there.
 
     The crop is the design's field of view. There is no certificate, and no reference image to detect drift; the noise is that of a
-    usual camera through this sensor's list. An older sensor folder at `out` is replaced. Raises `OriginalFolderDamaged`,
+    usual camera through this sensor's list. An older sensor folder at `out` is replaced. Raises `FileFormatError`,
     `SensorFolderNotReplaceable`, `FileNotWritten`, `OSError`.
     """
     source = find_original_sensor_folder(folder, ORIGINAL_FILES)
@@ -182,7 +181,7 @@ def _require_skin_in_view(source: Path, calibration: OriginalCalibration, design
     seen_mm = np.array([view.cols, view.rows]) * calibration.mm_per_px
     least_mm, most_mm = _MIN_SEEN_SHARE * np.array(area.size_mm), _MAX_SEEN_SHARE * np.array(area.opening_mm)
     if (seen_mm < least_mm).any() or (seen_mm > most_mm).any():
-        raise OriginalFolderDamaged(
+        raise FileFormatError(
             f"expected a crop of {least_mm[0]:.0f} x {least_mm[1]:.0f} to {most_mm[0]:.0f} x {most_mm[1]:.0f} mm of the skin, got "
             f"{view.cols} x {view.rows} pixels of {calibration.mm_per_px:g} mm, {seen_mm[0]:.1f} x {seen_mm[1]:.1f} mm; give the "
             f"crop_size of your shape_config.yaml, or correct the third number of {source / POSITION_SCALE}, mm per pixel"
@@ -229,7 +228,7 @@ def export_original_calibration(sensor: SensorFolder, out: Path) -> None:
     """Write the original project's layout into the new folder `out` (`…/calibration/sensor_N`), all or nothing.
 
     Index maps take the nearest raw pixel; for the list of grey levels see `_depth_list_from_curve`. Raises
-    `OutputError`, `OriginalFolderDamaged`, `SensorFolderDamaged`, `FileNotWritten`, `OSError`.
+    `OutputError`, `FileFormatError`, `SensorFolderDamaged`, `FileNotWritten`, `OSError`.
     """
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise OutputError(f"expected {out} to be new or an empty folder, got one with content; choose another name")
@@ -247,5 +246,5 @@ def _maps_to_export(sensor: SensorFolder) -> OriginalCalibration:
         return OriginalCalibration(row_index, col_index, scale, np.zeros(1))
     calibration = read_original_calibration(kept, view, sensor.record.design.gel.thickness_mm)
     if not np.array_equal(calibration.source_px(view), sensor.rectification.source_px):
-        raise OriginalFolderDamaged(f"expected {kept} as it was imported, got other maps; import the sensor again")
+        raise FileFormatError(f"expected {kept} as it was imported, got other maps; import the sensor again")
     return calibration

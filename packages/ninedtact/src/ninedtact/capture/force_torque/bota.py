@@ -24,8 +24,8 @@ from ninedtact.capture.wrench_source import (
     WrenchSampleRejected,
     WrenchSaturated,
     WrenchSensorLost,
-    WrenchSensorNotFound,
 )
+from ninedtact.errors import DeviceError
 
 _CLOCK_BITS = 32
 _POLLS_PER_PERIOD = 4
@@ -47,19 +47,19 @@ class BotaDriver(ForceTorqueDriver):
         return cls(Path(address.partition(":")[2]).expanduser())
 
     def connect(self) -> None:
-        """Configure and start the sensor; raises `WrenchSensorNotFound` or `ForceTorqueLibraryMissing`."""
+        """Configure and start the sensor; raises `DeviceError` or `ForceTorqueLibraryMissing`."""
         try:
             import bota_driver
         except ImportError as absence:
             raise ForceTorqueLibraryMissing(self.name, "bota-driver (Linux only)") from absence
         if not self._config.is_file():
-            raise WrenchSensorNotFound(
+            raise DeviceError(
                 f"expected the configuration of a Bota sensor at {self._config}, got no such file; docs/force_torque.md "
                 "shows one"
             )
         cause = self._start(bota_driver)
         if cause is not None:
-            raise WrenchSensorNotFound(
+            raise DeviceError(
                 f"expected the Bota sensor of {self._config} to start, got: {cause}; check the file and the cable"
             )
 

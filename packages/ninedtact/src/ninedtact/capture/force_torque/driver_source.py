@@ -16,13 +16,8 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import SourceNotOpen
-from ninedtact.capture.wrench_source import (
-    WrenchFaulty,
-    WrenchSampleRejected,
-    WrenchSensorLost,
-    WrenchSensorNotFound,
-    WrenchSource,
-)
+from ninedtact.capture.wrench_source import WrenchFaulty, WrenchSampleRejected, WrenchSensorLost, WrenchSource
+from ninedtact.errors import DeviceError
 from ninedtact.quantities import Wrench
 
 RECEIVE_TIMEOUT_S = 0.1
@@ -59,7 +54,7 @@ class ForceTorqueDriver(ABC):
 
     @abstractmethod
     def connect(self) -> None:
-        """Open the device, or raise `WrenchSensorNotFound` or `ForceTorqueLibraryMissing` and leave nothing open."""
+        """Open the device, or raise `DeviceError` or `ForceTorqueLibraryMissing` and leave nothing open."""
 
     @abstractmethod
     def receive(self) -> Sequence[ForceTorqueSample]:
@@ -138,7 +133,7 @@ class DriverWrenchSource(WrenchSource):
         self._closing = Event()
 
     def open(self) -> None:
-        """Connect and receive one sample; raises `WrenchSensorNotFound` or `ForceTorqueLibraryMissing`."""
+        """Connect and receive one sample; raises `DeviceError` or `ForceTorqueLibraryMissing`."""
         with self._opening:
             if self._thread is not None:
                 return
@@ -153,7 +148,7 @@ class DriverWrenchSource(WrenchSource):
                     self._wait_for_sample()
             except WrenchSensorLost as silence:
                 self._release()
-                raise WrenchSensorNotFound(str(silence)) from silence
+                raise DeviceError(str(silence)) from silence
             except BaseException:
                 self._release()
                 raise

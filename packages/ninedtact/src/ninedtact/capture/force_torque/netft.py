@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ninedtact.capture.force_torque.driver_source import RECEIVE_TIMEOUT_S, ForceTorqueDriver, ForceTorqueSample
-from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.capture.wrench_source import (
     ForceTorqueLibraryMissing,
     WrenchFaulty,
     WrenchSampleRejected,
     WrenchSaturated,
     WrenchSensorLost,
-    WrenchSensorNotFound,
 )
+from ninedtact.errors import DeviceError, InputError
 
 if TYPE_CHECKING:
     import pynetft
@@ -83,18 +82,18 @@ class NetFtDriver(ForceTorqueDriver):
 
     @classmethod
     def from_ati_address(cls, address: str) -> "NetFtDriver":
-        """Return the driver of netft:HOST or netft:HOST:PORT; raises `SourceUnknown`."""
+        """Return the driver of netft:HOST or netft:HOST:PORT; raises `InputError`."""
         host, port = _parse_host(address)
         return cls(address, host, ATI, port)
 
     @classmethod
     def from_onrobot_address(cls, address: str) -> "NetFtDriver":
-        """Return the driver of onrobot:HOST or onrobot:HOST:PORT; raises `SourceUnknown`."""
+        """Return the driver of onrobot:HOST or onrobot:HOST:PORT; raises `InputError`."""
         host, port = _parse_host(address)
         return cls(address, host, ONROBOT, port)
 
     def connect(self) -> None:
-        """Request the stream and wait for one record; raises `WrenchSensorNotFound` or `ForceTorqueLibraryMissing`."""
+        """Request the stream and wait for one record; raises `DeviceError` or `ForceTorqueLibraryMissing`."""
         try:
             import pynetft
         except ImportError as absence:
@@ -107,7 +106,7 @@ class NetFtDriver(ForceTorqueDriver):
             cause = str(trouble)
         if cause is not None:
             client.stop()
-            raise WrenchSensorNotFound(
+            raise DeviceError(
                 f"expected RDT records from {self._host}, got: {cause}; check its address, its power and that no other "
                 "program listens to it"
             )
@@ -167,9 +166,9 @@ class NetFtDriver(ForceTorqueDriver):
 
 
 def _parse_host(address: str) -> tuple[str, int]:
-    """Return host and port of KIND:HOST or KIND:HOST:PORT; raises `SourceUnknown`."""
+    """Return host and port of KIND:HOST or KIND:HOST:PORT; raises `InputError`."""
     found = re.fullmatch(r"([A-Za-z0-9.-]+)(?::(\d{1,5}))?", address.partition(":")[2])
     port = int(found[2] or _RDT_PORT) if found else 0
     if not found or not 0 < port <= _HIGHEST_PORT:
-        raise SourceUnknown(f"expected HOST or HOST:PORT after the colon, got '{address}'; correct it")
+        raise InputError(f"expected HOST or HOST:PORT after the colon, got '{address}'; correct it")
     return found[1], port

@@ -30,15 +30,14 @@ from ninedtact.capture.force_torque.driver_source import (
     ForceTorqueDriver,
     ForceTorqueSample,
 )
-from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.capture.wrench_source import (
     ForceTorqueLibraryMissing,
     WrenchFaulty,
     WrenchSampleRejected,
     WrenchSaturated,
     WrenchSensorLost,
-    WrenchSensorNotFound,
 )
+from ninedtact.errors import DeviceError, InputError
 
 BEGIN = b"\xa5\x5a"
 _BODY = Struct("<HIH6f")
@@ -131,15 +130,15 @@ class SerialPortDriver(ForceTorqueDriver):
 
     @classmethod
     def from_address(cls, address: str) -> "SerialPortDriver":
-        """Return the driver of serial:PORT or serial:PORT@BAUD; raises `SourceUnknown`."""
+        """Return the driver of serial:PORT or serial:PORT@BAUD; raises `InputError`."""
         rest = address.partition(":")[2]
         port, _, baud = rest.rpartition("@") if "@" in rest else (rest, "", str(_DEFAULT_BAUD))
         if not port or not baud.isdecimal() or len(baud) > _MOST_BAUD_DIGITS or int(baud) == 0:
-            raise SourceUnknown(f"expected serial:PORT or serial:PORT@BAUD, got '{address}'; correct it")
+            raise InputError(f"expected serial:PORT or serial:PORT@BAUD, got '{address}'; correct it")
         return cls(port, int(baud))
 
     def connect(self) -> None:
-        """Open the port exclusively and discard what it buffered before; raises `WrenchSensorNotFound`."""
+        """Open the port exclusively and discard what it buffered before; raises `DeviceError`."""
         try:
             import serial
         except ImportError as absence:
@@ -148,7 +147,7 @@ class SerialPortDriver(ForceTorqueDriver):
             self._port = serial.Serial(self._port_name, self._baud, timeout=RECEIVE_TIMEOUT_S, exclusive=True)
             self._port.reset_input_buffer()
         except (OSError, ValueError) as trouble:
-            raise WrenchSensorNotFound(
+            raise DeviceError(
                 f"expected a serial port at {self._port_name}, got: {trouble}; check its name and cable, and that you may "
                 "use it (on Linux the group dialout)"
             ) from trouble

@@ -22,7 +22,6 @@ from ninedtact.capture.force_torque.netft import NetFtDriver
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings, SkippingWrenchSource
 from ninedtact.capture.force_torque.serial_driver import SerialPortDriver
 from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareSettings
-from ninedtact.capture.frame_source import SourceUnknown
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
 from ninedtact.capture.wrench_source import (
     WrenchSensorLost,
@@ -30,6 +29,7 @@ from ninedtact.capture.wrench_source import (
     WrenchSourceWrapper,
 )
 from ninedtact.design import ForceTorqueMount
+from ninedtact.errors import InputError
 from ninedtact.quantities import Wrench
 
 DRIVERS: dict[str, Callable[[str], ForceTorqueDriver]] = {
@@ -46,14 +46,14 @@ _ACCEPTED = (
 
 
 def force_torque_sensor_for(address: str) -> DriverWrenchSource:
-    """Return the sensor that the address names, not yet opened; raises `SourceUnknown`.
+    """Return the sensor that the address names, not yet opened; raises `InputError`.
 
     with force_torque_sensor_for("netft:192.168.1.1") as device:
         wrench = device.read()
     """
     kind, _, rest = address.partition(":")
     if kind not in DRIVERS or not rest:
-        raise SourceUnknown(f"expected {_ACCEPTED}, got '{address}', which is none of these; correct it")
+        raise InputError(f"expected {_ACCEPTED}, got '{address}', which is none of these; correct it")
     return DriverWrenchSource(DRIVERS[kind](address))
 
 
@@ -133,7 +133,7 @@ def untared_wrench_source_for(address: str, mount: ForceTorqueMount, notify: Cal
     """Return what the sensor at an address measures, in the sensor frame and without a tare; not yet opened.
 
     It is reopened when lost, and samples that the device marks as wrong are left out; `notify` receives a sentence about either.
-    Raises `SourceUnknown`.
+    Raises `InputError`.
     """
     reopened = ReconnectingWrenchSource(
         force_torque_sensor_for(address),

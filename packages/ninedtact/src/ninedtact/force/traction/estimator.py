@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float32
 from numpy import ndarray as Array
 
 from ninedtact.design import Gel
+from ninedtact.errors import ForceEstimationError
 from ninedtact.force.contact_detection import ContactRegionSettings, find_contact_region, pressure_reaches_unseen
 from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate, zero_wrench
 from ninedtact.force.traction.brightness_from_traction import ForwardModel, identify_substrate
@@ -27,7 +28,6 @@ from ninedtact.force.traction.observation import (
     CellGrid,
     ObservationModel,
     ObservationOnCells,
-    TractionImpossible,
     build_brightness_observation_model,
     cell_grid_over_image,
 )
@@ -73,7 +73,7 @@ class TractionForce(ForceEstimator):
     """The inversion for each image size."""
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
-        """Return the wrench about the skin's centre; raises `TractionImpossible` for a reading that cannot be used."""
+        """Return the wrench about the skin's centre; raises `ForceEstimationError` for a reading that cannot be used."""
         if reading.image_warnings:
             self.forget()
             return unknown_wrench_estimate(reading.stamp_ns, reading.image_warnings)
@@ -158,10 +158,10 @@ class TractionForce(ForceEstimator):
 
 
 def build_traction_force(calibrated: CalibratedShape, gel: Gel | None) -> TractionForce:
-    """Return the estimator of a calibrated sensor; raises `TractionImpossible` without a gel or a light calibration."""
+    """Return the estimator of a calibrated sensor; raises `ForceEstimationError` without a gel or a light calibration."""
     substrate = identify_substrate(build_brightness_observation_model(calibrated))
     if gel is None:
-        raise TractionImpossible(
+        raise ForceEstimationError(
             "expected the gel's thickness and shear modulus, got no gel; give SensorDesign().gel, or the gel of the sensor's twin"
         )
     return TractionForce(substrate.observation_model, gel, substrate.base)

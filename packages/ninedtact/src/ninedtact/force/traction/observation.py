@@ -146,10 +146,6 @@ _LOCAL_FRACTION = 0.4
 of the wrench contains; were it assumed in every cell, the inversion would shrink forces. Found on simulated sensors."""
 
 
-class TractionImpossible(ForceEstimationError):
-    """No traction can be estimated from this sensor or this reading."""
-
-
 @dataclass(frozen=True)
 class BrightnessLaw:
     """Relative change of brightness over height before scattering, linear between knots: the depth curve, inverted."""
@@ -169,9 +165,9 @@ class BrightnessLaw:
 
 
 def brightness_law_of_curve(curve: DepthCurve) -> BrightnessLaw:
-    """Return the brightness law of a ratio curve, extrapolated at both ends; raises `TractionImpossible` where it has no bulges."""
+    """Return the brightness law of a ratio curve, extrapolated at both ends; raises `ForceEstimationError` where it has no bulges."""
     if not curve.knows_bulges or curve.signal != "ratio":
-        raise TractionImpossible(
+        raise ForceEstimationError(
             "expected a depth curve that knows bulges, got one for indentation alone; calibrate with the method 'physics'"
         )
     darkening, indentation_mm, _ = curve.pressed
@@ -216,7 +212,7 @@ class ObservationModel(ABC):
 
     @abstractmethod
     def observe(self, reading: Reading, cells: CellGrid) -> ObservationOnCells:
-        """Return the reading's signal on the cells; raises `TractionImpossible`."""
+        """Return the reading's signal on the cells; raises `ForceEstimationError`."""
 
 
 @dataclass(frozen=True)
@@ -279,10 +275,10 @@ class HeightObservationModel(ObservationModel):
 
 
 def build_brightness_observation_model(calibrated: CalibratedShape) -> BrightnessObservationModel:
-    """Return the observation model of a calibrated sensor; raises `TractionImpossible` where its calibration has no
+    """Return the observation model of a calibrated sensor; raises `ForceEstimationError` where its calibration has no
     point-spread."""
     if calibrated.deblurring is None:
-        raise TractionImpossible(
+        raise ForceEstimationError(
             "expected a calibration that knows how light scatters, got one without; calibrate with the method 'physics', or, "
             "if it was imported, run 'ninedtact calibrate --from-import' with images of a ball"
         )
@@ -294,10 +290,10 @@ def _orthorectify_onto_cells(
 ) -> tuple[HeightMap, Float32[Array, "2 rows cols"], View]:
     """Return the height map on the cells, the column and row of the line of sight of each, and each cell's extrapolated fraction.
 
-    Columns and rows are those of the averaged map. Raises `TractionImpossible` where nothing is in view.
+    Columns and rows are those of the averaged map. Raises `ForceEstimationError` where nothing is in view.
     """
     if not height.in_view.any():
-        raise TractionImpossible(
+        raise ForceEstimationError(
             "expected a height map with pixels in view, got one that is out of view everywhere; calibrate the board again"
         )
     in_view = _fraction_of_cells(height.source != HeightSource.OUT_OF_VIEW.value, cells) * cells.on_image

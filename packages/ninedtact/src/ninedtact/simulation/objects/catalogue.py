@@ -55,10 +55,6 @@ PAPER_COUNT = 175
 OBJECT_GRID = CoordinateGrid()
 
 
-class UnknownObject(InputError):
-    """Raised where no object has the given name."""
-
-
 def generated_object_names(count: int = PAPER_COUNT) -> list[str]:
     """Return the first names: the first object of each family, then the second of each, and so on."""
     families = list(FAMILIES)
@@ -72,15 +68,15 @@ def generate_objects(count: int = PAPER_COUNT, seed: int = 0) -> Iterator[Height
 
 @lru_cache(maxsize=256)
 def generate_object(name: str, seed: int = 0) -> HeightGridIndenter:
-    """Return one generated object, for example the seventh gear of a seed for `gear_07`; raises `UnknownObject`.
+    """Return one generated object, for example the seventh gear of a seed for `gear_07`; raises `InputError`.
 
     An object does not depend on which other objects are generated.
     """
     if seed < 0:
-        raise UnknownObject(f"expected a seed of generated objects of zero or more, got {seed}; give another")
+        raise InputError(f"expected a seed of generated objects of zero or more, got {seed}; give another")
     found = re.fullmatch(r"([a-z_]+?)_?(\d{1,9})", name)
     if found is None or found[1] not in FAMILIES or int(found[2]) < 1:
-        raise UnknownObject(
+        raise InputError(
             f"expected a family and a number from 1, as gear_07, got {name!r}; the families are {', '.join(FAMILIES)}"
         )
     heights = FAMILIES[found[1]](DimensionSampler(seed, found[1], int(found[2])), OBJECT_GRID)
@@ -107,7 +103,7 @@ class MeshNotClosedWarning(UserWarning):
 def indenter_from_name(text: str, seed: int = 0) -> Indenter:
     """Return the indenter with this name; the seed is that of generated objects.
 
-    Raises `UnknownObject` with a list of what is accepted, or what the named kind of object raises.
+    Raises `InputError` with a list of what is accepted, or what the named kind of object raises.
 
     >>> ninedtact.indenter_from_name("ball:4").name, ninedtact.indenter_from_name("cylinder:3,11").name
     ('ball_8mm', 'cylinder_6x11mm')
@@ -124,7 +120,7 @@ def indenter_from_name(text: str, seed: int = 0) -> Indenter:
     path, *additions = _split_mesh_options(text)
     if Path(path).suffix.lower() in MESH_FILE_SUFFIXES:
         return _warn_if_not_closed(load_mesh_object(Path(path), _parse_mesh_placement(additions, MeshPlacement())))
-    raise UnknownObject(f"expected {_accepted_names()}, got {text!r}; give one of these")
+    raise InputError(f"expected {_accepted_names()}, got {text!r}; give one of these")
 
 
 def mesh_file_of_name(text: str) -> Path | None:
@@ -151,7 +147,7 @@ def _primitive_from_name(kind: str, dimensions: str) -> Indenter:
     except ValueError:
         numbers = [float("nan")]
     if len(numbers) > names.count(",") + 1 or not all(0 < number <= _LARGEST_MM for number in numbers):
-        raise UnknownObject(
+        raise InputError(
             f"expected {kind}:{names} with numbers above zero and at most {_LARGEST_MM:g}, got {kind}:{dimensions}; correct it"
         )
     return make(*numbers)
@@ -178,7 +174,7 @@ def _parse_mesh_placement(additions: Sequence[str], start: MeshPlacement) -> Mes
         elif re.fullmatch(r"\d*\.?\d+", addition):
             placing = replace(placing, scale=float(addition), fit_mm=_drop_default_fit(start.fit_mm, placing.fit_mm))
         else:
-            raise UnknownObject(
+            raise InputError(
                 f"expected @unit ({', '.join(MM_PER_UNIT)}), @side ({', '.join(SIDES)}), @scale (@0.5) or @fit:MM after a mesh, "
                 f"got @{addition}; correct it"
             )

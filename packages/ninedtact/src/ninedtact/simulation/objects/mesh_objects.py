@@ -186,12 +186,8 @@ MESH_FILE_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")
 MOST_MB = 500
 
 
-class MeshLibraryMissing(MissingLibraryError):
-    """Raised where a library that reads objects is not installed."""
-
-
 def load_mesh_object(path: Path, placing: MeshPlacement = MeshPlacement()) -> MeshObject:
-    """Return the object in a mesh file; raises `MeshUnusable` and `MeshLibraryMissing`."""
+    """Return the object in a mesh file; raises `MeshUnusable` and `MissingLibraryError`."""
     vertices, faces, stated_unit = _read_mesh(path)
     if placing.fit_mm is None and stated_unit not in (None, placing.unit):
         remedy = f"give unit {stated_unit}" if stated_unit in MM_PER_UNIT else "export it in millimetres"
@@ -217,7 +213,7 @@ def _read_mesh(path: Path) -> tuple[Vertices, Faces, str | None]:
         # Processing is off, so that broken vertices reach the checks and are refused.
         mesh = trimesh.load_mesh(path, process=False)
     except ImportError as absence:
-        raise MeshLibraryMissing(
+        raise MissingLibraryError(
             f"expected the libraries with which trimesh reads {path.suffix} files, got: {absence}; run: pip install lxml networkx"
         ) from absence
     except Exception as failure:
@@ -232,11 +228,11 @@ def _read_mesh(path: Path) -> tuple[Vertices, Faces, str | None]:
 
 
 def _import_trimesh() -> Any:
-    """Return the library; raises `MeshLibraryMissing`."""
+    """Return the library; raises `MissingLibraryError`."""
     try:
         import trimesh
     except ImportError as absence:
-        raise MeshLibraryMissing(
+        raise MissingLibraryError(
             f"expected the library trimesh, got an environment without it; run: {installation_command('objects')}"
         ) from absence
     # Without any handler, Python prints the library's warnings, tracebacks included, beside the sentence of this package.
@@ -248,12 +244,8 @@ def _import_trimesh() -> Any:
 FITTING = MeshPlacement(fit_mm=16.0)
 
 
-class Thingi10kModelNotFound(FileFormatError):
-    """Raised for a model that is not in Thingi10K, or where Thingi10K cannot be downloaded."""
-
-
 def load_thingi10k_object(number: int, placing: MeshPlacement = FITTING) -> MeshObject:
-    """Return the model with this file number; raises `Thingi10kModelNotFound`, `MeshLibraryMissing` and `MeshUnusable`."""
+    """Return the model with this file number; raises `FileFormatError`, `MissingLibraryError` and `MeshUnusable`."""
     entry, library = _find_model(number)
     vertices, faces = library.load_file(entry["file_path"])
     corners, triangles = np.asarray(vertices, float), np.asarray(faces, np.int64)
@@ -266,13 +258,13 @@ def _find_model(number: int) -> tuple[Any, Any]:
     try:
         library.init()
     except Exception as failure:
-        raise Thingi10kModelNotFound(
+        raise FileFormatError(
             f"expected Thingi10K on this machine or the network to download it, got {_first_line(failure)!r}; connect once, "
             "or give a mesh file of your own"
         ) from failure
     entries = list(library.dataset(file_id=number))
     if not entries:
-        raise Thingi10kModelNotFound(
+        raise FileFormatError(
             f"expected a file number of Thingi10K, got {number}, which is not in it; take another, as 32770"
         )
     return entries[0], library
@@ -284,11 +276,11 @@ def _first_line(failure: Exception) -> str:
 
 
 def _import_thingi10k() -> Any:
-    """Return the library; raises `MeshLibraryMissing`."""
+    """Return the library; raises `MissingLibraryError`."""
     try:
         import thingi10k
     except ImportError as absence:
-        raise MeshLibraryMissing(
+        raise MissingLibraryError(
             f"expected the library thingi10k, got an environment without it; run: {installation_command('objects')}"
         ) from absence
     return thingi10k
