@@ -53,7 +53,7 @@ def _require_build123d() -> None:
     """Refuse where build123d is missing; raises `MissingLibraryError`."""
     if find_spec("build123d") is None:
         raise MissingLibraryError(
-            f"expected build123d, which models the parts, got none; run {installation_command('hardware')}"
+            expected="build123d, which models the parts", got="none", remedy=f"run {installation_command('hardware')}"
         )
 
 

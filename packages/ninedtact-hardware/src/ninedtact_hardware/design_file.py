@@ -41,7 +41,9 @@ def _split_variant(hardware: Any, variant: DesignVariant, path: Path | str) -> t
     named = hardware[VARIANT_KEY]
     if named not in get_args(DesignVariant):
         raise FileFormatError(
-            f"expected hardware.variant of {path} to be one of {', '.join(get_args(DesignVariant))}, got {named!r}; correct it"
+            expected=f"hardware.variant of {path} to be one of {', '.join(get_args(DesignVariant))}",
+            got=f"{named!r}",
+            remedy="correct it",
         )
     return named, {name: table for name, table in hardware.items() if name != VARIANT_KEY}
 
@@ -50,11 +52,13 @@ def _replace_dimensions(design: HardwareDesign, tables: Any, path: Path | str) -
     """Return a design in which the dimensions of these tables replace its own."""
     if not isinstance(tables, dict) or not all(isinstance(table, dict) for table in tables.values()):
         raise FileFormatError(
-            f"expected [hardware] of {path} to hold tables, got values; write [hardware.shell] and the like"
+            expected=f"[hardware] of {path} to hold tables", got="values", remedy="write [hardware.shell] and the like"
         )
     if unknown := [name for name in tables if name not in PART_TABLES]:
         raise FileFormatError(
-            f"expected [hardware] tables {', '.join(PART_TABLES)}, got {unknown[0]!r} in {path}; correct or remove it"
+            expected=f"[hardware] tables {', '.join(PART_TABLES)}",
+            got=f"{unknown[0]!r} in {path}",
+            remedy="correct or remove it",
         )
     merged = {name: {**asdict(getattr(design, name)), **table} for name, table in tables.items()}
     found = convert_tables_to_design(merged, HardwareDesign, path)

@@ -106,8 +106,9 @@ def require_replaceable_parts_folder(out: Path) -> None:
     ours = _list_exported_files(out / MANIFEST)
     if strange := list_foreign_files(out, ours.__contains__):
         raise OutputError(
-            f"expected --out to be new, empty or written by this command, got {out} with other content ({strange[0]}); move that "
-            "away, or choose another name"
+            expected="--out to be new, empty or written by this command",
+            got=f"{out} with other content ({strange[0]})",
+            remedy="move that away, or choose another name",
         )
 
 

@@ -152,7 +152,9 @@ def _polyline_corners(edges: Sequence[Edge]) -> list[tuple[float, float, float]]
     """
     for edge, following in pairwise([*edges, edges[0]]):
         if (edge @ 1 - following @ 0).length > SAME_POINT_MM:
-            raise DesignImpossible(f"expected an outline that continues at {edge @ 1}, got a gap; report this part")
+            raise DesignImpossible(
+                expected=f"an outline that continues at {edge @ 1}", got="a gap", remedy="report this part"
+            )
     corners, bulges = [edge @ 0 for edge in edges], [_bulge_of_edge(edge) for edge in edges]
     first = min(range(len(corners)), key=lambda number: _round_point(corners[number]))
     corners, bulges = corners[first:] + corners[:first], bulges[first:] + bulges[:first]
@@ -170,7 +172,9 @@ def _bulge_of_edge(edge: Edge) -> float:
     if edge.geom_type == GeomType.CIRCLE:
         start, end, middle = ((place.X, place.Y) for place in (edge @ 0, edge @ 1, edge @ 0.5))
         return bulge_3_points(start, end, middle)
-    raise DesignImpossible(f"expected lines and arcs to cut along, got {edge.geom_type}; cut this part another way")
+    raise DesignImpossible(
+        expected="lines and arcs to cut along", got=f"{edge.geom_type}", remedy="cut this part another way"
+    )
 
 
 def _round_point(place: Vector) -> XY:

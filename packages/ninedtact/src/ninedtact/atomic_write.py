@@ -37,7 +37,9 @@ def open_atomic_file(path: Path | str) -> Iterator[BinaryIO]:
     """
     final = _follow_link(Path(path))
     if final.exists() and not (final.is_file() or final.is_dir()):
-        raise FileNotWritten(f"expected to write a file, got {path}, which is a device or a pipe; name a file")
+        raise FileNotWritten(
+            expected="to write a file", got=f"{path}, which is a device or a pipe", remedy="name a file"
+        )
     # A name of our own instead of tempfile's, whose files nobody else may read, also after the rename.
     partial = final.with_name(f".{token_hex(6)}.partial")
     try:
@@ -100,12 +102,15 @@ def refuse_working_directory(final: Path) -> None:
         if final.is_absolute():
             return
         raise FileNotWritten(
-            f"expected to write {final} into the working directory, got one that has been deleted; change to another folder"
+            expected=f"to write {final} into the working directory",
+            got="one that has been deleted",
+            remedy="change to another folder",
         ) from gone
     if here.is_relative_to(final.resolve()):
         raise FileNotWritten(
-            f"expected a folder that can be replaced as a whole, got {final}, in which this program runs; run it from another "
-            "folder, or give another name"
+            expected="a folder that can be replaced as a whole",
+            got=f"{final}, in which this program runs",
+            remedy="run it from another folder, or give another name",
         )
 
 

@@ -30,7 +30,7 @@ class DesignImpossible(InputError):
 def require_positive(name: str, value: float) -> None:
     """Refuse zero, negative values and not-a-number; raises `DesignImpossible`."""
     if not value > 0:
-        raise DesignImpossible(f"expected {name} above zero, got {value}; correct the design")
+        raise DesignImpossible(expected=f"{name} above zero", got=f"{value}", remedy="correct the design")
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,13 @@ class Gel:
         require_positive("gel.shear_modulus_mpa", self.shear_modulus_mpa)
         if not -1 < self.poisson_ratio <= 0.5:
             raise DesignImpossible(
-                f"expected gel.poisson_ratio above −1 and at most 0.5, got {self.poisson_ratio}; correct the design"
+                expected="gel.poisson_ratio above −1 and at most 0.5",
+                got=f"{self.poisson_ratio}",
+                remedy="correct the design",
             )
         if not 0 <= self.finite_strain <= 1:
             raise DesignImpossible(
-                f"expected gel.finite_strain from 0 to 1, got {self.finite_strain}; correct the design"
+                expected="gel.finite_strain from 0 to 1", got=f"{self.finite_strain}", remedy="correct the design"
             )
 
 
@@ -67,7 +69,7 @@ def shore_a_to_shear_modulus_mpa(shore_a: float) -> float:
     """
     if not 1 <= shore_a <= 95:
         raise DesignImpossible(
-            f"expected a Shore A hardness from 1 to 95, got {shore_a:g}; take a softer or harder gel"
+            expected="a Shore A hardness from 1 to 95", got=f"{shore_a:g}", remedy="take a softer or harder gel"
         )
     return 0.0981 * (56 + 7.62336 * shore_a) / (0.137505 * (254 - 2.54 * shore_a)) / 3
 
@@ -230,7 +232,9 @@ def read_design_tables(path: Path | str) -> dict[str, Any]:
         tables = tomllib.loads(read_text_file(path, accepts_pipe=True))
     except (OSError, ValueError, RecursionError) as trouble:
         raise FileFormatError(
-            f"expected a design in TOML, got {path} ({trouble}); give a file such as 'ninedtact hardware export' writes"
+            expected="a design in TOML",
+            got=f"{path} ({trouble})",
+            remedy="give a file such as 'ninedtact hardware export' writes",
         ) from trouble
     is_sensor = "format" in tables and isinstance(tables.get("design"), dict)
     return dict(tables["design"]) if is_sensor else tables
@@ -255,7 +259,9 @@ def _require_known_keys(tables: dict[str, Any], kind: type[Any], path: Path | st
             where = f" in [{'.'.join(within)}]" if within else ""
             more = f", {HARDWARE_TABLE}" if kind is SensorDesign else ""
             raise FileFormatError(
-                f"expected one of {', '.join(sorted(known))}{more}{where}, got {name!r} in {path}; correct or remove it"
+                expected=f"one of {', '.join(sorted(known))}{more}{where}",
+                got=f"{name!r} in {path}",
+                remedy="correct or remove it",
             )
         if isinstance(value, dict) and is_dataclass(hints[name]):
             _require_known_keys(value, hints[name], path, (*within, name))

@@ -194,8 +194,9 @@ def _references_at_moments(
     """
     if frames.recording is None:
         raise InputError(
-            f"expected a recording ({RECORDING_SUFFIX}) with a moment for the reference, got {frames.name}; drop the moment, or "
-            "call take_reference() of the sensor while nothing touches"
+            expected=f"a recording ({RECORDING_SUFFIX}) with a moment for the reference",
+            got=f"{frames.name}",
+            remedy="drop the moment, or call take_reference() of the sensor while nothing touches",
         )
     from ninedtact.recording.recorded_source import read_references_at_moments
 

@@ -68,7 +68,7 @@ def connect_workers(workers: int, cluster: str | None) -> Iterator[Workers]:
         return
     if find_spec("distributed") is None:
         raise MissingLibraryError(
-            f"expected the library of clusters, got no distributed; run {installation_command('cluster')}"
+            expected="the library of clusters", got="no distributed", remedy=f"run {installation_command('cluster')}"
         )
     with _connect_dask(cluster) as connected:
         yield connected
@@ -77,7 +77,7 @@ def connect_workers(workers: int, cluster: str | None) -> Iterator[Workers]:
 def require_workers(workers: Workers) -> None:
     """Raise `InputError` for fewer than one worker."""
     if isinstance(workers, int) and workers < 1:
-        raise InputError(f"expected at least 1 worker, got {workers}; give one for each core")
+        raise InputError(expected="at least 1 worker", got=f"{workers}", remedy="give one for each core")
 
 
 def run_jobs(
@@ -152,8 +152,9 @@ def _run_on_executor(
     except lost_errors as error:
         reason = (str(error).splitlines() or [""])[0][:200]
         raise DeviceError(
-            f"expected {place} until the end, got {type(error).__name__}: {reason}; run the command again to continue, with "
-            "more memory for each worker if they were killed"
+            expected=f"{place} until the end",
+            got=f"{type(error).__name__}: {reason}",
+            remedy="run the command again to continue, with more memory for each worker if they were killed",
         ) from error
     finally:
         for future in running:
@@ -217,8 +218,9 @@ def _require_version(expected: str, found: str | None, place: str) -> None:
     """Raise `DeviceError` where a part of a cluster has another version of ninedtact, or none."""
     if found != expected:
         raise DeviceError(
-            f"expected ninedtact {expected} on every machine of the cluster, got {found or 'none'} on {place}; install that "
-            "version there"
+            expected=f"ninedtact {expected} on every machine of the cluster",
+            got=f"{found or 'none'} on {place}",
+            remedy="install that version there",
         )
 
 
@@ -248,8 +250,9 @@ def _connect_dask(address: str) -> Iterator[Cluster]:
 def _unreachable(address: str, reason: object) -> DeviceError:
     words = " ".join(str(reason).split())[:200] or f"no answer within {CONNECT_TIMEOUT_S} s"
     return DeviceError(
-        f"expected --cluster HOST:PORT of a Dask scheduler that answers, got {address}: {words}; check the address, and that "
-        "its scheduler and workers run"
+        expected="--cluster HOST:PORT of a Dask scheduler that answers",
+        got=f"{address}: {words}",
+        remedy="check the address, and that its scheduler and workers run",
     )
 
 

@@ -83,8 +83,9 @@ class Sensor:
                 frames.append(self._next_frame())
         except SourceEnded as ended:
             raise SourceEnded(
-                f"expected {self.reference_frames} images without contact for the reference, got the end of {self.source.name} "
-                f"after {len(frames)}; give a reference image"
+                expected=f"{self.reference_frames} images without contact for the reference",
+                got=f"the end of {self.source.name} after {len(frames)}",
+                remedy="give a reference image",
             ) from ended
         self.use_reference(frames)
 
@@ -132,8 +133,9 @@ class Sensor:
     def _require_reference(self) -> DepthReader:
         if self.references.in_use is None:
             raise CalibrationError(
-                "expected a reference image (no contact) before the first reading, got none; open the sensor in a with "
-                "statement, or call take_reference()"
+                expected="a reference image (no contact) before the first reading",
+                got="none",
+                remedy="open the sensor in a with statement, or call take_reference()",
             )
         return self.references.in_use
 

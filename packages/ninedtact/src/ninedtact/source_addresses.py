@@ -77,8 +77,9 @@ def require_matching_force_source(source: str, force_torque: str | None, *kinds:
     """Raise `InputError` unless images and forces come from the same kind: devices, a simulation or recordings."""
     if force_torque is not None and any(kind(source) != kind(force_torque) for kind in kinds):
         raise InputError(
-            f"expected --source and --force-torque to be both devices, both {SIMULATED} or both recordings, got '{source}' "
-            f"and '{force_torque}'; name two that belong together"
+            expected=f"--source and --force-torque to be both devices, both {SIMULATED} or both recordings",
+            got=f"'{source}' and '{force_torque}'",
+            remedy="name two that belong together",
         )
 
 
@@ -105,7 +106,9 @@ def load_given_or_recorded_sensor(
     if recording is None:
         name = source if isinstance(source, str) else source.name
         raise InputError(
-            f"expected --sensor with --source {name}, got none; name the folder that 'ninedtact calibrate --out' wrote"
+            expected=f"--sensor with --source {name}",
+            got="none",
+            remedy="name the folder that 'ninedtact calibrate --out' wrote",
         )
     require_recording_libraries()
     from ninedtact.recording.reader import extract_sensor_folder

@@ -91,16 +91,17 @@ class _EpisodeKind:
 def _common_kind(recordings: Sequence[Recording]) -> _EpisodeKind:
     """Return what all recordings have in common; raises `InputError`."""
     if not recordings:
-        raise InputError("expected at least one recording, got none; give one")
+        raise InputError(expected="at least one recording", got="none", remedy="give one")
     kinds = [_EpisodeKind.of_recording(recording) for recording in recordings]
     for recording, kind in zip(recordings, kinds, strict=True):
         if kind != kinds[0]:
             raise InputError(
-                "expected recordings with images of one size, at one rate and with the same wrenches, got "
-                f"{recordings[0].path} with {kinds[0]} and {recording.path} with {kind}; export them separately"
+                expected="recordings with images of one size, at one rate and with the same wrenches",
+                got=f"{recordings[0].path} with {kinds[0]} and {recording.path} with {kind}",
+                remedy="export them separately",
             )
     if 0 in kinds[0].image_shape:
-        raise InputError("expected a recording with images, got one without; record a camera")
+        raise InputError(expected="a recording with images", got="one without", remedy="record a camera")
     return kinds[0]
 
 

@@ -68,8 +68,9 @@ class Device:
             if not _is_out_of_memory(error):
                 raise
             raise DeviceError(
-                f"expected room in the memory of {self.name}, got none at all; end other programs that use it, or give "
-                f"--device cpu"
+                expected=f"room in the memory of {self.name}",
+                got="none at all",
+                remedy="end other programs that use it, or give --device cpu",
             ) from error
 
     def release_memory(self) -> None:
@@ -88,11 +89,12 @@ def choose_compute_device(name: str) -> Device:
     if name == "cpu":
         return Device(name)
     if not (name in ("cuda", "torch-cpu") or (kind == "cuda" and number.isdecimal())):
-        raise DeviceError(f"expected a device named {_DEVICE_NAMES}, got {name!r}; correct it")
+        raise DeviceError(expected=f"a device named {_DEVICE_NAMES}", got=f"{name!r}", remedy="correct it")
     if find_spec("torch") is None:
         raise DeviceError(
-            f"expected torch, which computes on {name}, got no such package; run {installation_command('train')}, or give "
-            f"--device cpu"
+            expected=f"torch, which computes on {name}",
+            got="no such package",
+            remedy=f"run {installation_command('train')}, or give --device cpu",
         )
     if kind == "cuda":
         _require_gpu(name, int(number or 0))
@@ -112,8 +114,9 @@ def _require_gpu(name: str, number: int) -> None:
     if number >= count:
         found = f"{count}, cuda:0 to cuda:{count - 1}" if count else "none"
         raise DeviceError(
-            f"expected {name}, a GPU that torch sees, got {found}; give --device cpu, or a torch that is built for the GPU "
-            f"and its driver"
+            expected=f"{name}, a GPU that torch sees",
+            got=f"{found}",
+            remedy="give --device cpu, or a torch that is built for the GPU and its driver",
         )
 
 
@@ -190,8 +193,9 @@ class BatchExecutor:
         """Use smaller batches after one of this size failed; raises `DeviceError` after a batch of one."""
         if failed == 1:
             raise DeviceError(
-                f"expected room for one contact in the memory of {self.device.name}, got {self.memory_error!r}; end other "
-                f"programs that use it, or give a coarser --pitch-mm, or --device cpu"
+                expected=f"room for one contact in the memory of {self.device.name}",
+                got=f"{self.memory_error!r}",
+                remedy="end other programs that use it, or give a coarser --pitch-mm, or --device cpu",
             )
         self.batch_size = failed // 2
         self.device.release_memory()

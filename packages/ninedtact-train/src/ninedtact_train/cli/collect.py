@@ -248,7 +248,9 @@ class Collect:
             return resolve_camera_delay_ms(given, folder.path, setup.camera_name)
         if given != SAVED:
             raise OutputError(
-                f"expected no --camera-delay-ms for {self.source}, whose stamps already have {subtracted}, got {given}; drop it"
+                expected=f"no --camera-delay-ms for {self.source}, whose stamps already have {subtracted}",
+                got=f"{given}",
+                remedy="drop it",
             )
         print_notice(f"the stamps of {self.source} already have {subtracted}; the saved delay is not subtracted again")
         return 0.0

@@ -64,7 +64,7 @@ class Evaluate:
         if self.data is not None:
             return self._predict(self.data)
         if self.predictions is None:
-            raise InputError("expected --predictions or --data, got neither; name a CSV file or a data set")
+            raise InputError(expected="--predictions or --data", got="neither", remedy="name a CSV file or a data set")
         self._refuse_given(_DATA_OPTIONS, "--predictions")
         from ninedtact_train.evaluation import ErrorDistribution
         from ninedtact_train.evaluation.predictions import read_predictions, require_si_units
@@ -80,7 +80,7 @@ class Evaluate:
         from ninedtact_train.workflows.dataset_evaluation import predict_dataset
 
         if self.predictions is not None:
-            raise InputError("expected --predictions or --data, got both; name one of them")
+            raise InputError(expected="--predictions or --data", got="both", remedy="name one of them")
         self._refuse_given(_PREDICTIONS_OPTIONS, "--data")
         from ninedtact.parallel_jobs import connect_workers
 
@@ -104,5 +104,7 @@ class Evaluate:
                 given += [f"--{name.replace('_', '-')}" for name, default, now in changed if now != default]
         if given:
             raise InputError(
-                f"expected options that have an effect with {beside}, got {' and '.join(given)}; drop what does not apply"
+                expected=f"options that have an effect with {beside}",
+                got=f"{' and '.join(given)}",
+                remedy="drop what does not apply",
             )

@@ -130,8 +130,9 @@ def _require_training_packages() -> None:
     missing = [name for name in _REQUIRED_PACKAGES if find_spec(name) is None]
     if missing:
         raise MissingLibraryError(
-            f"expected the packages {', '.join(_REQUIRED_PACKAGES)}, got none of {', '.join(missing)}; run "
-            f"{installation_command('train')}"
+            expected=f"the packages {', '.join(_REQUIRED_PACKAGES)}",
+            got=f"none of {', '.join(missing)}",
+            remedy=f"run {installation_command('train')}",
         )
 
 

@@ -71,8 +71,9 @@ def read_recorded_pairs(recording: Path | str) -> Iterator[RecordedPair]:
             kind = next((kind for kind in PAIR_KINDS if kind == label.kind), None)
             if kind is None or label.stamp_ns not in image_positions or label.reference not in references:
                 raise RecordingUnreadable(
-                    f"expected a pair of {', '.join(PAIR_KINDS)} with its images in {opened.path}, got a {label.kind!r} at "
-                    f"{label.stamp_ns} ns; restore the file from a copy"
+                    expected=f"a pair of {', '.join(PAIR_KINDS)} with its images in {opened.path}",
+                    got=f"a {label.kind!r} at {label.stamp_ns} ns",
+                    remedy="restore the file from a copy",
                 )
             yield RecordedPair(
                 image=opened.frame(image_positions[label.stamp_ns]).image,

@@ -117,8 +117,9 @@ def collection_setup_from_recordings(
         metadata, apart_ns = recording.metadata, _wall_clock_difference_ns(recording, measured)
     if abs(apart_ns) > _SAME_CLOCK_NS:
         raise InputError(
-            f"expected recordings of images and wrenches that were made together on one computer, got {images} and {wrenches}, "
-            f"whose clocks are {abs(apart_ns) / 1e9:.0f} s apart; name two that belong together"
+            expected="recordings of images and wrenches that were made together on one computer",
+            got=f"{images} and {wrenches}, whose clocks are {abs(apart_ns) / 1000000000.0:.0f} s apart",
+            remedy="name two that belong together",
         )
     return CollectSetup(
         RecordedFrameSource(images),

@@ -209,7 +209,9 @@ def _require_absolute_paths(sources: Sequence[Source]) -> None:
     for path in (path for source in sources for path in _source_paths(source)):
         if not path.is_absolute():
             raise InputError(
-                f"expected absolute paths of sources for a cluster, got {path}; give the path at which every worker sees it"
+                expected="absolute paths of sources for a cluster",
+                got=f"{path}",
+                remedy="give the path at which every worker sees it",
             )
 
 
@@ -220,7 +222,9 @@ def _make_part(
     for path in paths:
         if not path.exists():  # on a worker; a reader would list every pair as missing
             raise InputError(
-                f"expected {path} on {gethostname()}, got nothing there; keep sources on a file system that every worker sees"
+                expected=f"{path} on {gethostname()}",
+                got="nothing there",
+                remedy="keep sources on a file system that every worker sees",
             )
     files = _PartFiles(folder, number)
     reader = _PartReader(part, files.pairs.name)

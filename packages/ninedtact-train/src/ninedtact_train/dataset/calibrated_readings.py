@@ -149,8 +149,9 @@ class RowReadingComputer:
         reader = self._readers[sensor, reference_id]
         if image.grey.shape != reader.reference.grey.shape:
             raise FileFormatError(
-                f"expected images of sensor {sensor!r} as large as its reference, {reader.reference.grey.shape}, got "
-                f"{image.grey.shape}; leave them out: ninedtact dataset build --drop"
+                expected=f"images of sensor {sensor!r} as large as its reference, {reader.reference.grey.shape}",
+                got=f"{image.grey.shape}",
+                remedy="leave them out: ninedtact dataset build --drop",
             )
         return Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, reader(image), reference=reader.reference)
 
@@ -158,15 +159,17 @@ class RowReadingComputer:
         """Return the sensor's depth reader for this reference image; raises `CalibrationError`."""
         if name not in self.sensors:
             raise CalibrationError(
-                f"expected the calibration of every sensor, got none of {name!r}; give a folder that holds a sensor folder of "
-                "each name"
+                expected="the calibration of every sensor",
+                got=f"none of {name!r}",
+                remedy="give a folder that holds a sensor folder of each name",
             )
         shape = self.sensors[name].shape
         calibrated = shape.rectify.height_source.shape
         if reference.grey.shape != calibrated:
             raise CalibrationError(
-                f"expected images of {calibrated[1]} x {calibrated[0]}, as sensor {name!r} was calibrated with, got "
-                f"{reference.grey.shape[1]} x {reference.grey.shape[0]}; make the data set at that size"
+                expected=f"images of {calibrated[1]} x {calibrated[0]}, as sensor {name!r} was calibrated with",
+                got=f"{reference.grey.shape[1]} x {reference.grey.shape[0]}",
+                remedy="make the data set at that size",
             )
         return shape.reader_against(reference)
 

@@ -133,8 +133,9 @@ def require_any_usable_pair(report: QualityReport, report_path: Path) -> None:
         counted = sorted(report.counts.items(), key=lambda item: -item[1])
         reasons = ", ".join(f"{count} {fault}" for fault, count in counted) or "the sources are empty"
         raise DatasetError(
-            f"expected pairs to train with, got none that is usable ({reasons}); {report_path} lists them all: correct the "
-            "sources, or state what they lack"
+            expected="pairs to train with",
+            got=f"none that is usable ({reasons})",
+            remedy=f"{report_path} lists them all: correct the sources, or state what they lack",
         )
 
 
@@ -142,4 +143,6 @@ def require_no_faults(report: QualityReport, report_path: Path) -> None:
     """Raise `DatasetError` if the report contains any finding."""
     if report.findings:
         counted = ", ".join(f"{count} {fault}" for fault, count in report.counts.items())
-        raise DatasetError(f"expected no faults, got {counted}; {report_path} lists them, --drop leaves them out")
+        raise DatasetError(
+            expected="no faults", got=f"{counted}", remedy=f"{report_path} lists them, --drop leaves them out"
+        )

@@ -89,17 +89,22 @@ def find_pair_files(folder: Path) -> list[Path]:
     files = sorted(path for path in (folder / "data").glob("*.parquet") if not path.name.startswith("."))
     if not files:
         raise FileFormatError(
-            f"expected a data set, got {folder} without Parquet files in {folder / 'data'}; give the folder that "
-            "'ninedtact dataset build' or 'ninedtact simulate dataset' made"
+            expected="a data set",
+            got=f"{folder} without Parquet files in {folder / 'data'}",
+            remedy="give the folder that 'ninedtact dataset build' or 'ninedtact simulate dataset' made",
         )
     numbered = _FILE_COUNT.search(files[-1].name)
     if numbered and int(numbered[1]) != len(files):
         raise FileFormatError(
-            f"expected {int(numbered[1])} files in {folder / 'data'}, got {len(files)}; finish it with the command that began it"
+            expected=f"{int(numbered[1])} files in {folder / 'data'}",
+            got=f"{len(files)}",
+            remedy="finish it with the command that began it",
         )
     if not (folder / REFERENCES_FILE).is_file():
         raise FileFormatError(
-            f"expected {folder / REFERENCES_FILE}, got no such file; finish the data set with the command that began it"
+            expected=f"{folder / REFERENCES_FILE}",
+            got="no such file",
+            remedy="finish the data set with the command that began it",
         )
     for file in files:
         require_pair_columns(file)
@@ -116,7 +121,9 @@ def begin_or_resume_dataset(
     """
     for source in source_paths:
         if source.is_dir() and folder.path.resolve().is_relative_to(source.resolve()):
-            raise OutputError(f"expected a folder outside of the sources, got {folder.path} in {source}; give another")
+            raise OutputError(
+                expected="a folder outside of the sources", got=f"{folder.path} in {source}", remedy="give another"
+            )
     begin_or_resume_folder(folder.path, {"ninedtact": version("ninedtact"), "format": DATASET_FORMAT, **settings})
     for half_written in [*folder.path.rglob(".*.partial")]:
         if half_written.is_dir():
@@ -140,7 +147,9 @@ def begin_or_resume_folder(path: Path, settings: Mapping[str, Any]) -> None:
         return
     if holds_something:
         raise OutputError(
-            f"expected an empty folder or work to continue, got {path}, which holds something else; give another folder"
+            expected="an empty folder or work to continue",
+            got=f"{path}, which holds something else",
+            remedy="give another folder",
         )
     make_folder(path)
     write_file_atomically(kept, to_json_bytes({**wanted, CHECKSUM_KEY: mapping_checksum(wanted)}))
@@ -159,7 +168,9 @@ def read_dataset_settings(folder: Path) -> dict[str, Any]:
         ) from trouble
     if found.get(CHECKSUM_KEY) not in (None, mapping_checksum(found)):
         raise FileFormatError(
-            f"expected {path} as it was written, got other settings than its checksum; copy the whole data set again"
+            expected=f"{path} as it was written",
+            got="other settings than its checksum",
+            remedy="copy the whole data set again",
         )
     return found
 
@@ -220,6 +231,7 @@ def _require_same_settings(kept: Path, resolved: dict[str, Any]) -> None:
     if differing := sorted(name for name in names if found.get(name) != resolved.get(name)):
         name = differing[0]
         raise OutputError(
-            f"expected what {kept.parent} was begun with, got another {', '.join(differing)} ({name}: {resolved.get(name)} "
-            f"instead of {found.get(name)}); give the same data and options to continue, or another folder"
+            expected=f"what {kept.parent} was begun with",
+            got=f"another {', '.join(differing)} ({name}: {resolved.get(name)} instead of {found.get(name)})",
+            remedy="give the same data and options to continue, or another folder",
         )

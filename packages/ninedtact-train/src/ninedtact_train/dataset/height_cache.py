@@ -136,8 +136,9 @@ def _require_calibrations(names: Shaped[Array, " n"], sensors: Mapping[str, Data
     """Refuse images of sensors without calibration."""
     if missing := sorted(set(names.tolist()) - set(sensors)):
         raise CalibrationError(
-            f"expected the calibration of every sensor, got none of {len(missing)} (such as {missing[0]!r}); give a folder that "
-            "holds a sensor folder of each name"
+            expected="the calibration of every sensor",
+            got=f"none of {len(missing)} (such as {missing[0]!r})",
+            remedy="give a folder that holds a sensor folder of each name",
         )
 
 

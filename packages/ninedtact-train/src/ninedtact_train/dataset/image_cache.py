@@ -70,7 +70,9 @@ def load_or_decode_images(
     Raises `FileFormatError`, `InputError` and `FileNotWritten`.
     """
     if min(size) < _SMALLEST_PX:
-        raise InputError(f"expected images of at least {_SMALLEST_PX} x {_SMALLEST_PX}, got {size}; give a larger size")
+        raise InputError(
+            expected=f"images of at least {_SMALLEST_PX} x {_SMALLEST_PX}", got=f"{size}", remedy="give a larger size"
+        )
     cache = folder / "cache" if cache is None else cache
     files = [*find_pair_files(folder), folder / REFERENCES_FILE]
     final = cache / f"{size[0]}x{size[1]}-{digest_files_with_cache(files, cache)}"
@@ -81,7 +83,7 @@ def load_or_decode_images(
         _remove_outdated(final)
         decoded = _map_decoded_images(final, size)
     if decoded is None:
-        raise FileFormatError(f"expected decoded images in {final}, got damaged files; delete that folder")
+        raise FileFormatError(expected=f"decoded images in {final}", got="damaged files", remedy="delete that folder")
     return decoded
 
 

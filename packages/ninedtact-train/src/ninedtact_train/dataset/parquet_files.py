@@ -134,14 +134,16 @@ def require_pair_columns(path: Path) -> None:
     found = (schema.metadata or {}).get(FORMAT_KEY)
     if found != str(DATASET_FORMAT).encode():
         raise FileFormatError(
-            f"expected a data set of format {DATASET_FORMAT} in {path}, got {'no format' if found is None else found.decode()}; "
-            "make it again from its sources with 'ninedtact dataset build' or 'ninedtact simulate dataset'"
+            expected=f"a data set of format {DATASET_FORMAT} in {path}",
+            got=f"{'no format' if found is None else found.decode()}",
+            remedy="make it again from its sources with 'ninedtact dataset build' or 'ninedtact simulate dataset'",
         )
     expected = [column.name for column in PAIR_COLUMNS]
     if missing := [name for name in expected if name not in schema.names]:
         raise FileFormatError(
-            f"expected the columns {', '.join(expected)} in {path}, got no column {missing[0]}; give the folder of a data set "
-            "of pairs"
+            expected=f"the columns {', '.join(expected)} in {path}",
+            got=f"no column {missing[0]}",
+            remedy="give the folder of a data set of pairs",
         )
 
 
@@ -172,12 +174,14 @@ def decode_stored_image(stored: Any) -> GreyImage:
     """
     content = stored_image_bytes(stored)
     if not content:
-        raise StoredImageUnreadable("expected an image, got nothing; record it again")
+        raise StoredImageUnreadable(expected="an image", got="nothing", remedy="record it again")
     if fault := image_file_fault(content):
-        raise StoredImageUnreadable(f"expected an image, got {fault}; record it again")
+        raise StoredImageUnreadable(expected="an image", got=f"{fault}", remedy="record it again")
     image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype != np.uint8:
-        raise StoredImageUnreadable("expected an 8-bit image, got damaged data or another depth; record it again")
+        raise StoredImageUnreadable(
+            expected="an 8-bit image", got="damaged data or another depth", remedy="record it again"
+        )
     if image.ndim == 3:
         image = cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2GRAY)
     return np.asarray(image)

@@ -48,7 +48,9 @@ def render_preview(folder: Path, pairs: int = 24) -> _ColourImage:
     rendered = [tile for tile in tiles if tile is not None]
     if not rendered:
         raise InputError(
-            f"expected pairs with an image and a reference in {folder}, got none; run ninedtact dataset check"
+            expected=f"pairs with an image and a reference in {folder}",
+            got="none",
+            remedy="run ninedtact dataset check",
         )
     return _arrange_tiles(rendered)
 

@@ -183,8 +183,9 @@ def read_pair_columns(folder: Path) -> Any:
     not_finite, alone = int((~np.isfinite(wrenches).all(1)).sum()), int((references.codes < 0).sum())
     if not_finite or alone or not len(wrenches):
         raise FileFormatError(
-            f"expected pairs with six finite numbers and a reference in {folder}, got {len(wrenches)} pairs, {not_finite} not "
-            f"finite and {alone} without reference; leave those out: ninedtact dataset build --drop --out NEW {folder}"
+            expected=f"pairs with six finite numbers and a reference in {folder}",
+            got=f"{len(wrenches)} pairs, {not_finite} not finite and {alone} without reference",
+            remedy=f"leave those out: ninedtact dataset build --drop --out NEW {folder}",
         )
     return table
 

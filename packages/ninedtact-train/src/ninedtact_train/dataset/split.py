@@ -64,19 +64,21 @@ class SplitKeys:
     def __post_init__(self) -> None:
         if repeated := [name for name, count in Counter(self.ids).items() if count > 1]:
             raise InputError(
-                f"expected every id once, got {repeated[0]!r} more often; give every pair an id of its own"
+                expected="every id once", got=f"{repeated[0]!r} more often", remedy="give every pair an id of its own"
             )
         for what in ("objects", "sensors", "contacts"):
             column = getattr(self, what)
             if column is not None and len(column) != len(self.ids):
-                raise InputError(f"expected {what} of {len(self.ids)} pairs, got {len(column)}; give one for every id")
+                raise InputError(
+                    expected=f"{what} of {len(self.ids)} pairs", got=f"{len(column)}", remedy="give one for every id"
+                )
 
     def column(self, what: Literal["objects", "sensors", "contacts"]) -> Shaped[Array, " n"]:
         """Return the labels of one kind as an array; raises `InputError` where they are not known."""
         column = getattr(self, what)
         if column is None:
             raise InputError(
-                f"expected the {what[:-1]} of every pair, got none; give {what}, or split the standard way"
+                expected=f"the {what[:-1]} of every pair", got="none", remedy=f"give {what}, or split the standard way"
             )
         return np.asarray(column, dtype=str)
 
@@ -109,9 +111,11 @@ class DatasetSplit:
         known = {*self.train, *self.test, *self.left_out}
         if len(place) != len(ids) or place.keys() != known:
             raise FileFormatError(
-                f"expected the {len(known)} pairs of the split, got {count_with_example(set(place) - known)} that it does not "
-                f"know, {count_with_example(known - set(place))} of its own missing, and {len(ids) - len(place)} ids repeated; "
-                "give the data set that it was made from, or split again"
+                expected=f"the {len(known)} pairs of the split",
+                got=f"{count_with_example(set(place) - known)} that it does not know, "
+                f"{count_with_example(known - set(place))} of its own missing, and {len(ids) - len(place)} "
+                "ids repeated",
+                remedy="give the data set that it was made from, or split again",
             )
         train, test = (np.array([place[name] for name in part], dtype=int) for part in (self.train, self.test))
         return SplitRows(train, test)
@@ -123,15 +127,16 @@ def split_dataset(pairs: SplitKeys, settings: SplitSettings = SplitSettings()) -
     Raises `InputError` where a part would be empty, or where there are too few objects, sensors or pairs to choose from.
     """
     if len(pairs.ids) < 2:
-        raise InputError(f"expected at least 2 pairs to divide, got {len(pairs.ids)}; record more")
+        raise InputError(expected="at least 2 pairs to divide", got=f"{len(pairs.ids)}", remedy="record more")
     held = HeldOutSelection(pairs, settings)
     is_test, is_train = held.masks
     ids = np.asarray(pairs.ids, dtype=str)
     for name, part in (("train", is_train), ("test", is_test)):
         if not part.any():
             raise InputError(
-                f"expected pairs to {name} with, got none of {len(ids)} by the {settings.kind} split; hold out other "
-                "amounts, or take another seed"
+                expected=f"pairs to {name} with",
+                got=f"none of {len(ids)} by the {settings.kind} split",
+                remedy="hold out other amounts, or take another seed",
             )
     train, test, rest = (tuple(sorted(ids[part].tolist())) for part in (is_train, is_test, ~(is_train | is_test)))
     return DatasetSplit(settings, train, test, rest, held.object_names, held.sensor_names)
@@ -197,8 +202,9 @@ class HeldOutSelection:
         different = set(self.pairs.column(what).tolist()) - {NO_OBJECT}
         if len(different) < 2:
             raise InputError(
-                f"expected at least 2 different {what} to hold some out, got {len(different)}; record more {what}, or split "
-                "the standard way"
+                expected=f"at least 2 different {what} to hold some out",
+                got=f"{len(different)}",
+                remedy=f"record more {what}, or split the standard way",
             )
         number = held_out_count(getattr(self.settings, what), len(different), what)
         return tuple(sorted(rank_by_hash(different, self.settings.seed, what)[:number]))
@@ -209,8 +215,9 @@ def held_out_count(amount: Amount, available: int, what: What) -> int:
     number = round(amount * available) if 0 < amount < 1 else amount
     if not (0 < number < available and number == int(number)):
         raise InputError(
-            f"expected a number of {what} from 1 to {available - 1} or a part between 0 and 1, got {amount} of {available}; "
-            f"hold out another amount, as {max(1, available // 10)}"
+            expected=f"a number of {what} from 1 to {available - 1} or a part between 0 and 1",
+            got=f"{amount} of {available}",
+            remedy=f"hold out another amount, as {max(1, available // 10)}",
         )
     return int(number)
 
@@ -248,7 +255,8 @@ def read_split(path: Path | str) -> DatasetSplit:
     repeated = counts.total() - len(counts)
     if version != SPLIT_FORMAT or not read.train or not read.test or repeated:
         raise FileFormatError(
-            f"expected a split in {path}, format {SPLIT_FORMAT}, with pairs to train and to test, each once, got format "
-            f"{version} with {len(read.train)} to train, {len(read.test)} to test and {repeated} repeated; split again"
+            expected=f"a split in {path}, format {SPLIT_FORMAT}, with pairs to train and to test, each once",
+            got=f"format {version} with {len(read.train)} to train, {len(read.test)} to test and {repeated} repeated",
+            remedy="split again",
         )
     return read

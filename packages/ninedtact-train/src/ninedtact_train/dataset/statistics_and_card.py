@@ -141,7 +141,9 @@ def require_licence_name(licence: str | None) -> None:
     """Raise `InputError` for text that cannot be the name of a licence."""
     if licence is not None and not _LICENCE.fullmatch(licence):
         raise InputError(
-            f"expected a licence as Hugging Face names it, such as mit or cc-by-nc-4.0, got {licence!r}; correct it"
+            expected="a licence as Hugging Face names it, such as mit or cc-by-nc-4.0",
+            got=f"{licence!r}",
+            remedy="correct it",
         )
 
 

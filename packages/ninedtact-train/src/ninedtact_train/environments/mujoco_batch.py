@@ -81,7 +81,7 @@ class TactileSensorBatch:
 
     def __post_init__(self) -> None:
         if not self.scenes:
-            raise InputError("expected at least one scene, a pair of MjModel and MjData, got none; give one")
+            raise InputError(expected="at least one scene, a pair of MjModel and MjData", got="none", remedy="give one")
         first = TactileSensor(*self.scenes[0], self.body, self.sensor_folder, self.pitch_mm, self.geom)
         rest = (TactileSensor(*scene, self.body, first.twin, self.pitch_mm, self.geom) for scene in self.scenes[1:])
         self.sensors = [first, *rest]

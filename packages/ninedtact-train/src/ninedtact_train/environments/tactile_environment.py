@@ -72,8 +72,9 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         if force != OF_THE_GEL:
             if sensor_folder is None or isinstance(sensor_folder, Twin) or force == "none":
                 raise InputError(
-                    f"expected force={OF_THE_GEL!r}, or the name of an estimator and the folder of a calibrated sensor, got "
-                    f"force={force!r} and sensor_folder={getattr(sensor_folder, 'name', sensor_folder)!s}; correct one of them"
+                    expected=f"force={OF_THE_GEL!r}, or the name of an estimator and the folder of a calibrated sensor",
+                    got=f"force={force!r} and sensor_folder={getattr(sensor_folder, 'name', sensor_folder)!s}",
+                    remedy="correct one of them",
                 )
             self._calibrated = open_sensor.open(sensor_folder, self.sensor, force)
         self._estimates: Reading | None = None
@@ -106,7 +107,9 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         """Act for 20 ms; raises `InputError` for an action that is not as many finite numbers as the task has."""
         action = np.asarray(action, float)
         if action.shape != (self.actions,) or not np.isfinite(action).all():  # MuJoCo would reset the scene in silence
-            raise InputError(f"expected an action of {self.actions} finite numbers, got {action.tolist()}; correct it")
+            raise InputError(
+                expected=f"an action of {self.actions} finite numbers", got=f"{action.tolist()}", remedy="correct it"
+            )
         self._steps += 1
         try:
             reading = self._advance(np.clip(action, -1.0, 1.0))

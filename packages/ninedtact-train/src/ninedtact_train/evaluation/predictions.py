@@ -75,13 +75,17 @@ class WrenchPredictions:
     def __post_init__(self) -> None:
         rows = len(self.truth)
         if rows < _FEWEST_PAIRS:
-            raise FileFormatError(f"expected at least {_FEWEST_PAIRS} pairs to evaluate, got {rows}; evaluate more")
+            raise FileFormatError(
+                expected=f"at least {_FEWEST_PAIRS} pairs to evaluate", got=f"{rows}", remedy="evaluate more"
+            )
         for name in ("truth", "predicted", "std"):
             _require_wrenches(name, getattr(self, name), rows)
         for name in ("objects", "sensors"):
             column = getattr(self, name)
             if column is not None and len(column) != rows:
-                raise FileFormatError(f"expected {name} of {rows} pairs, got {len(column)}; give one for every pair")
+                raise FileFormatError(
+                    expected=f"{name} of {rows} pairs", got=f"{len(column)}", remedy="give one for every pair"
+                )
 
     @property
     def in_contact(self) -> Bool[Array, " n"]:
@@ -119,13 +123,15 @@ class WrenchPredictions:
         """
         if self.about_mm is None:
             raise FileFormatError(
-                "expected to know the point of the torques before they are moved, got none; name it "
-                "(--predictions-about-mm 0 0 0 is the skin's centre, 0 0 -35 the paper's force/torque sensor)"
+                expected="to know the point of the torques before they are moved",
+                got="none",
+                remedy="name it (--predictions-about-mm 0 0 0 is the skin's centre, 0 0 -35 the paper's "
+                "force/torque sensor)",
             )
         arm_m = (np.array(self.about_mm) - point_mm) / 1e3
         if not np.isfinite(arm_m).all():
             raise FileFormatError(
-                f"expected points of finite numbers, got {self.about_mm} and {point_mm}; correct them"
+                expected="points of finite numbers", got=f"{self.about_mm} and {point_mm}", remedy="correct them"
             )
         truth, predicted = (_shift_torques(six, arm_m) for six in (self.truth, self.predicted))
         std = None if self.std is None else np.where(_axes_mixed_by_shift(arm_m), np.nan, self.std)
@@ -148,15 +154,18 @@ def _require_wrenches(name: str, six: Wrenches | None, rows: int) -> None:
         return
     if six.shape != (rows, len(WRENCH_AXES)):
         raise FileFormatError(
-            f"expected {rows} rows of six numbers as {name}, got an array of {six.shape}; give both of the same pairs"
+            expected=f"{rows} rows of six numbers as {name}",
+            got=f"an array of {six.shape}",
+            remedy="give both of the same pairs",
         )
     bad = six < 0 if name == "std" else ~np.isfinite(six)
     if bad.any():
         row, axis = np.argwhere(bad)[0]
         raise FileFormatError(
-            f"expected {'no standard deviation below zero' if name == 'std' else 'finite numbers'}, got {six[row, axis]} as "
-            f"{name} {WRENCH_AXES[axis]} of pair {row + 1} ({bad.any(axis=1).sum()} such pairs); correct them or leave these pairs "
-            "out"
+            expected=f"{'no standard deviation below zero' if name == 'std' else 'finite numbers'}",
+            got=f"{six[row, axis]} as {name} {WRENCH_AXES[axis]} of pair {row + 1} ({bad.any(axis=1).sum()} such "
+            "pairs)",
+            remedy="correct them or leave these pairs out",
         )
 
 
@@ -239,8 +248,9 @@ def _require_columns(path: Path, header: Sequence[str]) -> None:
     if missing or repeated:
         fault = f"no {', '.join(missing)}" if missing else f"{', '.join(repeated)} more than once"
         raise FileFormatError(
-            f"expected columns {' '.join(_TRUTH)} {' '.join(_PREDICTED)} in {path}, separated by commas, got {fault} (the columns "
-            f"there: {' '.join(header)[:200]}); name them so"
+            expected=f"columns {' '.join(_TRUTH)} {' '.join(_PREDICTED)} in {path}, separated by commas",
+            got=f"{fault} (the columns there: {' '.join(header)[:200]})",
+            remedy="name them so",
         )
 
 

@@ -20,8 +20,9 @@ class NonidealMechanicsShares:
     def __post_init__(self) -> None:
         if not (min(self.compliant_base, self.finite_strain) >= 0 and self.compliant_base + self.finite_strain <= 1):
             raise InputError(
-                f"expected shares of sensors from 0 to 1, together at most 1, got {self.compliant_base} on a compliant base "
-                f"and {self.finite_strain} with finite strain; correct them"
+                expected="shares of sensors from 0 to 1, together at most 1",
+                got=f"{self.compliant_base} on a compliant base and {self.finite_strain} with finite strain",
+                remedy="correct them",
             )
 
     def kind_at(self, quantile: float) -> MechanicsKind:

@@ -235,7 +235,7 @@ def sample_sensor(
 ) -> SampledSensor:
     """Sample sensor `number` of a seed, which does not depend on other numbers; raises `InputError` below zero."""
     if number < 0 or seed < 0:
-        raise InputError(f"expected number and seed of zero or more, got {number} and {seed}; correct them")
+        raise InputError(expected="number and seed of zero or more", got=f"{number} and {seed}", remedy="correct them")
     rng = np.random.default_rng([seed, number])
     kind = kinds.kind_at((0.5 + GOLDEN * number) % 1)
     gel = _sample_gel(rng, design.gel)

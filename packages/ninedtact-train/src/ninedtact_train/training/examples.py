@@ -55,14 +55,16 @@ class TrainingExamples:
             len(WRENCH_AXES),
         ):
             raise ForceEstimationError(
-                f"expected a wrench of six, object, sensor and the rest for each of {n} images, got columns of other "
-                "lengths; give one of each for every image"
+                expected=f"a wrench of six, object, sensor and the rest for each of {n} images",
+                got="columns of other lengths",
+                remedy="give one of each for every image",
             )
         if not np.isfinite(self.wrench).all():
             bad = ~np.isfinite(self.wrench).all(1)
             raise ForceEstimationError(
-                f"expected wrenches of six finite numbers, got {bad.sum()} of {n} that are not, the first in row "
-                f"{int(bad.argmax())}; leave those pairs out"
+                expected="wrenches of six finite numbers",
+                got=f"{bad.sum()} of {n} that are not, the first in row {int(bad.argmax())}",
+                remedy="leave those pairs out",
             )
 
     def scale_to_design_modulus(self, modulus_mpa: Float64[Array, " n"]) -> "TrainingExamples":
@@ -83,38 +85,47 @@ class TrainingExamples:
 
 
 def require_trainable_examples(examples: TrainingExamples, rows: SplitRows, settings: NetworkInputSettings) -> None:
-    """Raise `ForceEstimationError` for too few pairs, for wrenches that were not measured on all axes, or for examples that do not fit
-    the network's input."""
+    """Raise `ForceEstimationError` where examples cannot be trained on.
+
+    These are too few pairs, wrenches that were not measured on all axes, and examples that do not fit the network's input.
+    """
     if min(len(rows.train), len(rows.test)) < _FEWEST_PAIRS:
         raise ForceEstimationError(
-            f"expected at least {_FEWEST_PAIRS} pairs for training and for validation, got {len(rows.train)} and "
-            f"{len(rows.test)}; hold out more or less, or record more"
+            expected=f"at least {_FEWEST_PAIRS} pairs for training and for validation",
+            got=f"{len(rows.train)} and {len(rows.test)}",
+            remedy="hold out more or less, or record more",
         )
     unmeasured = [
         name for name, values in zip(WRENCH_AXES, examples.wrench[rows.train].T, strict=True) if not np.ptp(values)
     ]
     if unmeasured:
         raise ForceEstimationError(
-            f"expected wrenches that vary on all six axes, got the same {', '.join(unmeasured)} in all {len(rows.train)} training "
-            "pairs, as of a sensor that does not measure it; give wrenches that were measured on all axes"
+            expected="wrenches that vary on all six axes",
+            got=f"the same {', '.join(unmeasured)} in all {len(rows.train)} training pairs, as of a sensor that "
+            "does not measure it",
+            remedy="give wrenches that were measured on all axes",
         )
     size = examples.images.shape[1:]
     if size != (settings.rows, settings.cols):
         raise ForceEstimationError(
-            f"expected images of {settings.cols} x {settings.rows}, got {size[1]} x {size[0]}; read the data at that size"
+            expected=f"images of {settings.cols} x {settings.rows}",
+            got=f"{size[1]} x {size[0]}",
+            remedy="read the data at that size",
         )
     if settings.channels.of_physics != (examples.tractions is not None and examples.physics is not None):
         raise ForceEstimationError(
-            f"expected examples for the channels {settings.channels.value!r}, got some "
-            f"{'with' if examples.physics is not None else 'without'} the tractions and wrenches of physics; choose other channels"
+            expected=f"examples for the channels {settings.channels.value!r}",
+            got=f"some {'with' if examples.physics is not None else 'without'} the tractions and wrenches of physics",
+            remedy="choose other channels",
         )
     if settings.channels.of_heights != (examples.references is None) or (examples.reference_of is None) != (
         examples.references is None
     ):
         given = "heights" if examples.references is None else "images with references"
         raise ForceEstimationError(
-            f"expected examples for the channels {settings.channels.value!r}, got {given}; give the other kind, or choose "
-            "other channels"
+            expected=f"examples for the channels {settings.channels.value!r}",
+            got=f"{given}",
+            remedy="give the other kind, or choose other channels",
         )
 
 

@@ -187,14 +187,18 @@ def build_network(name: str, settings: NetworkInputSettings, outputs: int, unit:
 def require_network_input_size(name: str, settings: NetworkInputSettings) -> None:
     """Raise `InputError` for an unknown name, or an image size that the network cannot take."""
     if name not in NETWORK_NAMES:
-        raise InputError(f"expected one of {', '.join(NETWORK_NAMES)}, got {name!r}; name one of them")
+        raise InputError(expected=f"one of {', '.join(NETWORK_NAMES)}", got=f"{name!r}", remedy="name one of them")
     rows, cols = settings.rows, settings.cols
     if name == "moments" and (rows % 4 or cols % 4):
-        raise InputError(f"expected sides that are multiples of 4 for moments, got {cols} x {rows}; take 80 x 60")
+        raise InputError(
+            expected="sides that are multiples of 4 for moments", got=f"{cols} x {rows}", remedy="take 80 x 60"
+        )
     smallest = 4 if name == "moments" else SMALLEST_PX
     if min(rows, cols) < smallest:
         raise InputError(
-            f"expected at least {smallest} x {smallest} pixels for {name}, got {cols} x {rows}; take larger images"
+            expected=f"at least {smallest} x {smallest} pixels for {name}",
+            got=f"{cols} x {rows}",
+            remedy="take larger images",
         )
 
 

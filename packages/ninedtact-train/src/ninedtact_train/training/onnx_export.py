@@ -97,6 +97,7 @@ def _require_onnx_parity(network: WrenchNetwork, model: ForceModel) -> None:
     difference = max(float((np.abs(a - b) / (unit + np.abs(a))).max()) for a, b in pairs)
     if not difference <= _PARITY_TOLERANCE:
         raise OutputError(
-            f"expected the exported graph to predict what the network predicts, got a relative difference of {difference:.2g}; "
-            "update torch and onnx"
+            expected="the exported graph to predict what the network predicts",
+            got=f"a relative difference of {difference:.2g}",
+            remedy="update torch and onnx",
         )

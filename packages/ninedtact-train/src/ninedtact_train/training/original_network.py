@@ -79,7 +79,9 @@ def read_original_network(path: Path | str, contact_test: ContactTest = detect_c
         network.load_state_dict(state, strict=True)
     except RuntimeError as trouble:
         raise FileFormatError(
-            f"expected weights of {NETWORK} in {path}, got some of other shapes; give the original project's .pt file"
+            expected=f"weights of {NETWORK} in {path}",
+            got="some of other shapes",
+            remedy="give the original project's .pt file",
         ) from trouble
     estimator = OriginalNetworkForce(network.eval(), contact_test)
     estimator.model_sha256 = sha256(Path(path).read_bytes()).hexdigest()
@@ -92,15 +94,18 @@ def read_pt_weights(path: Path) -> dict[str, Tensor]:
         state: Any = torch.load(path, map_location="cpu", weights_only=True)
     except UnpicklingError as trouble:
         raise FileFormatError(
-            f"expected weights and nothing else in {path}, got a file that is damaged, or that would run code when it is read; "
-            "it was not run: save the network's state_dict() alone with torch.save"
+            expected=f"weights and nothing else in {path}",
+            got="a file that is damaged, or that would run code when it is read",
+            remedy="it was not run: save the network's state_dict() alone with torch.save",
         ) from trouble
     except Exception as trouble:  # torch raises many kinds of error for a damaged file
         said = (str(trouble).splitlines() or [""])[0]
         raise FileFormatError(f"expected a whole .pt file in {path}, got: {said}; copy it again") from trouble
     if not isinstance(state, dict) or not all(isinstance(weight, Tensor) for weight in state.values()):
         raise FileFormatError(
-            f"expected the weights of a network by name in {path}, got something else; save its state_dict() with torch.save"
+            expected=f"the weights of a network by name in {path}",
+            got="something else",
+            remedy="save its state_dict() with torch.save",
         )
     return state
 
@@ -110,6 +115,7 @@ def require_weight_names(state: dict[str, Tensor], wanted: dict[str, Tensor], pa
     missing, unknown = wanted.keys() - state.keys(), state.keys() - wanted.keys()
     if missing or unknown:
         raise FileFormatError(
-            f"expected the {len(wanted)} weights of torchvision's {NETWORK} in {path}, got {len(missing)} missing and "
-            f"{len(unknown)} others (such as {min(missing or unknown)!r}); give the original project's .pt file"
+            expected=f"the {len(wanted)} weights of torchvision's {NETWORK} in {path}",
+            got=f"{len(missing)} missing and {len(unknown)} others (such as {min(missing or unknown)!r})",
+            remedy="give the original project's .pt file",
         )

@@ -134,8 +134,9 @@ def require_sensor_calibrations(data: Path, given: Path | None, otherwise: str =
     carried = find_sensor_folders(DatasetFolder(data).sensor_folders)
     if data.is_dir() and given is None and not carried and not load_simulated_sensors(data):
         raise CalibrationError(
-            f"expected the calibrations of the sensors of {data}, got none, or several of one sensor; give --sensors, a folder "
-            f"that holds a sensor folder of each name{otherwise}"
+            expected=f"the calibrations of the sensors of {data}",
+            got="none, or several of one sensor",
+            remedy=f"give --sensors, a folder that holds a sensor folder of each name{otherwise}",
         )
 
 

@@ -99,8 +99,9 @@ def require_same_image_size(name: str, reference: BgrImage, press: BgrImage) -> 
     if reference.shape != press.shape:
         (rows, cols), (got_rows, got_cols) = reference.shape[:2], press.shape[:2]
         raise CalibrationError(
-            f"expected the {name} and its reference to be of one size, got {got_cols}x{got_rows} and {cols}x{rows}; "
-            "take both with the same camera settings"
+            expected=f"the {name} and its reference to be of one size",
+            got=f"{got_cols}x{got_rows} and {cols}x{rows}",
+            remedy="take both with the same camera settings",
         )
 
 

@@ -54,17 +54,21 @@ class KnownLoadPress:
 
     def __post_init__(self) -> None:
         if not (0 < self.weighed_n < np.inf):
-            raise ForceScaleImpossible(f"expected a weight above zero, got {self.weighed_n:g} N; read the scale again")
+            raise ForceScaleImpossible(
+                expected="a weight above zero", got=f"{self.weighed_n:g} N", remedy="read the scale again"
+            )
         if not (0 < self.estimated_n < np.inf):
             raise ForceScaleImpossible(
-                f"expected a press that the image shows, got an estimate of {self.estimated_n:g} N under "
-                f"{self.weighed_n:.2f} N; let the object rest on the middle of the skin, and give the image of that"
+                expected="a press that the image shows",
+                got=f"an estimate of {self.estimated_n:g} N under {self.weighed_n:.2f} N",
+                remedy="let the object rest on the middle of the skin, and give the image of that",
             )
         ratio = self.weighed_n / self.estimated_n
         if not 1 / WIDEST_FACTOR < ratio < WIDEST_FACTOR:
             raise ForceScaleImpossible(
-                f"expected a weight near the estimated {self.estimated_n:.2f} N, got {self.weighed_n:.2f} N; give grams, and "
-                "the image that was taken under that weight"
+                expected=f"a weight near the estimated {self.estimated_n:.2f} N",
+                got=f"{self.weighed_n:.2f} N",
+                remedy="give grams, and the image that was taken under that weight",
             )
 
 
@@ -89,7 +93,9 @@ def fit_force_scale(presses: Sequence[KnownLoadPress]) -> ForceScaleFit:
     """Fit the force scale whose leave-one-out error is smallest; raises `ForceScaleImpossible`."""
     if len(presses) < FEWEST:
         raise ForceScaleImpossible(
-            f"expected at least {FEWEST} presses of known weight, got {len(presses)}; press with two weights or more"
+            expected=f"at least {FEWEST} presses of known weight",
+            got=f"{len(presses)}",
+            remedy="press with two weights or more",
         )
     load = np.log([press.estimated_n for press in presses])
     wanted = np.log([press.weighed_n for press in presses]) - load
@@ -101,13 +107,16 @@ def fit_force_scale(presses: Sequence[KnownLoadPress]) -> ForceScaleFit:
     error = by_curve if bends and by_curve is not None else by_factor
     if error > _MAX_ERROR:
         raise ForceScaleImpossible(
-            f"expected presses that agree on one force scale to {_MAX_ERROR:.0%}, got a scatter of {error:.0%}; check that each "
-            "image belongs to its weight, and that the scale was set to zero with the sensor on it"
+            expected=f"presses that agree on one force scale to {_MAX_ERROR:.0%}",
+            got=f"a scatter of {error:.0%}",
+            remedy="check that each image belongs to its weight, and that the scale was set to zero with the "
+            "sensor on it",
         )
     if abs(curve) > MAX_EXPONENT:
         raise ForceScaleImpossible(
-            f"expected a factor that changes at most with the power {MAX_EXPONENT:g} of the load, got the power {curve:.1f}; "
-            "check that each image belongs to its weight"
+            expected=f"a factor that changes at most with the power {MAX_EXPONENT:g} of the load",
+            got=f"the power {curve:.1f}",
+            remedy="check that each image belongs to its weight",
         )
     found = ForceScale(float(np.exp(factor)), float(curve), about, error, len(presses))
     return ForceScaleFit(found, _rms(wanted), by_factor, by_curve)
@@ -181,7 +190,9 @@ class UnscaledForceReader:
         """force: the estimator, as after `--force`; raises `InputError` and what loading it raises."""
         if force == NONE:
             raise InputError(
-                f"expected an estimator to calibrate, got --force {NONE}; name {CORRECTED}, {PHYSICS} or a force model"
+                expected="an estimator to calibrate",
+                got=f"--force {NONE}",
+                remedy=f"name {CORRECTED}, {PHYSICS} or a force model",
             )
         self.estimator: ForceEstimator = folder.estimator(force, with_force_scale=False)
         self._shape, self._check = folder.shape, load_reference_image_checker(folder)
@@ -207,8 +218,9 @@ def _require_one_load_for_each_image(presses: Sequence[tuple[Path, float]]) -> N
     for path, grams in presses:
         if path.resolve() in loads_g:
             raise ForceScaleImpossible(
-                f"expected each image once, with its load, got {path} with {loads_g[path.resolve()]:g} g and with {grams:g} g; "
-                "give every press an image of its own"
+                expected="each image once, with its load",
+                got=f"{path} with {loads_g[path.resolve()]:g} g and with {grams:g} g",
+                remedy="give every press an image of its own",
             )
         loads_g[path.resolve()] = grams
 

@@ -166,7 +166,9 @@ def _fit_presses(
         rectify = build_rectification(board, design, settings.lens)
     else:
         raise InputError(
-            "expected images of the board, or an imported rectification and images of the ball, got neither; give the images of one"
+            expected="images of the board, or an imported rectification and images of the ball",
+            got="neither",
+            remedy="give the images of one",
         )
     if images.ball_pair is None:
         return CalibrationFits(board, rectify)

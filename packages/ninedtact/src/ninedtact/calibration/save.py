@@ -174,8 +174,9 @@ def require_replaceable_sensor_folder(final: Path) -> None:
     is_sensor = (final / SENSOR_FILE).is_file()
     if foreign := list_foreign_files(final, lambda file: is_sensor and _is_sensor_file(file)):
         raise SensorFolderNotReplaceable(
-            f"expected to write a new or empty folder, or a sensor folder, got {final} with other content ({foreign[0]}); move "
-            "that away, or choose another name"
+            expected="to write a new or empty folder, or a sensor folder",
+            got=f"{final} with other content ({foreign[0]})",
+            remedy="move that away, or choose another name",
         )
 
 

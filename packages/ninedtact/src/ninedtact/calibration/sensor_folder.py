@@ -123,8 +123,9 @@ class SensorFolder:
     def _depth_not_calibrated(self) -> CalibrationError:
         """Return the error of a sensor that was calibrated with the board alone."""
         return CalibrationError(
-            f"expected {self.path} to be calibrated for depth, got a sensor calibrated with the board alone, which rectifies "
-            f"images and gives no heights and no force; press the ball and run: {self.completion_command}"
+            expected=f"{self.path} to be calibrated for depth",
+            got="a sensor calibrated with the board alone, which rectifies images and gives no heights and no force",
+            remedy=f"press the ball and run: {self.completion_command}",
         )
 
     @property
@@ -170,8 +171,9 @@ class SensorFolder:
         share = float((rectify.height_source != HeightSource.OUT_OF_VIEW).mean())
         if share < _MIN_VIEW_SHARE:
             raise SensorFolderDamaged(
-                f"expected a lens in {self.path / SENSOR_FILE} that sees the skin, got one that sees {share:.0%} of it; restore "
-                "the sensor folder or calibrate again"
+                expected=f"a lens in {self.path / SENSOR_FILE} that sees the skin",
+                got=f"one that sees {share:.0%} of it",
+                remedy="restore the sensor folder or calibrate again",
             )
         return rectify
 
@@ -187,7 +189,7 @@ class SensorFolder:
             advice = "calibrate again" if name.startswith("board") else f"run: {self.completion_command}"
             kind = "an imported sensor" if self.is_imported else "a sensor"
             raise SensorFolderDamaged(
-                f"expected {self.path} to hold the image {name!r}, got {kind} without it; {advice}"
+                expected=f"{self.path} to hold the image {name!r}", got=f"{kind} without it", remedy=f"{advice}"
             )
         entry = self.record.images[name]
         return Frame(read_image(self._verify_file(entry.file, entry.sha256)))
@@ -205,7 +207,9 @@ class SensorFolder:
         table = self.record.twin
         if table is None:
             raise CalibrationError(
-                f"expected {self.path} to hold a twin, got a sensor without one; run: {self.completion_command}"
+                expected=f"{self.path} to hold a twin",
+                got="a sensor without one",
+                remedy=f"run: {self.completion_command}",
             )
         reference, area = self.stored_image("ball_reference").image, self.record.design.sensing_area
         return assemble_twin(
@@ -245,7 +249,7 @@ class SensorFolder:
         path = self.path / file
         if not path.exists():
             raise SensorFolderDamaged(
-                f"expected {path}, got no such file; restore the sensor folder or calibrate again"
+                expected=f"{path}", got="no such file", remedy="restore the sensor folder or calibrate again"
             )
         try:
             content = read_regular_file(path)
@@ -255,7 +259,9 @@ class SensorFolder:
             ) from trouble
         if sha256(content).hexdigest() != digest:
             raise SensorFolderDamaged(
-                f"expected {path} as it was calibrated with, got other content; restore the sensor folder or calibrate again"
+                expected=f"{path} as it was calibrated with",
+                got="other content",
+                remedy="restore the sensor folder or calibrate again",
             )
         return path
 
@@ -272,8 +278,9 @@ def load_sensor(folder: Path | str) -> SensorFolder:
         text = read_text_file(path / SENSOR_FILE)
     except (OSError, UnicodeDecodeError) as trouble:
         raise SensorFolderDamaged(
-            f"expected a sensor folder with a readable {SENSOR_FILE}, got {path} ({trouble}); give the folder that "
-            "'ninedtact calibrate --out' wrote"
+            expected=f"a sensor folder with a readable {SENSOR_FILE}",
+            got=f"{path} ({trouble})",
+            remedy="give the folder that 'ninedtact calibrate --out' wrote",
         ) from trouble
     record, checksum, own = _parse_record(path, text)
     return SensorFolder(path, record, checksum != own, checksum is not None)
@@ -322,6 +329,8 @@ def _read_pixel_map(path: Path, record: SensorTomlRecord) -> np.ndarray:
     source_px = np.load(path, allow_pickle=False)
     if source_px.shape != (view.rows, view.cols, 2):
         raise SensorFolderDamaged(
-            f"expected {path} of shape {(view.rows, view.cols, 2)}, got {source_px.shape}; restore the sensor folder"
+            expected=f"{path} of shape {(view.rows, view.cols, 2)}",
+            got=f"{source_px.shape}",
+            remedy="restore the sensor folder",
         )
     return np.asarray(source_px, np.float32)

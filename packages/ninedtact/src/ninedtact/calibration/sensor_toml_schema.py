@@ -280,8 +280,9 @@ def require_sensor_id(sensor_id: str) -> None:
     """Raise `InputError` for text that is no name of a sensor."""
     if not _SENSOR_ID.fullmatch(sensor_id):
         raise InputError(
-            "expected a name of a sensor of 1 to 100 characters without slashes and control characters, got "
-            f"{sensor_id[:120]!r}; choose another"
+            expected="a name of a sensor of 1 to 100 characters without slashes and control characters",
+            got=f"{sensor_id[:120]!r}",
+            remedy="choose another",
         )
 
 

@@ -42,8 +42,9 @@ def measure_frame_rate(source: FrameSource, frames: int = 60, limit_s: float = 5
     fresh = stamps[is_new]
     if len(fresh) < 3:
         raise CameraError(
-            f"expected at least 3 different images from {source.name} in {limit_s:g} s, got {len(fresh)}; "
-            "check the camera, and that its view is not all black"
+            expected=f"at least 3 different images from {source.name} in {limit_s:g} s",
+            got=f"{len(fresh)}",
+            remedy="check the camera, and that its view is not all black",
         )
     return FrameRate(
         delivered_hz=float((len(stamps) - 1) / (stamps[-1] - stamps[0])),

@@ -81,7 +81,9 @@ class TerminalLight(LightSwitch):
         """Invert the screen, or show it as usual; raises `InputError` where there is no terminal."""
         if not self._terminal.isatty():
             raise InputError(
-                "expected a terminal as the light, got none; run the command in a terminal, or name the file of an LED with --light"
+                expected="a terminal as the light",
+                got="none",
+                remedy="run the command in a terminal, or name the file of an LED with --light",
             )
         self._terminal.write("\033[?5h" if is_on else "\033[?5l")
         self._terminal.flush()
@@ -177,7 +179,9 @@ def measure_camera_delay(
     """
     if not camera.is_live:
         raise CameraError(
-            f"expected a live camera or stream, which can see the light, got {camera.name}, which is recorded; give a live camera"
+            expected="a live camera or stream, which can see the light",
+            got=f"{camera.name}, which is recorded",
+            remedy="give a live camera",
         )
     rng, switches, is_over = np.random.default_rng(seed), [], Event()
     began_at, is_on = monotonic(), False
@@ -198,7 +202,7 @@ def measure_camera_delay(
                 light.switch(False)
     stamps_ns, brightness = reading.result()
     if len(switches) < 2:
-        raise CameraError(f"expected a measurement of some seconds, got {seconds:g} s; measure longer")
+        raise CameraError(expected="a measurement of some seconds", got=f"{seconds:g} s", remedy="measure longer")
     before, after = np.array(switches).T
     found = estimate_delay((before + after) / 2e9, stamps_ns / 1e9, brightness)
     switching_ms = float(np.mean(after - before)) / 2e6
@@ -227,17 +231,19 @@ def estimate_delay(
     contrast = float(np.subtract(*np.percentile(brightness, (90, 10)))) if len(brightness) > 5 * _BLOCKS else 0.0
     if contrast < _LEAST_CONTRAST:
         raise CameraError(
-            f"expected images that change by at least {_LEAST_CONTRAST:g} grey levels with the light, got {len(brightness)} that "
-            f"change by {contrast:.1f}; bring the camera to the light, darken the room, and measure longer"
+            expected=f"images that change by at least {_LEAST_CONTRAST:g} grey levels with the light",
+            got=f"{len(brightness)} that change by {contrast:.1f}",
+            remedy="bring the camera to the light, darken the room, and measure longer",
         )
     correlations = [_correlations(switches_s, stamps_s, brightness, _DELAYS_S, width) for width in _EXPOSURES_S[::3]]
     best = np.unravel_index(np.argmax(correlations), np.shape(correlations))
     coarse_s, correlation = float(_DELAYS_S[best[1]]), float(np.max(correlations))
     if correlation < _LEAST_CORRELATION or best[1] in (0, len(_DELAYS_S) - 1):
         raise CameraError(
-            f"expected the brightness of the images to follow the light by {_DELAYS_S[0]:g} to {_DELAYS_S[-1]:.1f} s with a "
-            f"correlation above {_LEAST_CORRELATION}, got {correlation:.2f} at {coarse_s:.2f} s; switch automatic exposure off and "
-            "darken the room"
+            expected=f"the brightness of the images to follow the light by {_DELAYS_S[0]:g} to {_DELAYS_S[-1]:.1f} "
+            f"s with a correlation above {_LEAST_CORRELATION}",
+            got=f"{correlation:.2f} at {coarse_s:.2f} s",
+            remedy="switch automatic exposure off and darken the room",
         )
 
     def fine_delay_s(kept: Array) -> float:
@@ -300,10 +306,11 @@ def resolve_camera_delay_ms(given: float | Literal["saved"], sensor: Path, camer
         kept = read_camera_delay(sensor)
         if kept.camera not in ("", camera):
             raise InputError(
-                f"expected the delay of '{camera}' in {sensor / CAMERA_FILE}, got that of '{kept.camera}'; measure it with "
-                "'ninedtact camera-delay' and the same --source, or give it in ms"
+                expected=f"the delay of '{camera}' in {sensor / CAMERA_FILE}",
+                got=f"that of '{kept.camera}'",
+                remedy="measure it with 'ninedtact camera-delay' and the same --source, or give it in ms",
             )
         return kept.delay_ms
     if not isinstance(given, int | float) or not abs(given) <= 5000:
-        raise InputError(f"expected a delay of the camera of at most 5000 ms, got {given}; correct it")
+        raise InputError(expected="a delay of the camera of at most 5000 ms", got=f"{given}", remedy="correct it")
     return float(given)

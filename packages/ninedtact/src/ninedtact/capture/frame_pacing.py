@@ -92,7 +92,9 @@ class LatestFrameSource(FrameSourceWrapper):
         elif "://" in self.name:
             remedy = "check the camera and the network"
         return NoRecentFrame(
-            f"expected a new image from {self.name}, got {got} within {self._timeout_ms / 1000:g} s; {remedy}"
+            expected=f"a new image from {self.name}",
+            got=f"{got} within {self._timeout_ms / 1000:g} s",
+            remedy=f"{remedy}",
         )
 
     def _take_recent(self) -> Frame | None:

@@ -33,7 +33,7 @@ class SourceEnded(CameraError):
 
 def source_ended(name: str, count: int) -> SourceEnded:
     """Return the error at the end of a file after some images."""
-    return SourceEnded(f"expected another image, got the end of {name} after {count}; stop here")
+    return SourceEnded(expected="another image", got=f"the end of {name} after {count}", remedy="stop here")
 
 
 class SourceIncomplete(FileFormatError):
@@ -119,8 +119,9 @@ class FrameSource(Openable):
     def set_exposure(self, exposure_ms: float) -> None:
         """Set the exposure of the open source; raises `CameraError` where it does not take it."""
         raise CameraError(
-            f"expected a camera whose exposure can be set here, got {self.name} for {exposure_ms:g} ms; set it with the camera's "
-            "own tool"
+            expected="a camera whose exposure can be set here",
+            got=f"{self.name} for {exposure_ms:g} ms",
+            remedy="set it with the camera's own tool",
         )
 
     def __iter__(self) -> Iterator[Frame]:
@@ -192,11 +193,13 @@ class CameraSettings:
 
     def __post_init__(self) -> None:
         if self.exposure_ms is not None and self.auto_exposure:
-            raise CameraError("expected exposure_ms or auto_exposure, got both; drop one")
+            raise CameraError(expected="exposure_ms or auto_exposure", got="both", remedy="drop one")
         if self.white_balance_k is not None and self.auto_white_balance:
-            raise CameraError("expected white_balance_k or auto_white_balance, got both; drop one")
+            raise CameraError(expected="white_balance_k or auto_white_balance", got="both", remedy="drop one")
         if self.pixel_format is not None and len(self.pixel_format) != 4:
-            raise CameraError(f"expected pixel_format of four letters, got '{self.pixel_format}'; try MJPG or YUYV")
+            raise CameraError(
+                expected="pixel_format of four letters", got=f"'{self.pixel_format}'", remedy="try MJPG or YUYV"
+            )
 
 
 DEFAULT_CAMERA = CameraSettings()
@@ -282,7 +285,9 @@ class ImageFolder(ImageFileList, AddressedFrameSource):
         self.images = tuple(_list_images(self.folder))
         if not self.images:
             kinds = ", ".join(IMAGE_SUFFIXES)
-            raise CameraError(f"expected a folder of images ({kinds}), got none in {self.folder}; check the path")
+            raise CameraError(
+                expected=f"a folder of images ({kinds})", got=f"none in {self.folder}", remedy="check the path"
+            )
         super().open()
 
 

@@ -33,12 +33,14 @@ class NetworkStream(AddressedFrameSource):
             return None
         scheme = address.partition("://")[0]
         if scheme.lower() not in _SCHEMES:
-            raise InputError(f"expected one of {', '.join(_SCHEMES)} before ://, got {scheme}; correct it")
+            raise InputError(expected=f"one of {', '.join(_SCHEMES)} before ://", got=f"{scheme}", remedy="correct it")
         try:
             urlsplit(address)
         except ValueError as fault:
             raise InputError(
-                f"expected an address of a stream, got one that cannot be read ({fault}); write it as in a browser"
+                expected="an address of a stream",
+                got=f"one that cannot be read ({fault})",
+                remedy="write it as in a browser",
             ) from fault
         return cls(address)
 
@@ -51,7 +53,9 @@ class NetworkStream(AddressedFrameSource):
         if grabber.read() is None:
             grabber.release()
             raise CameraError(
-                f"expected a video stream at {self.name}, got none; check the address, and open it in a browser or VLC"
+                expected=f"a video stream at {self.name}",
+                got="none",
+                remedy="check the address, and open it in a browser or VLC",
             )
         grabber.next_index = 0
         self._grabber = grabber
@@ -62,7 +66,9 @@ class NetworkStream(AddressedFrameSource):
             raise SourceNotOpen(self.name)
         frame = self._grabber.read()
         if frame is None:
-            raise CameraLost(f"expected an image from {self.name}, got none; check the camera and the network")
+            raise CameraLost(
+                expected=f"an image from {self.name}", got="none", remedy="check the camera and the network"
+            )
         return frame
 
     def close(self) -> None:

@@ -35,7 +35,9 @@ def _open_picamera(number: int) -> Any:
     try:
         from picamera2 import Picamera2
     except ImportError as absence:
-        raise CameraError(f"expected picamera2 for csi:{number}, got no such package; {_INSTALL_HINT}") from absence
+        raise CameraError(
+            expected=f"picamera2 for csi:{number}", got="no such package", remedy=f"{_INSTALL_HINT}"
+        ) from absence
     try:
         return Picamera2(number)
     except (IndexError, RuntimeError) as trouble:
@@ -100,7 +102,9 @@ class RaspberryPiCamera(AddressedFrameSource):
     def _start(self, camera: Any) -> None:
         controls = dict(_libcamera_controls(self.settings))
         if unknown := [name for name in controls if name not in camera.camera_controls]:
-            raise CameraError(f"expected {self.name} to take {unknown[0]}, got no such control; leave it out")
+            raise CameraError(
+                expected=f"{self.name} to take {unknown[0]}", got="no such control", remedy="leave it out"
+            )
         # The format "RGB888" of picamera2 lies in memory as blue, green, red. Without a queue an image is never older
         # than the request for it.
         main = {"format": "RGB888", "size": self.settings.size_px or (640, 480)}
@@ -117,7 +121,9 @@ class RaspberryPiCamera(AddressedFrameSource):
             if all(math.isclose(got[name], value, rel_tol=_RELATIVE_TOLERANCE) for name, value in wanted.items()):
                 return
         raise CameraError(
-            f"expected {self.name} to take {wanted}, got { {name: got[name] for name in wanted} }; ask for other values"
+            expected=f"{self.name} to take {wanted}",
+            got=f"{ {name: got[name] for name in wanted} }",
+            remedy="ask for other values",
         )
 
     def _capture(self, camera: Any) -> tuple[Any, dict[str, Any]]:
@@ -125,14 +131,18 @@ class RaspberryPiCamera(AddressedFrameSource):
         try:
             (image,), metadata = job.get_result(timeout=_SILENCE_LIMIT_S)
         except TimeoutError as silence:
-            raise CameraLost(f"expected an image from {self.name}, got none; check the ribbon cable") from silence
+            raise CameraLost(
+                expected=f"an image from {self.name}", got="none", remedy="check the ribbon cable"
+            ) from silence
         return np.array(image, order="C"), metadata
 
 
 def _libcamera_controls(settings: CameraSettings) -> Iterator[tuple[str, _Control]]:
     """Yield the settings as controls of libcamera; raises `CameraError` for those that it does not have."""
     if settings.pixel_format is not None or settings.white_balance_k is not None:
-        raise CameraError("expected no pixel_format and no white_balance_k on a Raspberry Pi, got one; leave it out")
+        raise CameraError(
+            expected="no pixel_format and no white_balance_k on a Raspberry Pi", got="one", remedy="leave it out"
+        )
     if settings.rate_hz is not None:
         yield "FrameRate", settings.rate_hz
     if settings.auto_exposure is not None or settings.exposure_ms is not None:

@@ -40,6 +40,8 @@ def camera_or_file_source(address: str, settings: CameraSettings = DEFAULT_CAMER
             return source
     path = Path(address).expanduser()
     if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
-        raise InputError(f"expected a source of many images, got the single image {address}; name its folder")
+        raise InputError(
+            expected="a source of many images", got=f"the single image {address}", remedy="name its folder"
+        )
     accepted = ", ".join(kind.address_help for kind in SOURCE_TYPES)
-    raise InputError(f"expected {accepted}, got '{address}', which is none of these; correct it")
+    raise InputError(expected=f"{accepted}", got=f"'{address}', which is none of these", remedy="correct it")

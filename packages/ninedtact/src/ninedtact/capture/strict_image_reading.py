@@ -44,7 +44,9 @@ def read_image(path: str | Path) -> UInt8[Array, "rows cols 3"]:
     fault = image_file_fault(content)
     decoded = _decode(content) if fault is None else fault
     if isinstance(decoded, str):
-        raise FileFormatError(f"expected an image in {path}, got {decoded}; record it again, or save it as 8-bit PNG")
+        raise FileFormatError(
+            expected=f"an image in {path}", got=f"{decoded}", remedy="record it again, or save it as 8-bit PNG"
+        )
     return decoded
 
 
@@ -114,17 +116,17 @@ def _decode(content: bytes) -> UInt8[Array, "rows cols 3"] | str:
 def _read_file_bytes(path: Path) -> bytes:
     """Return the bytes of a file; raises `FileFormatError` with what is wrong with the path or the file."""
     if path.is_dir():
-        raise FileFormatError(f"expected an image file, got the folder {path}; name one file in it")
+        raise FileFormatError(expected="an image file", got=f"the folder {path}", remedy="name one file in it")
     if not path.exists():
-        raise FileFormatError(f"expected an image at {path}, got no such file; check the path")
+        raise FileFormatError(expected=f"an image at {path}", got="no such file", remedy="check the path")
     if not path.is_file() or path.stat().st_size > _LARGEST_FILE_BYTES:
-        raise FileFormatError(f"expected an image file, got {path}, a device or a huge file; check the path")
+        raise FileFormatError(expected="an image file", got=f"{path}, a device or a huge file", remedy="check the path")
     try:
         content = path.read_bytes()
     except OSError as trouble:
         raise FileFormatError(f"expected to read {path}, got: {trouble.strerror}; check its permissions") from trouble
     if not content:
-        raise FileFormatError(f"expected an image in {path}, got an empty file; record it again")
+        raise FileFormatError(expected=f"an image in {path}", got="an empty file", remedy="record it again")
     return content
 
 
@@ -133,7 +135,7 @@ def require_image_size(image: Shaped[Array, "rows cols *channels"], rows: int, c
     got_rows, got_cols = image.shape[:2]
     if (got_rows, got_cols) != (rows, cols):
         raise FileFormatError(
-            f"expected {what} to be {cols} x {rows} pixels, got {got_cols} x {got_rows}; record both alike"
+            expected=f"{what} to be {cols} x {rows} pixels", got=f"{got_cols} x {got_rows}", remedy="record both alike"
         )
 
 
@@ -143,7 +145,7 @@ def average_images(images: Sequence[UInt8[Array, "_ _ 3"]]) -> UInt8[Array, "row
     Raises `FileFormatError` for images of different sizes and `FileFormatError` for no images.
     """
     if not images:
-        raise FileFormatError("expected at least one image to average, got none; name the images")
+        raise FileFormatError(expected="at least one image to average", got="none", remedy="name the images")
     rows, cols = images[0].shape[:2]
     total = np.zeros((rows, cols, 3), np.uint32)
     for number, image in enumerate(images, start=1):

@@ -125,7 +125,9 @@ class UvcCamera(AddressedFrameSource):
         """Wait for the next image; raises `CameraLost` after two seconds of silence."""
         frame = _read_past_damaged_images(self._open_grabber())
         if frame is None:
-            raise CameraLost(f"expected an image from {self.name}, got none; {_silence_remedy(self.device)}")
+            raise CameraLost(
+                expected=f"an image from {self.name}", got="none", remedy=f"{_silence_remedy(self.device)}"
+            )
         return frame
 
     def close(self) -> None:
@@ -148,8 +150,9 @@ class UvcCamera(AddressedFrameSource):
         if len(found) != 1:
             others = ", ".join(f"{' or '.join(device.usb_addresses)} ({device.name})" for device in devices) or "none"
             raise CameraError(
-                f"expected one camera at {self.device}, got {len(found) or 'none'}; plug it in or name another (this machine has "
-                f"{others})"
+                expected=f"one camera at {self.device}",
+                got=f"{len(found) or 'none'}",
+                remedy=f"plug it in or name another (this machine has {others})",
             )
         return found[0]
 
@@ -159,7 +162,9 @@ class UvcCamera(AddressedFrameSource):
         _apply_settings(self.settings, capture, self.name)
         grabber = ThreadSafeVideoCapture(self.name, capture, _arrival_ns)
         if _read_past_damaged_images(grabber) is None:
-            raise CameraError(f"expected an image from {self.name}, got none; plug it in again, or try another one")
+            raise CameraError(
+                expected=f"an image from {self.name}", got="none", remedy="plug it in again, or try another one"
+            )
         grabber.next_index = 0  # the first image after opening is often half exposed and is not counted
         return grabber
 
@@ -215,7 +220,9 @@ def _apply_settings(settings: CameraSettings, capture: VideoCaptureProtocol, nam
         if not setting.is_in_force(capture):
             got = capture.get(setting.prop)
             raise CameraError(
-                f"expected {name} to take {setting.label} {setting.accepted[0]:g}, got {got:g}; {setting.remedy}"
+                expected=f"{name} to take {setting.label} {setting.accepted[0]:g}",
+                got=f"{got:g}",
+                remedy=f"{setting.remedy}",
             )
 
 

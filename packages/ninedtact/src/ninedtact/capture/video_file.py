@@ -68,12 +68,12 @@ class VideoFile(AddressedFrameSource):
             if self._images is not None:
                 return
             if not self.path.is_file():
-                raise CameraError(f"expected a video file at {self.path}, got none; check the path")
+                raise CameraError(expected=f"a video file at {self.path}", got="none", remedy="check the path")
             silence_video_libraries()
             images = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
             if not images.isOpened():
                 raise FileFormatError(
-                    f"expected a video in {self.path}, got something else or half a file; record it again"
+                    expected=f"a video in {self.path}", got="something else or half a file", remedy="record it again"
                 )
             self._packets = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
             self._rate_hz, self._announced = images.get(cv2.CAP_PROP_FPS), images.get(cv2.CAP_PROP_FRAME_COUNT)
@@ -88,7 +88,8 @@ class VideoFile(AddressedFrameSource):
     def read(self) -> Frame:
         """Return the next undamaged image; raises `SourceEnded` after the last.
 
-        Raises `SourceIncomplete` instead, once, where images are missing or damaged, and `FileFormatError` where their size changes.
+        Raises `SourceIncomplete` instead, once, where images are missing or damaged, and `FileFormatError` where their size
+        changes.
         """
         with self._lock:
             if self._images is None:
@@ -138,8 +139,9 @@ class VideoFile(AddressedFrameSource):
         if size != (rows, cols):
             self._is_over = True
             raise FileFormatError(
-                f"expected all images of {self.path} to be {cols} x {rows} pixels, got {size[1]} x {size[0]} after "
-                f"{len(self._positions_ms)} images; use what was read before, or record it again at one size"
+                expected=f"all images of {self.path} to be {cols} x {rows} pixels",
+                got=f"{size[1]} x {size[0]} after {len(self._positions_ms)} images",
+                remedy="use what was read before, or record it again at one size",
             )
 
     def _require_all_images(self) -> None:

@@ -133,7 +133,9 @@ def _command_place(name: str) -> tuple[str, str]:
     found = tuple(entry_points(group="ninedtact.commands", name=name))
     if not found:
         raise CommandNotInstalled(
-            f"expected the distribution that brings 'ninedtact {name}', got none; run {installation_command(place.strip('[]'))}"
+            expected=f"the distribution that brings 'ninedtact {name}'",
+            got="none",
+            remedy=f"run {installation_command(place.strip('[]'))}",
         )
     return found[0].module, found[0].attr
 

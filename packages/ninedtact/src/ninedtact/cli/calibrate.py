@@ -137,7 +137,9 @@ class CalibrateCommand:
         images_given = self.images is not None or any(getattr(self, name) for name in _IMAGE_NAMES)
         if images_given or self.from_import is not None:
             raise InputError(
-                "expected --page alone or with --source, since it takes the images itself, got images or --from-import; drop --page"
+                expected="--page alone or with --source, since it takes the images itself",
+                got="images or --from-import",
+                remedy="drop --page",
             )
         design, settings, name = self.resolved_design, self.settings, self.sensor_id
         page = CalibrationPageServer(self.out, name, design, settings, self.on_page, self.source, self.automatic)
@@ -163,8 +165,9 @@ class CalibrateCommand:
         given, standard, kept = self.resolved_design, SensorDesign(), folder.record.design
         if replace(given, ball=kept.ball) not in (replace(standard, ball=kept.ball), kept):
             raise InputError(
-                f"expected the design that {folder.path} was made with, got another one; leave out --design, or give the images of "
-                "the board as well"
+                expected=f"the design that {folder.path} was made with",
+                got="another one",
+                remedy="leave out --design, or give the images of the board as well",
             )
         _require_kept_lens(self.settings, folder)
         is_ball_given = self.ball_radius_mm is not None or given.ball != standard.ball
@@ -183,8 +186,9 @@ class CalibrateCommand:
             return load_sensor(origin)
         if self.from_import is None:
             raise InputError(
-                f"expected --out to be a sensor that was calibrated with the board, got images of the ball alone and {self.out}, "
-                "which is none; give the images of the board as well"
+                expected="--out to be a sensor that was calibrated with the board",
+                got=f"images of the ball alone and {self.out}, which is none",
+                remedy="give the images of the board as well",
             )
         return import_original_calibration(origin, scratch / origin.resolve().name, self.resolved_design)
 
@@ -195,7 +199,9 @@ class CalibrateCommand:
         if self.design_file is not None:
             if design != SensorDesign():
                 raise InputError(
-                    f"expected --design {self.design_file} or single --design.… options, got both; write them into the file"
+                    expected=f"--design {self.design_file} or single --design.… options",
+                    got="both",
+                    remedy="write them into the file",
                 )
             design = read_design_or_default(self.design_file)
         if self.ball_radius_mm is None:
@@ -225,18 +231,22 @@ class CalibrateCommand:
         got += [name for name, way in zip(("--images", "--source"), ways[1:], strict=True) if way]
         if self.from_import is not None:
             raise InputError(
-                "expected --ball-reference and --ball beside --from-import, or --images with a folder of them, got "
-                f"{', '.join(got) or 'none of them'}; give the two images of the ball"
+                expected="--ball-reference and --ball beside --from-import, or --images with a folder of them",
+                got=f"{', '.join(got) or 'none of them'}",
+                remedy="give the two images of the ball",
             )
         lacking = [partner for pair in (_BOARD_NAMES, _BALL_NAMES) for partner in pair if len({*pair} & {*given}) == 1]
         if sum(ways) == 1 and lacking:
             missing = ", ".join("--" + name.replace("_", "-") for name in lacking if name not in given)
             raise InputError(
-                f"expected two images of each press, without and with contact, got {', '.join(got)} alone; give {missing} as well"
+                expected="two images of each press, without and with contact",
+                got=f"{', '.join(got)} alone",
+                remedy=f"give {missing} as well",
             )
         raise InputError(
-            f"expected all of {_IMAGE_OPTIONS}, or the two of one press, or --images alone, or --source alone, got "
-            f"{', '.join(got) or 'none of them'}; give the four images, a folder of them, or a camera"
+            expected=f"all of {_IMAGE_OPTIONS}, or the two of one press, or --images alone, or --source alone",
+            got=f"{', '.join(got) or 'none of them'}",
+            remedy="give the four images, a folder of them, or a camera",
         )
 
     @property
@@ -268,8 +278,9 @@ def _require_no_depth_lost(out: Path) -> None:
 
     if (out / SENSOR_FILE).is_file() and load_sensor(out).record.depth is not None:
         raise InputError(
-            f"expected images of the ball as well, since {out} is calibrated for depth, got those of the board alone; give all "
-            "four, or choose another --out"
+            expected=f"images of the ball as well, since {out} is calibrated for depth",
+            got="those of the board alone",
+            remedy="give all four, or choose another --out",
         )
 
 
@@ -283,8 +294,10 @@ def _require_kept_lens(settings: CalibrationSettings, folder: "SensorFolder") ->
         refused.append("--lens paper")
     if refused:
         raise InputError(
-            f"expected the lens and the camera rotation ({kept}°) of {folder.path}, which images of the ball alone keep, got "
-            f"{' and '.join(refused)}; leave that out, or give the images of the board as well"
+            expected=f"the lens and the camera rotation ({kept}°) of {folder.path}, which images of the ball "
+            "alone keep",
+            got=f"{' and '.join(refused)}",
+            remedy="leave that out, or give the images of the board as well",
         )
 
 
@@ -350,5 +363,7 @@ def _follow_step(
             if advice.image is not None:
                 return advice.image
     raise CameraError(
-        f"expected images until the step '{step.instruction}' was done, got the end of the recording; record it longer"
+        expected=f"images until the step '{step.instruction}' was done",
+        got="the end of the recording",
+        remedy="record it longer",
     )

@@ -35,7 +35,9 @@ class CheckCommand:
         from ninedtact.capture.strict_image_reading import read_image
 
         if not self.reference:
-            raise InputError("expected at least one reference image (no contact), got none; name it after the options")
+            raise InputError(
+                expected="at least one reference image (no contact)", got="none", remedy="name it after the options"
+            )
         folder = load_sensor_with_notices(self.sensor)
         known = load_calibrated_reference(folder)
         measured = [measure_drift(known, read_image(path)) for path in self.reference]

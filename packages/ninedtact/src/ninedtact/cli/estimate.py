@@ -93,7 +93,9 @@ class Estimate:
         """Raise `InputError` for a point with a coordinate that is no number, or beyond all arms."""
         if not all(abs(coordinate) <= _MAX_ARM_MM for coordinate in self.about_mm):
             raise InputError(
-                f"expected --about-mm X Y Z of at most {_MAX_ARM_MM:g} mm each, got {self.about_mm}; 0 0 0 is the skin's centre"
+                expected=f"--about-mm X Y Z of at most {_MAX_ARM_MM:g} mm each",
+                got=f"{self.about_mm}",
+                remedy="0 0 0 is the skin's centre",
             )
 
     def open_on_source(self, folder: "SensorFolder") -> "Sensor":
@@ -144,19 +146,20 @@ class Estimate:
     def named_source(self) -> "str | FrameSource":
         """Return the named images as a source, or the address of another source; raises `InputError`."""
         if not self.source:
-            raise InputError("expected images of the pressed gel, got none; name them after the options")
+            raise InputError(expected="images of the pressed gel", got="none", remedy="name them after the options")
         if all(_is_image(text) for text in self.source):
             if not self.reference:
                 raise InputError(
-                    "expected --reference with single images, got none; name a reference image (no contact)"
+                    expected="--reference with single images", got="none", remedy="name a reference image (no contact)"
                 )
             from ninedtact.capture.frame_source import ImageFileList
 
             return ImageFileList([Path(text).expanduser() for text in self.source])
         if len(self.source) > 1:
             raise InputError(
-                f"expected images, or one video, folder or recording, got {len(self.source)} names that are not all "
-                "images; run the command once for each"
+                expected="images, or one video, folder or recording",
+                got=f"{len(self.source)} names that are not all images",
+                remedy="run the command once for each",
             )
         return self.source[0]
 

@@ -73,8 +73,9 @@ class Adapt:
         takes_page = self.on_page.page and not (self.reference or self.press or self.dry_run)
         if not (takes_images or takes_page):
             raise InputError(
-                f"expected --reference and --press with images, or --page alone or with --source, got {got}; give the images, or "
-                "let the page take them"
+                expected="--reference and --press with images, or --page alone or with --source",
+                got=f"{got}",
+                remedy="give the images, or let the page take them",
             )
 
     def _calibrate_on_page(self) -> int:

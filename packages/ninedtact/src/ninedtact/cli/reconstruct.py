@@ -46,7 +46,9 @@ class ReconstructCommand:
         from ninedtact.shape.image_plausibility import ImageImplausible, require_plausible_image
 
         if not self.images:
-            raise InputError("expected at least one image of the pressed skin, got none; name it after the options")
+            raise InputError(
+                expected="at least one image of the pressed skin", got="none", remedy="name it after the options"
+            )
         folder = load_sensor_with_notices(self.sensor)
         shape = folder.shape
         depth = shape.depth_reader(*load_reference_image_checker(folder).read_images(self.reference))

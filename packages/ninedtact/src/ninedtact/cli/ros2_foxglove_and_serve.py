@@ -127,9 +127,13 @@ class Ros2:
         require_points_every(self.points_every)
         named = parse_named_sources(self.source, self.sensor)
         if "" not in named and self.name is not None:
-            raise InputError(f"expected --name with a --source that has no name, got {', '.join(named)}; drop --name")
+            raise InputError(
+                expected="--name with a --source that has no name", got=f"{', '.join(named)}", remedy="drop --name"
+            )
         if len(named) > 1 and self.force_torque is not None:
-            raise InputError("expected one --source with --force-torque, got several; start one command for each")
+            raise InputError(
+                expected="one --source with --force-torque", got="several", remedy="start one command for each"
+            )
         for address, _ in named.values():
             require_matching_force_source(address, self.force_torque, is_twin_address)
         with ExitStack() as opened:
@@ -232,7 +236,7 @@ class Foxglove:
         require_duration(self.shared.seconds)
         require_points_every(self.points_every)
         if self.layout is not None and self.layout.exists():
-            raise InputError(f"expected --layout to name a new file, got {self.layout}; choose another name")
+            raise InputError(expected="--layout to name a new file", got=f"{self.layout}", remedy="choose another name")
         served = 0
         with (
             self.shared.assemble(self.source, self.sensor) as (folder, live),
@@ -292,8 +296,9 @@ def _require_libraries(extra: str, *names: str) -> None:
     absent = [name for name in names if find_spec(name) is None]
     if absent:
         raise MissingLibraryError(
-            f"expected {' and '.join(names)}, which this command needs, got no {' and no '.join(absent)}; run "
-            f"{installation_command(extra)}"
+            expected=f"{' and '.join(names)}, which this command needs",
+            got=f"no {' and no '.join(absent)}",
+            remedy=f"run {installation_command(extra)}",
         )
     if other := find_incompatible_library(extra):
         raise MissingLibraryError(f"{other}; run {installation_command(extra)}")

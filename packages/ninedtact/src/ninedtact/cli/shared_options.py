@@ -110,13 +110,13 @@ DesignFileOption = Annotated[Path | None, arg(name="design")]
 def require_duration(seconds: float | None) -> None:
     """Raise `InputError` for a duration that is not above zero."""
     if seconds is not None and not 0 < seconds < float("inf"):
-        raise InputError(f"expected --seconds above zero, got {seconds}; drop it, or give a longer time")
+        raise InputError(expected="--seconds above zero", got=f"{seconds}", remedy="drop it, or give a longer time")
 
 
 def require_points_every(points_every: int) -> None:
     """Raise `InputError` for a number of rows and columns that is not above zero."""
     if points_every < 1:
-        raise InputError(f"expected --points-every of 1 or more, got {points_every}; drop it")
+        raise InputError(expected="--points-every of 1 or more", got=f"{points_every}", remedy="drop it")
 
 
 _NAMED_ADDRESS = re.compile(r"(?P<name>[A-Za-z][A-Za-z0-9_]*)=(?P<address>.+)")
@@ -130,12 +130,14 @@ def parse_named_sources(source: tuple[str, ...], sensor: tuple[str, ...]) -> dic
     """
     if len(source) == 1 and _NAMED_ADDRESS.match(source[0]) is None:
         if len(sensor) > 1:
-            raise InputError(f"expected one --sensor with one --source, got {len(sensor)}; drop the others")
+            raise InputError(expected="one --sensor with one --source", got=f"{len(sensor)}", remedy="drop the others")
         return {"": (source[0], Path(sensor[0]).expanduser() if sensor else None)}
     sources, sensors = _split_named("--source", source), _split_named("--sensor", sensor)
     if strangers := sensors.keys() - sources.keys():
         raise InputError(
-            f"expected --sensor for {', '.join(sources)}, got one for {min(strangers)}; name it as its source"
+            expected=f"--sensor for {', '.join(sources)}",
+            got=f"one for {min(strangers)}",
+            remedy="name it as its source",
         )
     folders = {name: Path(path).expanduser() for name, path in sensors.items()}
     return {name: (address, folders.get(name)) for name, address in sources.items()}
@@ -148,7 +150,9 @@ def _split_named(option: str, named: tuple[str, ...]) -> dict[str, str]:
         match = _NAMED_ADDRESS.match(text)
         if match is None or match["name"] in found:
             raise InputError(
-                f"expected {option} with a name of its own for each of several, such as left=usb:1-2, got {text}; name each"
+                expected=f"{option} with a name of its own for each of several, such as left=usb:1-2",
+                got=f"{text}",
+                remedy="name each",
             )
         found[match["name"]] = match["address"]
     return found
@@ -173,4 +177,6 @@ def read_design_or_default(path: Path | None) -> SensorDesign:
 def refuse_design_beside_sensor(sensor: Path | None, design: Path | None) -> None:
     """Refuse a calibrated sensor, whose folder has its design, beside a design file; raises `InputError`."""
     if sensor is not None and design is not None:
-        raise InputError(f"expected --sensor or --design, got both ({sensor} has its own design); drop one of them")
+        raise InputError(
+            expected="--sensor or --design", got=f"both ({sensor} has its own design)", remedy="drop one of them"
+        )

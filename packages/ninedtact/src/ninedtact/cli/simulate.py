@@ -160,7 +160,7 @@ class _Press:
         from ninedtact.simulation.trajectory import ScriptedPress
 
         if self.seed < 0:
-            raise InputError(f"expected a seed of zero or more, got {self.seed}; give another")
+            raise InputError(expected="a seed of zero or more", got=f"{self.seed}", remedy="give another")
         tilt = radians(self.tilt_deg[0]), radians(self.tilt_deg[1])
         return ScriptedPress(self.depth_mm, self.load_n, self.at_mm, self.drag_mm, radians(self.twist_deg), tilt)
 

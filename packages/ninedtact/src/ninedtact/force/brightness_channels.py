@@ -141,8 +141,9 @@ def deformation_from_mixed_image(
     impossible = (darker > reference) | (brighter > LEVELS - 1 - reference) | ((darker > 0) & (brighter > 0))
     if impossible.any():
         raise NotAMixedImage(
-            f"expected blue the reference, green 3 times brighter and red 3 times darker, got {impossible.mean():.1%} of the "
-            "pixels that cannot be; give the PNG files of mixed_image as the original's collect_data.py saved them"
+            expected="blue the reference, green 3 times brighter and red 3 times darker",
+            got=f"{impossible.mean():.1%} of the pixels that cannot be",
+            remedy="give the PNG files of mixed_image as the original's collect_data.py saved them",
         )
     darker, brighter, reference = (part.astype(np.float32) for part in (darker, brighter, reference))
     return Deformation(darker, brighter, reference, mm_per_px, stamp_ns)
@@ -167,8 +168,9 @@ def require_same_pixel_grid(rectified: Rectified, reference: Rectified) -> None:
     scales = rectified.mm_per_px, reference.mm_per_px
     if sizes[0] != sizes[1] or abs(scales[0] / scales[1] - 1) > SAME_SCALE:
         raise InputError(
-            f"expected an image and its reference alike, got {sizes[0]} at {scales[0]:.4f} and {sizes[1]} at "
-            f"{scales[1]:.4f} mm per pixel; take the reference from the same sensor and session"
+            expected="an image and its reference alike",
+            got=f"{sizes[0]} at {scales[0]:.4f} and {sizes[1]} at {scales[1]:.4f} mm per pixel",
+            remedy="take the reference from the same sensor and session",
         )
 
 
@@ -178,8 +180,9 @@ def require_aspect(shape: tuple[int, int], wanted: tuple[int, int]) -> None:
     fitting = rows * wanted[1] / cols
     if min(wanted) < 1 or abs(wanted[0] - fitting) > 1:
         raise InputError(
-            f"expected a size with the sides of {cols} x {rows} pixels, got {wanted[1]} x {wanted[0]}; ask for "
-            f"{max(wanted[1], 1)} x {max(round(fitting), 1)}"
+            expected=f"a size with the sides of {cols} x {rows} pixels",
+            got=f"{wanted[1]} x {wanted[0]}",
+            remedy=f"ask for {max(wanted[1], 1)} x {max(round(fitting), 1)}",
         )
 
 

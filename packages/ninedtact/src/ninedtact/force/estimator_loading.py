@@ -63,8 +63,9 @@ def without_contact_detection(estimator: "ForceEstimator") -> "ForceEstimator":
 
     if not isinstance(estimator, NetworkForce):
         raise ForceEstimationError(
-            f"expected a force model to run without contact detection, got {estimator.name!r}; drop "
-            "--without-contact-detection, or give --force MODEL.onnx"
+            expected="a force model to run without contact detection",
+            got=f"{estimator.name!r}",
+            remedy="drop --without-contact-detection, or give --force MODEL.onnx",
         )
     return replace(estimator, contact_test=lambda _: True)
 

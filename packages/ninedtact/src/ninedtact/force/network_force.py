@@ -47,8 +47,9 @@ class NetworkForce(ForceEstimator):
         self.name, self.model_sha256 = self.model.card.name, self.model.sha256
         if self.features is None and self.model.card.input.channels.needs_sensor_features:
             raise ForceEstimationError(
-                f"expected the features of the sensor for the force model {self.name!r}, which was trained with them, got none; "
-                "use load_sensor(FOLDER).estimator(MODEL), or give features=sensor_features_of(shape, gel)"
+                expected=f"the features of the sensor for the force model {self.name!r}, which was trained with them",
+                got="none",
+                remedy="use load_sensor(FOLDER).estimator(MODEL), or give features=sensor_features_of(shape, gel)",
             )
         self.input = NetworkInputBuilder(self.model.card.input, self.features or SensorFeatures(self.gel.thickness_mm))
         self._no_contact_std: Float64[Array, 6] | None = None

@@ -183,8 +183,9 @@ class NetworkInputBuilder:
         """Return the input for one reading; raises `ForceEstimationError`, `InputError`."""
         if self.settings.channels.of_physics:
             raise ForceEstimationError(
-                "expected the tractions that physics found for a network that corrects them, got a reading alone; load the model "
-                "with load_sensor(FOLDER).estimator(MODEL)"
+                expected="the tractions that physics found for a network that corrects them",
+                got="a reading alone",
+                remedy="load the model with load_sensor(FOLDER).estimator(MODEL)",
             )
         if self.settings.channels.of_heights:
             return self.of_height(reading.height)

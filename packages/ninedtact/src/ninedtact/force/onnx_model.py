@@ -144,7 +144,9 @@ class ForceModel:
         prediction = WrenchPrediction(found[0], found[1] if len(found) > 1 else np.full_like(found[0], np.inf))
         if not np.isfinite(prediction.wrench).all() or np.isnan(prediction.scale).any():
             raise ForceModelUnusable(
-                f"expected finite weights in {self.file}, got a network whose wrench is not a number; copy or train it again"
+                expected=f"finite weights in {self.file}",
+                got="a network whose wrench is not a number",
+                remedy="copy or train it again",
             )
         return prediction
 
@@ -157,7 +159,9 @@ def read_force_model(path: Path | str) -> ForceModel:
         raise ForceModelUnusable(f"expected a force model, got: {trouble}; give the .onnx file of one") from trouble
     if Path(path) == SHIPPED_MODEL and sha256(content).hexdigest() != _SHIPPED_SHA256:
         raise ForceModelUnusable(
-            f"expected the model that ships with this version, got other content in {path}; install ninedtact again"
+            expected="the model that ships with this version",
+            got=f"other content in {path}",
+            remedy="install ninedtact again",
         )
     return parse_force_model(content, str(path))
 
@@ -216,8 +220,9 @@ def build_onnx_session(content: bytes, name: str) -> "InferenceSession":
         return InferenceSession(content, options, providers=["CPUExecutionProvider"])
     except Exception as trouble:  # the exceptions of ONNX Runtime have no other common base class
         raise ForceModelUnusable(
-            f"expected a whole ONNX model in {name}, got {len(content)} bytes that are none ({_first_line(trouble)}); copy or "
-            "train it again"
+            expected=f"a whole ONNX model in {name}",
+            got=f"{len(content)} bytes that are none ({_first_line(trouble)})",
+            remedy="copy or train it again",
         ) from trouble
 
 
@@ -226,14 +231,17 @@ def read_model_card(session: "InferenceSession", name: str) -> ModelCard:
     text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
     if text is None:
         raise ForceModelUnusable(
-            f"expected a model that ninedtact wrote in {name}, got an ONNX file without its card; give one that 'ninedtact "
-            "train' made"
+            expected=f"a model that ninedtact wrote in {name}",
+            got="an ONNX file without its card",
+            remedy="give one that 'ninedtact train' made",
         )
     try:
         table = msgspec.json.decode(text, type=dict[str, Any])
         if table.get("format") != MODEL_FORMAT:
             raise ForceModelUnusable(
-                f"expected {name} in format {MODEL_FORMAT}, got format {table.get('format')}; update ninedtact, or train again"
+                expected=f"{name} in format {MODEL_FORMAT}",
+                got=f"format {table.get('format')}",
+                remedy="update ninedtact, or train again",
             )
         return convert_tables_to_class(table, ModelCard)
     except (ValueError, RecursionError, NinedtactError) as trouble:
@@ -251,8 +259,9 @@ def require_graph_matches_card(session: "InferenceSession", card: ModelCard, nam
     expected = [(INPUT_NAME, card.input.shape)]
     if taken != expected or given not in ([(WRENCH_NAME, (6,))], [(WRENCH_NAME, (6,)), (SCALE_NAME, (6,))]):
         raise ForceModelUnusable(
-            f"expected a graph in {name} from {expected[0][1]} to {WRENCH_NAME} and {SCALE_NAME}, got "
-            f"{format_tensor_names(taken)} to {format_tensor_names(given)}; train it again"
+            expected=f"a graph in {name} from {expected[0][1]} to {WRENCH_NAME} and {SCALE_NAME}",
+            got=f"{format_tensor_names(taken)} to {format_tensor_names(given)}",
+            remedy="train it again",
         )
 
 

@@ -39,8 +39,10 @@ def parse_qos(choices: tuple[str, ...]) -> dict[str, QosProfile]:
         topic, _, profile = choice.partition("=")
         if topic not in profiles or profile not in list(QosProfile):
             raise InputError(
-                f"expected --qos as TOPIC=PROFILE with a topic of {', '.join(profiles)} and a profile of "
-                f"{', '.join(QosProfile)}, got {choice}; correct it"
+                expected=f"--qos as TOPIC=PROFILE with a topic of {', '.join(profiles)} and a profile of "
+                f"{', '.join(QosProfile)}",
+                got=f"{choice}",
+                remedy="correct it",
             )
         profiles[topic] = QosProfile(profile)
     return profiles
@@ -109,7 +111,9 @@ class DdsParticipant:
         known = [name for _, name in if_nameindex()]
         if self.interface is not None and self.interface not in known:
             raise DeviceError(
-                f"expected --interface to name one of {', '.join(known) or 'no network interfaces'}, got {self.interface}; name one"
+                expected=f"--interface to name one of {', '.join(known) or 'no network interfaces'}",
+                got=f"{self.interface}",
+                remedy="name one",
             )
         from cyclonedds.core import DDSException
         from cyclonedds.domain import Domain, DomainParticipant
@@ -121,8 +125,10 @@ class DdsParticipant:
             self._participant = DomainParticipant(self.domain)
         except DDSException as error:
             raise DeviceError(
-                f"expected a network interface for DDS in domain {self.domain}, got none that works; name one with --interface, "
-                f"{_LOOPBACK} for this computer alone, or correct {_CONFIGURATION_VARIABLE}"
+                expected=f"a network interface for DDS in domain {self.domain}",
+                got="none that works",
+                remedy=f"name one with --interface, {_LOOPBACK} for this computer alone, or correct "
+                f"{_CONFIGURATION_VARIABLE}",
             ) from error
         return self
 
@@ -165,7 +171,9 @@ def resolve_domain(domain: int | None) -> int:
     text = (os.environ.get(_DOMAIN_VARIABLE) or "0") if domain is None else str(domain)
     if not text.isdecimal() or int(text) > _LAST_DOMAIN:
         raise InputError(
-            f"expected a DDS domain from 0 to {_LAST_DOMAIN}, got {text}; correct --domain or {_DOMAIN_VARIABLE}"
+            expected=f"a DDS domain from 0 to {_LAST_DOMAIN}",
+            got=f"{text}",
+            remedy=f"correct --domain or {_DOMAIN_VARIABLE}",
         )
     return int(text)
 

@@ -55,7 +55,7 @@ def require_mujoco(*packages: str) -> None:
     absent = [name for name in ("mujoco", *packages) if find_spec(name) is None]
     if absent:
         raise MissingLibraryError(
-            f"expected {' and '.join(absent)}, got no such package; run {installation_command('mujoco')}"
+            expected=f"{' and '.join(absent)}", got="no such package", remedy=f"run {installation_command('mujoco')}"
         )
     if other := find_incompatible_library("mujoco"):
         raise MissingLibraryError(f"{other}; run {installation_command('mujoco')}")
@@ -257,9 +257,10 @@ class TactileSensor(FrameSource):
         for one in touching:
             if one.deepest_mm >= self.twin.thickness_mm:
                 raise SimulationError(
-                    f"expected body {self.model.body(one.body).name or one.body} less deep in the gel than its base, "
-                    f"{self.twin.thickness_mm:g} mm, got {one.deepest_mm:.2f} mm at {self.data.time:.3f} s; place it above the "
-                    "skin, move it slower, or take smaller time steps"
+                    expected=f"body {self.model.body(one.body).name or one.body} less deep in the gel than its "
+                    f"base, {self.twin.thickness_mm:g} mm",
+                    got=f"{one.deepest_mm:.2f} mm at {self.data.time:.3f} s",
+                    remedy="place it above the skin, move it slower, or take smaller time steps",
                 )
 
     def _solids(self, touching: list[BodyContact], lag_mm: Vector, about_mm: tuple[float, float]) -> CompoundIndenter:

@@ -71,22 +71,28 @@ class MujocoScene:
         scene = cls(model, data, mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body), -1)
         if scene.body <= 0:
             names = ", ".join(model.body(number).name for number in range(1, model.nbody))
-            raise InputError(f"expected a body of the scene, one of {names}, got {body!r}; correct it")
+            raise InputError(expected=f"a body of the scene, one of {names}", got=f"{body!r}", remedy="correct it")
         colliding = scene.geoms_of(scene.body)
         if not colliding:
             raise InputError(
-                f"expected body {body} to have a geom that collides, got none; give it a box whose upper face is the skin"
+                expected=f"body {body} to have a geom that collides",
+                got="none",
+                remedy="give it a box whose upper face is the skin",
             )
         by_name = {model.geom(number).name or number: number for number in colliding}
         listed = ", ".join(repr(name) for name in by_name)
         if geom is None and len(colliding) > 1:
             raise InputError(
-                f"expected one geom of body {body} that collides, got {len(colliding)} ({listed}); pass that of the gel as geom"
+                expected=f"one geom of body {body} that collides",
+                got=f"{len(colliding)} ({listed})",
+                remedy="pass that of the gel as geom",
             )
         scene.geom = colliding[0] if geom is None else by_name.get(geom, geom if geom in colliding else -1)
         if scene.geom < 0:
             raise InputError(
-                f"expected geom to be a geom of body {body} that collides, one of {listed}, got {geom!r}; correct it"
+                expected=f"geom to be a geom of body {body} that collides, one of {listed}",
+                got=f"{geom!r}",
+                remedy="correct it",
             )
         return scene
 
@@ -109,8 +115,9 @@ class MujocoScene:
                 flex = int(contact.flex[other])
                 name = mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_FLEX, flex) or f"number {flex}"
                 raise InputError(
-                    f"expected rigid bodies on the gel, got the soft body (flex) {name}; replace it by rigid ones, or keep it "
-                    "off the sensor"
+                    expected="rigid bodies on the gel",
+                    got=f"the soft body (flex) {name}",
+                    remedy="replace it by rigid ones, or keep it off the sensor",
                 )
             mujoco.mj_contactForce(self.model, self.data, number, six)
             axes = contact.frame.reshape(3, 3)
@@ -192,8 +199,10 @@ class MujocoScene:
             return MeshSolid(centre, rotation, (), self._triangles_mm(int(self.model.geom_dataid[geom])))
         name = self.model.body(self.model.geom_bodyid[geom]).name or "world"
         raise InputError(
-            f"expected body {name} to consist of spheres, ellipsoids, boxes, cylinders, capsules or meshes where it touches the "
-            f"gel, got a {kinds(kind).name.removeprefix('mjGEOM_').lower()}; replace it, or keep it off the sensor"
+            expected=f"body {name} to consist of spheres, ellipsoids, boxes, cylinders, capsules or meshes where "
+            "it touches the gel",
+            got=f"a {kinds(kind).name.removeprefix('mjGEOM_').lower()}",
+            remedy="replace it, or keep it off the sensor",
         )
 
     def _triangles_mm(self, mesh: int) -> Float64[Array, "triangles 3 3"]:

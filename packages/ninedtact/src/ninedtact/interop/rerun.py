@@ -150,7 +150,9 @@ def export_rerun(
     `RecordingUnreadable` for a damaged recording or one without its sensor; no file is left then.
     """
     if out.suffix != SUFFIX or out.exists():
-        raise OutputError(f"expected --out to be a new file ending in {SUFFIX}, got {out}; choose another name")
+        raise OutputError(
+            expected=f"--out to be a new file ending in {SUFFIX}", got=f"{out}", remedy="choose another name"
+        )
     require_exportable([recording])
     out.parent.mkdir(parents=True, exist_ok=True)
     stream = rr.RecordingStream("ninedtact", recording_id=recording.metadata.id)
@@ -263,7 +265,9 @@ class RerunViewer:
             socket.create_connection(_VIEWER_ADDRESS, timeout=2).close()
         except OSError as refused:
             raise DeviceError(
-                f"expected the Rerun viewer on port {port} of this computer, got '{refused}'; start it with: rerun --bind 127.0.0.1"
+                expected=f"the Rerun viewer on port {port} of this computer",
+                got=f"'{refused}'",
+                remedy="start it with: rerun --bind 127.0.0.1",
             ) from refused
         self._stream = rr.RecordingStream("ninedtact")
         self._stream.connect_grpc(f"rerun+http://{host}:{port}/proxy")

@@ -120,10 +120,12 @@ class ReadingRecorder:
     def start(self, name: str = "") -> str:
         """Begin a recording and say so in a sentence; raises `InputError` and what creating the file raises."""
         if self.writer is not None:
-            raise InputError(f"expected no recording in progress, got {self.writer.path}; stop it first")
+            raise InputError(expected="no recording in progress", got=f"{self.writer.path}", remedy="stop it first")
         name = name or f"{self.messages.name}_{wall_time_ns(monotonic_ns())}"
         if Path(name).name != name or name.startswith(".") or not name.isprintable():
-            raise InputError(f"expected the printable name of a recording without a folder, got {name!r}; leave it out")
+            raise InputError(
+                expected="the printable name of a recording without a folder", got=f"{name!r}", remedy="leave it out"
+            )
         self.out.mkdir(parents=True, exist_ok=True)
         path = self.out / f"{name.removesuffix('.mcap')}.mcap"
         metadata = RecordingMetadata("", "ros2", self.source, self.force_torque)
@@ -282,7 +284,9 @@ class SensorOnRos2:
         if word == "stop_recording":
             return self._recorder.stop() or "nothing was being recorded"
         raise InputError(
-            f"expected take_reference, start_recording [NAME] or stop_recording, got {word!r}; send one of them"
+            expected="take_reference, start_recording [NAME] or stop_recording",
+            got=f"{word!r}",
+            remedy="send one of them",
         )
 
     def _write_status(self, now: SensorSnapshot, **fields: Any) -> None:

@@ -88,6 +88,7 @@ def port_errors(host: str, port: int, option: str) -> Iterator[None]:
     except (OSError, OverflowError) as trouble:
         got = "one in use" if getattr(trouble, "errno", 0) == errno.EADDRINUSE else f"'{trouble}'"
         raise DeviceError(
-            f"expected port {port} on {host} to be free for readings, got {got}; choose another with {option}, or a host of "
-            "this machine with --host"
+            expected=f"port {port} on {host} to be free for readings",
+            got=f"{got}",
+            remedy=f"choose another with {option}, or a host of this machine with --host",
         ) from trouble

@@ -259,8 +259,9 @@ class SensorPoller:
         source, wanted = self.sensor.source, self.sensor.reference_frames
         images = self.sensor.frames_read + (source.dropped if isinstance(source, LatestFrameSource) else 0)
         return SensorPhase.FAILED, CameraError(
-            f"expected {source.name} to begin with {wanted} reference images (no contact) and then to continue, got "
-            f"{images} images in all; record longer, or give reference images, as with --reference of live"
+            expected=f"{source.name} to begin with {wanted} reference images (no contact) and then to continue",
+            got=f"{images} images in all",
+            remedy="record longer, or give reference images, as with --reference of live",
         )
 
     def _note(self, phase: SensorPhase, trouble: BaseException | None) -> None:

@@ -164,8 +164,9 @@ def require_depth_within_gel(deepest_mm: float, thickness_mm: float) -> None:
     """Refuse an object that reaches through the gel, and depths that are not finite; raises `InvalidPose`."""
     if not deepest_mm < thickness_mm:
         raise InvalidPose(
-            f"expected the object less deep in the skin than its base, {thickness_mm:g} mm, got {deepest_mm:g} mm; "
-            f"press less, or give the skin its true thickness"
+            expected=f"the object less deep in the skin than its base, {thickness_mm:g} mm",
+            got=f"{deepest_mm:g} mm",
+            remedy="press less, or give the skin its true thickness",
         )
 
 
@@ -176,8 +177,9 @@ def require_inside_grid(grid: PeriodicGrid, field: ScalarField) -> None:
     reached = [name for name, border in borders.items() if bool(xp.any(border > 0))]
     if reached:
         raise ContactLeavesGrid(
-            f"expected the contact inside the grid of {grid.width_mm:g} x {grid.height_mm:g} mm, got it at the "
-            f"{' and '.join(reached)} border; give the grid a wider margin, or press less deep"
+            expected=f"the contact inside the grid of {grid.width_mm:g} x {grid.height_mm:g} mm",
+            got=f"it at the {' and '.join(reached)} border",
+            remedy="give the grid a wider margin, or press less deep",
         )
 
 
@@ -185,7 +187,9 @@ def require_positive_load(load_n: ScalarPerContact) -> None:
     """Refuse a load that does not press; raises `NonPositiveLoad`."""
     if not np.all((np.asarray(load_n) > 0) & np.isfinite(load_n)):
         raise NonPositiveLoad(
-            f"expected a load above zero, got {load_n} N; press with a force, or lift the object off by its depth"
+            expected="a load above zero",
+            got=f"{load_n} N",
+            remedy="press with a force, or lift the object off by its depth",
         )
 
 
@@ -198,8 +202,9 @@ def require_converged(
     if len(missed):
         which, many = missed[0], f", {len(missed)} of {len(residuals)} contacts" if len(residuals) > 1 else ""
         raise SimulationError(
-            f"expected the contact solved to {wanted[which]:.2g} mm, got {residuals[which]:.2g} mm after {counts[which]} "
-            f"iterations{many}; take smaller steps, or allow more rounds"
+            expected=f"the contact solved to {wanted[which]:.2g} mm",
+            got=f"{residuals[which]:.2g} mm after {counts[which]} iterations{many}",
+            remedy="take smaller steps, or allow more rounds",
         )
 
 

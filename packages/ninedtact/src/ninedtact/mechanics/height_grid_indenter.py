@@ -39,8 +39,9 @@ class HeightGridIndenter(Indenter):
         heights = self.heights_mm
         if heights.size == 0 or heights.min() != 0 or not heights.max() <= NO_OBJECT_MM:
             raise InputError(
-                f"expected heights of {self.name} from 0 to {NO_OBJECT_MM:g} mm, got a grid of {heights.shape} that is "
-                f"empty, not finite or out of that range; make it with indenter_from_heights"
+                expected=f"heights of {self.name} from 0 to {NO_OBJECT_MM:g} mm",
+                got=f"a grid of {heights.shape} that is empty, not finite or out of that range",
+                remedy="make it with indenter_from_heights",
             )
 
     @property
@@ -65,7 +66,7 @@ def indenter_from_heights(name: str, heights_mm: Float[Array, "rows cols"], pitc
     finite = np.isfinite(heights_mm)
     if not finite.any():
         raise InputError(
-            f"expected an underside of {name}, got a grid of heights without an object; give another object"
+            expected=f"an underside of {name}", got="a grid of heights without an object", remedy="give another object"
         )
     lowest = heights_mm[finite].min()
     heights = np.where(finite, np.minimum(heights_mm - lowest, NO_OBJECT_MM), NO_OBJECT_MM)

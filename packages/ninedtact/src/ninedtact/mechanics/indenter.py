@@ -140,8 +140,9 @@ def _tilted_underside_mm(indenter: Indenter, pose: Pose, x_mm: Heights, y_mm: He
     """
     if not np.all(np.abs(pose.tilt_x_rad) + np.abs(pose.tilt_y_rad) < MAX_TILT_RAD):
         raise InputError(
-            f"expected tilts of at most {MAX_TILT_RAD:g} rad together, got {pose.tilt_x_rad} and "
-            f"{pose.tilt_y_rad} rad; turn the object itself, so that another side faces the skin"
+            expected=f"tilts of at most {MAX_TILT_RAD:g} rad together",
+            got=f"{pose.tilt_x_rad} and {pose.tilt_y_rad} rad",
+            remedy="turn the object itself, so that another side faces the skin",
         )
     rotation = [[expand_over_grid(pose.rotation[..., row, col], x_mm) for col in range(3)] for row in range(3)]
     x, y = x_mm - expand_over_grid(pose.x_mm, x_mm), y_mm - expand_over_grid(pose.y_mm, y_mm)

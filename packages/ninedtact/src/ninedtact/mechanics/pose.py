@@ -39,7 +39,7 @@ class Pose:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not np.isfinite(value).all():
-                raise InvalidPose(f"expected a finite {name}, got {value}; correct the pose")
+                raise InvalidPose(expected=f"a finite {name}", got=f"{value}", remedy="correct the pose")
 
     @cached_property
     def rotation(self) -> Float[Array, "*batch 3 3"]:

@@ -42,8 +42,10 @@ class PeriodicGrid:
     def __post_init__(self) -> None:
         if min(self.rows, self.cols) < _MIN_POINTS_PER_SIDE or not self.pitch_mm > 0:
             raise InputError(
-                f"expected a grid of at least {_MIN_POINTS_PER_SIDE} x {_MIN_POINTS_PER_SIDE} points with a pitch above zero, "
-                f"got {self.rows} x {self.cols} points with a pitch of {self.pitch_mm} mm; give a finer pitch or a larger area"
+                expected=f"a grid of at least {_MIN_POINTS_PER_SIDE} x {_MIN_POINTS_PER_SIDE} points with a pitch "
+                "above zero",
+                got=f"{self.rows} x {self.cols} points with a pitch of {self.pitch_mm} mm",
+                remedy="give a finer pitch or a larger area",
             )
 
     @property

@@ -201,21 +201,25 @@ class CalibratedShape:
 def mean_rectified_image(images: list[Rectified]) -> Rectified:
     """Return the mean brightness of several rectified images of the same skin; raises `ReferenceUnusable`."""
     if not images:
-        raise ReferenceUnusable("expected at least one reference image (no contact), got none; take one first")
+        raise ReferenceUnusable(
+            expected="at least one reference image (no contact)", got="none", remedy="take one first"
+        )
     total = np.zeros_like(images[0].grey)
     for image in images:
         cv2.accumulate(image.grey, total)
     total /= len(images)
     if total.mean() < MIN_LIT_GREY_LEVEL:
         raise ReferenceUnusable(
-            f"expected a lit reference image (no contact), got a mean grey level of {total.mean():.0f} of 255; "
-            "switch the sensor's light on and raise the exposure"
+            expected="a lit reference image (no contact)",
+            got=f"a mean grey level of {total.mean():.0f} of 255",
+            remedy="switch the sensor's light on and raise the exposure",
         )
     levels = [float(image.grey.mean()) for image in images]
     if max(levels) - min(levels) > _MAX_UNSTEADINESS * max(levels):
         raise ReferenceUnusable(
-            f"expected reference images (no contact) of one brightness, got mean grey levels from {min(levels):.0f} to "
-            f"{max(levels):.0f}; wait until light and exposure are steady"
+            expected="reference images (no contact) of one brightness",
+            got=f"mean grey levels from {min(levels):.0f} to {max(levels):.0f}",
+            remedy="wait until light and exposure are steady",
         )
     return Rectified(total, images[0].mm_per_px, images[-1].stamp_ns)
 

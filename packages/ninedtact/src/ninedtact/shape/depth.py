@@ -278,8 +278,9 @@ def _require_valid_curve(name: str, signal: tuple[float, ...], length_mm: tuple[
         or (np.diff(values[1]) < 0).any()
     ):
         raise InputError(
-            f"expected a {name} curve of finite numbers that starts at (0, 0) and rises, got {len(signal)} and "
-            f"{len(length_mm)} numbers that do not; calibrate again"
+            expected=f"a {name} curve of finite numbers that starts at (0, 0) and rises",
+            got=f"{len(signal)} and {len(length_mm)} numbers that do not",
+            remedy="calibrate again",
         )
 
 

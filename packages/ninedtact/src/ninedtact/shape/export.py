@@ -54,7 +54,9 @@ def heights_to_grey_levels(height: HeightMap) -> UInt16[Array, "rows cols"]:
     # The comparison is written so that NaN is refused too.
     if not (np.abs(z_mm) <= REACH_MM).all():
         worst = np.abs(z_mm).max()
-        raise OutputError(f"expected heights up to {REACH_MM} mm for a .png, got {worst} mm; write .npy instead")
+        raise OutputError(
+            expected=f"heights up to {REACH_MM} mm for a .png", got=f"{worst} mm", remedy="write .npy instead"
+        )
     return np.where(height.in_view, np.rint(z_mm * LEVELS_PER_MM) + ZERO_LEVEL, OUT_OF_VIEW_LEVEL).astype(np.uint16)
 
 
@@ -127,7 +129,9 @@ def export_shape(height: HeightMap, path: Path | str, every: int = 1) -> None:
             write_obj(path, surface_mesh(height, every))
         case other:
             raise InputError(
-                f"expected a file name ending in .npy, .png, .ply, .stl or .obj, got {other or path!s}; rename it"
+                expected="a file name ending in .npy, .png, .ply, .stl or .obj",
+                got=f"{other or path!s}",
+                remedy="rename it",
             )
 
 

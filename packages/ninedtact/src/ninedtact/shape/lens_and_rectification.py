@@ -162,7 +162,7 @@ class LensModel:
             if np.abs(miss).max(initial=0.0) < 1e-9 * self.unit_px:
                 return points
         raise PixelNotOnSkin(
-            "expected pixels on the skin, got some that the lens model cannot reach; stay inside the image"
+            expected="pixels on the skin", got="some that the lens model cannot reach", remedy="stay inside the image"
         )
 
     def from_affine(self, points_px: Points) -> Points:
@@ -289,8 +289,9 @@ class Rectification:
         if image.shape[:2] != self.raw_shape:
             (rows, cols), (got_rows, got_cols) = self.raw_shape, image.shape[:2]
             raise FileFormatError(
-                f"expected images of {cols}x{rows} pixels as this sensor was calibrated with, got {got_cols}x{got_rows}; "
-                "set the camera to that size, or calibrate again at the new one"
+                expected=f"images of {cols}x{rows} pixels as this sensor was calibrated with",
+                got=f"{got_cols}x{got_rows}",
+                remedy="set the camera to that size, or calibrate again at the new one",
             )
 
     @cached_property
@@ -319,8 +320,9 @@ def _require_bgr(image: Array) -> None:
     """Refuse an image that is not a BGR image of 8 bits: heights of other grey levels would be wrong."""
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise FileFormatError(
-            f"expected BGR images of 8 bits (uint8, rows x cols x 3), got {image.dtype} of shape {image.shape}; convert them, a "
-            "grey one with cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)"
+            expected="BGR images of 8 bits (uint8, rows x cols x 3)",
+            got=f"{image.dtype} of shape {image.shape}",
+            remedy="convert them, a grey one with cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)",
         )
 
 

@@ -76,8 +76,9 @@ class SimulatedCalibrationCamera(FrameSource):
         """Set the exposure; raises `CameraError` beyond its limits."""
         if not _EXPOSURE.least_ms <= exposure_ms <= _EXPOSURE.most_ms:
             raise CameraError(
-                f"expected an exposure of {_EXPOSURE.least_ms:g} to {_EXPOSURE.most_ms:g} ms for {self.name}, got {exposure_ms:g} "
-                "ms; choose one of these"
+                expected=f"an exposure of {_EXPOSURE.least_ms:g} to {_EXPOSURE.most_ms:g} ms for {self.name}",
+                got=f"{exposure_ms:g} ms",
+                remedy="choose one of these",
             )
         self._exposure_ms = exposure_ms
 

@@ -57,7 +57,9 @@ class BrightnessModel:
         require_positive("light.thickness_mm", self.thickness_mm)
         for name, value in vars(self).items():
             if not value >= 0:
-                raise InputError(f"expected light.{name} of zero or more, got {value}; fit the sensor again")
+                raise InputError(
+                    expected=f"light.{name} of zero or more", got=f"{value}", remedy="fit the sensor again"
+                )
 
     def brightness_change(self, height_mm: Float[Any, "*shape"]) -> Float[Any, "*shape"]:
         """Return f(u), the relative change of brightness at heights of any shape, before scattering; NumPy or torch."""

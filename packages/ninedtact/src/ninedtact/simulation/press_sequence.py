@@ -60,7 +60,9 @@ class SampleTimer:
 
     def __post_init__(self) -> None:
         if not 0 < self.hz < np.inf:
-            raise SimulationError(f"expected a rate above zero, got {self.hz:g} samples per second; give another")
+            raise SimulationError(
+                expected="a rate above zero", got=f"{self.hz:g} samples per second", remedy="give another"
+            )
 
     def restart(self) -> None:
         """Continue with the first sample that is not past."""
@@ -126,8 +128,9 @@ class PressSequence:
     def __post_init__(self) -> None:
         if not self.trajectories or not self.round_s > 0 or not 0 < self.hz < np.inf:
             raise SimulationError(
-                f"expected trajectories that take time and a rate above zero, got {len(self.trajectories)} at {self.hz} Hz; "
-                "add a trajectory, or correct the rate"
+                expected="trajectories that take time and a rate above zero",
+                got=f"{len(self.trajectories)} at {self.hz} Hz",
+                remedy="add a trajectory, or correct the rate",
             )
         self.clock = SimulationClock(self.real_time)
 
@@ -152,7 +155,9 @@ class PressSequence:
         """Refuse a time after the last round; raises `SourceEnded`."""
         if self.rounds is not None and at_s >= self.rounds * self.round_s:
             raise SourceEnded(
-                f"expected a time within the {self.rounds} rounds of the simulation, got {at_s:.1f} s; it has ended"
+                expected=f"a time within the {self.rounds} rounds of the simulation",
+                got=f"{at_s:.1f} s",
+                remedy="it has ended",
             )
 
     def contact(self, number: int) -> Contact:
@@ -242,6 +247,7 @@ class PressSequence:
     def _step_expired(self, step: int, oldest: int) -> SimulationError:
         """Return the error for a step that is no longer stored."""
         return SimulationError(
-            f"expected a step of the simulation from {oldest} on, got {step}, which is no longer stored; open all "
-            "sources together, and read them in turn"
+            expected=f"a step of the simulation from {oldest} on",
+            got=f"{step}, which is no longer stored",
+            remedy="open all sources together, and read them in turn",
         )

@@ -28,7 +28,9 @@ class TrajectorySegment:
     def __post_init__(self) -> None:
         if not 0 < self.seconds < np.inf:
             raise InputError(
-                f"expected a segment that takes time and ends, got {self.seconds} s; give it a duration above zero"
+                expected="a segment that takes time and ends",
+                got=f"{self.seconds} s",
+                remedy="give it a duration above zero",
             )
 
 
@@ -90,7 +92,7 @@ def press_trajectory(
     Raises `InputError` for a speed or a pause that is not above zero.
     """
     if not 0 < speed < np.inf:
-        raise InputError(f"expected a speed of the hand above zero, got {speed:g}; 1 is that of a calm hand")
+        raise InputError(expected="a speed of the hand above zero", got=f"{speed:g}", remedy="1 is that of a calm hand")
     above = replace(at, depth_mm=-HOVER_MM)
     dragged = replace(at, x_mm=at.x_mm + drag_mm[0], y_mm=at.y_mm + drag_mm[1])
     twisted = replace(dragged, twist_rad=at.twist_rad + twist_rad)
@@ -107,7 +109,7 @@ def press_trajectory(
 def concatenate_trajectories(trajectories: Sequence[Trajectory], between_s: float = 0.3) -> Trajectory:
     """Return one trajectory after the other, joined above the skin; raises `InputError` for none."""
     if not trajectories:
-        raise InputError("expected at least one trajectory, got none; give some")
+        raise InputError(expected="at least one trajectory", got="none", remedy="give some")
     segments: list[TrajectorySegment] = []
     for trajectory in trajectories:
         if segments:
@@ -137,10 +139,10 @@ class ScriptedPress:
     def __post_init__(self) -> None:
         if (self.depth_mm is None) == (self.load_n is None):
             got = "both" if self.depth_mm is not None else "neither"
-            raise InputError(f"expected a depth or a load, got {got}; give one of them")
+            raise InputError(expected="a depth or a load", got=f"{got}", remedy="give one of them")
         wanted, unit = (self.depth_mm, "mm deep") if self.load_n is None else (self.load_n, "N")
         if not 0 < (wanted or 0.0) < np.inf:
-            raise InputError(f"expected a press above zero, got {wanted:g} {unit}; press the skin")
+            raise InputError(expected="a press above zero", got=f"{wanted:g} {unit}", remedy="press the skin")
 
     def poses(self) -> Iterator[Pose]:
         """Yield all poses; those of a press to a load have depth zero, which `simulate` replaces."""
@@ -174,7 +176,9 @@ class ScriptedPress:
         """Refuse a depth at which the object would go through the gel; raises `InputError`."""
         if self.depth_mm is not None and self.depth_mm >= twin.thickness_mm:
             raise InputError(
-                f"expected a press less deep than the gel is thick, {twin.thickness_mm:g} mm, got {self.depth_mm:g} mm; press less"
+                expected=f"a press less deep than the gel is thick, {twin.thickness_mm:g} mm",
+                got=f"{self.depth_mm:g} mm",
+                remedy="press less",
             )
 
 

@@ -269,8 +269,10 @@ class Twin:
         outside = (np.abs(x_mm) > reach[0]) | (np.abs(y_mm) > reach[1])
         if outside.any():
             raise PoseOutOfView(
-                f"expected the object over the skin that the camera sees, x within ±{reach[0]:.1f} mm and y within "
-                f"±{reach[1]:.1f} mm, got ({x_mm[outside][0]:g}, {y_mm[outside][0]:g}) mm; press nearer to the centre"
+                expected=f"the object over the skin that the camera sees, x within ±{reach[0]:.1f} mm and y "
+                f"within ±{reach[1]:.1f} mm",
+                got=f"({x_mm[outside][0]:g}, {y_mm[outside][0]:g}) mm",
+                remedy="press nearer to the centre",
             )
 
     def require_on_gel(self, indenter: Indenter, contact: Contact) -> None:
@@ -285,8 +287,9 @@ class Twin:
         """Return the error for an object that does not fit on the gel."""
         width, height = self.gel_mm
         return ContactLeavesGel(
-            f"expected {indenter.name} to touch no more than the gel of {width:g} x {height:g} mm, got {got}; take a "
-            "smaller object, press less deep, or press nearer to the centre"
+            expected=f"{indenter.name} to touch no more than the gel of {width:g} x {height:g} mm",
+            got=f"{got}",
+            remedy="take a smaller object, press less deep, or press nearer to the centre",
         )
 
 

@@ -321,6 +321,7 @@ def _read_sensor_file(out: Path) -> bytes | None:
 def _replacement_refusal(out: Path) -> OutputError:
     """Return the error for a sensor that nobody has agreed to replace."""
     return OutputError(
-        f"expected a new folder, got {out}, which holds a calibrated sensor; check 'replace the sensor', or end the program and "
-        "choose another --out"
+        expected="a new folder",
+        got=f"{out}, which holds a calibrated sensor",
+        remedy="check 'replace the sensor', or end the program and choose another --out",
     )

@@ -91,7 +91,9 @@ class SimulatedPressSession:
             fruitless = fruitless + 1 if len(self.rows) == before else 0
             if fruitless > _MAX_FRUITLESS_PRESSES:
                 raise InputError(
-                    f"expected pairs from presses, got none from {_MAX_FRUITLESS_PRESSES} of them; press harder, or loosen the rule"
+                    expected="pairs from presses",
+                    got=f"none from {_MAX_FRUITLESS_PRESSES} of them",
+                    remedy="press harder, or loosen the rule",
                 )
         return self.rows
 
@@ -259,7 +261,9 @@ def generate_dataset(
     """
     require_workers(workers)
     if sessions_per_batch < 1:
-        raise InputError(f"expected at least 1 session per batch, got {sessions_per_batch}; give a larger number")
+        raise InputError(
+            expected="at least 1 session per batch", got=f"{sessions_per_batch}", remedy="give a larger number"
+        )
     on = _select_device(device, workers)
     folder = DatasetFolder(out)
     _begin_generation(folder, settings, on.kind)
@@ -278,7 +282,9 @@ def _select_device(name: str, workers: Workers) -> Device:
         return choose_compute_device(name)
     if name not in ("auto", "cpu"):
         raise InputError(
-            f"expected --device cpu together with --cluster, got {name}; a GPU is used by one process, so drop one of the two"
+            expected="--device cpu together with --cluster",
+            got=f"{name}",
+            remedy="a GPU is used by one process, so drop one of the two",
         )
     return choose_compute_device("cpu")
 

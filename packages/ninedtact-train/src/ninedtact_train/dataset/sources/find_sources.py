@@ -24,7 +24,7 @@ _KINDS = (
 def find_sources(arguments: Sequence[str], conventions: SourceConventions = SourceConventions()) -> list[Source]:
     """Return the sources at these paths, each given as `PATH` or `NAME=PATH`; raises `InputError`."""
     if not arguments:
-        raise InputError(f"expected at least one source, got none; name {_KINDS}")
+        raise InputError(expected="at least one source", got="none", remedy=f"name {_KINDS}")
     named = list(_give_different_names(arguments))
     sources = [_open_source(name, path, conventions, several=len(named) > 1) for name, path in named]
     _require_effect(conventions, sources)
@@ -46,15 +46,16 @@ def _require_effect(conventions: SourceConventions, sources: Sequence[Source]) -
     useless = [option for option in conventions.stated_options() if not needed[option]]
     if useless:
         raise InputError(
-            f"expected options that have an effect on these sources, got {' and '.join(useless)}; drop what does not apply: "
-            "recordings and data sets say axes, torque point and scale themselves"
+            expected="options that have an effect on these sources",
+            got=f"{' and '.join(useless)}",
+            remedy="drop what does not apply: recordings and data sets say axes, torque point and scale themselves",
         )
 
 
 def _open_source(name: str, path: Path, conventions: SourceConventions, several: bool) -> Source:
     """Return the source at a path; raises `InputError`."""
     if not path.exists():
-        raise InputError(f"expected a source at {path}, got nothing there; check the path")
+        raise InputError(expected=f"a source at {path}", got="nothing there", remedy="check the path")
     if find_original_dataset(path):
         return OriginalDatasetSource(name, path, conventions=conventions)
     if any((path / "data").glob("*.parquet")):
@@ -63,7 +64,7 @@ def _open_source(name: str, path: Path, conventions: SourceConventions, several:
         return RecordingsSource(name, path, conventions=conventions)
     if _contains_suffix(path, EPISODE_SUFFIX):
         return TactileTransformerSource(name, path, conventions=conventions)
-    raise InputError(f"expected {_KINDS}, got {path} with none of them; name the folder that holds them")
+    raise InputError(expected=f"{_KINDS}", got=f"{path} with none of them", remedy="name the folder that holds them")
 
 
 def _contains_suffix(path: Path, suffix: str) -> bool:
@@ -77,7 +78,9 @@ def _give_different_names(arguments: Sequence[str]) -> Iterator[tuple[str, Path]
     given_names = [name for name, _ in given if name]
     repeated = [name for name, count in Counter(given_names).items() if count > 1]
     if repeated:
-        raise InputError(f"expected names of sources to differ, got {repeated[0]!r} more than once; change one")
+        raise InputError(
+            expected="names of sources to differ", got=f"{repeated[0]!r} more than once", remedy="change one"
+        )
     taken = set(given_names)
     for name, path in given:
         own = name or next(free for free in _numbered_names(path.resolve().stem or "source") if free not in taken)
@@ -100,5 +103,5 @@ def _split_argument(argument: str) -> tuple[str, Path]:
     if not mark or Path(argument).exists():
         return "", Path(argument)
     if not name or not path or "/" in name or name.startswith("."):
-        raise InputError(f"expected NAME=PATH with a name without slashes, got {argument!r}; correct it")
+        raise InputError(expected="NAME=PATH with a name without slashes", got=f"{argument!r}", remedy="correct it")
     return name, Path(path)

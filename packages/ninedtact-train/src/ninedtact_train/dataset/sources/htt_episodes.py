@@ -101,7 +101,7 @@ def _read_episode(path: Path) -> _Episode:
 
 
 def _episode_damage(path: Path, expected: str, got: str) -> TransformerEpisodeDamaged:
-    return TransformerEpisodeDamaged(f"expected {expected} in {path}, got {got}; copy the file again")
+    return TransformerEpisodeDamaged(expected=f"{expected} in {path}", got=f"{got}", remedy="copy the file again")
 
 
 @dataclass(frozen=True)

@@ -153,7 +153,7 @@ def _read_six_numbers(path: Path) -> Float64[Array, "6"]:
         raise WrenchFileUnreadable(f"expected six numbers in {path}, got: {reason}; copy the file again") from error
     if not isinstance(numbers, np.ndarray) or numbers.dtype.kind not in "iuf" or numbers.size != 6:
         got = f"{numbers.dtype} of shape {numbers.shape}" if isinstance(numbers, np.ndarray) else "an archive"
-        raise WrenchFileUnreadable(f"expected six numbers in {path}, got {got}; copy the file again")
+        raise WrenchFileUnreadable(expected=f"six numbers in {path}", got=f"{got}", remedy="copy the file again")
     return numbers.astype(float).ravel()
 
 
@@ -229,8 +229,9 @@ class OriginalDatasetSource(Source):
         pairs, stray = _group_files(self.root, self.files())
         if not pairs:
             raise InputError(
-                f"expected images and wrenches as <object>/<n>.png and <object>/<n>.npy in {self.root}, got none; copy the "
-                "whole Dataset folder of the original project"
+                expected=f"images and wrenches as <object>/<n>.png and <object>/<n>.npy in {self.root}",
+                got="none",
+                remedy="copy the whole Dataset folder of the original project",
             )
         cuts = range(0, len(pairs), _PAIRS_PER_PART)
         parts: list[SourcePart] = [

@@ -96,8 +96,9 @@ class _RecordingPart(SourcePart):
             with Recording(self.file) as recording:
                 if recording.sensor_files() and recording.sensor != given.id:
                     raise InputError(
-                        f"expected the sensor folder of {recording.sensor!r}, which took these images, got that of {given.id!r}; "
-                        "build the recordings of one sensor at a time, or without --sensor"
+                        expected=f"the sensor folder of {recording.sensor!r}, which took these images",
+                        got=f"that of {given.id!r}",
+                        remedy="build the recordings of one sensor at a time, or without --sensor",
                     )
             return given.rectification
         with TemporaryDirectory() as folder:

@@ -47,7 +47,7 @@ class SourceConventions:
         require_within_bounds(self)
         _parse_axes(self.axes)
         if self.origin_mm is not None and not np.isfinite(self.origin_mm).all():
-            raise InputError(f"expected an origin in mm, got {self.origin_mm}; correct it")
+            raise InputError(expected="an origin in mm", got=f"{self.origin_mm}", remedy="correct it")
 
     def wrench_about_skin(self, measured: Float64[Array, "6"], usual_origin_mm: Point) -> Float32[Array, "6"]:
         """Return a measured wrench in the sensor's axes, with its torque about the centre of the skin.
@@ -86,7 +86,9 @@ def _parse_axes(text: str) -> list[str]:
     axes = [word if word[:1] in "+-" else f"+{word}" for word in words]
     if sorted(axis[1:] for axis in axes) != ["x", "y", "z"]:
         raise InputError(
-            f"expected three axes such as +x,+y,+z or +y,-x,+z, each letter once, got {','.join(axes)}; correct them"
+            expected="three axes such as +x,+y,+z or +y,-x,+z, each letter once",
+            got=f"{','.join(axes)}",
+            remedy="correct them",
         )
     return axes
 

@@ -87,13 +87,15 @@ def _require_contact(smoothed: Float32[Array, "rows cols"], noise: float) -> Non
     needed = max(_MIN_DARKENING, 3 * noise)
     if max(drop, rise) < needed:
         raise BallPressUnusable(
-            f"expected the ball's dark disc, at least {needed:.0f} grey levels darker than the reference, got no contact "
-            f"(largest change {max(drop, rise):.1f} levels); press the ball while the second image is taken"
+            expected=f"the ball's dark disc, at least {needed:.0f} grey levels darker than the reference",
+            got=f"no contact (largest change {max(drop, rise):.1f} levels)",
+            remedy="press the ball while the second image is taken",
         )
     if rise > drop and not _is_glare(smoothed):
         raise BallPressUnusable(
-            f"expected a dark disc where the ball presses, got a bright one (+{rise:.0f} against −{drop:.0f} grey levels); "
-            "the images look swapped: give the image without contact as the reference"
+            expected="a dark disc where the ball presses",
+            got=f"a bright one (+{rise:.0f} against −{drop:.0f} grey levels)",
+            remedy="the images look swapped: give the image without contact as the reference",
         )
 
 
@@ -116,13 +118,13 @@ def _require_single_contact(smoothed: Float32[Array, "rows cols"], spot: Bool[Ar
     border[1:-1, 1:-1] = False
     if (spot & border).any():
         raise BallPressUnusable(
-            "expected the whole disc in view, got one cut by the image's border; press nearer to the middle"
+            expected="the whole disc in view", got="one cut by the image's border", remedy="press nearer to the middle"
         )
     labels, count = ndimage.label(smoothed < _SECOND_CONTACT * smoothed.min())
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     rivals = int((sizes > 0.1 * sizes.max()).sum())
     if rivals > 1:
-        raise BallPressUnusable(f"expected one contact, got {rivals}; press with the ball alone")
+        raise BallPressUnusable(expected="one contact", got=f"{rivals}", remedy="press with the ball alone")
 
 
 def _find_edge_points(smoothed: Float32[Array, "rows cols"], centre_px: tuple[float, float]) -> Float[Array, "n 2"]:
@@ -142,8 +144,10 @@ def _require_whole_disc(reached: Bool[Array, " rays"]) -> None:
     """Refuse a disc whose edge lies outside the view for too many rays."""
     if reached.mean() < _MIN_EDGE_SHARE:
         raise BallPressUnusable(
-            f"expected the disc's edge all around, got it on {reached.mean():.0%} of the circle; the rest is outside the view "
-            "or has no bright rim: press nearer to the middle, and with the ball alone"
+            expected="the disc's edge all around",
+            got=f"it on {reached.mean():.0%} of the circle",
+            remedy="the rest is outside the view or has no bright rim: press nearer to the middle, and with the "
+            "ball alone",
         )
 
 
@@ -169,13 +173,14 @@ def _require_round_edge(
     """Refuse a contact that is not round, or not wholly in view."""
     if scatter_px > _MAX_EDGE_SCATTER * radius_px:
         raise BallPressUnusable(
-            f"expected a round disc, got an edge that strays {scatter_px / radius_px:.0%} of its radius from a circle; "
-            "press with a ball, straight down"
+            expected="a round disc",
+            got=f"an edge that strays {scatter_px / radius_px:.0%} of its radius from a circle",
+            remedy="press with a ball, straight down",
         )
     x, y = centre_px
     if min(x, y, shape[1] - 1 - x, shape[0] - 1 - y) < radius_px:
         raise BallPressUnusable(
-            "expected the whole disc in view, got one cut by the image's border; press nearer to the middle"
+            expected="the whole disc in view", got="one cut by the image's border", remedy="press nearer to the middle"
         )
 
 
@@ -211,13 +216,16 @@ def require_usable_depth(
     radius_mm = circle.radius_px * mm_per_px
     if radius_mm >= max_relative_radius * ball.radius_mm:
         raise BallPressUnusable(
-            f"expected a disc smaller than the ball (radius {ball.radius_mm:g} mm), got one of {radius_mm:.2f} mm; "
-            "check the ball's radius and the pitch of the board's pins, or press less deep"
+            expected=f"a disc smaller than the ball (radius {ball.radius_mm:g} mm)",
+            got=f"one of {radius_mm:.2f} mm",
+            remedy="check the ball's radius and the pitch of the board's pins, or press less deep",
         )
     depth_mm = spherical_cap_height_mm(ball.radius_mm, min(radius_mm, ball.radius_mm))
     if depth_mm < MIN_PRESS_DEPTH_MM:
         raise BallPressUnusable(
-            f"expected a press at least {MIN_PRESS_DEPTH_MM} mm deep, got {depth_mm:.2f} mm; press deeper, 1 to 2 mm"
+            expected=f"a press at least {MIN_PRESS_DEPTH_MM} mm deep",
+            got=f"{depth_mm:.2f} mm",
+            remedy="press deeper, 1 to 2 mm",
         )
 
 
@@ -227,8 +235,9 @@ def require_disc_above_black(after: Float32[Array, "rows cols"], circle: Contact
     black = float((disc <= _BLACK_LEVEL).mean())
     if black > _MAX_BLACK_SHARE:
         raise BallPressUnusable(
-            f"expected the bottom of the disc to be brighter than black, got {black:.0%} of it at {_BLACK_LEVEL:g} grey levels "
-            "or below, where brightness no longer shows depth; give more light or a longer exposure, or press less deep"
+            expected="the bottom of the disc to be brighter than black",
+            got=f"{black:.0%} of it at {_BLACK_LEVEL:g} grey levels or below, where brightness no longer shows depth",
+            remedy="give more light or a longer exposure, or press less deep",
         )
 
 
@@ -236,9 +245,9 @@ def require_explained_by_ball(rmse_grey: float, circle: ContactCircle) -> None:
     """Refuse a press whose image the model of a ball in gel does not explain."""
     if rmse_grey > _MAX_RESIDUAL * circle.darkening_grey_levels:
         raise BallPressUnusable(
-            f"expected a press that a ball explains to {_MAX_RESIDUAL:.0%} of its darkening, got {rmse_grey:.1f} of "
-            f"{circle.darkening_grey_levels:.0f} grey levels unexplained; press a clean ball of the stated radius straight down, "
-            "or choose another method"
+            expected=f"a press that a ball explains to {_MAX_RESIDUAL:.0%} of its darkening",
+            got=f"{rmse_grey:.1f} of {circle.darkening_grey_levels:.0f} grey levels unexplained",
+            remedy="press a clean ball of the stated radius straight down, or choose another method",
         )
 
 

@@ -274,8 +274,9 @@ class PublishedPinMap:
         pitch_mm = self.board.pitch_mm
         if not (self.board.rows % 2 and self.board.cols % 2):
             raise InputError(
-                f"expected a board with a pin in the middle for the paper's way, got {self.board.cols} x {self.board.rows} pins; "
-                "use the lens model, which needs none"
+                expected="a board with a pin in the middle for the paper's way",
+                got=f"{self.board.cols} x {self.board.rows} pins",
+                remedy="use the lens model, which needs none",
             )
         distance_mm = np.hypot(*self.points_mm.T)
         middle, around = np.isclose(distance_mm, 0), np.isclose(distance_mm, pitch_mm)

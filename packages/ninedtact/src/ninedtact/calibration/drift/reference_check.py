@@ -312,7 +312,9 @@ class ReferenceImageChecker:
         """Raise `InputError` for frames with a fault, and what `find_faults` raises."""
         for fault in self.find_faults(frames):
             raise InputError(
-                f"expected a reference image of sensor {self.sensor} without contact, got one with a fault; {fault}"
+                expected=f"a reference image of sensor {self.sensor} without contact",
+                got="one with a fault",
+                remedy=f"{fault}",
             )
 
     def read_images(self, paths: Sequence[Path]) -> list[Frame]:

@@ -115,8 +115,9 @@ def _require_grid_fits(rectify: Rectification) -> None:
     (rows, cols), (raw_rows, raw_cols) = rectify.source_px.shape[:2], rectify.raw_shape
     if rows > raw_rows or cols > raw_cols:
         raise OutputError(
-            f"expected raw images of at least {cols} x {rows} pixels, the size of the rectified one, got "
-            f"{raw_cols} x {raw_rows}; calibrate the sensor with larger images"
+            expected=f"raw images of at least {cols} x {rows} pixels, the size of the rectified one",
+            got=f"{raw_cols} x {raw_rows}",
+            remedy="calibrate the sensor with larger images",
         )
 
 
@@ -182,9 +183,12 @@ def _require_skin_in_view(source: Path, calibration: OriginalCalibration, design
     least_mm, most_mm = _MIN_SEEN_SHARE * np.array(area.size_mm), _MAX_SEEN_SHARE * np.array(area.opening_mm)
     if (seen_mm < least_mm).any() or (seen_mm > most_mm).any():
         raise FileFormatError(
-            f"expected a crop of {least_mm[0]:.0f} x {least_mm[1]:.0f} to {most_mm[0]:.0f} x {most_mm[1]:.0f} mm of the skin, got "
-            f"{view.cols} x {view.rows} pixels of {calibration.mm_per_px:g} mm, {seen_mm[0]:.1f} x {seen_mm[1]:.1f} mm; give the "
-            f"crop_size of your shape_config.yaml, or correct the third number of {source / POSITION_SCALE}, mm per pixel"
+            expected=f"a crop of {least_mm[0]:.0f} x {least_mm[1]:.0f} to {most_mm[0]:.0f} x {most_mm[1]:.0f} mm "
+            "of the skin",
+            got=f"{view.cols} x {view.rows} pixels of {calibration.mm_per_px:g} mm, {seen_mm[0]:.1f} x "
+            f"{seen_mm[1]:.1f} mm",
+            remedy="give the crop_size of your shape_config.yaml, or correct the third number of "
+            f"{source / POSITION_SCALE}, mm per pixel",
         )
 
 
@@ -231,7 +235,9 @@ def export_original_calibration(sensor: SensorFolder, out: Path) -> None:
     `OutputError`, `FileFormatError`, `SensorFolderDamaged`, `FileNotWritten`, `OSError`.
     """
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise OutputError(f"expected {out} to be new or an empty folder, got one with content; choose another name")
+        raise OutputError(
+            expected=f"{out} to be new or an empty folder", got="one with content", remedy="choose another name"
+        )
     calibration = replace(_maps_to_export(sensor), pixel_to_depth_mm=_depth_list_from_curve(sensor))
     with create_sensor_folder(out) as partial:
         write_original_calibration(partial, calibration)
@@ -246,5 +252,5 @@ def _maps_to_export(sensor: SensorFolder) -> OriginalCalibration:
         return OriginalCalibration(row_index, col_index, scale, np.zeros(1))
     calibration = read_original_calibration(kept, view, sensor.record.design.gel.thickness_mm)
     if not np.array_equal(calibration.source_px(view), sensor.rectification.source_px):
-        raise FileFormatError(f"expected {kept} as it was imported, got other maps; import the sensor again")
+        raise FileFormatError(expected=f"{kept} as it was imported", got="other maps", remedy="import the sensor again")
     return calibration

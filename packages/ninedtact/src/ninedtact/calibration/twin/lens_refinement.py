@@ -280,8 +280,9 @@ def _invert_lens_projection(lens: LensModel, pixels: Points, start_mm: Points) -
         jacobian = lens.px_per_mm(points_mm)
         if not (determinant_at_each_point(jacobian) > 0).all():
             raise PixelNotOnSkin(
-                "expected a lens that maps the skin to the image one to one, got one that folds the image over; "
-                "press the board evenly, and calibrate again"
+                expected="a lens that maps the skin to the image one to one",
+                got="one that folds the image over",
+                remedy="press the board evenly, and calibrate again",
             )
         residual_px = pixels - lens.to_px(points_mm)
         points_mm = points_mm + solve_at_each_point(jacobian, residual_px)

@@ -54,8 +54,9 @@ class BotaDriver(ForceTorqueDriver):
             raise ForceTorqueLibraryMissing(self.name, "bota-driver (Linux only)") from absence
         if not self._config.is_file():
             raise DeviceError(
-                f"expected the configuration of a Bota sensor at {self._config}, got no such file; docs/force_torque.md "
-                "shows one"
+                expected=f"the configuration of a Bota sensor at {self._config}",
+                got="no such file",
+                remedy="docs/force_torque.md shows one",
             )
         cause = self._start(bota_driver)
         if cause is not None:
@@ -114,10 +115,12 @@ class BotaDriver(ForceTorqueDriver):
 
     def _flaw(self, status: Any) -> WrenchSampleRejected | None:
         if status.overrange:
-            return WrenchSaturated(f"expected a load that {self.name} can measure, got its overrange flag; press less")
+            return WrenchSaturated(
+                expected=f"a load that {self.name} can measure", got="its overrange flag", remedy="press less"
+            )
         if status.invalid or status.raw:
             word = "invalid" if status.invalid else "raw, not calibrated"
             return WrenchFaulty(
-                f"expected a usable sample from {self.name}, got one that it calls {word}; check the device"
+                expected=f"a usable sample from {self.name}", got=f"one that it calls {word}", remedy="check the device"
             )
         return None

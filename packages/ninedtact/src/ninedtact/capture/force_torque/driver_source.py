@@ -161,7 +161,9 @@ class DriverWrenchSource(WrenchSource):
         if sample.flaw is not None:
             raise sample.flaw
         if not np.isfinite(sample.six).all():
-            raise WrenchFaulty(f"expected six numbers from {self.name}, got {sample.six.tolist()}; check the device")
+            raise WrenchFaulty(
+                expected=f"six numbers from {self.name}", got=f"{sample.six.tolist()}", remedy="check the device"
+            )
         return Wrench(sample.six[:3].copy(), sample.six[3:].copy(), stamp_ns=sample.stamp_ns)
 
     def close(self) -> None:
@@ -191,7 +193,9 @@ class DriverWrenchSource(WrenchSource):
                 raise self._error.with_traceback(None)
             if time.monotonic() >= give_up_at:
                 raise WrenchSensorLost(
-                    f"expected a sample from {self.name}, got none for {self._silence_s:g} s; check its power and its cable"
+                    expected=f"a sample from {self.name}",
+                    got=f"none for {self._silence_s:g} s",
+                    remedy="check its power and its cable",
                 )
             self._changed.wait(give_up_at - time.monotonic())
 

@@ -120,7 +120,9 @@ class NetFtDriver(ForceTorqueDriver):
             self._records = self._client.samples(RECEIVE_TIMEOUT_S)
             return []
         except StopIteration:
-            raise WrenchSensorLost(f"expected a sample from {self.name}, got its end; open it again") from None
+            raise WrenchSensorLost(
+                expected=f"a sample from {self.name}", got="its end", remedy="open it again"
+            ) from None
 
     def disconnect(self) -> None:
         """Stop the stream of records."""
@@ -148,7 +150,9 @@ class NetFtDriver(ForceTorqueDriver):
         flaw = self._flaw(record.status)
         if force is None or torque is None:
             units = f"{record.force_unit.value} and {record.torque_unit.value}"
-            flaw = WrenchFaulty(f"expected units of {self.name} that are known, got {units}; set N and N-m on it")
+            flaw = WrenchFaulty(
+                expected=f"units of {self.name} that are known", got=f"{units}", remedy="set N and N-m on it"
+            )
         six = np.concatenate([np.array(record.force) * (force or np.nan), np.array(record.torque) * (torque or np.nan)])
         return ForceTorqueSample(six, record.received_at_ns, record.rdt_sequence, flaw)
 
@@ -157,11 +161,14 @@ class NetFtDriver(ForceTorqueDriver):
             return None
         if status & self._variant.saturated:
             return WrenchSaturated(
-                f"expected a load that {self.name} can measure, got saturation (status {status:08x}); press less"
+                expected=f"a load that {self.name} can measure",
+                got=f"saturation (status {status:08x})",
+                remedy="press less",
             )
         return WrenchFaulty(
-            f"expected status 0 from {self.name}, got {status:08x}; look it up in the device's manual, then switch it off "
-            "and on"
+            expected=f"status 0 from {self.name}",
+            got=f"{status:08x}",
+            remedy="look it up in the device's manual, then switch it off and on",
         )
 
 
@@ -170,5 +177,5 @@ def _parse_host(address: str) -> tuple[str, int]:
     found = re.fullmatch(r"([A-Za-z0-9.-]+)(?::(\d{1,5}))?", address.partition(":")[2])
     port = int(found[2] or _RDT_PORT) if found else 0
     if not found or not 0 < port <= _HIGHEST_PORT:
-        raise InputError(f"expected HOST or HOST:PORT after the colon, got '{address}'; correct it")
+        raise InputError(expected="HOST or HOST:PORT after the colon", got=f"'{address}'", remedy="correct it")
     return found[1], port

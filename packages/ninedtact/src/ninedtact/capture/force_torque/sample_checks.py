@@ -51,7 +51,9 @@ class SampleCheckSettings:
         for limits, unit in ((self.range_n, "N"), (self.range_nm, "N·m")):
             if limits is not None and not all(limit > 0 for limit in limits):
                 raise InputError(
-                    f"expected three ranges of a force/torque sensor above zero, got {limits} {unit}; take them from its data sheet"
+                    expected="three ranges of a force/torque sensor above zero",
+                    got=f"{limits} {unit}",
+                    remedy="take them from its data sheet",
                 )
 
 
@@ -90,8 +92,9 @@ class CheckedWrenchSource(WrenchSourceWrapper):
         worst = int(excess.argmax())
         if excess[worst] >= 1:
             raise WrenchSaturated(
-                f"expected {_AXES[worst]} of {self.name} within ± {self._limits[worst]:.3g} {_UNITS[worst]}, got "
-                f"{wrench.six[worst]:.3g}; press less"
+                expected=f"{_AXES[worst]} of {self.name} within ± {self._limits[worst]:.3g} {_UNITS[worst]}",
+                got=f"{wrench.six[worst]:.3g}",
+                remedy="press less",
             )
 
     def _require_change(self, wrench: Wrench) -> None:
@@ -103,8 +106,9 @@ class CheckedWrenchSource(WrenchSourceWrapper):
         same_ms = (wrench.stamp_ns - self._repeated.stamp_ns) / _NS_PER_MS
         if self._repeats >= _LEAST_REPEATS and same_ms > self._settings.frozen_ms:
             raise WrenchFrozen(
-                f"expected the samples of {self.name} to differ by noise, got the same one for {same_ms:.0f} ms; switch it "
-                "off and on, and tare"
+                expected=f"the samples of {self.name} to differ by noise",
+                got=f"the same one for {same_ms:.0f} ms",
+                remedy="switch it off and on, and tare",
             )
 
     def _require_no_jump(self, wrench: Wrench) -> None:
@@ -115,9 +119,10 @@ class CheckedWrenchSource(WrenchSourceWrapper):
                 change = wrench.six - self._accepted.six
                 worst = int((np.abs(change) / self._jump_limits).argmax())
                 raise WrenchJumped(
-                    f"expected {_AXES[worst]} of {self.name} to change by at most {self._jump_limits[worst]:.3g} "
-                    f"{_UNITS[worst]} from sample to sample, got {change[worst]:+.3g}; check its cable, and tare again if it "
-                    "stays there"
+                    expected=f"{_AXES[worst]} of {self.name} to change by at most {self._jump_limits[worst]:.3g} "
+                    f"{_UNITS[worst]} from sample to sample",
+                    got=f"{change[worst]:+.3g}",
+                    remedy="check its cable, and tare again if it stays there",
                 )
         self._accepted, self._jumped_at_ns = wrench, None
 

@@ -134,7 +134,7 @@ class SerialPortDriver(ForceTorqueDriver):
         rest = address.partition(":")[2]
         port, _, baud = rest.rpartition("@") if "@" in rest else (rest, "", str(_DEFAULT_BAUD))
         if not port or not baud.isdecimal() or len(baud) > _MOST_BAUD_DIGITS or int(baud) == 0:
-            raise InputError(f"expected serial:PORT or serial:PORT@BAUD, got '{address}'; correct it")
+            raise InputError(expected="serial:PORT or serial:PORT@BAUD", got=f"'{address}'", remedy="correct it")
         return cls(port, int(baud))
 
     def connect(self) -> None:
@@ -165,8 +165,9 @@ class SerialPortDriver(ForceTorqueDriver):
         samples = [self._sample(frame, arrived_ns) for frame in self._parser.parse(received)]
         if self._parser.garbage_bytes > _MOST_GARBAGE_BYTES:
             raise WrenchSensorLost(
-                f"expected frames from {self.name}, got {self._parser.garbage_bytes} bytes without one; check its baud rate "
-                f"(here {self._baud}) and that it sends the format of docs/force_torque.md"
+                expected=f"frames from {self.name}",
+                got=f"{self._parser.garbage_bytes} bytes without one",
+                remedy=f"check its baud rate (here {self._baud}) and that it sends the format of docs/force_torque.md",
             )
         return samples
 
@@ -180,7 +181,11 @@ class SerialPortDriver(ForceTorqueDriver):
 
     def _flaw(self, flags: int) -> WrenchSampleRejected | None:
         if flags & _SATURATED:
-            return WrenchSaturated(f"expected a load that {self.name} can measure, got its saturation flag; press less")
+            return WrenchSaturated(
+                expected=f"a load that {self.name} can measure", got="its saturation flag", remedy="press less"
+            )
         if flags & _DO_NOT_USE:
-            return WrenchFaulty(f"expected a usable sample from {self.name}, got its fault flag; check the device")
+            return WrenchFaulty(
+                expected=f"a usable sample from {self.name}", got="its fault flag", remedy="check the device"
+            )
         return None

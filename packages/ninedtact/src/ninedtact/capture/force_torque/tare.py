@@ -174,15 +174,18 @@ def compute_tare(wrenches: Sequence[Wrench], settings: TareSettings) -> Tare:
     six = np.array([wrench.six for wrench in wrenches])
     if len(six) < settings.least_samples:
         raise TareRefused(
-            f"expected {settings.least_samples} samples for a tare, got {len(six)}; tare for longer than {settings.seconds:g} s"
+            expected=f"{settings.least_samples} samples for a tare",
+            got=f"{len(six)}",
+            remedy=f"tare for longer than {settings.seconds:g} s",
         )
     noise = (1 + _FEW_SAMPLES / len(six)) * np.diff(six, axis=0).std(axis=0) / np.sqrt(2)
     spread = np.ptp([part.mean(axis=0) for part in np.array_split(six, _TARE_QUARTERS)], axis=0)
     still = np.repeat([settings.still_n, settings.still_nm], 3)
     if (spread > still + _SPREAD_SIGMAS * noise / np.sqrt(len(six) / _TARE_QUARTERS)).any():
         raise TareRefused(
-            f"expected a load at rest for a tare, got one that moved by {_format_vector(spread[:3], 3)} N, "
-            f"{_format_vector(1e3 * spread[3:], 1)} N·mm; take the hand away and tare again"
+            expected="a load at rest for a tare",
+            got=f"one that moved by {_format_vector(spread[:3], 3)} N, {_format_vector(1000.0 * spread[3:], 1)} N·mm",
+            remedy="take the hand away and tare again",
         )
     seconds = (wrenches[-1].stamp_ns - wrenches[0].stamp_ns) / _NS_PER_S
     return Tare(six.mean(axis=0), six.std(axis=0, ddof=1), len(six), seconds, wrenches[-1].stamp_ns)

@@ -53,7 +53,7 @@ def force_torque_sensor_for(address: str) -> DriverWrenchSource:
     """
     kind, _, rest = address.partition(":")
     if kind not in DRIVERS or not rest:
-        raise InputError(f"expected {_ACCEPTED}, got '{address}', which is none of these; correct it")
+        raise InputError(expected=f"{_ACCEPTED}", got=f"'{address}', which is none of these", remedy="correct it")
     return DriverWrenchSource(DRIVERS[kind](address))
 
 

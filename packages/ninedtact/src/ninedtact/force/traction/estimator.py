@@ -162,7 +162,9 @@ def build_traction_force(calibrated: CalibratedShape, gel: Gel | None) -> Tracti
     substrate = identify_substrate(build_brightness_observation_model(calibrated))
     if gel is None:
         raise ForceEstimationError(
-            "expected the gel's thickness and shear modulus, got no gel; give SensorDesign().gel, or the gel of the sensor's twin"
+            expected="the gel's thickness and shear modulus",
+            got="no gel",
+            remedy="give SensorDesign().gel, or the gel of the sensor's twin",
         )
     return TractionForce(substrate.observation_model, gel, substrate.base)
 

@@ -165,10 +165,15 @@ class BrightnessLaw:
 
 
 def brightness_law_of_curve(curve: DepthCurve) -> BrightnessLaw:
-    """Return the brightness law of a ratio curve, extrapolated at both ends; raises `ForceEstimationError` where it has no bulges."""
+    """Return the brightness law of a ratio curve, extrapolated at both ends.
+
+    Raises `ForceEstimationError` where the curve has no bulges.
+    """
     if not curve.knows_bulges or curve.signal != "ratio":
         raise ForceEstimationError(
-            "expected a depth curve that knows bulges, got one for indentation alone; calibrate with the method 'physics'"
+            expected="a depth curve that knows bulges",
+            got="one for indentation alone",
+            remedy="calibrate with the method 'physics'",
         )
     darkening, indentation_mm, _ = curve.pressed
     height = np.concatenate([-np.array(indentation_mm)[::-1], np.array(curve.bulge_mm)[1:]])
@@ -279,8 +284,10 @@ def build_brightness_observation_model(calibrated: CalibratedShape) -> Brightnes
     point-spread."""
     if calibrated.deblurring is None:
         raise ForceEstimationError(
-            "expected a calibration that knows how light scatters, got one without; calibrate with the method 'physics', or, "
-            "if it was imported, run 'ninedtact calibrate --from-import' with images of a ball"
+            expected="a calibration that knows how light scatters",
+            got="one without",
+            remedy="calibrate with the method 'physics', or, if it was imported, run 'ninedtact calibrate "
+            "--from-import' with images of a ball",
         )
     return BrightnessObservationModel(calibrated.curve, calibrated.loss, calibrated.deblurring.point_spread_mm)
 
@@ -294,7 +301,9 @@ def _orthorectify_onto_cells(
     """
     if not height.in_view.any():
         raise ForceEstimationError(
-            "expected a height map with pixels in view, got one that is out of view everywhere; calibrate the board again"
+            expected="a height map with pixels in view",
+            got="one that is out of view everywhere",
+            remedy="calibrate the board again",
         )
     in_view = _fraction_of_cells(height.source != HeightSource.OUT_OF_VIEW.value, cells) * cells.on_image
     source = np.where(in_view > 0.5, HeightSource.MEASURED, HeightSource.OUT_OF_VIEW).astype(np.uint8)

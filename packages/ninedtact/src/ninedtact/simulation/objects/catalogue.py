@@ -73,11 +73,13 @@ def generate_object(name: str, seed: int = 0) -> HeightGridIndenter:
     An object does not depend on which other objects are generated.
     """
     if seed < 0:
-        raise InputError(f"expected a seed of generated objects of zero or more, got {seed}; give another")
+        raise InputError(expected="a seed of generated objects of zero or more", got=f"{seed}", remedy="give another")
     found = re.fullmatch(r"([a-z_]+?)_?(\d{1,9})", name)
     if found is None or found[1] not in FAMILIES or int(found[2]) < 1:
         raise InputError(
-            f"expected a family and a number from 1, as gear_07, got {name!r}; the families are {', '.join(FAMILIES)}"
+            expected="a family and a number from 1, as gear_07",
+            got=f"{name!r}",
+            remedy=f"the families are {', '.join(FAMILIES)}",
         )
     heights = FAMILIES[found[1]](DimensionSampler(seed, found[1], int(found[2])), OBJECT_GRID)
     return indenter_from_heights(f"{found[1]}_{int(found[2]):02d}", OBJECT_GRID.smooth(heights), OBJECT_GRID.pitch_mm)
@@ -120,7 +122,7 @@ def indenter_from_name(text: str, seed: int = 0) -> Indenter:
     path, *additions = _split_mesh_options(text)
     if Path(path).suffix.lower() in MESH_FILE_SUFFIXES:
         return _warn_if_not_closed(load_mesh_object(Path(path), _parse_mesh_placement(additions, MeshPlacement())))
-    raise InputError(f"expected {_accepted_names()}, got {text!r}; give one of these")
+    raise InputError(expected=f"{_accepted_names()}", got=f"{text!r}", remedy="give one of these")
 
 
 def mesh_file_of_name(text: str) -> Path | None:
@@ -148,7 +150,9 @@ def _primitive_from_name(kind: str, dimensions: str) -> Indenter:
         numbers = [float("nan")]
     if len(numbers) > names.count(",") + 1 or not all(0 < number <= _LARGEST_MM for number in numbers):
         raise InputError(
-            f"expected {kind}:{names} with numbers above zero and at most {_LARGEST_MM:g}, got {kind}:{dimensions}; correct it"
+            expected=f"{kind}:{names} with numbers above zero and at most {_LARGEST_MM:g}",
+            got=f"{kind}:{dimensions}",
+            remedy="correct it",
         )
     return make(*numbers)
 
@@ -175,8 +179,10 @@ def _parse_mesh_placement(additions: Sequence[str], start: MeshPlacement) -> Mes
             placing = replace(placing, scale=float(addition), fit_mm=_drop_default_fit(start.fit_mm, placing.fit_mm))
         else:
             raise InputError(
-                f"expected @unit ({', '.join(MM_PER_UNIT)}), @side ({', '.join(SIDES)}), @scale (@0.5) or @fit:MM after a mesh, "
-                f"got @{addition}; correct it"
+                expected=f"@unit ({', '.join(MM_PER_UNIT)}), @side ({', '.join(SIDES)}), @scale (@0.5) or @fit:MM "
+                "after a mesh",
+                got=f"@{addition}",
+                remedy="correct it",
             )
     return placing
 

@@ -71,12 +71,15 @@ class MeshPlacement:
     def __post_init__(self) -> None:
         if self.unit not in MM_PER_UNIT or self.side not in SIDES:
             raise MeshUnusable(
-                f"expected a unit of {', '.join(MM_PER_UNIT)} and a side of {', '.join(SIDES)}, got {self.unit} and "
-                f"{self.side}; correct them"
+                expected=f"a unit of {', '.join(MM_PER_UNIT)} and a side of {', '.join(SIDES)}",
+                got=f"{self.unit} and {self.side}",
+                remedy="correct them",
             )
         if not all(0 < size < np.inf for size in (self.scale, 1.0 if self.fit_mm is None else self.fit_mm)):
             raise MeshUnusable(
-                f"expected a scale and a size to fit above zero, got {self.scale} and {self.fit_mm}; correct it"
+                expected="a scale and a size to fit above zero",
+                got=f"{self.scale} and {self.fit_mm}",
+                remedy="correct it",
             )
 
 
@@ -124,13 +127,16 @@ def _require_valid_triangles(name: str, vertices: Vertices, faces: Faces) -> Non
     """Refuse a mesh without triangles, or with vertices that are missing or not finite."""
     if not 0 < len(faces) <= MOST_TRIANGLES:
         raise MeshUnusable(
-            f"expected triangles in {name}, 1 to {MOST_TRIANGLES} of them, got {len(faces)}; export a surface mesh, or simplify it"
+            expected=f"triangles in {name}, 1 to {MOST_TRIANGLES} of them",
+            got=f"{len(faces)}",
+            remedy="export a surface mesh, or simplify it",
         )
     there = faces.min() >= 0 and faces.max() < len(vertices)
     if not there or not np.isfinite(vertices[faces]).all():
         raise MeshUnusable(
-            f"expected every corner of {name} at a finite place, got corners that are missing, infinite or not a number; "
-            "repair or export it again"
+            expected=f"every corner of {name} at a finite place",
+            got="corners that are missing, infinite or not a number",
+            remedy="repair or export it again",
         )
 
 
@@ -159,8 +165,9 @@ def _require_few_layers(name: str, vertices_mm: Vertices, faces: Faces) -> None:
     if points > MOST_POINTS:
         layers = points * PITCH_MM**2 / np.ptp(vertices_mm[np.unique(faces), :2], axis=0).prod()
         raise MeshUnusable(
-            f"expected a surface mesh of {name}, got triangles that lie upon each other about {layers:.0f} times; simplify it, or "
-            "export the surface alone"
+            expected=f"a surface mesh of {name}",
+            got=f"triangles that lie upon each other about {layers:.0f} times",
+            remedy="simplify it, or export the surface alone",
         )
 
 
@@ -205,8 +212,9 @@ def _read_mesh(path: Path) -> tuple[Vertices, Faces, str | None]:
     """Return vertices and triangles as the file has them, several bodies as one, and the unit that the file states, if any."""
     if not path.is_file() or path.suffix.lower() not in MESH_FILE_SUFFIXES or path.stat().st_size > MOST_MB * 1e6:
         raise MeshUnusable(
-            f"expected a file of at most {MOST_MB} MB ending in {', '.join(MESH_FILE_SUFFIXES)}, got {path}"
-            f"{'' if path.exists() else ', which is not there'}; check the path, or convert or simplify the mesh"
+            expected=f"a file of at most {MOST_MB} MB ending in {', '.join(MESH_FILE_SUFFIXES)}",
+            got=f"{path}{'' if path.exists() else ', which is not there'}",
+            remedy="check the path, or convert or simplify the mesh",
         )
     trimesh = _import_trimesh()
     try:
@@ -218,10 +226,10 @@ def _read_mesh(path: Path) -> tuple[Vertices, Faces, str | None]:
         ) from absence
     except Exception as failure:
         raise MeshUnusable(
-            f"expected a mesh in {path}, got a file that cannot be read ({failure}); export it again"
+            expected=f"a mesh in {path}", got=f"a file that cannot be read ({failure})", remedy="export it again"
         ) from failure
     if not hasattr(mesh, "faces"):
-        raise MeshUnusable(f"expected triangles in {path}, got only points or lines; export a surface mesh")
+        raise MeshUnusable(expected=f"triangles in {path}", got="only points or lines", remedy="export a surface mesh")
     stated = mesh.units if path.suffix.lower() == ".3mf" else None
     vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
     return vertices.reshape(-1, 3), faces.reshape(-1, 3), None if stated is None else _UNIT_OF_3MF.get(stated, stated)
@@ -233,7 +241,9 @@ def _import_trimesh() -> Any:
         import trimesh
     except ImportError as absence:
         raise MissingLibraryError(
-            f"expected the library trimesh, got an environment without it; run: {installation_command('objects')}"
+            expected="the library trimesh",
+            got="an environment without it",
+            remedy=f"run: {installation_command('objects')}",
         ) from absence
     # Without any handler, Python prints the library's warnings, tracebacks included, beside the sentence of this package.
     if not (log := logging.getLogger("trimesh")).handlers:
@@ -259,13 +269,14 @@ def _find_model(number: int) -> tuple[Any, Any]:
         library.init()
     except Exception as failure:
         raise FileFormatError(
-            f"expected Thingi10K on this machine or the network to download it, got {_first_line(failure)!r}; connect once, "
-            "or give a mesh file of your own"
+            expected="Thingi10K on this machine or the network to download it",
+            got=f"{_first_line(failure)!r}",
+            remedy="connect once, or give a mesh file of your own",
         ) from failure
     entries = list(library.dataset(file_id=number))
     if not entries:
         raise FileFormatError(
-            f"expected a file number of Thingi10K, got {number}, which is not in it; take another, as 32770"
+            expected="a file number of Thingi10K", got=f"{number}, which is not in it", remedy="take another, as 32770"
         )
     return entries[0], library
 
@@ -281,6 +292,8 @@ def _import_thingi10k() -> Any:
         import thingi10k
     except ImportError as absence:
         raise MissingLibraryError(
-            f"expected the library thingi10k, got an environment without it; run: {installation_command('objects')}"
+            expected="the library thingi10k",
+            got="an environment without it",
+            remedy=f"run: {installation_command('objects')}",
         ) from absence
     return thingi10k
