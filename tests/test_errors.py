@@ -26,6 +26,34 @@ def test_every_error_belongs_to_a_group() -> None:
     assert not alone, "derive these from a class of ninedtact.errors"
 
 
+@pytest.mark.parametrize(
+    "error",
+    [
+        errors.InputError(expected="one", got="two", remedy="drop one"),
+        errors.InputError("expected one, got: two; drop one"),
+    ],
+)
+def test_the_sentence_of_an_error_is_data(error: errors.InputError) -> None:
+    assert (error.expected, error.got, error.remedy) == ("one", "two", "drop one")
+    assert str(error).replace("got:", "got") == "expected one, got two; drop one"
+
+
+def test_every_error_says_what_was_expected() -> None:
+    """Its class takes the three parts, or a sentence that begins so; an interruption says what is kept instead."""
+    other = []
+    for path in PACKAGE.parents[3].glob("*/src/**/*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if not (isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and node.exc.args):
+                continue
+            if ast.unparse(node.exc.func) not in GROUPS:
+                continue
+            said = node.exc.args[0]
+            first = said.values[0] if isinstance(said, ast.JoinedStr) else said
+            if isinstance(first, ast.Constant) and not str(first.value).startswith(("expected ", "stopped by ")):
+                other.append(f"{path.name}:{node.lineno}")
+    assert not other
+
+
 @pytest.mark.parametrize("name", sorted(GROUPS))
 def test_groups_are_documented_and_derive_from_the_base(name: str) -> None:
     assert f"── {name} " in str(errors.__doc__)

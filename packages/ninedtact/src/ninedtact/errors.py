@@ -22,6 +22,10 @@ as one line and ends with exit code 1.
 ...     print(error)
 """
 
+import re
+
+_SENTENCE = re.compile(r"expected (.*?), got:? (.*?); (.*)", re.DOTALL)
+
 
 class NinedtactError(Exception):
     """An error that the user can act on; it says what was expected, what was found, and what to do.
@@ -31,8 +35,9 @@ class NinedtactError(Exception):
     """
 
     def __init__(self, message: str = "", *, expected: str = "", got: str = "", remedy: str = "") -> None:
-        """message: the whole sentence, where it has another form than "expected …, got …; …"."""
-        self.expected, self.got, self.remedy = expected, got, remedy
+        """message: the whole sentence, where it quotes another program ("expected …, got: …; …") or has another form."""
+        said = _SENTENCE.fullmatch(message)
+        self.expected, self.got, self.remedy = said.groups() if said else (expected, got, remedy)
         super().__init__(message or f"expected {expected}, got {got}; {remedy}")
 
     def __reduce__(self) -> tuple[object, ...]:
