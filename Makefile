@@ -75,7 +75,7 @@ test-python-%: .venv/bin/uv
 # The versions of all packages for development, which `pip install -r requirements-dev.lock` installs anywhere.
 lock: .venv/bin/uv
 	.venv/bin/uv pip compile -q --upgrade $(wildcard packages/*/pyproject.toml) --group dev --python-version 3.11 --extra studio --extra training \
-	  -c constraints.txt $(if $(LINKS),--find-links $(LINKS)) --no-emit-index-url --no-emit-find-links \
+	  -c constraints.txt $(if $(LINKS),--find-links $(LINKS)) --no-emit-index-url --no-emit-find-links $(addprefix --no-emit-package ,ninedtact ninedtact-train ninedtact-hardware) \
 	  --custom-compile-command "make lock" -o requirements-dev.lock
 	sed -i -E 's/^([a-z0-9._-]+==[^+ ]+)\+[a-z0-9.]+/\1/' requirements-dev.lock  # +cpu names a build that lies on some machines only
 

@@ -87,7 +87,9 @@ def render_solids(
     return _shade(depth, drawn, palette)
 
 
-def _shade(depth_px: DepthImage, drawn: Int[Array, "rows cols"], palette: Float[Array, "colours 3"]) -> BgrImage:
+def _shade(
+    depth_px: DepthImage, drawn: Int[Array, "rows cols"], palette: Float[Array, "colours 3"]
+) -> UInt8[Array, "averaged_rows averaged_cols 3"]:
     """Return the averaged image, white beside the bodies; `drawn` has the number of each pixel's colour."""
     far_px = float(depth_px[np.isfinite(depth_px)].max()) + 50.0
     shaded = _darken_edges(palette[drawn] * _brightness(depth_px)[..., None], depth_px, far_px)

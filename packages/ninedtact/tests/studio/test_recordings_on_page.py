@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from inspect import unwrap
 from pathlib import Path
 from subprocess import PIPE
 from threading import Thread
@@ -387,7 +388,7 @@ def test_a_reading_is_not_in_a_recording_that_begins_while_it_is_kept(tmp_path: 
     bench, paths, seen = Bench(tmp_path / "small", tmp_path / "out"), list[Path](), set[int]()
 
     def begin_another(frame: FrameType, event: str, argument: object) -> Callable[..., Any] | None:
-        if frame.f_code is not PageRecorder.keep.__code__:
+        if frame.f_code is not unwrap(PageRecorder.keep).__code__:
             return None
         if event == "line" and seen and frame.f_lineno not in seen:
             bench.recorder.stop()
