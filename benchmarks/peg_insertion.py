@@ -25,7 +25,7 @@ def peg_insertion(
     by_gel: int = 30, by_estimate: int = 8, blind: int = 20, quick: bool = False, json: bool = False
 ) -> None:
     """Run these numbers of episodes and print how many inserted the peg; a minute."""
-    by_gel, by_estimate, blind = (1, 0, 1) if quick else (by_gel, by_estimate, blind)
+    by_gel, by_estimate, blind = (1, 1, 1) if quick else (by_gel, by_estimate, blind)
     twin = default_twin()
     with TemporaryDirectory() as folder:
         images = simulate_calibration_images(twin, frames=4)

@@ -55,7 +55,7 @@ def soak(
     cv2.setNumThreads(1)
     require_linux()
     limit_memory_arenas()  # as every command does
-    minutes, images, recorded, settled = (0.0, 8, 3, 1) if quick else (minutes, images, recorded, SETTLED)
+    minutes, images, recorded, settled = (0.0, 8, 12, 1) if quick else (minutes, images, recorded, SETTLED)
     until_s = time.monotonic() + 60 * minutes
     found: list[Census] = []
     with TemporaryDirectory(prefix="soak_") as name:
