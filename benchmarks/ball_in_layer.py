@@ -152,7 +152,7 @@ def rest_rad(last: Press) -> Float[Array, "facets points"]:
 def touched(press: Press, rest: Float[Array, "facets points"]) -> Touch:
     """Pressure along the ball's radius by overlap; if it sticks, shear along its meridian by the way from rest."""
     radius, sticks = press.ball.radius_mm, float(press.ball.sticks)
-    centre = np.array([0, press.parts.layer.thickness_mm - press.depth_mm + radius])
+    centre = np.array([0, press.parts.layer.top_mm - press.depth_mm + radius])
     arm = skin_now(press.parts, press.moved) - centre
     distance = np.linalg.norm(arm, axis=-1)
     out = arm / distance[..., None]

@@ -1,7 +1,7 @@
-"""An axisymmetric neo-Hookean layer on a rigid base, cut into finite elements; it keeps its volume exactly.
+"""An axisymmetric neo-Hookean gel on a rigid base or on a layer that yields, cut into finite elements; it keeps its volume exactly.
 
-The base is at z = 0, the untouched skin at z = h; a point (r, z) moves to (r + u_r, z + u_z). Energy per volume is
-G/2·(|F|² − 3) with G = 1, so that forces are in shear moduli times mm². A pressure that is linear within each element and
+The rigid floor is at z = 0, the untouched skin at the top; a point (r, z) moves to (r + u_r, z + u_z). Energy per volume is
+G/2·(|F|² − 3) with G = 1 in the gel, so that forces are in shear moduli times mm². A pressure that is linear within each element and
 knows nothing of its neighbours holds det F = 1 there: biquadratic displacement with it does not lock. (With Taylor and
 Hood's continuous pressure the free skin beside deep presses wrinkled from element to element.)
 """
@@ -39,7 +39,11 @@ class Layer:
     fine_to_mm: float = 5.0
     """Where elements begin to widen outward."""
     crowding: float = 1.0
-    """From 1 on: how much the elements crowd towards the skin."""
+    """From 1 on: how much the elements of the gel crowd towards the skin."""
+    base_thickness_mm: float = 0.0
+    """Thickness of the layer under the gel; zero for gel on the rigid floor."""
+    base_modulus: float = 1.0
+    """Shear modulus of that layer over that of the gel."""
 
     @cached_property
     def mesh(self) -> MeshQuad:
@@ -48,7 +52,14 @@ class Layer:
     @property
     def heights_mm(self) -> Float[Array, " rows"]:
         rows = round(self.thickness_mm / self.element_mm)
-        return self.thickness_mm * (1 - np.linspace(1, 0, rows + 1) ** self.crowding)
+        gel = self.thickness_mm * (1 - np.linspace(1, 0, rows + 1) ** self.crowding)
+        base_rows = round(self.base_thickness_mm / (2 * self.element_mm))
+        return np.concatenate([np.linspace(0, self.base_thickness_mm, base_rows + 1)[:-1], self.base_thickness_mm + gel])
+
+    @property
+    def top_mm(self) -> float:
+        """Height of the untouched skin over the rigid floor."""
+        return self.base_thickness_mm + self.thickness_mm
 
     @property
     def radii_mm(self) -> Float[Array, " columns"]:
@@ -71,7 +82,7 @@ class Parts:
 
     @cached_property
     def skin(self) -> FacetBasis:
-        mesh, height = self.layer.mesh, self.layer.thickness_mm
+        mesh, height = self.layer.mesh, self.layer.top_mm
         top = mesh.facets_satisfying(lambda x: np.isclose(x[1], height))
         return FacetBasis(mesh, ElementVector(ElementQuad2()), facets=top, intorder=INTEGRATION_ORDER)
 
@@ -79,6 +90,13 @@ class Parts:
     def unknowns_of(self) -> Array:
         """Of each element: indices of its displacements."""
         return self.inside.element_dofs.T
+
+    @cached_property
+    def modulus(self) -> Float[Array, "elements 1 1"]:
+        """Shear modulus of each element, that of the gel being one."""
+        middle_mm = self.layer.mesh.p[1, self.layer.mesh.t].mean(axis=0)
+        in_base = middle_mm < self.layer.base_thickness_mm
+        return np.where(in_base, self.layer.base_modulus, 1.0)[:, None, None]
 
     @cached_property
     def strain(self) -> Float[Array, "elements points 5 18"]:
@@ -103,7 +121,7 @@ class Parts:
     def yielding(self) -> Float[Array, "elements 3 3"]:
         """From volume missing, weighted by each pressure, to the pressures that bring it back."""
         mass = np.einsum("ep,epi,epj->eij", self.volume, self.pressing, self.pressing)
-        return BULK * np.linalg.inv(mass)
+        return BULK * self.modulus * np.linalg.inv(mass)
 
     @cached_property
     def skin_place_mm(self) -> Float[Array, "facets points 2"]:
@@ -137,7 +155,11 @@ class Parts:
     @cached_property
     def skin_nodes(self) -> tuple[Float[Array, " nodes"], Array, Array]:
         """Radii of the skin's nodes from the middle out, and the indices of their u_r and u_z."""
-        height, places = self.layer.thickness_mm, self.inside.doflocs
+        return self.nodes_at(self.layer.top_mm)
+
+    def nodes_at(self, height: float) -> tuple[Float[Array, " nodes"], Array, Array]:
+        """Radii of the nodes at a height of the untouched layer from the middle out, and the indices of their u_r and u_z."""
+        places = self.inside.doflocs
         nodes = self.inside.get_dofs(lambda x: np.isclose(x[1], height))
         across, up = (index[np.argsort(places[0, index])] for index in (nodes.all(["u^1"]), nodes.all(["u^2"])))
         return places[0, across], across, up
@@ -176,9 +198,9 @@ def inner(parts: Parts, moved: Array, pressures: Float[Array, "elements 3"]) -> 
     """Elastic forces at these displacements and pressures; a pressure of zero belongs to the untouched layer."""
     f, volume, strain = gradient(parts, moved), parts.volume[..., None], parts.strain
     grown, first, second = determinant(f)
-    held = np.einsum("epi,ei->ep", parts.pressing, pressures)[..., None] - 1
-    forces = np.einsum("epij,epi->ej", strain, (f + held * first) * volume)
-    tangent = (np.eye(5) + held[..., None] * second) * volume[..., None]
+    held = np.einsum("epi,ei->ep", parts.pressing, pressures)[..., None] - parts.modulus
+    forces = np.einsum("epij,epi->ej", strain, (parts.modulus * f + held * first) * volume)
+    tangent = (parts.modulus[..., None] * np.eye(5) + held[..., None] * second) * volume[..., None]
     flat = strain.reshape(len(strain), -1, strain.shape[-1])
     own = np.swapaxes(flat, 1, 2) @ (tangent @ strain).reshape(flat.shape)
     along = np.swapaxes(np.einsum("epij,epi->epj", strain, first * volume), 1, 2) @ parts.pressing

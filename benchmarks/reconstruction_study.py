@@ -23,7 +23,7 @@ from ninedtact.shape.depth import DepthMethod, Smoothing
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, GUIDED_PRESSES, simulate_calibration_images
 from ninedtact.simulation.ground_truth import true_height_map_like
 from ninedtact.simulation.trajectory import ScriptedPress
-from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
+from ninedtact_train.population.mechanics_shares import MechanicsShares
 from ninedtact_train.population.sensor_population import SampledSensor, sample_sensor
 
 METHODS: tuple[DepthMethod, ...] = ("physics", "ratio", "table")
@@ -32,10 +32,10 @@ OTHER_BALL = Ball(5.0)
 DEEPER_THAN_MM = 0.05
 LIMIT_MM = 0.020
 PUBLISHED = {"MAE": 0.0462, "Std": 0.0304}
-KINDS: dict[str, NonidealMechanicsShares] = {
-    "as the estimator assumes": NonidealMechanicsShares(compliant_base=0.0, finite_strain=0.0),
-    "compliant base": NonidealMechanicsShares(compliant_base=1.0, finite_strain=0.0),
-    "finite strain": NonidealMechanicsShares(compliant_base=0.0, finite_strain=1.0),
+KINDS: dict[str, MechanicsShares] = {
+    "as the estimator assumes": MechanicsShares(compliant_base=0.0, finite_strain=0.0),
+    "compliant base": MechanicsShares(compliant_base=1.0, finite_strain=0.0),
+    "finite strain": MechanicsShares(compliant_base=0.0, finite_strain=1.0),
 }
 
 

@@ -28,14 +28,14 @@ from ninedtact.simulation.twin import LOAD_TOLERANCE, Press, Twin, twin_from_des
 from ninedtact_train.batched.executor import BatchExecutor, Device
 from ninedtact_train.batched.session_requests import RenderRequest, SimulatedSetup, StepRequest
 from ninedtact_train.population.rectified_renderer import rectified_renderer
-from ninedtact_train.population.sensor_population import NonidealMechanicsShares, SampledSensor, sample_sensor
+from ninedtact_train.population.sensor_population import MechanicsShares, SampledSensor, sample_sensor
 from ninedtact_train.workflows.simulated_force_calibration import calibrate_on_simulated_loads
 
 BALL, AT = Ball(4.0), Pose(0.6, -0.4, 0.45)
 KINDS = {
-    "rigid base": NonidealMechanicsShares(0, 0),
-    "finite strain": NonidealMechanicsShares(0, 1),
-    "compliant base": NonidealMechanicsShares(1, 0),
+    "rigid base": MechanicsShares(0, 0),
+    "finite strain": MechanicsShares(0, 1),
+    "compliant base": MechanicsShares(1, 0),
 }
 
 

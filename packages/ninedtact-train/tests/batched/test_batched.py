@@ -28,7 +28,7 @@ from ninedtact_train.batched.executor import BatchExecutor, Device, choose_compu
 from ninedtact_train.batched.session_requests import RenderRequest, StepRequest
 from ninedtact_train.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
 from ninedtact_train.dataset.generation.settings import GenerationSettings, PairKindShares, PressSettings
-from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
+from ninedtact_train.population.mechanics_shares import MechanicsShares
 
 SMALL = GenerationSettings(
     pairs=18,
@@ -36,7 +36,7 @@ SMALL = GenerationSettings(
     sensors=3,
     object_names=("ball:3", "gear_07", "cylinder:2,5", "screw_02"),
     shares=PairKindShares(0.1, 0.15),
-    mechanics=NonidealMechanicsShares(0.34, 0.33),
+    mechanics=MechanicsShares(0.34, 0.33),
     pitch_mm=0.5,
     session_pairs=3,
     sessions_per_file=2,

@@ -43,7 +43,7 @@ from ninedtact_train.dataset.statistics_and_card import (
     move_to_force_sensor,
     wrench_percentiles,
 )
-from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
+from ninedtact_train.population.mechanics_shares import MechanicsShares
 from ninedtact_train.population.sensor_population import sample_sensor, sampled_sensor_from_json
 
 HARD = PressTarget(30.0, np.zeros(2), 0.0, np.zeros(2))
@@ -248,7 +248,7 @@ def test_hopeless_hands_give_up(tmp_path: Path) -> None:
 
 
 def test_a_hand_reaches_its_load_and_leans_as_it_wants() -> None:
-    for kinds in (NonidealMechanicsShares(0, 0), NonidealMechanicsShares(1, 0), NonidealMechanicsShares(0, 1)):
+    for kinds in (MechanicsShares(0, 0), MechanicsShares(1, 0), MechanicsShares(0, 1)):
         touch = RandomPress(
             make_simulated_sensor(6, replace(TWINS, pitch_mm=0.3, mechanics=kinds)),
             Ball(),
@@ -263,7 +263,7 @@ def test_a_hand_reaches_its_load_and_leans_as_it_wants() -> None:
 
 
 def test_a_hand_stops_before_the_base() -> None:
-    sensor = make_simulated_sensor(6, replace(TWINS, pitch_mm=0.3, mechanics=NonidealMechanicsShares(0, 0)))
+    sensor = make_simulated_sensor(6, replace(TWINS, pitch_mm=0.3, mechanics=MechanicsShares(0, 0)))
     felt = run_session_on_cpu(
         RandomPress(sensor, Ball(1.5), PressSettings(), np.random.default_rng(0)).step_towards(HARD)
     )

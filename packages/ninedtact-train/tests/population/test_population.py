@@ -19,7 +19,7 @@ from ninedtact.simulation.gel_brightness import (
     GlarePatch,
     deviation_from_population,
 )
-from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
+from ninedtact_train.population.mechanics_shares import MechanicsShares
 from ninedtact_train.population.real_sensor_twins import REAL_FITS
 from ninedtact_train.population.rectified_renderer import (
     misaligned_pixel_positions_mm,
@@ -34,7 +34,7 @@ from ninedtact_train.population.sensor_population import (
 )
 
 MANY = 300
-ALL_BONDED, ALL_BASED = NonidealMechanicsShares(0, 0), NonidealMechanicsShares(1, 0)
+ALL_BONDED, ALL_BASED = MechanicsShares(0, 0), MechanicsShares(1, 0)
 
 
 @pytest.fixture(scope="module")
@@ -201,8 +201,8 @@ def test_noise_is_new_in_every_image_and_as_strong_as_it_is_said_to_be() -> None
     [
         lambda: sample_sensor(-1),
         lambda: sample_sensor(0, -1),
-        lambda: NonidealMechanicsShares(0.7, 0.6),
-        lambda: NonidealMechanicsShares(-0.1),
+        lambda: MechanicsShares(0.7, 0.6),
+        lambda: MechanicsShares(-0.1),
     ],
 )
 def test_members_that_cannot_be_drawn_are_refused(wrong: object) -> None:

@@ -42,8 +42,13 @@ class Gel:
     """That of Shore A 5 by Gent's relation (docs/references.md); a calibration with known loads measures it far better."""
     poisson_ratio: float = 0.5
     """Silicone keeps its volume: 0.5 is exact, not a limit."""
-    finite_strain: float = 0.0
-    """Share of what neo-Hookean rubber does otherwise than a linear layer when it is pressed deep, 0 to 1; `calibrate` fits it."""
+    finite_strain: float = 1.0
+    """Share of what neo-Hookean rubber does otherwise than a linear layer when it is pressed deep, 0 to 1."""
+    base_thickness_mm: Annotated[float, Meta(ge=0.1, le=100.0)] = 9.2
+    """Thickness of the transparent layer that the gel is bonded to, above the window."""
+    gel_over_base_modulus: Annotated[float, Meta(ge=0, le=1)] = 0.12
+    """Shear modulus of the gel over that of the transparent layer below it; zero is a rigid base. That of Shore A 5 over Shore A 45 is
+    0.1 to 0.14 by the tables of different authors."""
 
     def __post_init__(self) -> None:
         # A gel of a closed form, or of one step of a fit, may be thicker or softer than one that is made.
@@ -59,6 +64,28 @@ class Gel:
             raise DesignImpossible(
                 expected="gel.finite_strain from 0 to 1", got=f"{self.finite_strain}", remedy="correct the design"
             )
+        require_positive("gel.base_thickness_mm", self.base_thickness_mm)
+        if not 0 <= self.gel_over_base_modulus <= 1:
+            raise DesignImpossible(
+                expected="gel.gel_over_base_modulus from 0, a rigid base, to 1, a base as soft as the gel",
+                got=f"{self.gel_over_base_modulus}",
+                remedy="correct the design",
+            )
+
+    @property
+    def has_rigid_base(self) -> bool:
+        """Whether the layer below the gel does not yield."""
+        return self.gel_over_base_modulus == 0
+
+    @property
+    def base(self) -> "Gel":
+        """The layer below the gel, bonded to the rigid window; only where it yields."""
+        return Gel(self.base_thickness_mm, self.shear_modulus_mpa / self.gel_over_base_modulus, self.poisson_ratio)
+
+    @property
+    def max_depth_mm(self) -> float:
+        """How deep an object could reach if both layers vanished under it."""
+        return self.thickness_mm + (0.0 if self.has_rigid_base else self.base_thickness_mm)
 
 
 def shore_a_to_shear_modulus_mpa(shore_a: float) -> float:

@@ -1,6 +1,6 @@
-"""The corrections for finite strain against the finite elements that they came from (`benchmarks/finite_strain.py`)."""
+"""The corrections for finite strain against finite elements of a ball to which the skin sticks (`benchmarks/finite_strain.py`)."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -8,129 +8,109 @@ import torch
 
 from ninedtact.design import Gel
 from ninedtact.mechanics.contact_model import ContactModel
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import (
-    MAX_FITTED_DEPTH_OVER_THICKNESS,
     correct_for_finite_strain,
-    finite_strain_ball_change_mm,
     finite_strain_height_mm,
-    finite_strain_load_factor,
-    finite_strain_traction_mpa,
+    finite_strain_stiffening,
 )
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import PeriodicGrid, gel_skin
 
-THICKNESS_MM = 2.5
-DEPTHS_MM = (0.5, 1.0, 1.5, 1.9)
-LOADS_MM2 = {3.0: (6.80, 29.26, 76.64, 145.81), 4.0: (9.29, 43.40, 120.43, 236.00), 5.0: (12.02, 59.93, 173.16, 346.48)}
-"""Of a neo-Hookean layer under balls that stick, shear modulus 1."""
-SKIN_MM = {
-    3.0: (0.1669, 0.1680, 0.1404, 0.1071, 0.0786, 0.0575, 0.0429, 0.0331, 0.0264),
-    4.0: (0.1389, 0.2115, 0.2071, 0.1717, 0.1309, 0.0966, 0.0713, 0.0538, 0.0419),
-    5.0: (-0.0704, 0.1902, 0.2516, 0.2379, 0.1945, 0.1477, 0.1093, 0.0814, 0.0622),
-}
-"""Height of its skin 1.5 mm deep at these distances from the axis."""
-BESIDE_MM = np.arange(3.5, 7.6, 0.5)
+GRID = PeriodicGrid(128, 128, 0.2)
+BESIDE_MM = np.array([4.0, 5.0, 6.0, 7.0])
+DOUBLE = np.zeros(())
 
 
-@pytest.fixture(scope="module", params=sorted(LOADS_MM2))
-def ball_mm(request):
-    """The radius of a ball."""
-    return request.param
+@dataclass(frozen=True)
+class ElementPress:
+    """A press of finite elements with a shear modulus of one, on 9.2 mm of a base."""
+
+    thickness_mm: float
+    gel_over_base: float
+    ball_mm: float
+    depth_mm: float
+    load_mm2: float
+    thinning_mm: float
+    """Under the middle of the ball."""
+    skin_mm: tuple[float, ...]
+    """Height of the skin at `BESIDE_MM` from the axis."""
 
 
-@pytest.fixture(scope="module")
-def presses(ball_mm):
-    """The ball pressed into the linear gel, with the loads of the other one."""
-    model = ContactModel(gel_skin(PeriodicGrid(128, 128, 0.2), Gel(THICKNESS_MM, 1.0, 0.5), np.zeros(())), friction=1.0)
-    steps = np.arange(0.1, 1.95, 0.1).round(2)
-    contacts = model.follow(Ball(ball_mm), [Pose(depth_mm=depth) for depth in steps])
-    chosen = [contact for contact in contacts if contact.pose.depth_mm in DEPTHS_MM]
-    return list(zip(chosen, LOADS_MM2[ball_mm], strict=True))
+PRESSES = [
+    ElementPress(2.0, 0, 4.0, 1.0, 67.99, 1.000, (0.1274, 0.0642, 0.0326, 0.0196)),
+    ElementPress(2.0, 0.025, 4.0, 2.0, 350.01, 1.617, (0.2362, 0.2237, 0.1038, 0.0522)),
+    ElementPress(2.0, 0.05, 4.0, 1.0, 51.94, 0.861, (0.0722, 0.0352, 0.0171, 0.0105)),
+    ElementPress(2.0, 0.05, 4.0, 2.0, 266.26, 1.436, (0.1474, 0.1453, 0.0644, 0.0322)),
+    ElementPress(2.5, 0.1, 4.0, 1.0, 32.35, 0.844, (0.0413, 0.0291, 0.0160, 0.0095)),
+    ElementPress(2.5, 0.1, 4.0, 1.6, 88.29, 1.231, (0.0583, 0.0680, 0.0390, 0.0216)),
+    ElementPress(2.5, 0.1, 4.0, 2.4, 212.63, 1.614, (-0.0410, 0.1051, 0.0761, 0.0406)),
+    ElementPress(2.0, 0.1, 2.0, 1.0, 18.81, 0.865, (0.0165, 0.0062, 0.0030, 0.0023)),
+    ElementPress(2.0, 0.2, 4.0, 0.8, 20.74, 0.564, (-0.0018, -0.0033, -0.0028, -0.0011)),
+]
 
 
-def linear_load(contact, pressure_mpa) -> float:
-    return float(pressure_mpa.sum()) * contact.skin.grid.cell_area_mm2
+def contact_of(press: ElementPress) -> Contact:
+    """The same press of the linear gel."""
+    gel = Gel(press.thickness_mm, 1.0, 0.5, 1.0, gel_over_base_modulus=press.gel_over_base)
+    model = ContactModel(gel_skin(GRID, gel, DOUBLE), friction=1.0)
+    steps = np.append(np.arange(0.2, press.depth_mm, 0.2), press.depth_mm)
+    *_, last = model.follow(Ball(press.ball_mm), [Pose(depth_mm=float(depth)) for depth in steps])
+    return last
 
 
-def test_the_factor_makes_the_linear_load_that_of_finite_strain(presses):
-    for contact, load in presses:
-        factor = finite_strain_load_factor(np.float64(contact.pose.depth_mm / THICKNESS_MM))
-        assert factor * linear_load(contact, contact.pressure_mpa) == pytest.approx(load, rel=0.03)
+@pytest.mark.parametrize("press", PRESSES, ids=lambda press: f"{press.gel_over_base:g} {press.depth_mm:g} mm")
+def test_load_thinning_and_skin_are_those_of_the_finite_elements(press: ElementPress) -> None:
+    linear = contact_of(press)
+    corrected = correct_for_finite_strain(linear)
+    load = float(corrected.pressure_mpa.sum()) * GRID.cell_area_mm2
+    assert load == pytest.approx(press.load_mm2, rel=0.04)
+    # The grid has no point under the lowest point of the ball.
+    between_points_mm = press.depth_mm + float(linear.height_mm.min())
+    assert -corrected.thickness_change_mm.min() == pytest.approx(press.thinning_mm, abs=0.03 * press.thinning_mm + between_points_mm)
+    skin_mm, straight_mm = (height_beside_mm(contact) for contact in (corrected, linear))
+    assert np.abs(skin_mm - press.skin_mm).max() < 0.025
+    assert np.linalg.norm(skin_mm - press.skin_mm) < np.linalg.norm(straight_mm - press.skin_mm)
 
 
-def test_the_stiffened_pressure_adds_up_to_the_load_of_finite_strain(presses):
-    for contact, load in presses:
-        pressure = finite_strain_traction_mpa(contact.pressure_mpa, contact.height_mm, THICKNESS_MM)
-        assert linear_load(contact, pressure) == pytest.approx(load, rel=0.04)
+def height_beside_mm(contact: Contact) -> np.ndarray:
+    """Height of the skin at `BESIDE_MM` from the axis."""
+    x, y = GRID.positions_mm
+    row = np.argmin(np.abs(y[:, 0]))
+    return np.interp(np.sqrt(BESIDE_MM**2 - y[row, 0] ** 2), x[row], contact.height_mm[row])
 
 
-def test_heights_beside_a_ball_are_those_of_finite_strain(presses, ball_mm):
-    contact, _ = presses[DEPTHS_MM.index(1.5)]
-    row = contact.skin.grid.rows // 2
-    x, corrected = contact.skin.grid.positions_mm[0][row], finite_strain_height_mm(contact, THICKNESS_MM)
-    linear, any_shape = (np.interp(BESIDE_MM, x, field[row]) for field in (contact.height_mm, corrected))
-    tabled = linear + finite_strain_ball_change_mm(BESIDE_MM, ball_mm, 1.5, THICKNESS_MM)
-    rms = [np.sqrt(np.mean((heights - SKIN_MM[ball_mm]) ** 2)) for heights in (linear, any_shape, tabled)]
-    assert rms[0] > 0.008
-    assert rms[1] < 0.65 * rms[0]
-    assert rms[2] < 0.25 * rms[0]
+@pytest.mark.parametrize("ratio", [0.0, 0.12])
+def test_nothing_changes_for_small_strain_and_without_contact(ratio: float) -> None:
+    model = ContactModel(gel_skin(GRID, replace(Gel(), gel_over_base_modulus=ratio), DOUBLE))
+    shallow, flat = model.follow(Ball(4.0), [Pose(depth_mm=0.01), Pose(depth_mm=-1.0)])
+    corrected = correct_for_finite_strain(shallow)
+    assert corrected.pressure_mpa == pytest.approx(shallow.pressure_mpa, rel=1e-3)
+    assert corrected.height_mm == pytest.approx(shallow.height_mm, abs=1e-4)
+    untouched = correct_for_finite_strain(flat)
+    assert not untouched.pressure_mpa.any() and not untouched.height_mm.any()
 
 
-def test_under_the_object_heights_are_the_linear_ones_and_around_it_the_volume_hardly_changes(presses):
-    contact, _ = presses[-1]
-    height, corrected = contact.height_mm, finite_strain_height_mm(contact, THICKNESS_MM)
-    under = contact.pressure_mpa > 0
-    assert np.array_equal(corrected[under], height[under])
-    assert abs((corrected - height).sum()) < 0.1 * np.maximum(height, 0).sum()
+def test_a_linear_gel_is_left_as_it_is() -> None:
+    model = ContactModel(gel_skin(GRID, replace(Gel(), finite_strain=0.0)))
+    contact = model.step(model.initial_contact(), Ball(4.0), Pose(depth_mm=1.0))
+    assert correct_for_finite_strain(contact) is contact
 
 
-def test_small_strain_needs_no_correction(presses):
-    assert finite_strain_load_factor(np.float64(0)) == 1
-    nearly_flat = np.array([[-1e-4, 0.0, 1e-4]])
-    assert finite_strain_traction_mpa(np.ones((1, 3)), nearly_flat, THICKNESS_MM) == pytest.approx(1, abs=1e-6)
-    contact, shallow = presses[0][0], 1e-3
-    flat = replace(
-        contact, height_mm=shallow * contact.height_mm, tangential_mm=shallow * np.asarray(contact.tangential_mm)
-    )
-    assert finite_strain_height_mm(flat, THICKNESS_MM) == pytest.approx(flat.height_mm, abs=1e-3 * shallow)
-    assert np.abs(finite_strain_ball_change_mm(BESIDE_MM, 4.0, 0.0, THICKNESS_MM)).max() == 0
+@pytest.mark.parametrize("ratio", [0.0, 0.12])
+def test_tractions_stiffen_with_thinning_alone_and_torch_says_the_same(ratio: float) -> None:
+    gel = replace(Gel(), gel_over_base_modulus=ratio)
+    heights = np.linspace(-2.0, 1.0, 31)[None]
+    thinner = 0.7 * heights if ratio else heights
+    stiffening = finite_strain_stiffening(heights, thinner, gel)
+    assert (np.diff(stiffening) <= 0).all() and (stiffening[heights >= 0] == 1).all()
+    by_torch = finite_strain_stiffening(torch.from_numpy(heights), torch.from_numpy(thinner), gel)
+    assert by_torch.numpy() == pytest.approx(stiffening)
 
 
-def test_the_table_goes_on_beyond_its_depths_and_radii():
-    depths = np.linspace(1.5, 2.4, 10)
-    most = [finite_strain_ball_change_mm(np.linspace(0, 10, 500), 4.0, depth, THICKNESS_MM).max() for depth in depths]
-    assert (np.diff(most) > 0).all()
-    for radius_mm in (1.0, 20.0):
-        assert np.isfinite(finite_strain_ball_change_mm(BESIDE_MM, radius_mm, 1.0, THICKNESS_MM)).all()
-
-
-def test_a_ball_above_the_skin_leaves_it_flat():
-    flat = ContactModel(gel_skin(PeriodicGrid(64, 64, 0.4), Gel(THICKNESS_MM))).follow(Ball(4.0), [Pose(depth_mm=-3.0)])
-    corrected = correct_for_finite_strain(next(flat), THICKNESS_MM, Ball(4.0))
-    assert not corrected.height_mm.any()
-
-
-def test_deeper_is_stiffer():
-    assert (np.diff(finite_strain_load_factor(np.linspace(0, MAX_FITTED_DEPTH_OVER_THICKNESS, 50))) > 0).all()
-    heights = np.linspace(-0.9, 0.4, 50)[None] * THICKNESS_MM
-    assert (np.diff(finite_strain_traction_mpa(np.ones_like(heights), heights, THICKNESS_MM)) <= 0).all()
-    assert finite_strain_traction_mpa(np.ones((1, 2)), np.array([[-1.0, 0.5]]), THICKNESS_MM)[0, 1] == 1
-
-
-def test_torch_and_a_batch_get_the_same_answer(presses):
-    heights, pressure = np.array([[-1.0, 0.5]]), np.array([[2.0, 0.0]])
-    theirs = torch.from_numpy(heights)
-    assert finite_strain_load_factor(theirs).numpy() == pytest.approx(finite_strain_load_factor(heights))
-    stiffened = finite_strain_traction_mpa(torch.from_numpy(pressure), theirs, THICKNESS_MM)
-    assert stiffened.numpy() == pytest.approx(finite_strain_traction_mpa(pressure, heights, THICKNESS_MM))
-    two = [contact for contact, _ in presses[-2:]]
-    batch = replace(
-        two[0],
-        **{
-            name: torch.stack([torch.from_numpy(np.asarray(getattr(one, name), float)) for one in two])
-            for name in ("pressure_mpa", "shear_mpa", "height_mm", "tangential_mm")
-        },
-    )
-    for found, one in zip(finite_strain_height_mm(batch, THICKNESS_MM).numpy(), two, strict=True):
-        assert found == pytest.approx(finite_strain_height_mm(one, THICKNESS_MM), abs=1e-6)
+def test_a_batch_is_its_contacts() -> None:
+    model = ContactModel(gel_skin(GRID, Gel(), DOUBLE))
+    two = list(model.follow(Ball(4.0), [Pose(depth_mm=0.8), Pose(0.5, 0.0, 1.2)]))
+    for found, one in zip(finite_strain_height_mm(Contact.stack(two)), two, strict=True):
+        assert found == pytest.approx(finite_strain_height_mm(one), abs=1e-6)

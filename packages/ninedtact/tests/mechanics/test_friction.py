@@ -1,6 +1,5 @@
 """Drags and twists: what sticks, what slips, and what the skin remembers."""
 
-from functools import partial
 
 import numpy as np
 import pytest
@@ -29,7 +28,7 @@ def shear_n(contact: Contact) -> np.ndarray:
 def test_a_ball_on_a_half_space_slips_from_its_rim_as_cattaneo_and_mindlin_say(part):
     """Pressure held; the drag allows for the images' share of the displacement."""
     gel, grid, friction, radius, depth = Gel(2.5, 0.1, 0.5), PeriodicGrid(128, 128, 0.1), 0.5, 4.0, 0.2
-    operators, zero = Skin(grid, partial(half_space_compliance, gel=gel), DOUBLE).operators, np.zeros((1, 1))
+    operators, zero = Skin(grid, gel, DOUBLE, half_space_compliance).operators, np.zeros((1, 1))
     ball, tolerance = hertz_contact(gel, radius, depth), np.full((1, 1), 1e-6)
     x, y = grid.positions_mm
     pressure = ball.peak_mpa * np.sqrt(np.maximum(1 - (x**2 + y**2) / ball.radius_mm**2, 0))

@@ -1,6 +1,7 @@
 """Pressing without friction: closed forms, laws, and figures from a program written apart from this one."""
 
-from functools import partial
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from ninedtact.mechanics.normal_contact import ContactConstraint, PressureSoluti
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.mechanics.skin import PeriodicGrid, Skin
 
-UNIT = Gel(2.5, 1.0, 0.5)
+UNIT = replace(GEL, shear_modulus_mpa=1.0)
 
 
 def measured(contact: Contact) -> BallContactSolution:
@@ -37,14 +38,14 @@ def measured(contact: Contact) -> BallContactSolution:
 
 def on_half_space(gel: Gel, indenter: Indenter, depth_mm: float, load_n: float, grid: PeriodicGrid) -> Contact:
     """A contact whose images are allowed for."""
-    skin = Skin(grid, partial(half_space_compliance, gel=gel), DOUBLE)
+    skin = Skin(grid, gel, DOUBLE, half_space_compliance)
     depth = depth_mm - periodic_half_space_shortfall_mm(gel, load_n, grid.width_mm)
     return pressed(ContactModel(skin, 0.0, SolverSettings(tolerance=1e-4)), Pose(depth_mm=depth), indenter=indenter)
 
 
 @pytest.mark.parametrize("nu", [0.5, 0.3])
 def test_a_ball_on_a_half_space_is_hertz(nu):
-    gel = Gel(2.5, 0.1, nu)
+    gel = replace(GEL, poisson_ratio=nu)
     wanted = hertz_contact(gel, 4.0, 0.3)
     assert wanted.load_n == pytest.approx(8 / 3 / (1 - nu) * 0.1 * np.sqrt(4.0) * 0.3**1.5)
     found = measured(on_half_space(gel, Paraboloid(4.0), 0.3, wanted.load_n, PeriodicGrid(128, 128, 0.1)))
@@ -66,7 +67,7 @@ def test_a_flat_punch_on_a_half_space_is_boussinesq_and_its_load_goes_with_depth
 
 @pytest.mark.parametrize(("nu", "within"), [(0.5, 0.06), (0.3, 0.01)])
 def test_a_ball_on_a_thin_layer_squeezes_it(nu, within):
-    gel, radius, depth = Gel(0.2, 1.0, nu), 100.0, 0.05
+    gel, radius, depth = replace(UNIT, thickness_mm=0.2, poisson_ratio=nu), 100.0, 0.05
     wanted = thin_layer_contact(gel, radius, depth)
     grid = PeriodicGrid(96, 96, wanted.radius_mm / 25)
     found = measured(
@@ -126,7 +127,7 @@ def test_deeper_presses_harder_and_wider():
 @settings(max_examples=8, deadline=None)
 @given(st.floats(0.01, 3.0), st.floats(0.3, 1.5))
 def test_pressure_goes_with_the_modulus_and_shape_does_not(stiffness, depth):
-    soft, stiff = (pressed(model(Gel(2.5, g), friction=0.0), Pose(depth_mm=depth)) for g in (0.1, 0.1 * stiffness))
+    soft, stiff = (pressed(model(replace(GEL, shear_modulus_mpa=g), friction=0.0), Pose(depth_mm=depth)) for g in (0.1, 0.1 * stiffness))
     np.testing.assert_allclose(stiff.pressure_mpa, stiffness * soft.pressure_mpa, atol=2e-5 * stiffness)
     np.testing.assert_allclose(stiff.height_mm, soft.height_mm, atol=1e-5)
 

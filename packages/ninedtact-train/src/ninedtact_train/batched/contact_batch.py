@@ -225,7 +225,7 @@ class ContactBatch:
         twin = request.setup.twin
         try:
             if request.load_n is None:
-                require_depth_within_gel(float(self._max_overlap_mm[index]), twin.thickness_mm)
+                require_depth_within_gel(float(self._max_overlap_mm[index]), twin.gel)
                 if self._overlap_at_border[index]:
                     require_inside_grid(self.stack.skins[0].grid, self.problem.overlap_mm[index])
             if self._leaves_region[index]:
@@ -264,7 +264,7 @@ class ContactBatch:
     def _may_be_refused(self) -> _Flags:
         """Whether each contact is at the border, through the base, over the gel's rim, or perhaps not converged."""
         contacts, twins = self.contacts, [request.setup.twin for request in self.requests]
-        through_base = ~(self._deepest_mm < np.array([twin.thickness_mm for twin in twins]))
+        through_base = ~(self._deepest_mm < np.array([twin.gel.max_depth_mm for twin in twins]))
         beyond_gel = (self._reach_mm > np.array([twin.gel_mm for twin in twins]) / 2).any(axis=1)
         at_border = _positive_at_border(contacts.pressure_mpa)
         return np.asarray(at_border | through_base | beyond_gel | self.settings.must_converge)

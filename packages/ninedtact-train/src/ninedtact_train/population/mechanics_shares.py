@@ -5,28 +5,29 @@ from typing import Literal
 
 from ninedtact.errors import InputError
 
-MechanicsKind = Literal["bonded", "compliant_base", "finite_strain"]
+MechanicsKind = Literal["layered", "rigid_base", "linear"]
+"""Neo-Hookean gel on a base that yields; the same on a rigid base; a linear layer on a rigid base."""
 
 
 @dataclass(frozen=True)
-class NonidealMechanicsShares:
-    """Shares of sensors whose mechanics differ from the gel on a rigid base that estimators assume."""
+class MechanicsShares:
+    """Shares of sensors that do not have a neo-Hookean gel on a base that yields."""
 
-    compliant_base: float = 0.15
-    """Share of sensors whose gel lies on a compliant substrate."""
-    finite_strain: float = 0.55
-    """Share of sensors with a finite-strain gel, which stiffens as it thins."""
+    rigid_base: float = 0.2
+    """Share of sensors whose gel lies on a rigid base."""
+    linear: float = 0.1
+    """Share of sensors with a linear gel on a rigid base, which does not stiffen as it thins."""
 
     def __post_init__(self) -> None:
-        if not (min(self.compliant_base, self.finite_strain) >= 0 and self.compliant_base + self.finite_strain <= 1):
+        if not (min(self.rigid_base, self.linear) >= 0 and self.rigid_base + self.linear <= 1):
             raise InputError(
                 expected="shares of sensors from 0 to 1, together at most 1",
-                got=f"{self.compliant_base} on a compliant base and {self.finite_strain} with finite strain",
+                got=f"{self.rigid_base} on a rigid base and {self.linear} with a linear gel",
                 remedy="correct them",
             )
 
     def kind_at(self, quantile: float) -> MechanicsKind:
         """Return the kind at a quantile, 0 to 1."""
-        if quantile < self.compliant_base:
-            return "compliant_base"
-        return "finite_strain" if quantile < self.compliant_base + self.finite_strain else "bonded"
+        if quantile < self.rigid_base:
+            return "rigid_base"
+        return "linear" if quantile < self.rigid_base + self.linear else "layered"

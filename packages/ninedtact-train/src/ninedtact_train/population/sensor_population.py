@@ -8,12 +8,11 @@ hand, with balls from 0.9 to 2.3 mm deep and dragged, boards tilted, and an expo
 corners, and faint reflections near the border. Lens: fits to three real sensors, which `WideAngleLens` follows to 0.05 mm. All
 other spreads are tolerances of moulding, silicone and mounting.
 
-Mechanics: two of the three kinds differ from the model with which shape and force are estimated, so that no reported accuracy
-is computed with the same model for simulation and for estimation.
+Mechanics: most gels are neo-Hookean and lie on a base that yields, as the model assumes with which shape and force are estimated;
+the stiffness of the base differs from sensor to sensor, and some sensors have a rigid base or a linear gel.
 """
 
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import msgspec
@@ -21,7 +20,6 @@ import numpy as np
 
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance, layered_compliance
 from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPressSettings
 from ninedtact.simulation.gel_brightness import (
     FITTED_PARAMETERS,
@@ -36,7 +34,7 @@ from ninedtact.simulation.gel_brightness import (
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import PITCH_MM, Twin, lens_for_design, scale_pixel_map_to_published
-from ninedtact_train.population.mechanics_shares import MechanicsKind, NonidealMechanicsShares
+from ninedtact_train.population.mechanics_shares import MechanicsKind, MechanicsShares
 
 _SATURATION = 0.1, 6.0
 """Range of the saturation, whose logarithm is uniform."""
@@ -81,11 +79,27 @@ def _sample_presses(rng: Random, gel: Gel, design: SensorDesign) -> CalibrationP
     )
 
 
-def _sample_gel(rng: Random, meant: Gel = PUBLISHED_DESIGN.gel) -> Gel:
-    """Sample a gel: its thickness as it acts, its modulus ± 25 %; nearly incompressible, as silicone is (docs/datasets.md)."""
+_BASE_MODULUS_RATIO = 3.0, 100.0
+"""Range of the modulus of the layer below the gel over that of the gel, whose logarithm is uniform; the upper end counts as rigid."""
+
+
+def _sample_gel(rng: Random, kind: MechanicsKind, meant: Gel = PUBLISHED_DESIGN.gel) -> Gel:
+    """Sample a gel: its thickness as it acts, its modulus ± 25 %; nearly incompressible, as silicone is (docs/datasets.md).
+
+    The base of the designed thickness is 3 to 100 times as stiff as the gel, or rigid.
+    """
     thickness = meant.thickness_mm * FITTED_PARAMETERS["relative_thickness"].sample(rng)
     modulus = meant.shear_modulus_mpa * rng.uniform(0.75, 1.25)
-    return Gel(float(thickness), float(modulus), meant.poisson_ratio - min(0.002, float(rng.exponential(0.0003))))
+    poisson_ratio = meant.poisson_ratio - min(0.002, float(rng.exponential(0.0003)))
+    ratio = float(np.exp(rng.uniform(*np.log(_BASE_MODULUS_RATIO))))
+    return replace(
+        meant,
+        thickness_mm=float(thickness),
+        shear_modulus_mpa=float(modulus),
+        poisson_ratio=poisson_ratio,
+        finite_strain=0.0 if kind == "linear" else 1.0,
+        gel_over_base_modulus=1 / ratio if kind == "layered" else 0.0,
+    )
 
 
 def _sample_lens(rng: Random, design: SensorDesign = PUBLISHED_DESIGN) -> WideAngleLens:
@@ -102,21 +116,6 @@ def _sample_lens(rng: Random, design: SensorDesign = PUBLISHED_DESIGN) -> WideAn
         turn_rad=0.012 * float(sample_clipped_normal(rng, 1)[0]),
         offset_mm=offset,
     )
-
-
-BASE_STIFFNESS = 10.0
-"""Ratio of the modulus of the transparent layer to that of the gel, about that of Shore A 45 to Shore A 5."""
-
-
-def sample_transparent_layer(rng: np.random.Generator, gel: Gel) -> Gel:
-    """Sample the transparent layer of one sensor, which lies on a rigid window."""
-    modulus = gel.shear_modulus_mpa * BASE_STIFFNESS * rng.uniform(0.8, 1.25)
-    return Gel(float(rng.uniform(4.0, 8.0)), float(modulus), gel.poisson_ratio)
-
-
-def gel_on_base_compliance(gel: Gel, base: Gel | None) -> ComplianceFunction:
-    """Return the compliance of gel on a compliant base, or on a rigid one where the base is None."""
-    return partial(bonded_layer_compliance, gel=gel) if base is None else layered_compliance((gel, base))
 
 
 @dataclass(frozen=True)
@@ -176,8 +175,6 @@ class SampledSensor:
     name: str
     kind: MechanicsKind
     gel: Gel
-    base: Gel | None
-    """The layer under the gel, where it is compliant."""
     friction: float
     light: BrightnessModel
     lens: WideAngleLens
@@ -204,17 +201,9 @@ class SampledSensor:
 
     def twin(self, pitch_mm: float = PITCH_MM) -> Twin:
         """Return the twin of the sensor."""
-        compliant_mm = self.gel.thickness_mm + (self.base.thickness_mm if self.base else 0.0)
+        area = self.design.sensing_area
         return Twin(
-            self.name,
-            gel_on_base_compliance(self.gel, self.base),
-            self.renderer(),
-            self.friction,
-            pitch_mm,
-            area_mm=self.design.sensing_area.size_mm,
-            thickness_mm=compliant_mm,
-            gel_mm=self.design.sensing_area.gel_mm,
-            finite_strain=1.0 if self.kind == "finite_strain" else 0.0,
+            self.name, self.gel, self.renderer(), self.friction, pitch_mm, area_mm=area.size_mm, gel_mm=area.gel_mm
         )
 
     def to_json_dict(self) -> dict[str, Any]:
@@ -230,7 +219,7 @@ def sampled_sensor_from_json(table: dict[str, Any]) -> SampledSensor:
 def sample_sensor(
     number: int,
     seed: int = 0,
-    kinds: NonidealMechanicsShares = NonidealMechanicsShares(),
+    kinds: MechanicsShares = MechanicsShares(),
     design: SensorDesign = SensorDesign(),
 ) -> SampledSensor:
     """Sample sensor `number` of a seed, which does not depend on other numbers; raises `InputError` below zero."""
@@ -238,13 +227,11 @@ def sample_sensor(
         raise InputError(expected="number and seed of zero or more", got=f"{number} and {seed}", remedy="correct them")
     rng = np.random.default_rng([seed, number])
     kind = kinds.kind_at((0.5 + GOLDEN * number) % 1)
-    gel = _sample_gel(rng, design.gel)
-    base = sample_transparent_layer(rng, gel)
+    gel = _sample_gel(rng, kind, design.gel)
     return SampledSensor(
         name=f"twin_{seed}_{number:03d}",
         kind=kind,
         gel=gel,
-        base=base if kind == "compliant_base" else None,
         friction=float(rng.uniform(0.5, 1.2)),
         light=_sample_brightness_model(rng, design),
         lens=_sample_lens(rng, design),

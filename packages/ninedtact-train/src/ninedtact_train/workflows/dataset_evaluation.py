@@ -34,9 +34,9 @@ from ninedtact_train.workflows.simulated_force_calibration import calibrate_on_s
 _Value = TypeVar("_Value")
 _PAPER_TORQUE_POINT_MM = (0.0, 0.0, -35.0)
 _MECHANICS_LABELS = {
-    "bonded": "rigid substrate, small strains (as the calibration assumes)",
-    "finite_strain": "rigid substrate, finite-strain (neo-Hookean) gel",
-    "compliant_base": "compliant substrate",
+    "layered": "neo-Hookean gel on a base that yields",
+    "rigid_base": "neo-Hookean gel on a rigid base",
+    "linear": "linear gel on a rigid base",
 }
 """Descriptions of the mechanics of simulated sensors, as in the model card."""
 _PHYSICS_LABEL = ", physics without correction"

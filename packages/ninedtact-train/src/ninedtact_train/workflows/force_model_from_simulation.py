@@ -20,7 +20,7 @@ from ninedtact_train.dataset.generation.generate import generate_dataset
 from ninedtact_train.dataset.generation.settings import GenerationSettings, PressSettings
 from ninedtact_train.dataset.held_out import HeldOutSettings
 from ninedtact_train.evaluation.model_card_markdown import format_model_card
-from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
+from ninedtact_train.population.mechanics_shares import MechanicsShares
 from ninedtact_train.training.compute_settings import ComputeSettings
 from ninedtact_train.training.onnx_export import rewrite_card
 from ninedtact_train.training.settings import CORRECTOR_TRAINING
@@ -83,7 +83,7 @@ class ForceModelRecipe:
             sensors=self.validation_sensors,
             object_names=_object_names(held_out=True),
             seed=_VALIDATION_SEED,
-            mechanics=NonidealMechanicsShares(compliant_base=0.15, finite_strain=0.15),
+            mechanics=MechanicsShares(),
             pitch_mm=self.validation_pitch_mm,
             design=self.design,
         )

@@ -32,6 +32,7 @@ from ninedtact.calibration.sensor_toml_schema import (
 )
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.design import Gel
+from ninedtact.mechanics.interface_deflection import InterfaceDeflection
 from ninedtact.errors import CalibrationError, FileFormatError, NinedtactError
 from ninedtact.quantities import EstimateWarning, Frame, HeightSource
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -110,6 +111,7 @@ class SensorFolder:
             depth.smoothing,
             depth.dimming,
             depth.deblurring,
+            None if self.record.twin is None else InterfaceDeflection(self.record.twin.gel),
             (EstimateWarning.CALIBRATION_EDITED,) if self.is_edited else (),
         )
 

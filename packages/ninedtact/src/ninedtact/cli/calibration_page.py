@@ -234,5 +234,5 @@ def simulated_loaded_camera(folder: "SensorFolder") -> "tuple[SimulatedCalibrati
 
     stiffness = uniform(*_STIFFNESS_RANGE)
     gel = replace(folder.gel, shear_modulus_mpa=folder.gel.shear_modulus_mpa * stiffness)
-    twin = replace(folder.twin(), compliance_of=partial(bonded_layer_compliance, gel=gel))
+    twin = replace(folder.twin(), gel=gel)
     return SimulatedCalibrationCamera(twin, folder.record.design), stiffness

@@ -257,7 +257,7 @@ class ContactModel:
         its own periodic image, `SimulationError`.
         """
         problem = build_contact_problem_at_pose(last, indenter, pose, ContactConstraint(), self.friction, guess)
-        require_depth_within_gel(problem.max_overlap_mm, self.skin.thickness_mm)
+        require_depth_within_gel(problem.max_overlap_mm, self.skin.gel)
         if problem.max_overlap_mm <= 0:
             return self._no_contact(pose, problem.overlap_mm)
         require_inside_grid(self.skin.grid, problem.overlap_mm)
@@ -281,7 +281,7 @@ class ContactModel:
         deepest_mm: how far the object reaches into the skin; under a tilt that is farther than its origin does.
         """
         require_inside_grid(self.skin.grid, contact.pressure_mpa)
-        require_depth_within_gel(deepest_mm, self.skin.thickness_mm)
+        require_depth_within_gel(deepest_mm, self.skin.gel)
         if self.settings.must_converge:
             tolerance = self.settings.tolerance_mm(contact.pose.depth_mm)
             require_converged(contact.residual_mm, tolerance, contact.iterations)

@@ -7,6 +7,7 @@ times more accurate than one by the points' original positions (docs/mechanics.m
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from array_api_compat import device
 from jaxtyping import Float, Float64
 from numpy import ndarray as Array
 
+from ninedtact.design import Gel
 from ninedtact.errors import InputError, SimulationError
 from ninedtact.mechanics.contact_arrays import (
     CountPerContact,
@@ -61,6 +63,13 @@ class Contact:
     def centre_mm(self) -> tuple[ScalarPerContact, ScalarPerContact]:
         """The (x, y) of the sensor over which the middle of the grid lies."""
         return self.pose.x_mm, self.pose.y_mm
+
+    @cached_property
+    def thickness_change_mm(self) -> ScalarField:
+        """The change of the gel's thickness, which is what light shows: the height less that of the gel's bottom."""
+        if self.skin.gel.has_rigid_base:
+            return self.height_mm
+        return self.height_mm - self.skin.interface_height_mm(self.pressure_mpa, self.shear_mpa)
 
     @property
     def touches(self) -> bool:
@@ -160,13 +169,25 @@ def periodic_image_error_mm(contact: Contact, times: int = 3) -> Float64[Array, 
     return to_numpy(contact.height_mm) - to_numpy(alone)[inside]
 
 
-def require_depth_within_gel(deepest_mm: float, thickness_mm: float) -> None:
-    """Refuse an object that reaches through the gel, and depths that are not finite; raises `InvalidPose`."""
-    if not deepest_mm < thickness_mm:
+def require_depth_within_gel(deepest_mm: float, gel: Gel) -> None:
+    """Refuse an object that reaches through all layers, and depths that are not finite; raises `InvalidPose`."""
+    if not deepest_mm < gel.max_depth_mm:
         raise InvalidPose(
-            expected=f"the object less deep in the skin than its base, {thickness_mm:g} mm",
+            expected=f"the object less deep in the skin than its base, {gel.max_depth_mm:g} mm",
             got=f"{deepest_mm:g} mm",
             remedy="press less, or give the skin its true thickness",
+        )
+
+
+def require_gel_left(contact: Contact) -> None:
+    """Refuse a contact under which nothing would be left of the gel, on a base that yields; raises `InvalidPose`."""
+    gel = contact.skin.gel
+    thinner_mm = -float(array_namespace_of(contact.height_mm).min(contact.thickness_change_mm))
+    if not thinner_mm < gel.thickness_mm:
+        raise InvalidPose(
+            expected=f"the gel of {gel.thickness_mm:g} mm thinner by less than that",
+            got=f"by {thinner_mm:g} mm",
+            remedy="press less, or give the gel its true thickness",
         )
 
 

@@ -1,22 +1,23 @@
-"""Compliance of elastic layers on a rigid base, wave by wave: one bonded layer in closed form, any stack of layers numerically.
+"""Compliance of a gel, wave by wave: bonded to a rigid base in closed form, or to a layer that yields.
 
 A wave of pressure p̂ and shear traction q̂ on the skin, wave vector k = |k|·(e_x, e_y), displaces it by
 
     û_z = −N p̂ − i M (e·q̂)
     û_t = [L e eᵀ + S (1 − e eᵀ)] q̂ − i M e p̂
 
-with N normal, L along, S across, M coupling, in mm/MPa. A Poisson ratio of 0.5, which rubber
-comes close to, needs no special case. The closed form of N is Bentall and Johnson's (1968, docs/references.md); L, S and M
-follow from the same four boundary conditions, and the numerical solution of a stack checks them.
+with N normal, L along, S across, M coupling, in mm/MPa. The interface between gel and base rises by −Nᵢ p̂ − i Mᵢ (e·q̂), so that the
+gel's thickness changes by −(N − Nᵢ) p̂ − i (M − Mᵢ)(e·q̂). A Poisson ratio of 0.5, which rubber comes close to, needs no special
+case. The closed form of N on a rigid base is Bentall and Johnson's (1968, docs/references.md); L, S and M follow from the same four
+boundary conditions.
 
-In each layer of a stack a wave of plane strain is u_x = i U(z) e^{ikx}, u_z = W(z) e^{ikx} with four unknowns: two of waves
-that fade upwards and two of waves that fade downwards; z is counted from the layer's own bottom. State (U, W, σ_zz/k, σ_xz/ik)
-and unknowns are free of units of length, and every exponential is at most one, so that nothing overflows.
+On a base that yields, a wave of plane strain in the gel is u_x = i U(z) e^{ikx}, u_z = W(z) e^{ikx} with four unknowns: two of waves
+that fade upwards and two of waves that fade downwards; z is counted from the gel's bottom. There the gel moves as the base does,
+which is a bonded layer itself. State (U, W, σ_zz/k, σ_xz/ik) and unknowns are free of units of length, and every exponential is at
+most one, so that nothing overflows.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -50,10 +51,23 @@ class Compliance:
     """S: displacement by shear across the wave vector."""
     coupling: WaveNumbers
     """M: between normal and tangential directions."""
+    interface_normal: WaveNumbers
+    """Nᵢ: inward displacement of the interface by pressure on the skin; zero on a rigid base."""
+    interface_coupling: WaveNumbers
+    """Mᵢ: inward displacement of the interface by shear on the skin; zero on a rigid base."""
 
 
-ComplianceFunction = Callable[[WaveNumbers], Compliance]
-"""A function from wave numbers (1/mm, zero included) to the compliance there."""
+ComplianceFunction = Callable[[WaveNumbers, Gel], Compliance]
+"""A function from wave numbers (1/mm, zero included) and a gel to the compliance there."""
+
+
+def gel_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
+    """Return the compliance of a gel on its base, rigid or not.
+
+    wave_number: |k| in 1/mm, any shape, float64 advised; zero means the mean of the field. There a mean pressure moves the skin only
+    as far as gel and base are compressible, and a mean shear moves it by h/G of each.
+    """
+    return bonded_layer_compliance(wave_number, gel) if gel.has_rigid_base else _two_layer_compliance(wave_number, gel)
 
 
 def bonded_layer_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
@@ -66,8 +80,9 @@ def bonded_layer_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
     wave = xp.where(no_wave, 1.0, wave_number)
     x = wave * gel.thickness_mm
     shape = _normalised_compliance(xp.where(x < _HALF_SPACE_FROM, x, _HALF_SPACE_FROM), gel.poisson_ratio)
-    fields = (field / (gel.shear_modulus_mpa * wave) for field in shape)
-    return _insert_mean(no_wave, Compliance(*fields), _mean_compliance_of_layer(gel))
+    fields = [field / (gel.shear_modulus_mpa * wave) for field in shape]
+    none = 0 * fields[0]
+    return _insert_mean(no_wave, Compliance(*fields, none, none), _mean_compliance_of_layer(gel), _RIGID)
 
 
 def half_space_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
@@ -77,16 +92,8 @@ def half_space_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
     """
     xp, no_wave, nu = array_namespace_of(wave_number), wave_number == 0, gel.poisson_ratio
     unit = 1 / (gel.shear_modulus_mpa * xp.where(no_wave, 1.0, wave_number))
-    waves = Compliance((1 - nu) * unit, (1 - nu) * unit, unit, -(1 - 2 * nu) / 2 * unit)
-    return _insert_mean(no_wave, waves, _MeanCompliance(0.0, 0.0))
-
-
-def layered_compliance(layers: Sequence[Gel]) -> ComplianceFunction:
-    """Return the compliance function of layers bonded to each other and to a rigid base.
-
-    layers: from the one that carries the skin to the one on the base.
-    """
-    return partial(_stack_compliance, layers=tuple(layers))
+    waves = Compliance((1 - nu) * unit, (1 - nu) * unit, unit, -(1 - 2 * nu) / 2 * unit, 0 * unit, 0 * unit)
+    return _insert_mean(no_wave, waves, _RIGID, _RIGID)
 
 
 @dataclass(frozen=True)
@@ -95,6 +102,9 @@ class _MeanCompliance:
 
     normal: float
     along: float
+
+
+_RIGID = _MeanCompliance(0.0, 0.0)
 
 
 def _normalised_compliance(
@@ -118,55 +128,37 @@ def _mean_compliance_of_layer(gel: Gel) -> _MeanCompliance:
     return _MeanCompliance((1 - 2 * nu) / (2 * (1 - nu)) * h_over_g, h_over_g)
 
 
-def _mean_compliance_of_stack(layers: tuple[Gel, ...]) -> _MeanCompliance:
-    """Return the compliance of a stack to a uniform load, which passes unchanged through all layers."""
-    means = [_mean_compliance_of_layer(layer) for layer in layers]
-    return _MeanCompliance(sum(mean.normal for mean in means), sum(mean.along for mean in means))
-
-
-def _insert_mean(no_wave: Any, waves: Compliance, mean: _MeanCompliance) -> Compliance:
+def _insert_mean(no_wave: Any, waves: Compliance, mean: _MeanCompliance, base_mean: _MeanCompliance) -> Compliance:
     """Return the compliance to waves, replaced by that to a uniform load where the wave number is zero."""
-    xp, means = array_namespace_of(no_wave), (mean.normal, mean.along, mean.along, 0.0)
+    xp = array_namespace_of(no_wave)
+    means = (mean.normal + base_mean.normal, *2 * (mean.along + base_mean.along,), 0.0, base_mean.normal, 0.0)
     return Compliance(*(xp.where(no_wave, *pair) for pair in zip(means, vars(waves).values(), strict=True)))
 
 
-def _stack_compliance(wave_number: WaveNumbers, layers: tuple[Gel, ...]) -> Compliance:
-    """Return the compliance of a stack at wave numbers of any shape; zero means the mean of the field. Solved in NumPy."""
-    xp, waves = array_namespace_of(wave_number), np.asarray(wave_number, np.float64).ravel()
+def _two_layer_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
+    """Return the compliance of gel on a base that yields, at wave numbers of any shape. Solved in NumPy."""
+    xp, base = array_namespace_of(wave_number), gel.base
+    waves, places = np.unique(np.asarray(wave_number, np.float64), return_inverse=True)  # a grid has each many times
     no_wave = waves == 0
     k = np.where(no_wave, 1.0, waves)
-    skin = _layer_states(k, layers[0], layers[0].thickness_mm)[:, :2] @ _layer_amplitudes(k, layers)[:, :4]
+    below = bonded_layer_compliance(k, base)
+    top, bottom = (_layer_states(k, gel, z_mm) for z_mm in (gel.thickness_mm, 0.0))
+    of_base = np.stack([below.coupling, below.along, below.normal, below.coupling], axis=-1).reshape(-1, 2, 2)
+    joint = bottom[:, :2] - k[:, None, None] * of_base @ bottom[:, 2:]
+    loads = np.broadcast_to(np.eye(4)[:, :2], (len(k), 4, 2)) / k[:, None, None]
+    unknowns = np.linalg.solve(np.concatenate([top[:, 2:], joint], axis=1), loads)
+    skin, interface = top[:, :2] @ unknowns, bottom[:, :2] @ unknowns
+    stiffness, fade = gel.shear_modulus_mpa * k, np.tanh(k * gel.thickness_mm)
     compliance = Compliance(
-        normal=skin[:, 1, 0], along=skin[:, 0, 1], across=_compliance_across_wave(k, layers), coupling=skin[:, 0, 0]
+        normal=skin[:, 1, 0],
+        along=skin[:, 0, 1],
+        across=(fade / stiffness + below.across) / (1 + stiffness * below.across * fade),  # a transmission line
+        coupling=skin[:, 0, 0],
+        interface_normal=interface[:, 1, 0],
+        interface_coupling=interface[:, 1, 1],
     )
-    compliance = _insert_mean(no_wave, compliance, _mean_compliance_of_stack(layers))
-    return Compliance(*(xp.asarray(field.reshape(wave_number.shape)) for field in vars(compliance).values()))
-
-
-def _compliance_across_wave(k: _Waves, layers: tuple[Gel, ...]) -> _Waves:
-    """Return S of a stack: each layer adds to the layers below it as a transmission line does."""
-    below = np.zeros_like(k)
-    for layer in reversed(layers):
-        stiffness, fade = layer.shear_modulus_mpa * k, np.tanh(k * layer.thickness_mm)
-        below = (fade / stiffness + below) / (1 + stiffness * below * fade)
-    return below
-
-
-def _layer_amplitudes(k: _Waves, layers: tuple[Gel, ...]) -> Float64[Array, "waves unknowns 2"]:
-    """Return the unknowns of all layers under σ_zz = 1 and under σ_xz = i on the skin.
-
-    4n equations for each wave: the loads on the skin, continuity between layers, and no displacement of the base.
-    """
-    size = 4 * len(layers)
-    equations, loads = np.zeros((len(k), size, size)), np.zeros((len(k), size, 2))
-    tops = [_layer_states(k, layer, layer.thickness_mm) for layer in layers]
-    bottoms = [_layer_states(k, layer, 0.0) for layer in layers]
-    equations[:, :2, :4] = tops[0][:, 2:]
-    loads[:, 0, 0] = loads[:, 1, 1] = 1 / k
-    for first, (above, below) in zip(range(0, size, 4), zip(bottoms[:-1], tops[1:], strict=True), strict=False):
-        equations[:, first + 2 : first + 6, first : first + 8] = np.concatenate([above, -below], axis=2)
-    equations[:, -2:, -4:] = bottoms[-1][:, :2]
-    return np.linalg.solve(equations, loads)
+    compliance = _insert_mean(no_wave, compliance, *map(_mean_compliance_of_layer, (gel, base)))
+    return Compliance(*(xp.asarray(field[places].reshape(wave_number.shape)) for field in vars(compliance).values()))
 
 
 def _layer_states(k: _Waves, layer: Gel, z_mm: float) -> _States:

@@ -9,7 +9,7 @@ yields exactly what the whole grid yields for tractions that are zero outside th
 """
 
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from ninedtact.mechanics.contact_arrays import (
     inverse_transform,
     take_contacts,
 )
-from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance
+from ninedtact.mechanics.layer_compliance import Compliance, ComplianceFunction, gel_compliance
 
 _MIN_POINTS_PER_SIDE = 8
 
@@ -194,13 +194,13 @@ class DisplacementOperators:
 
 @dataclass(frozen=True)
 class Skin:
-    """A periodic grid with its compliance; fields have the array library, precision and device of `like`."""
+    """A periodic grid on a gel; fields have the array library, precision and device of `like`."""
 
     grid: PeriodicGrid
-    compliance_of: ComplianceFunction
+    gel: Gel
     like: Any = field(default_factory=lambda: np.zeros((), np.float32), compare=False)
-    thickness_mm: float = np.inf
-    """Thickness of all layers above the rigid base, which limits the depth of an object. Infinite where no base is modelled."""
+    compliance_of: ComplianceFunction = gel_compliance
+    """The compliance of the gel; that of a half-space has no base."""
 
     def asarray(self, values: Array) -> Any:
         """Return the values as an array in the library, precision and device of this skin."""
@@ -229,7 +229,7 @@ class Skin:
     @cached_property
     def fourier_symbols(self) -> dict[str, Array]:
         """The factors of the transform of a traction: normal, xx, xy and yy, and bulge_x and bulge_y to be multiplied by i."""
-        (e_x, e_y), compliance = self.grid.wave_directions, self.compliance_of(np.hypot(*self.grid.wave_vectors))
+        (e_x, e_y), compliance = self.grid.wave_directions, self._compliance
         difference = compliance.along - compliance.across
         return {
             "normal": compliance.normal,
@@ -239,6 +239,28 @@ class Skin:
             "xy": difference * e_x * e_y,
             "yy": compliance.across + difference * e_y**2,
         }
+
+    @cached_property
+    def interface_symbols(self) -> tuple[Array, Array, Array]:
+        """The factors of the transforms of pressure and of both shears that give the height of the gel's bottom, complex."""
+        (e_x, e_y), compliance = self.grid.wave_directions, self._compliance
+        bulge = -1j * compliance.interface_coupling
+        return -compliance.interface_normal + 0j, bulge * e_x, bulge * e_y
+
+    @cached_property
+    def _compliance(self) -> Compliance:
+        """The compliance at every wave of the grid."""
+        return self.compliance_of(np.hypot(*self.grid.wave_vectors), self.gel)
+
+    def interface_height_mm(self, pressure: ScalarField, shear: VectorField) -> ScalarField:
+        """Return the displacement of the gel's bottom along z under tractions on the skin, in mm; zero on a rigid base."""
+        if self.gel.has_rigid_base:
+            return 0 * pressure
+        from_pressure, *from_shear = (self.asarray(symbol.real) + 1j * self.asarray(symbol.imag) for symbol in self.interface_symbols)
+        wave = forward_transform(pressure, self.grid.shape) * from_pressure
+        for axis, symbol in enumerate(from_shear):
+            wave = wave + forward_transform(shear[..., axis, :, :], self.grid.shape) * symbol
+        return inverse_transform(wave, self.grid.shape, self.grid.shape)
 
     @cached_property
     def operators(self) -> DisplacementOperators:
@@ -288,13 +310,8 @@ class Skin:
 
 
 def gel_skin(grid: PeriodicGrid, gel: Gel, like: Any = None) -> Skin:
-    """Return the skin of a gel bonded to a rigid base; `like` as in `Skin`, by default a NumPy array in single precision."""
-    return Skin(
-        grid,
-        partial(bonded_layer_compliance, gel=gel),
-        np.zeros((), np.float32) if like is None else like,
-        gel.thickness_mm,
-    )
+    """Return the skin of a gel; `like` as in `Skin`, by default a NumPy array in single precision."""
+    return Skin(grid, gel, np.zeros((), np.float32) if like is None else like)
 
 
 def _crop_kernel(

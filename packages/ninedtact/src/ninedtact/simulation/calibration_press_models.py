@@ -5,7 +5,7 @@ then light, then lines of sight. `BallPressModel` is linear in level and slopes 
 """
 
 from dataclasses import astuple, dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -13,11 +13,10 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel, PinBoard, SensorDesign
 from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
-from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.contact_result import Contact, require_gel_left
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import PeriodicGrid, Skin, padded_grid
 from ninedtact.simulation.gel_brightness import BrightnessModel, darkening_equivalent_height_mm
@@ -58,8 +57,7 @@ class BallPressParameters:
     point_spread_mm: float
     saturation: float
     inverse_distance_per_mm: float
-    finite_strain: float
-    """Share of the difference between gel at finite strain and the linear layer."""
+    gel_over_base_modulus: float
 
     @classmethod
     def from_vector(cls, vector: ParameterVector) -> "BallPressParameters":
@@ -114,35 +112,45 @@ class BallPressModel:
     contact starts from the contact before it."""
 
     @cached_property
-    def cached_contacts(self) -> dict[tuple[float, tuple[Pose, ...]], Contact]:
-        """The contacts that were solved last, by the thickness of the gel and the trajectory of the ball."""
+    def cached_contacts(self) -> dict[tuple[Skin, tuple[Pose, ...]], Contact]:
+        """The contacts that were solved last, by the skin and the trajectory of the ball."""
         return {}
 
     def starting_from(self, press: BallPressParameters) -> "BallPressModel":
         """Return the same model with the contacts of this press as first guesses, which save iterations for similar presses."""
         poses = press.poses()
         trajectories = [tuple(poses[: count + 1]) for count in range(len(poses))]
-        contacts = tuple(self._contact_after(press.thickness_mm, trajectory) for trajectory in trajectories)
+        skin = self.skin(press)
+        contacts = tuple(self._contact_after(skin, trajectory) for trajectory in trajectories)
         model = replace(self, initial_contacts=contacts)
-        model.cached_contacts.update(((press.thickness_mm, t), c) for t, c in zip(trajectories, contacts, strict=True))
+        model.cached_contacts.update(((skin, t), c) for t, c in zip(trajectories, contacts, strict=True))
         return model
 
-    def contact(self, press: BallPressParameters) -> Contact:
-        """Return the solved contact of the skin under this press, with the heights at finite strain, and pressures in units of the
-        gel's shear modulus.
-        """
-        linear = self._contact_after(press.thickness_mm, tuple(press.poses()))
-        ball = Ball(self.design.ball.radius_mm)
-        return correct_for_finite_strain(linear, press.thickness_mm, ball, press.finite_strain)
+    def skin(self, press: BallPressParameters) -> Skin:
+        """Return the skin of the design's gel with the thickness and the base of this press, and a shear modulus of one."""
+        fitted = replace(
+            self.design.gel,
+            thickness_mm=press.thickness_mm,
+            gel_over_base_modulus=press.gel_over_base_modulus,
+            shear_modulus_mpa=1.0,
+        )
+        return _skin_of(self.patch, fitted)
 
-    def _contact_after(self, thickness_mm: float, trajectory: tuple[Pose, ...]) -> Contact:
+    def contact(self, press: BallPressParameters) -> Contact:
+        """Return the solved contact of the skin under this press at finite strain, with pressures in units of the gel's shear
+        modulus; raises `InvalidPose` where nothing would be left of the gel.
+        """
+        contact = correct_for_finite_strain(self._contact_after(self.skin(press), tuple(press.poses())))
+        require_gel_left(contact)
+        return contact
+
+    def _contact_after(self, skin: Skin, trajectory: tuple[Pose, ...]) -> Contact:
         """Return the contact after this trajectory of the ball from the undeformed skin on."""
-        key = thickness_mm, trajectory
+        key = skin, trajectory
         if key not in self.cached_contacts:
-            gel = _gel_of_unit_modulus(self.patch, thickness_mm, self.design.gel.poisson_ratio)
-            model = ContactModel(gel, _FRICTION, _BALL_SOLVER_SETTINGS)
+            model = ContactModel(skin, _FRICTION, _BALL_SOLVER_SETTINGS)
             is_first = len(trajectory) == 1
-            previous = model.initial_contact() if is_first else self._contact_after(thickness_mm, trajectory[:-1])
+            previous = model.initial_contact() if is_first else self._contact_after(skin, trajectory[:-1])
             if len(self.cached_contacts) >= _MAX_CACHED_CONTACTS:
                 self.cached_contacts.pop(next(iter(self.cached_contacts)))
             guesses = self.initial_contacts[len(trajectory) - 1 :]
@@ -157,33 +165,34 @@ class BallPressModel:
 
         about_mm: the middle of the grid on which the image is predicted, near the contact.
         """
-        height_mm = np.asarray(self.contact(press).height_mm, np.float32)
+        contact = self.contact(press)
+        height_mm, thicker_mm = (np.asarray(mm, np.float32) for mm in (contact.height_mm, contact.thickness_change_mm))
         x, y = (
             np.ascontiguousarray(axis + centre, np.float32)
             for axis, centre in zip(self.patch.positions_mm, about_mm, strict=True)
         )
         sightlines = SightlineGrid(x, y, press.inverse_distance_per_mm)
-        terms = self.brightness_terms(sightlines.height_mm(self.patch, press.centre_mm, height_mm), press.saturation)
+        seen_mm = sightlines.sample(self.patch, press.centre_mm, height_mm, thicker_mm)
+        terms = self.brightness_terms(seen_mm, press.saturation)
         blurred = blur_and_refine_fields(self.patch, press.point_spread_mm, *terms)
         indices = grid_indices_at_positions(self.patch, about_mm, *points_mm, REFINEMENT)
         darkening, brightening = (sample_periodic(field, *indices).ravel() for field in blurred)
         return np.column_stack([np.ones(darkening.size), darkening, brightening])
 
     def brightness_terms(
-        self, height_mm: Float32[Array, "rows cols"], saturation: float
+        self, thickness_change_mm: Float32[Array, "rows cols"], saturation: float
     ) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
-        """Return the darkening by indentation and the brightening by bulges, for slopes of one."""
+        """Return the darkening of thinner and the brightening of thicker gel, for slopes of one."""
         thickness_mm = self.design.gel.thickness_mm
-        indentation_mm = np.clip(height_mm, -thickness_mm, 0)
-        darkening = darkening_equivalent_height_mm(indentation_mm, saturation, thickness_mm)
-        return darkening.astype(np.float32), np.maximum(height_mm, 0)
+        thinner_mm = np.clip(thickness_change_mm, -thickness_mm, 0)
+        darkening = darkening_equivalent_height_mm(thinner_mm, saturation, thickness_mm)
+        return darkening.astype(np.float32), np.maximum(thickness_change_mm, 0)
 
 
 @lru_cache(maxsize=64)
-def _gel_of_unit_modulus(patch: PeriodicGrid, thickness_mm: float, poisson_ratio: float) -> Skin:
-    """Return gel of this thickness with a shear modulus of one."""
-    gel = replace(Gel(), thickness_mm=thickness_mm, shear_modulus_mpa=1.0, poisson_ratio=poisson_ratio)
-    return Skin(patch, partial(bonded_layer_compliance, gel=gel), np.zeros((), np.float32))
+def _skin_of(patch: PeriodicGrid, gel: Gel) -> Skin:
+    """Return the skin of a gel, whose operators are kept for the next call."""
+    return Skin(patch, gel)
 
 
 @dataclass(frozen=True)
@@ -257,30 +266,32 @@ class BoardPressModel:
         return padded_grid(width_mm, height_mm, pitch_mm / self.points_per_pitch, _BOARD_MARGIN_MM)
 
     @cached_property
-    def cached_height_mm(self) -> dict[tuple[float, ...], Field]:
-        """The height that was solved last, by the parameters of the contact; those of the view change more often."""
+    def cached_contact(self) -> dict[tuple[float, ...], Contact]:
+        """The contact that was solved last, by its parameters; those of the view change more often."""
         return {}
 
-    def height_mm(self, press: BoardPressParameters) -> Field:
-        """Return the height of the skin under the board, from the cache where possible."""
+    def contact(self, press: BoardPressParameters) -> Contact:
+        """Return the contact of the skin under the board, from the cache where possible."""
         key = press.depth_mm, press.tilt_x_rad, press.tilt_y_rad, press.poisson_ratio
-        if key not in self.cached_height_mm:
-            self.cached_height_mm.clear()
-            self.cached_height_mm[key] = self.solve_height_mm(press)
-        return self.cached_height_mm[key]
+        if key not in self.cached_contact:
+            self.cached_contact.clear()
+            self.cached_contact[key] = self.solve(press)
+        return self.cached_contact[key]
 
-    def solve_height_mm(self, press: BoardPressParameters) -> Field:
-        """Solve the contact and return the height of the skin under the board."""
-        skin = _gel_of_unit_modulus(self.patch, self.gel.thickness_mm, press.poisson_ratio)
-        model = ContactModel(skin, _FRICTION, _BOARD_SOLVER_SETTINGS)
+    def solve(self, press: BoardPressParameters) -> Contact:
+        """Return the contact of the skin under the board, solved anew."""
+        gel = replace(self.gel, shear_modulus_mpa=1.0, poisson_ratio=press.poisson_ratio)
+        model = ContactModel(_skin_of(self.patch, gel), _FRICTION, _BOARD_SOLVER_SETTINGS)
         pose = Pose(0.0, 0.0, press.depth_mm, 0.0, press.tilt_x_rad, press.tilt_y_rad)
-        return np.asarray(model.step(model.initial_contact(), self.indenter, pose).height_mm, np.float32)
+        return correct_for_finite_strain(model.step(model.initial_contact(), self.indenter, pose))
 
     def predict_image(self, press: BoardPressParameters) -> PredictedBrightnessField:
         """Return the brightness of the skin on the undeformed plane, in the twin's light."""
         x, y = (np.ascontiguousarray(axis, np.float32) for axis in self.patch.positions_mm)
         sightlines = SightlineGrid(x, y, press.inverse_distance_per_mm)
-        seen_mm = sightlines.height_mm(self.patch, (0.0, 0.0), self.height_mm(press))
+        contact = self.contact(press)
+        height_mm, thicker_mm = (np.asarray(mm, np.float32) for mm in (contact.height_mm, contact.thickness_change_mm))
+        seen_mm = sightlines.sample(self.patch, (0.0, 0.0), height_mm, thicker_mm)
         change = self.light.brightness_change(seen_mm).astype(np.float32)
         (field,) = blur_and_refine_fields(self.patch, press.point_spread_mm, change)
         return PredictedBrightnessField(self.patch, field)

@@ -5,7 +5,7 @@ bright. The image of pressed gel is the reference image times
 
     (1 + c)·(1 + PSF ⊗ f(u))
 
-u is the height of the skin, f the change of brightness with height, PSF a Gaussian (light scatters in the gel), and c the
+u is the change of the gel's thickness, f the change of brightness with it, PSF a Gaussian (light scatters in the gel), and c the
 dimming of the whole image, which loses light to its dark parts. Below zero, f follows the reflectance St/(1 + St) of a
 scattering layer of thickness t in front of black (Kubelka and Munk 1931, docs/references.md). Above zero, f is a straight line,
 whose slope is fitted for each sensor.
@@ -34,15 +34,15 @@ from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap
 
 @dataclass(frozen=True)
 class BrightnessModel:
-    """How the brightness of one sensor's image follows the height of its skin. Defaults are those of an average sensor."""
+    """How the brightness of one sensor's image follows the thickness of its gel. Defaults are those of an average sensor."""
 
     darkening_per_mm: Annotated[float, Meta(ge=0, le=5)] = 0.13
-    """Slope of f where indentation begins."""
+    """Slope of f where thinning begins."""
     saturation: Annotated[float, Meta(ge=0, le=100)] = 0.6
     """The product of S and the thickness: how much faster the last millimetre darkens than the first; zero gives a straight
     line."""
     brightening_per_mm: Annotated[float, Meta(ge=0, le=20)] = 0.4
-    """Slope of f where the gel bulges."""
+    """Slope of f where the gel is thicker than untouched."""
     point_spread_mm: Annotated[float, Meta(ge=0, le=5)] = 0.45
     """Standard deviation of the point-spread."""
     global_dimming: Annotated[float, Meta(ge=0, le=10)] = 1.05
@@ -61,12 +61,12 @@ class BrightnessModel:
                     expected=f"light.{name} of zero or more", got=f"{value}", remedy="fit the sensor again"
                 )
 
-    def brightness_change(self, height_mm: Float[Any, "*shape"]) -> Float[Any, "*shape"]:
-        """Return f(u), the relative change of brightness at heights of any shape, before scattering; NumPy or torch."""
-        xp = array_namespace(height_mm)
-        pressed = xp.clip(height_mm, -self.thickness_mm, 0.0)
+    def brightness_change(self, thickness_change_mm: Float[Any, "*shape"]) -> Float[Any, "*shape"]:
+        """Return f(u), the relative change of brightness at changes of thickness of any shape, before scattering; NumPy or torch."""
+        xp = array_namespace(thickness_change_mm)
+        pressed = xp.clip(thickness_change_mm, -self.thickness_mm, 0.0)
         dark = darkening_equivalent_height_mm(pressed, self.saturation, self.thickness_mm) * self.darkening_per_mm
-        return dark + self.brightening_per_mm * xp.clip(height_mm, 0.0, None)
+        return dark + self.brightening_per_mm * xp.clip(thickness_change_mm, 0.0, None)
 
     def image_dimming(self, change: Float[Array, "*view"]) -> float:
         """Return c, the relative dimming of the whole image that these changes of brightness cause."""

@@ -118,7 +118,7 @@ FineFields = Float32[Array, "n fine_rows fine_cols"]
 
 @dataclass(frozen=True)
 class SightlineGrid:
-    """Lines of sight through a grid of points of the undeformed plane, in mm, on which heights of the skin are found.
+    """Lines of sight through a grid of points of the undeformed plane, in mm, on which the skin is found.
 
     The eye is at a distance D below; the inverse distance is 1/D.
     """
@@ -127,18 +127,18 @@ class SightlineGrid:
     y_mm: Float32[Array, "a b"]
     inverse_distance_per_mm: float
 
-    def height_mm(
-        self, grid: PeriodicGrid, centre_mm: tuple[float, float], height: Field, *, fine: bool = False
+    def sample(
+        self, grid: PeriodicGrid, centre_mm: tuple[float, float], height: Field, field: Field, *, fine: bool = False
     ) -> Float32[Array, "a b"]:
-        """Return the height of the skin on every line of sight.
+        """Return a field of the skin, such as its height, where every line of sight meets it.
 
-        centre_mm: where the middle of the grid lies on the sensor. fine: refine the height before interpolation.
+        centre_mm: where the middle of the grid lies on the sensor. fine: refine the field before interpolation.
         """
         stretch = self._stretch(grid, centre_mm, height)
         at = grid_indices_at_positions(
             grid, centre_mm, self.x_mm * stretch, self.y_mm * stretch, REFINEMENT if fine else 1
         )
-        return sample_periodic(refine_fields(grid, height)[0] if fine else height, *at)
+        return sample_periodic(refine_fields(grid, field)[0] if fine else field, *at)
 
     def _stretch(self, grid: PeriodicGrid, centre_mm: tuple[float, float], height: Field) -> Float32[Array, "a b"]:
         """Return 1 + u/D: the factor by which each line meets the skin farther from the middle than it meets the plane."""

@@ -183,7 +183,7 @@ class PressFigure:
 
         sight = SightlineGrid(x_mm.astype(np.float32), y_mm.astype(np.float32), 0.0)
         height = np.asarray(self.contact.height_mm, np.float32)
-        return sight.height_mm(self.contact.skin.grid, self.contact.centre_mm, height)
+        return sight.sample(self.contact.skin.grid, self.contact.centre_mm, height, height)
 
     def draw_wrench(self, axes: "Axes") -> None:
         """Draw the six components of the wrench as text."""

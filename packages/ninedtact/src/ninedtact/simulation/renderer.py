@@ -19,7 +19,7 @@ from ninedtact.mechanics.contact_arrays import (
     inverse_transform,
 )
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.skin import PeriodicGrid, padded_grid
+from ninedtact.mechanics.skin import PeriodicGrid, ScalarField, padded_grid
 from ninedtact.quantities import BgrImage
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import (
@@ -89,11 +89,10 @@ class Renderer:
 
     def brightness_factor(self, contact: Contact) -> Float32[Array, "raw_rows raw_cols"]:
         """Return the brightness of every raw pixel relative to the reference image."""
-        height = np.asarray(contact.height_mm, np.float32)
         sight = SightlineGrid(*self.plane_mm, self.light.inverse_distance_per_mm)
-        seen = self.light.brightness_change(sight.height_mm(contact.skin.grid, contact.centre_mm, height)).astype(
-            np.float32
-        )
+        height, thicker = (np.asarray(field, np.float32) for field in (contact.height_mm, contact.thickness_change_mm))
+        thicker_mm = sight.sample(contact.skin.grid, contact.centre_mm, height, thicker)
+        seen = self.light.brightness_change(thicker_mm).astype(np.float32)
         (diffuse,) = blur_and_refine_fields(self.plane, self.light.point_spread_mm, seen)
         level = 1 + self.light.image_dimming(seen[self.sensing])
         factor = (diffuse + 1) * np.float32(level)
@@ -148,7 +147,7 @@ class BatchRenderer:
     def brightness_factors(self, contacts: Contact) -> _Image:
         """Return the brightness of every raw pixel relative to the reference image, one image for each contact of the batch."""
         light, fine = self.renderer.light, self._fine_shape
-        change = light.brightness_change(self._height_on_sightlines_mm(contacts))
+        change = light.brightness_change(self._thickness_change_on_sightlines_mm(contacts))
         xp = array_namespace_of(change)
         dark = xp.clip(-change, min=0.0) * self._sensing_weights
         lost = light.global_dimming * xp.sum(dark, axis=(-2, -1), keepdims=True)
@@ -161,23 +160,23 @@ class BatchRenderer:
         """Return BGR images without noise, 0 to 255, one for each contact of the batch."""
         return self.brightness_factors(contacts)[..., None] * self._reference
 
-    def _height_on_sightlines_mm(self, contacts: Contact) -> _Fields:
-        """Return the height of the skin on the line of sight of every point of the plane."""
+    def _thickness_change_on_sightlines_mm(self, contacts: Contact) -> _Fields:
+        """Return the change of the gel's thickness on the line of sight of every point of the plane."""
         height, per_mm = contacts.height_mm, self.renderer.light.inverse_distance_per_mm
         x, y = (axis + 0 * height[:, :1, :1] for axis in self._plane_mm)
-        seen = self._height_at(contacts, x, y)
+        stretch = 1 + 0 * x
         for _ in range(FIXED_POINT_STEPS if per_mm else 0):
-            seen = self._height_at(contacts, x * (1 + per_mm * seen), y * (1 + per_mm * seen))
-        return seen
+            stretch = 1 + per_mm * self._field_at(contacts, height, x * stretch, y * stretch)
+        return self._field_at(contacts, contacts.thickness_change_mm, x * stretch, y * stretch)
 
-    def _height_at(self, contacts: Contact, x_mm: _Sampled, y_mm: _Sampled) -> _Sampled:
-        """Return the height of the skin at positions on the sensor."""
+    def _field_at(self, contacts: Contact, field: ScalarField, x_mm: _Sampled, y_mm: _Sampled) -> _Sampled:
+        """Return a field of the skin at positions on the sensor."""
         grid = contacts.skin.grid
         cols, rows = (
             (position - expand_over_grid(middle, position)) / grid.pitch_mm + (points - 1) / 2
             for position, middle, points in zip((x_mm, y_mm), contacts.centre_mm, (grid.cols, grid.rows), strict=True)
         )
-        return _bilinear_lookup(cols, rows, grid.shape).sample_each(contacts.height_mm)
+        return _bilinear_lookup(cols, rows, grid.shape).sample_each(field)
 
     @property
     def _fine_shape(self) -> tuple[int, int]:

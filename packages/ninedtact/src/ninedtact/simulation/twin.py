@@ -11,7 +11,7 @@ image. The exposure is assumed to be set so that the reference image keeps its b
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 from zlib import crc32
 
@@ -23,10 +23,9 @@ from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX
 from ninedtact.errors import SimulationError
 from ninedtact.mechanics.contact_arrays import ScalarPerContact, array_namespace_of, sum_over_grid, to_numpy
 from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
-from ninedtact.mechanics.contact_result import Contact, ContactLeavesGrid
+from ninedtact.mechanics.contact_result import Contact, ContactLeavesGrid, require_gel_left
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.mechanics.layer_compliance import ComplianceFunction, bonded_layer_compliance
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin, padded_grid
 from ninedtact.quantities import Wrench
@@ -165,19 +164,14 @@ class Twin:
     """Everything needed to press a simulated sensor and to render its images."""
 
     name: str
-    compliance_of: ComplianceFunction
-    """Surface compliance of the gel at a wave number."""
+    gel: Gel
     renderer: Renderer
     friction: float = 1.0
     pitch_mm: float = PITCH_MM
     area_mm: tuple[float, float] = (24.0, 18.0)
     solver_settings: SolverSettings = field(default_factory=lambda: LIVE_SOLVER_SETTINGS)
-    thickness_mm: float = np.inf
-    """Thickness of all compliant layers."""
     gel_mm: tuple[float, float] = (29.5, 22.5)
     """Width and height of the gel that the published mould makes; the camera sees the middle."""
-    finite_strain: float = 0.0
-    """Share, 0 to 1, of the difference between gel at finite strain and the linear layer (`Gel.finite_strain`)."""
     like: Any = field(default_factory=lambda: np.zeros((), np.float32), compare=False, repr=False)
     """Presses are solved in the array library, precision and device of this array."""
 
@@ -185,7 +179,7 @@ class Twin:
     def model(self) -> ContactModel:
         """The contact model of the skin."""
         patch = padded_grid(*self.area_mm, self.pitch_mm, MARGIN_MM)
-        skin = Skin(patch, self.compliance_of, self.like, self.thickness_mm)
+        skin = Skin(patch, self.gel, self.like)
         return ContactModel(skin, self.friction, self.solver_settings)
 
     def with_noise_of(self, name: str) -> "Twin":
@@ -225,7 +219,7 @@ class Twin:
         for round_number in range(LOAD_ROUNDS):
             press = self.finish_press(self._solve(before, indenter, pose, wanted_n), indenter)
             found = np.abs(press.load_n - load_n) <= LOAD_TOLERANCE * np.asarray(load_n)
-            if not self.finite_strain or found.all() or round_number == LOAD_ROUNDS - 1:
+            if not self.gel.finite_strain or found.all() or round_number == LOAD_ROUNDS - 1:
                 break
             # A press of a batch whose load is found is solved again as it was, so that it is the one that it would be alone.
             wanted_n = np.where(found, wanted_n, self._linear_load_n(press, load_n)) + 0.0
@@ -233,9 +227,8 @@ class Twin:
 
     def finish_press(self, solved: Contact, indenter: Indenter) -> Press:
         """Return the press of a contact that the linear solver found, here or in a batch of several sensors."""
-        if not self.finite_strain:
-            return Press(solved, solved, indenter)
-        corrected = correct_for_finite_strain(solved, self.thickness_mm, indenter, self.finite_strain)
+        corrected = correct_for_finite_strain(solved)
+        require_gel_left(corrected)
         return Press(solved, corrected, indenter)
 
     def _linear_load_n(self, known: Press | None, load_n: ScalarPerContact) -> ScalarPerContact:
@@ -243,7 +236,7 @@ class Twin:
 
         The correction adds a share of the load that grows with the load. Without contact it is the load itself.
         """
-        if not self.finite_strain or known is None or not known.touches:
+        if not self.gel.finite_strain or known is None or not known.touches:
             return load_n
         linear_n = np.maximum(known.linear_load_n, 1e-12)
         growth_per_n = (known.load_n / linear_n - 1) / linear_n
@@ -307,8 +300,7 @@ def default_twin(seed: int = 0, gel: Gel = Gel()) -> Twin:
         CameraNoise(shape=pixel_map.raw_shape, seed=seed),
     )
     renderer = Renderer(pixel_map, reference, BrightnessModel(), noise)
-    compliance_of = partial(bonded_layer_compliance, gel=gel)
-    return Twin("default", compliance_of, renderer, thickness_mm=gel.thickness_mm, finite_strain=gel.finite_strain)
+    return Twin("default", gel, renderer)
 
 
 AIR_MM, ACRYLIC_MM = 0.35, 2.0
@@ -324,12 +316,10 @@ def twin_from_design(design: SensorDesign, seed: int = 0) -> Twin:
     area = design.sensing_area
     return Twin(
         "default" if design == PUBLISHED_DESIGN else "designed",
-        partial(bonded_layer_compliance, gel=design.gel),
+        design.gel,
         renderer,
         area_mm=area.size_mm,
-        thickness_mm=design.gel.thickness_mm,
         gel_mm=area.gel_mm,
-        finite_strain=design.gel.finite_strain,
     )
 
 

@@ -16,7 +16,7 @@ from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.errors import InputError
 from ninedtact_train.collecting.training_pair_rule import SamplingRuleSettings
-from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
+from ninedtact_train.population.mechanics_shares import MechanicsShares
 
 if TYPE_CHECKING:
     from ninedtact_train.population.sensor_population import SampledSensor
@@ -115,7 +115,7 @@ class GenerationSettings:
     objects_seed: Annotated[int, Meta(ge=0)] = 0
     """Seed of generated objects: a name and a seed are one shape in every data set."""
     shares: Annotated[PairKindShares, arg(name="")] = PairKindShares()
-    mechanics: Annotated[NonidealMechanicsShares, arg(name="")] = NonidealMechanicsShares()
+    mechanics: Annotated[MechanicsShares, arg(name="")] = MechanicsShares()
     """Shares of sensors whose gel is not linear on a rigid base."""
     light_below_n: Annotated[float, Meta(gt=0)] = 0.3
     """Load below which a pair counts as a light touch."""

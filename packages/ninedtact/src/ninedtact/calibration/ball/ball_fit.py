@@ -29,6 +29,7 @@ from ninedtact.calibration.ball.contact_circle import require_explained_by_ball,
 from ninedtact.calibration.brightness_change import relative_brightness, smooth_gaussian
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin_to_ball_press
 from ninedtact.design import SensorDesign
+from ninedtact.mechanics.interface_deflection import InterfaceDeflection
 from ninedtact.quantities import BgrImage
 from ninedtact.shape.depth import (
     FINE_SMOOTHING,
@@ -130,7 +131,7 @@ class ContactDiscFit(BallFit):
 
     def fit_curve(self, where: Bool[Array, "rows cols"]) -> DepthCurve:
         """Return the monotone curve through the pixels of a region."""
-        return fit_monotone_depth_curve(self.signal, self.press.darkening(self.signal, where), self.depth_mm[where])
+        return fit_monotone_depth_curve(self.signal, self.press.darkening(self.signal, where), self.thinning_mm[where])
 
     def with_errors(self, curve: DepthCurve) -> DepthCurve:
         """Return the curve with its errors: the scatter of the pixels, and cross-validation on the ball."""
@@ -223,10 +224,24 @@ class TwinBallFit(BallFit):
     @cached_property
     def height_mm(self) -> Float32[Array, "rows cols"]:
         """Height of the fitted skin on every pixel's line of sight, bulges included."""
+        return self._on_sightlines(np.asarray(self.twin_fit.contact.height_mm, np.float32))
+
+    @cached_property
+    def thickness_change_mm(self) -> Float32[Array, "rows cols"]:
+        """Change of the fitted gel's thickness on every pixel's line of sight."""
+        return self._on_sightlines(np.asarray(self.twin_fit.contact.thickness_change_mm, np.float32))
+
+    def _on_sightlines(self, field: Float32[Array, "skin_rows skin_cols"]) -> Float32[Array, "rows cols"]:
+        """Return a field of the fitted skin on every pixel's line of sight."""
         x, y = self.twin_fit.problem.observed.positions_mm
-        contact_height_mm = np.asarray(self.twin_fit.contact.height_mm, np.float32)
+        height_mm = np.asarray(self.twin_fit.contact.height_mm, np.float32)
         sightlines = SightlineGrid(x, y, self.twin_fit.light.inverse_distance_per_mm)
-        return sightlines.height_mm(PATCH, self.twin_fit.press.centre_mm, contact_height_mm, fine=True)
+        return sightlines.sample(PATCH, self.twin_fit.press.centre_mm, height_mm, field, fine=True)
+
+    @property
+    def interface(self) -> InterfaceDeflection:
+        """The deflection of the base of the fitted gel."""
+        return InterfaceDeflection(self.twin_fit.gel)
 
     @cached_property
     def disc(self) -> Bool[Array, "rows cols"]:
@@ -271,8 +286,8 @@ class TwinBallFit(BallFit):
 
     @property
     def _calibrated_depth_mm(self) -> float:
-        """Depth at which the calibrated curve ends."""
-        return float(min(self.max_indentation_mm, 0.95 * self.twin_fit.light.thickness_mm))
+        """Thinning of the gel at which the calibrated curve ends."""
+        return float(min(-self.twin_fit.contact.thickness_change_mm.min(), 0.95 * self.twin_fit.light.thickness_mm))
 
     @cached_property
     def _restored_darkening(self) -> Float32[Array, "rows cols"]:
@@ -286,7 +301,7 @@ class TwinBallFit(BallFit):
         """
         knot_depth_mm = np.array(self._model_curve.indentation_mm)
         knot_darkening = np.array(self._model_curve.darkening)
-        depth_mm = self.depth_mm[where]
+        depth_mm = self.thinning_mm[where]
         residual = self._restored_darkening[where] - np.interp(depth_mm, knot_depth_mm, knot_darkening)
         knot = np.rint(depth_mm / knot_depth_mm[1]).astype(int)
         count = np.bincount(knot, minlength=_KNOT_COUNT)[:_KNOT_COUNT]
@@ -318,7 +333,8 @@ class TwinBallFit(BallFit):
     def with_errors(self, curve: DepthCurve) -> DepthCurve:
         """Return the curve with its errors: cross-validation on the ball, and the uncertainty of the depth of the press."""
         reconstruction_error_mm = np.hypot(self.error_mm(curve, self.disc), self.cross_validation_mae_mm)
-        depth_error_mm = self.twin_fit.relative_depth_std * np.array(curve.indentation_mm)
+        deeper = self.max_indentation_mm / self._calibrated_depth_mm  # a base that yields adds its deflection to the thinning
+        depth_error_mm = self.twin_fit.relative_depth_std * deeper * np.array(curve.indentation_mm)
         error_mm = np.hypot(reconstruction_error_mm, depth_error_mm)
         extrapolated_mm = np.array(curve.beyond.indentation_mm) - curve.max_indentation_mm
         continuation_error_mm = error_mm[-1] + _CONTINUATION_ERROR_PER_MM * extrapolated_mm

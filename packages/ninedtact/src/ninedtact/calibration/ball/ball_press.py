@@ -27,6 +27,7 @@ from ninedtact.calibration.brightness_change import (
     require_usable_exposure,
 )
 from ninedtact.design import BallGauge
+from ninedtact.mechanics.interface_deflection import InterfaceDeflection
 from ninedtact.quantities import BgrImage, Frame, HeightSource, Rectified, skin_grid_mm
 from ninedtact.shape.calibrated_shape import DepthReader
 from ninedtact.shape.depth import BrightnessSignal, Deblurring, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
@@ -144,6 +145,16 @@ class BallFit(ABC):
         """Height of the skin on every pixel's line of sight; zero where the fit does not determine it."""
 
     @property
+    def thickness_change_mm(self) -> Float[Array, "rows cols"]:
+        """What the depth curve gives on every pixel's line of sight: the height where the fit knows nothing of the gel's base."""
+        return self.height_mm
+
+    @property
+    def interface(self) -> InterfaceDeflection | None:
+        """The deflection of the gel's base, which is added to what the curve gives; None where the fit knows nothing of it."""
+        return None
+
+    @property
     @abstractmethod
     def disc(self) -> Bool[Array, "rows cols"]:
         """The pixels whose depth and darkening are paired."""
@@ -177,9 +188,9 @@ class BallFit(ABC):
         return self.with_errors(self.fit_curve(self.disc))
 
     @cached_property
-    def depth_mm(self) -> Float[Array, "rows cols"]:
-        """Indentation on every pixel's line of sight."""
-        return np.maximum(-self.height_mm.astype(float), 0)
+    def thinning_mm(self) -> Float[Array, "rows cols"]:
+        """Thinning of the gel on every pixel's line of sight; where the fit knows nothing of its base, the indentation."""
+        return np.maximum(-self.thickness_change_mm.astype(float), 0)
 
     @property
     def reconstruction_mae_mm(self) -> float:
@@ -194,12 +205,28 @@ class BallFit(ABC):
 
     def reader(self, before: Rectified, source: UInt8[Array, "rows cols"]) -> DepthReader:
         """Return the depth reader of the calibrated sensor for this reference image."""
-        return DepthReader(self.curve, before, source, self.smoothing, loss=self.loss, deblurring=self.deblurring)
+        return DepthReader(
+            self.curve,
+            before,
+            source,
+            self.smoothing,
+            loss=self.loss,
+            deblurring=self.deblurring,
+            interface=self.interface,
+        )
 
     def press_reader(self, curve: DepthCurve, deblurring: Deblurring | None) -> DepthReader:
         """Return the depth reader of this press with a curve and a deblurring that are being fitted."""
         everywhere = np.full(self.press.before.grey.shape, HeightSource.MEASURED, np.uint8)
-        return DepthReader(curve, self.press.before, everywhere, self.smoothing, loss=self.loss, deblurring=deblurring)
+        return DepthReader(
+            curve,
+            self.press.before,
+            everywhere,
+            self.smoothing,
+            loss=self.loss,
+            deblurring=deblurring,
+            interface=self.interface,
+        )
 
     def error_mm(self, curve: DepthCurve, where: Bool[Array, "rows cols"]) -> float:
         """Return the mean absolute error, in a region, of the heights that this curve gives, filters included."""
@@ -222,7 +249,8 @@ def simulate_height_noise_mm(
     curve = reader(Rectified(rectify.resample(raw), rectify.mm_per_px)).curve
     half_way = curve.darkening[-1] / 2
     pressed = raw - half_way if curve.signal == "difference" else raw * (1 - half_way)
-    noisy = pressed + np.random.default_rng(seed).normal(0, noise, raw.shape).astype(np.float32)
-    before, after = (Rectified(rectify.resample(image), rectify.mm_per_px) for image in (raw, noisy))
-    height = replace(reader(before), loss=GlobalDimmingModel())(after)
-    return float(np.std(height.z_mm[height.in_view]))
+    grainy = pressed + np.random.default_rng(seed).normal(0, noise, raw.shape).astype(np.float32)
+    before, after = (Rectified(rectify.resample(image), rectify.mm_per_px) for image in (raw, grainy))
+    read = replace(reader(before), loss=GlobalDimmingModel())
+    clean, noisy = (read(image) for image in (Rectified(rectify.resample(pressed), rectify.mm_per_px), after))
+    return float(np.std((noisy.z_mm - clean.z_mm)[noisy.in_view]))

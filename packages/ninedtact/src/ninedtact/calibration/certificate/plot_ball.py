@@ -76,11 +76,11 @@ def plot_depth_curve(calibration: Calibration) -> bytes:
     curve = calibration.ball.curve
     mean_reference_grey = float(calibration.ball.press.before.grey[calibration.ball.disc].mean())
     figure = new_certificate_figure()
-    axes = add_labelled_axes(figure, (0.13, 0.135, 0.85, 0.725), f"darkening {DARKENING[curve.signal]}", "depth (mm)")
+    axes = add_labelled_axes(figure, (0.13, 0.135, 0.85, 0.725), f"darkening {DARKENING[curve.signal]}", "thinning of the gel (mm)")
     shades: dict[str, Any] = {"cmap": "Blues", "norm": LogNorm(vmin=MIN_PIXELS_PER_SPOT)}
     axes.hexbin(
         _disc_darkening(calibration.ball, curve.signal),
-        calibration.ball.depth_mm[calibration.ball.disc],
+        calibration.ball.thinning_mm[calibration.ball.disc],
         gridsize=(70, 40),
         mincnt=1,
         **shades,
@@ -125,7 +125,7 @@ def _add_other_signal_axis(axes: "Axes", signal: BrightnessSignal, mean_grey: fl
 def plot_ball_residual(calibration: Calibration) -> bytes:
     """Return a PNG of the reconstructed ball minus the true one, in mm: too deep is positive."""
     ball = calibration.ball
-    error_mm = np.where(ball.disc, _reconstruct_ball_mm(calibration) - ball.depth_mm, np.nan)
+    error_mm = np.where(ball.disc, _reconstruct_ball_mm(calibration) + ball.height_mm, np.nan)
     scale_mm = max(MIN_ERROR_SCALE_MM, float(np.nanpercentile(np.abs(error_mm), 99)))
     figure = new_certificate_figure()
     axes = add_labelled_axes(figure, (0.13, 0.135, 0.665, 0.84), "x (mm)", "y (mm)")
@@ -156,7 +156,7 @@ def plot_ball_cross_sections(calibration: Calibration) -> bytes:
         depth_mm = reconstructed_mm[section]
         distance_mm = (np.arange(depth_mm.size) - centre) * press.before.mm_per_px
         axes.plot(distance_mm, depth_mm, color=AXIS_COLOURS[name], linewidth=1.3, label=f"reconstructed along {name}")
-        axes.plot(distance_mm, calibration.ball.depth_mm[section], color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
+        axes.plot(distance_mm, -calibration.ball.height_mm[section], color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
     axes.plot([], [], color=INK, linewidth=0.9, linestyle=(0, (4, 3)), label="the ball")
     reach_mm = 1.6 * press.edge_radius_mm
     axes.set(

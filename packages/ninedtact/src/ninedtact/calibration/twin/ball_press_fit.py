@@ -21,6 +21,7 @@ from ninedtact.calibration.ball.contact_circle import spherical_cap_height_mm
 from ninedtact.calibration.twin.observed_presses import ObservedBallPress
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.pose import InvalidPose
 from ninedtact.shape.depth import mean_view_darkening
 from ninedtact.simulation.calibration_press_models import (
     COARSE_PATCH,
@@ -55,7 +56,7 @@ FIT_PARAMETERS = (
     _FitParameter("point_spread_mm", 0.05, 1.5, 0.02, 0.3),
     _FitParameter("saturation", 0.0, 5.0, 0.05, 0.5),
     _FitParameter("inverse_distance_per_mm", 0.0, 0.08, 0.004, 0.05),
-    _FitParameter("finite_strain", 0.0, 1.0, 0.1, 0.5),
+    _FitParameter("gel_over_base_modulus", 0.0, 0.35, 0.02, 0.1, moves_contact=True),
 )
 """How `BallPressParameters` are searched. Given them, three more are a linear problem: the level 1 + c, and (1 + c) times the
 slopes of darkening and brightening.
@@ -116,8 +117,15 @@ def parameter_covariance(
 def _estimate_uncertainty(
     jacobian: Float[Array, "rows parameters"], residual: Float[Array, " n"], effective_observations: float
 ) -> FitUncertainty:
-    """Return standard deviations and correlations. The Jacobian has the rows of the priors too, the residual has not."""
+    """Return standard deviations and correlations. The Jacobian has the rows of the priors too, the residual has not.
+
+    What the model leaves open about the base is added to the variance of the base, and to those of all parameters that follow it.
+    """
     covariance = parameter_covariance(jacobian, residual, effective_observations)
+    base = PARAMETER_NAMES.index("gel_over_base_modulus")
+    if covariance[base, base] > 0:
+        change_per_base = covariance[:, base] / covariance[base, base]
+        covariance = covariance + BASE_MODULUS_MODEL_STD**2 * np.outer(change_per_base, change_per_base)
     standard_deviations = np.sqrt(np.maximum(np.diag(covariance), 0))
     divisors = np.where(standard_deviations > 0, standard_deviations, 1)
     named = dict(zip(PARAMETER_NAMES, standard_deviations.tolist(), strict=True))
@@ -156,15 +164,17 @@ def _autocorrelation_sums(field: Float[Array, "rows cols"]) -> Float[Array, "lag
 RELATIVE_THICKNESS_STD = 0.22
 """Relative standard deviation of the thickness with which moulded gels act, about the designed one: from fits to six real sensors
 (`simulation.real_sensor_twins`)."""
-FINITE_STRAIN = 0.5
-FINITE_STRAIN_STD = 0.5
-"""Share of finite strain before the image is seen, and its standard deviation: from a linear layer to a neo-Hookean gel."""
+BASE_MODULUS_STD = 0.06
+"""Standard deviation of the gel's modulus over that of its base, about the designed one, before the image is seen: from a base that
+is nearly rigid to one four times as stiff as the gel."""
+BASE_MODULUS_MODEL_STD = 0.04
+"""Standard deviation of the same that no single image of a ball can reduce: changes of the model of gel and light that are within its
+error move the result by as much."""
 TYPICAL_PARAMETERS = {
     "thickness_mm": 2.0,
     "point_spread_mm": 0.45,
     "saturation": 0.4,
     "inverse_distance_per_mm": 0.04,
-    "finite_strain": FINITE_STRAIN,
 }
 """Initial values of the parameters that the contact circle does not show; the thickness is that of a gel of the published
 design."""
@@ -186,6 +196,8 @@ FINE_TOLERANCE = 5e-5
 DERIVATIVE_REUSE_REDUCTION = 1e-2
 """Predicted relative reduction of the sum of squares below which the derivatives by the parameters of the contact, which need a
 contact solution each, are reused in the next iteration."""
+_SHALLOWER = 0.98
+"""Factor on the depth of a first guess that leaves nothing of the gel."""
 STEP_LENGTHS = (1.0, 0.4)
 """Fractions of a step (the step lengths of a line search) that are tried until one reduces the sum of squares."""
 
@@ -202,9 +214,15 @@ class BallPressProblem:
         return self.model.linear_basis(press, self.observed.centre_mm, self.observed.points_mm)
 
     def fit_linear_terms(self, vector: ParameterVector) -> tuple[Float[Array, "3"], Float[Array, " n"]]:
-        """Return the best level and slopes for these parameters, and their residual in grey levels, observed minus predicted."""
-        basis = self.linear_basis(BallPressParameters.from_vector(vector))
+        """Return the best level and slopes for these parameters, and their residual in grey levels, observed minus predicted.
+
+        The residual is infinite where the ball would leave nothing of the gel.
+        """
         observed = self.observed.relative_brightness
+        try:
+            basis = self.linear_basis(BallPressParameters.from_vector(vector))
+        except InvalidPose:
+            return np.full(3, np.nan), np.full(observed.shape, np.inf)
         coefficients = np.linalg.solve(basis.T @ basis, basis.T @ observed)
         return coefficients, (observed - basis @ coefficients) * self.observed.mean_grey
 
@@ -243,9 +261,13 @@ class TwinFit:
 
     @property
     def gel(self) -> Gel:
-        """The design's gel with the fitted thickness and share of finite strain."""
-        fitted = {"thickness_mm": self.press.thickness_mm, "finite_strain": self.press.finite_strain}
-        return replace(self.problem.model.design.gel, **fitted)
+        """The design's gel with the fitted thickness and base."""
+        press = self.press
+        return replace(
+            self.problem.model.design.gel,
+            thickness_mm=press.thickness_mm,
+            gel_over_base_modulus=press.gel_over_base_modulus,
+        )
 
     @property
     def relative_depth_std(self) -> float:
@@ -342,6 +364,9 @@ def fit_twin_to_ball_press(
     else:
         start = initial.vector
     _, initial_residual = problem.fit_linear_terms(start)
+    while not np.isfinite(initial_residual).all():  # the coarse grid, which has no point under the ball's lowest, allows a little more
+        start[PARAMETER_NAMES.index("depth_mm")] *= _SHALLOWER
+        _, initial_residual = problem.fit_linear_terms(start)
     observations = effective_observation_count(observed.image(initial_residual))
     prior_terms = _make_prior_terms(design.gel, initial_residual, observations, priors)
     problem, vector, jacobian = _fit_finely(problem, start, prior_terms)
@@ -367,6 +392,7 @@ def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:
     )
     guess = {"x_mm": x, "y_mm": y, "depth_mm": depth_mm, **drag, **TYPICAL_PARAMETERS}
     guess["thickness_mm"] *= design.gel.thickness_mm / SensorDesign().gel.thickness_mm
+    guess["gel_over_base_modulus"] = design.gel.gel_over_base_modulus
     lower, upper = parameter_bounds()
     return np.clip([guess[name] for name in PARAMETER_NAMES], lower + 1e-3, upper - 1e-3)
 
@@ -381,7 +407,7 @@ def _fit_coarsely(problem: BallPressProblem, start: ParameterVector) -> Paramete
         return _image_jacobian(problem.starting_from(vector), vector, residual(vector))
 
     lower, upper = parameter_bounds()
-    fixed = PARAMETER_NAMES.index("finite_strain")  # no image determines it before the other parameters are known
+    fixed = PARAMETER_NAMES.index("gel_over_base_modulus")  # no image determines it before the other parameters are known
     lower[fixed] = start[fixed] - 1e-3
     upper[fixed] = start[fixed] + 1e-3
     scales = parameter_scales()
@@ -451,11 +477,11 @@ def _bounded_step(
 def _make_prior_terms(
     gel: Gel, residual: Float[Array, " n"], observations: float, priors: tuple[ParameterPrior, ...]
 ) -> _PriorTerms:
-    """Return the design's thickness and other priors, each as one observation among this many independent ones."""
+    """Return the design's thickness and base and other priors, each as one observation among this many independent ones."""
     thickness = ParameterPrior("thickness_mm", gel.thickness_mm, RELATIVE_THICKNESS_STD * gel.thickness_mm)
-    finite_strain = ParameterPrior("finite_strain", FINITE_STRAIN, FINITE_STRAIN_STD)
+    base = ParameterPrior("gel_over_base_modulus", gel.gel_over_base_modulus, BASE_MODULUS_STD)
     grey_levels_per_std = float(np.sqrt(np.sum(residual**2) / observations))
-    return _PriorTerms((thickness, finite_strain, *priors), grey_levels_per_std)
+    return _PriorTerms((thickness, base, *priors), grey_levels_per_std)
 
 
 def _image_jacobian(
@@ -475,5 +501,11 @@ def _image_jacobian(
             columns.append(reused_jacobian[: residual.size, index])
             continue
         perturbed, step = perturb_parameter(vector, index)
-        columns.append((problem.fit_linear_terms(perturbed)[1] - residual) / step)
+        change = problem.fit_linear_terms(perturbed)[1] - residual
+        if not np.isfinite(change).all():  # deeper than the gel allows: take the other side
+            step = -step
+            perturbed = vector.copy()
+            perturbed[index] += step
+            change = problem.fit_linear_terms(perturbed)[1] - residual
+        columns.append(change / step)
     return np.column_stack(columns)

@@ -1,12 +1,9 @@
 """The digital twin of a calibrated sensor, from gel, light, lens, reference image and noise of its own calibration images."""
 
-from functools import partial
-
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from ninedtact.design import Gel, SensingArea
-from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.quantities import BgrImage, skin_grid_mm
 from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX, Rectification
 from ninedtact.simulation.gel_brightness import BrightnessModel
@@ -31,12 +28,10 @@ def assemble_twin(
     noise = CameraNoise(noise_grey_levels, rectify.raw_shape)
     return Twin(
         name,
-        partial(bonded_layer_compliance, gel=gel),
+        gel,
         Renderer(_invert_rectification(rectify), reference.astype(np.float32), light, noise),
         area_mm=area.size_mm,
-        thickness_mm=gel.thickness_mm,
         gel_mm=area.gel_mm,
-        finite_strain=gel.finite_strain,
     )
 
 

@@ -1,18 +1,12 @@
-"""The forward model: tractions → heights of the skin by the gel's compliance → light that scatters into the view.
+"""The forward model: tractions → change of the gel's thickness by its compliance → light that scatters into the view.
 
 Tractions are in units of the shear modulus, so that everything here depends on the gel's geometry alone. `ForwardModel` computes
 whole fields by Fourier transforms; `InfluenceKernels` gives the response to single cells, from which the inversion builds its
 matrices.
-
-`identify_substrate` decides from the calibration whether the gel lies on a rigid or on a compliant base. A ball that is pressed in
-above a compliant base raises less gel around it. The calibration, which assumes a rigid base, therefore attributes a faint bright
-ring to a brightening slope of half the true value. Dents are not affected. In real sensors bulges brighten on average 2.2 times as
-steeply as dents darken, so a ratio far below that identifies a compliant base, and the light parameters that it biases are replaced
-by typical ones (docs/force_physics.md).
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Complex64, Float32, Int
@@ -20,11 +14,10 @@ from numpy import ndarray as Array
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ninedtact.design import Gel
-from ninedtact.force.traction.observation import BrightnessObservationModel, CellGrid
+from ninedtact.force.traction.observation import CellGrid
 from ninedtact.mechanics.contact_arrays import forward_transform, inverse_transform
-from ninedtact.mechanics.layer_compliance import bonded_layer_compliance, layered_compliance
+from ninedtact.mechanics.finite_strain import finite_strain_stiffening
 from ninedtact.mechanics.skin import Skin
-from ninedtact.shape.depth import TYPICAL_GLOBAL_DIMMING, TYPICAL_POINT_SPREAD_MM, DepthCurve, GlobalDimmingModel
 
 View = Float32[Array, "rows cols"]
 SkinField = Float32[Array, "skin_rows skin_cols"]
@@ -38,28 +31,54 @@ _SCATTERING_REACH = 3.0
 
 
 @dataclass(frozen=True)
+class DeformedSkin:
+    """The skin under tractions of the linear gel, and how much more the gel at finite strain needs for it."""
+
+    height_mm: SkinField
+    thickness_change_mm: SkinField
+    """Change of the gel's thickness; on a base that yields less thinning at finite strain, because the load is larger."""
+    stiffening: SkinField
+    """Ratio of the tractions at finite strain to those of the linear gel."""
+    nonlinear_mm: SkinField
+    """The part of the change of thickness that is not linear in the tractions."""
+
+
+@dataclass(frozen=True)
 class ForwardModel:
-    """Heights as a linear function of tractions, and scattering of light; the brightness law is applied between the two."""
+    """The skin as a function of tractions, and scattering of light; the brightness law is applied between the two."""
 
     cells: CellGrid
-    thickness_mm: float
-    poisson_ratio: float
+    gel: Gel
+    """Its shear modulus does not count: tractions are in units of it."""
     point_spread_mm: float
-    """Standard deviation of the point-spread; zero where heights are observed."""
-    base: Gel | None = None
-    """Compliant base below the gel, with its shear modulus relative to that of the gel; None for a rigid base."""
+    """Standard deviation of the point-spread."""
 
     @cached_property
     def compliance(self) -> Complex64[Array, "3 skin_rows half"]:
+        """Change of the gel's thickness over pressure and over shear along x and y, per wave vector."""
+        return self._height_compliance - self._interface_compliance
+
+    @cached_property
+    def _height_compliance(self) -> Complex64[Array, "3 skin_rows half"]:
         """Height over pressure and over shear along x and y, per wave vector."""
-        gel = Gel(self.thickness_mm, 1.0, self.poisson_ratio)
-        below = partial(bonded_layer_compliance, gel=gel) if self.base is None else layered_compliance((gel, self.base))
-        parts = Skin(self.cells.patch, below, np.zeros(())).fourier_symbols
-        up = np.stack([-parts["normal"] + 0j, 1j * parts["bulge_x"], 1j * parts["bulge_y"]])
-        # A traction is uniform over its cell: its spectrum is that of a point times the sinc of each axis.
+        parts = self._skin.fourier_symbols
+        return self._on_cells(-parts["normal"] + 0j, 1j * parts["bulge_x"], 1j * parts["bulge_y"])
+
+    @cached_property
+    def _interface_compliance(self) -> Complex64[Array, "3 skin_rows half"]:
+        """Height of the gel's bottom over pressure and over shear along x and y, per wave vector."""
+        return self._on_cells(*self._skin.interface_symbols)
+
+    @cached_property
+    def _skin(self) -> Skin:
+        """The periodic skin of a gel with a shear modulus of one."""
+        return Skin(self.cells.patch, replace(self.gel, shear_modulus_mpa=1.0), np.zeros(()))
+
+    def _on_cells(self, *symbols: Array) -> Complex64[Array, "3 skin_rows half"]:
+        """Return symbols for tractions that are uniform over cells: those of points times the sinc of each axis."""
         wave_x, wave_y = self.cells.patch.wave_vectors
         turns = self.cells.pitch_mm / (2 * np.pi)
-        return (up * np.sinc(wave_x * turns) * np.sinc(wave_y * turns)).astype(np.complex64)
+        return (np.stack(symbols) * np.sinc(wave_x * turns) * np.sinc(wave_y * turns)).astype(np.complex64)
 
     @cached_property
     def point_spread(self) -> tuple[Float32[Array, "rows skin_rows"], Float32[Array, "skin_cols cols"]]:
@@ -69,11 +88,25 @@ class ForwardModel:
         down, across = (_gaussian_weights(self.cells, axis, sigma_mm) for axis in (0, 1))
         return down, np.ascontiguousarray(across.T)
 
-    def heights(self, tractions: Tractions) -> SkinField:
-        """Return the height in mm of all skin under tractions on the view."""
+    def deform(self, tractions: Tractions) -> DeformedSkin:
+        """Return all skin under tractions of the linear gel on the view."""
         shape = self.cells.patch.shape
         waves = forward_transform(tractions, shape)
-        return inverse_transform((waves * self.compliance).sum(axis=0), shape, shape)
+        height_mm = self._to_skin(waves, self._height_compliance)
+        if self.gel.has_rigid_base:
+            stiffening = finite_strain_stiffening(height_mm, height_mm, self.gel)
+            return DeformedSkin(height_mm, height_mm, stiffening, np.zeros_like(height_mm))
+        interface_mm = self._to_skin(waves, self._interface_compliance)
+        stiffening = finite_strain_stiffening(height_mm, height_mm - interface_mm, self.gel)
+        rows, cols = tractions.shape[1:]
+        added = forward_transform(tractions * (stiffening[:rows, :cols] - 1), shape)
+        nonlinear_mm = -self._to_skin(added, self._interface_compliance)
+        return DeformedSkin(height_mm, height_mm - interface_mm + nonlinear_mm, stiffening, nonlinear_mm)
+
+    def _to_skin(self, waves: Array, compliance: Array) -> SkinField:
+        """Return the field of all skin that tractions, given as waves, cause by a compliance."""
+        shape = self.cells.patch.shape
+        return inverse_transform((waves * compliance).sum(axis=0), shape, shape)
 
     def scatter(self, change: SkinField) -> View:
         """Return the change of brightness that the camera observes, after scattering, for a change on all skin."""
@@ -159,44 +192,3 @@ def _gaussian_weights(cells: CellGrid, axis: int, sigma_mm: float) -> Float32[Ar
     weights = np.exp(-((distance_mm / width_mm) ** 2) / 2) / total
     # Far weights would be subnormal numbers, with which processors multiply forty times more slowly.
     return np.where(weights < _SMALLEST_WEIGHT, 0, weights).astype(np.float32)
-
-
-TYPICAL_SLOPE_RATIO = 2.2
-"""Slope of bulges over the mean slope of dents: geometric mean of eight real sensors of five labs, which range from 1.8 to 2.9."""
-COMPLIANT_BASE = Gel(6.0, 10.0)
-"""Transparent layer of Shore A 45 that is moulded under a gel of Shore A 5; its modulus is relative to that of the gel."""
-
-_MIN_RIGID_SLOPE_RATIO = 1.4
-"""Smallest ratio for a rigid base: `TYPICAL_SLOPE_RATIO` less three standard deviations of its logarithm (0.15)."""
-
-
-@dataclass(frozen=True)
-class Substrate:
-    """The base that the gel lies on, and the observation model that is valid above it."""
-
-    observation_model: BrightnessObservationModel
-    base: Gel | None = None
-    """Compliant base with its shear modulus relative to that of the gel; None for a rigid base."""
-
-
-def identify_substrate(observation_model: BrightnessObservationModel) -> Substrate:
-    """Return the base, rigid or compliant, that the calibration's slopes of bulges and dents indicate.
-
-    A rigid base comes with the calibration as it is, a compliant one with typical light parameters.
-    """
-    ratio = bulge_to_dent_slope_ratio(observation_model.curve)
-    if ratio >= _MIN_RIGID_SLOPE_RATIO:
-        return Substrate(observation_model)
-    raised = TYPICAL_SLOPE_RATIO / ratio
-    curve = observation_model.curve
-    curve = replace(curve, brightening=tuple(raised * bright for bright in curve.brightening))
-    return Substrate(
-        BrightnessObservationModel(curve, GlobalDimmingModel(TYPICAL_GLOBAL_DIMMING), TYPICAL_POINT_SPREAD_MM),
-        COMPLIANT_BASE,
-    )
-
-
-def bulge_to_dent_slope_ratio(curve: DepthCurve) -> float:
-    """Return the slope of bulges over the mean slope of dents."""
-    dents = curve.darkening[-1] / curve.indentation_mm[-1]
-    return curve.brightening[-1] / curve.bulge_mm[-1] / dents

@@ -21,7 +21,7 @@ from ninedtact.design import Gel
 from ninedtact.errors import ForceEstimationError
 from ninedtact.force.contact_detection import ContactRegionSettings, find_contact_region, pressure_reaches_unseen
 from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate, zero_wrench
-from ninedtact.force.traction.brightness_from_traction import ForwardModel, identify_substrate
+from ninedtact.force.traction.brightness_from_traction import ForwardModel
 from ninedtact.force.traction.linearisation_and_qp import TractionPrior
 from ninedtact.force.traction.observation import (
     MARGIN_CELLS,
@@ -37,7 +37,6 @@ from ninedtact.force.traction.traction_from_brightness import (
     TractionInversion,
     UncertaintyModel,
 )
-from ninedtact.mechanics.finite_strain import finite_strain_traction_mpa
 from ninedtact.quantities import EstimateWarning, HeightMap, Traction, WrenchEstimate, diagonal_covariance
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -49,9 +48,8 @@ NO_CONTACT_STD = np.array([0.01, 0.01, 0.03, 2e-4, 2e-4, 5e-5])
 """Standard deviation of the wrench where no contact is detected; half of all contacts of 0.05 N are detected
 (docs/force_physics.md)."""
 
-_LINEAR_GEL_FRACTION = 0.5
-"""Indentation over the gel's thickness up to which the linear gel model holds. A gel stiffens as it thins
-(docs/force_physics.md)."""
+_MODELLED_THINNING = 0.5
+"""Thinning over the gel's thickness up to which the model of the gel holds (docs/force_physics.md)."""
 
 
 @dataclass
@@ -61,8 +59,6 @@ class TractionForce(ForceEstimator):
     observation_model: ObservationModel
     gel: Gel
     """The gel, with the thickness that the calibration found; its shear modulus scales all forces."""
-    base: Gel | None = None
-    """Compliant base below the gel, with its shear modulus relative to that of the gel; None for a rigid base."""
     prior: TractionPrior = TractionPrior()
     contact_region: ContactRegionSettings = ContactRegionSettings()
     solver: SolverSettings = SolverSettings()
@@ -114,10 +110,8 @@ class TractionForce(ForceEstimator):
         """Return the result in MPa, N and N·m, with its uncertainty and warnings."""
         mpa = self.gel.shear_modulus_mpa
         rows, cols = observation.z_mm.shape
-        skin_mm = result.skin_mm[:rows, :cols].copy()
-        tractions = finite_strain_traction_mpa(
-            result.tractions * np.float32(mpa), skin_mm, self.gel.thickness_mm, self.gel.finite_strain
-        )
+        skin_mm = result.skin.height_mm[:rows, :cols].copy()
+        tractions = result.tractions * result.skin.stiffening[:rows, :cols] * np.float32(mpa)
         traction = Traction(
             tractions[0],
             tractions[1:],
@@ -136,37 +130,38 @@ class TractionForce(ForceEstimator):
         """Return the reasons for which the result may be wrong."""
         pressure = result.tractions[0]
         reasons = {
-            EstimateWarning.OUT_OF_RANGE: bool((self._too_deep(observation) & (pressure > 0)).any()),
+            EstimateWarning.OUT_OF_RANGE: bool((self._too_deep(observation, result) & (pressure > 0)).any()),
             EstimateWarning.PART_UNSEEN: pressure_reaches_unseen(pressure, observation.in_view),
             EstimateWarning.NOT_CONVERGED: result.newton_decrement > self.solver.max_trusted_decrement,
         }
         return [warning for warning, holds in reasons.items() if holds]
 
-    def _too_deep(self, observation: ObservationOnCells) -> Bool[Array, "rows cols"]:
-        """Return where the skin is beyond the depth curve, or beyond the linear gel."""
-        return (observation.beyond > 0.5) | (observation.z_mm < -_LINEAR_GEL_FRACTION * self.gel.thickness_mm)
+    def _too_deep(self, observation: ObservationOnCells, result: InversionResult) -> Bool[Array, "rows cols"]:
+        """Return where the gel is thinner than the depth curve knows, or than the model of the gel holds."""
+        rows, cols = observation.z_mm.shape
+        thinning_mm = -result.skin.thickness_change_mm[:rows, :cols]
+        return (observation.beyond > 0.5) | (thinning_mm > _MODELLED_THINNING * self.gel.thickness_mm)
 
     def _inversion_for(self, height: HeightMap) -> TractionInversion:
         """Return the inversion for images of this size, built at the first of them."""
         cells = cell_grid_over_image(height.z_mm.shape, height.mm_per_px, self.gel.thickness_mm)
         if cells not in self._inversions:
             self.forget()
-            gel, model = self.gel, self.observation_model
-            forward = ForwardModel(cells, gel.thickness_mm, gel.poisson_ratio, model.point_spread_mm, self.base)
+            model = self.observation_model
+            forward = ForwardModel(cells, self.gel, model.point_spread_mm)
             self._inversions[cells] = TractionInversion(forward, model.law, self.prior, self.solver)
         return self._inversions[cells]
 
 
 def build_traction_force(calibrated: CalibratedShape, gel: Gel | None) -> TractionForce:
     """Return the estimator of a calibrated sensor; raises `ForceEstimationError` without a gel or a light calibration."""
-    substrate = identify_substrate(build_brightness_observation_model(calibrated))
     if gel is None:
         raise ForceEstimationError(
             expected="the gel's thickness and shear modulus",
             got="no gel",
             remedy="give SensorDesign().gel, or the gel of the sensor's twin",
         )
-    return TractionForce(substrate.observation_model, gel, substrate.base)
+    return TractionForce(build_brightness_observation_model(calibrated), gel)
 
 
 _blas_lock, _blas_users = Lock(), list[Any]()

@@ -140,7 +140,6 @@ _EXTENSION_FACTOR = 2.0
 _SIGHTLINE_ITERATIONS = 5
 _MIN_BRIGHTNESS_NOISE = 2e-4
 """Smallest noise of a cell's relative brightness: a tenth of a grey level's step, averaged over a cell."""
-_MIN_HEIGHT_NOISE_MM = 0.002
 _LOCAL_FRACTION = 0.4
 """Fraction of the depth curve's error that differs from place to place. The rest scales the whole contact, which the stated error
 of the wrench contains; were it assumed in every cell, the inversion would shrink forces. Found on simulated sensors."""
@@ -186,16 +185,12 @@ def brightness_law_of_curve(curve: DepthCurve) -> BrightnessLaw:
     return BrightnessLaw(np.concatenate([[low], height, [high]]), np.concatenate([[ends[0]], change, [ends[1]]]))
 
 
-_HEIGHT_AS_SIGNAL = BrightnessLaw(np.array([-20.0, 20.0]), np.array([-20.0, 20.0]))
-"""Law for an observed signal that is the height itself: its slope is one per mm."""
-
-
 @dataclass(frozen=True)
 class ObservationOnCells:
     """The observed signal and its errors as orthorectified fields on the cells."""
 
     change: View
-    """Relative change of brightness; mm where heights are observed."""
+    """Relative change of brightness."""
     noise: float
     """Standard deviation of one cell's change from image to image."""
     error: float
@@ -260,23 +255,6 @@ class BrightnessObservationModel(ObservationModel):
         """Mean error of the depth curve in relative brightness; errors of the curve are alike all around a contact."""
         steps = np.diff(self.curve.darkening) / np.maximum(np.diff(self.curve.indentation_mm), 1e-9)
         return float(np.mean(steps * np.array(self.curve.error_mm)[1:]))
-
-
-@dataclass(frozen=True)
-class HeightObservationModel(ObservationModel):
-    """Observes the height map alone, for sensors without a light calibration."""
-
-    error_mm: float = 0.01
-    law: BrightnessLaw = _HEIGHT_AS_SIGNAL
-    point_spread_mm: float = 0.0
-
-    def observe(self, reading: Reading, cells: CellGrid) -> ObservationOnCells:
-        """Return the reading's heights on the cells."""
-        below, _, beyond = _orthorectify_onto_cells(reading.height, cells)
-        noise = max(estimate_cell_noise(below.z_mm), _MIN_HEIGHT_NOISE_MM)
-        return ObservationOnCells(
-            below.z_mm, noise, self.error_mm, below.z_mm, below.in_view.astype(np.float32), beyond
-        )
 
 
 def build_brightness_observation_model(calibrated: CalibratedShape) -> BrightnessObservationModel:

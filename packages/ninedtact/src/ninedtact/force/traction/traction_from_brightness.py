@@ -17,7 +17,14 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
-from ninedtact.force.traction.brightness_from_traction import ForwardModel, InfluenceKernels, SkinField, Tractions, View
+from ninedtact.force.traction.brightness_from_traction import (
+    DeformedSkin,
+    ForwardModel,
+    InfluenceKernels,
+    SkinField,
+    Tractions,
+    View,
+)
 from ninedtact.force.traction.linearisation_and_qp import (
     DiscretePrior,
     LinearisedBrightnessProblem,
@@ -61,10 +68,12 @@ class SolverSettings:
 
 @dataclass(frozen=True)
 class InitialGuess:
-    """The tractions and skin heights from which the iteration starts."""
+    """The tractions and the change of the gel's thickness from which the iteration starts."""
 
     tractions: Tractions
-    skin_mm: SkinField
+    thicker_mm: SkinField
+    nonlinear_mm: SkinField | float = 0.0
+    """The part of the change that is not linear in the tractions."""
     misfit: float = 1.0
     iterations: int = 0
 
@@ -74,10 +83,10 @@ class InversionResult:
     """The tractions over the shear modulus, with the data that the uncertainty and the next inversion need."""
 
     tractions: Tractions
-    skin_mm: SkinField
-    """Height of all skin under these tractions."""
+    skin: DeformedSkin
+    """All skin under these tractions."""
     linearised_mm: SkinField
-    """Height of all skin about which the problem was linearised."""
+    """The change of thickness about which the problem was linearised."""
     problem: LinearisedBrightnessProblem
     """The problem as linearised in the last iteration."""
     solution: QPSolution
@@ -106,8 +115,8 @@ class TractionInversion:
         iterations from it do not converge: the result then does not depend on the previous image.
         """
         if last is not None and bool((last.tractions[0] * region).any()):
-            about_mm = (last.linearised_mm + last.skin_mm) / 2
-            guess = InitialGuess(last.tractions, about_mm, last.misfit)
+            about_mm = (last.linearised_mm + last.skin.thickness_change_mm) / 2
+            guess = InitialGuess(last.tractions, about_mm, last.skin.nonlinear_mm, last.misfit)
             result = self._converge(observation, region, guess, self.solver.max_warm_iterations)
             if self._followed(last.tractions[0], result):
                 return result
@@ -129,10 +138,12 @@ class TractionInversion:
         Where an iteration brings the result no nearer, the next ones linearise closer to where this one did.
         """
         result = best = self._iterate(observation, region, guess)
-        step, about_mm = 1.0, guess.skin_mm
+        step, about_mm = 1.0, guess.thicker_mm
         while result.iterations < max_iterations and best.newton_decrement > self.solver.target_decrement:
-            about_mm = about_mm + np.float32(step) * (result.skin_mm - about_mm)
-            carried = InitialGuess(result.tractions, about_mm, result.misfit, result.iterations)
+            about_mm = about_mm + np.float32(step) * (result.skin.thickness_change_mm - about_mm)
+            carried = InitialGuess(
+                result.tractions, about_mm, result.skin.nonlinear_mm, result.misfit, result.iterations
+            )
             result = self._iterate(observation, region, carried)
             if result.newton_decrement < best.newton_decrement:
                 best = result
@@ -143,17 +154,18 @@ class TractionInversion:
     def _iterate(self, observation: ObservationOnCells, region: View, guess: InitialGuess) -> InversionResult:
         """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
         problem = self._linearise(observation, region, guess)
-        offset = self.law(guess.skin_mm) - problem.slope * guess.skin_mm
+        offset = self.law(guess.thicker_mm) - problem.slope * (guess.thicker_mm - guess.nonlinear_mm)
         programme = problem.quadratic_programme(observation.change - self.forward.scatter(offset))
         free = problem.initially_free(guess.tractions[0])
         solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves)
         tractions = problem.tractions(solution.x)
-        skin_mm = self.forward.heights(tractions)
-        nonlinear = self.forward.scatter(self.law(skin_mm) - offset - problem.slope * skin_mm)
+        skin = self.forward.deform(tractions)
+        linear_mm = skin.thickness_change_mm - skin.nonlinear_mm
+        nonlinear = self.forward.scatter(self.law(skin.thickness_change_mm) - offset - problem.slope * linear_mm)
         decrement = problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf
-        misfit = self._misfit(observation, skin_mm)
+        misfit = self._misfit(observation, skin.thickness_change_mm)
         return InversionResult(
-            tractions, skin_mm, guess.skin_mm, problem, solution, misfit, decrement, guess.iterations + 1
+            tractions, skin, guess.thicker_mm, problem, solution, misfit, decrement, guess.iterations + 1
         )
 
     def _linearise(
@@ -161,10 +173,10 @@ class TractionInversion:
     ) -> LinearisedBrightnessProblem:
         """Return the problem linearised about the guessed skin."""
         depth_mm = max(float(np.sqrt((observation.z_mm[region > 0] ** 2).mean())), _MIN_PRIOR_DEPTH_MM)
-        strain = depth_mm / self.forward.thickness_mm
+        strain = depth_mm / self.forward.gel.thickness_mm
         width_px = self.prior.smooth_mm / self.forward.cells.pitch_mm
         carries = np.asarray(cv2.GaussianBlur(guess.tractions[0] * region, (0, 0), width_px) * region)
-        slope = self.law.slope_per_mm(guess.skin_mm)
+        slope = self.law.slope_per_mm(guess.thicker_mm)
         whitener = self._whitener(observation, guess.misfit)
         return LinearisedBrightnessProblem(
             self._kernels, self._discrete_prior, region, carries, slope, whitener, strain
@@ -176,9 +188,9 @@ class TractionInversion:
         tractions[0] = np.maximum(-observation.z_mm, 0) * region * np.float32(_WINKLER_PER_MM)
         return InitialGuess(tractions, self._extend_to_skin(observation.z_mm))
 
-    def _misfit(self, observation: ObservationOnCells, skin_mm: SkinField) -> float:
+    def _misfit(self, observation: ObservationOnCells, thicker_mm: SkinField) -> float:
         """Return the root mean square of the residual over its standard deviation; at least one."""
-        residual = observation.change - self.forward.scatter(self.law(skin_mm))
+        residual = observation.change - self.forward.scatter(self.law(thicker_mm))
         square = float(np.vdot(residual, self._whitener(observation, 1.0)(residual)))
         return float(np.sqrt(max(square / max(float(observation.in_view.sum()), 1.0), 1.0)))
 
@@ -257,7 +269,7 @@ class UncertaintyModel:
         """Return the relative error of the force due to structure that is not resolved; at most one."""
         resolution_mm = max(forward.point_spread_mm, forward.cells.pitch_mm / 2)
         growth = _count_peaks(pressure) ** self.peaks_exponent
-        return min(self.unresolved * resolution_mm / forward.thickness_mm * growth, 1.0)
+        return min(self.unresolved * resolution_mm / forward.gel.thickness_mm * growth, 1.0)
 
 
 def _count_peaks(pressure: Float64[Array, "rows cols"]) -> float:
