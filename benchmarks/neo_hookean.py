@@ -1,9 +1,9 @@
 """An axisymmetric neo-Hookean gel on a rigid base or on a layer that yields, cut into finite elements; it keeps its volume exactly.
 
 The rigid floor is at z = 0, the untouched skin at the top; a point (r, z) moves to (r + u_r, z + u_z). Energy per volume is
-G/2·(|F|² − 3) with G = 1 in the gel, so that forces are in shear moduli times mm². A pressure that is linear within each element and
-knows nothing of its neighbours holds det F = 1 there: biquadratic displacement with it does not lock. (With Taylor and
-Hood's continuous pressure the free skin beside deep presses wrinkled from element to element.)
+G/2·(|F|² − 3) with G = 1 in the gel, so that forces are in shear moduli times mm². A pressure that is linear within each element
+and knows nothing of its neighbours holds det F = 1 there: biquadratic displacement with it does not lock. (With Taylor and Hood's
+continuous pressure the free skin beside deep presses wrinkled from element to element.)
 """
 
 from dataclasses import dataclass
@@ -54,7 +54,9 @@ class Layer:
         rows = round(self.thickness_mm / self.element_mm)
         gel = self.thickness_mm * (1 - np.linspace(1, 0, rows + 1) ** self.crowding)
         base_rows = round(self.base_thickness_mm / (2 * self.element_mm))
-        return np.concatenate([np.linspace(0, self.base_thickness_mm, base_rows + 1)[:-1], self.base_thickness_mm + gel])
+        return np.concatenate(
+            [np.linspace(0, self.base_thickness_mm, base_rows + 1)[:-1], self.base_thickness_mm + gel]
+        )
 
     @property
     def top_mm(self) -> float:

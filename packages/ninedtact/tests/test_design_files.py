@@ -133,4 +133,4 @@ def test_calibrate_and_demo_take_a_design(tmp_path: Path) -> None:
     assert CalibrateCommand(out=tmp_path, design_file=path, ball_radius_mm=3.0).resolved_design.ball.radius_mm == 3.0
     with pytest.raises(InputError, match="both"):
         _ = CalibrateCommand(out=tmp_path, design_file=path, design=SensorDesign(gel=Gel(3.0))).resolved_design
-    assert Demo(design_file=path).twin.thickness_mm == OURS.gel.thickness_mm
+    assert Demo(design_file=path).twin.gel.thickness_mm == OURS.gel.thickness_mm

@@ -5,7 +5,6 @@ import json
 import shutil
 import time
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -19,7 +18,6 @@ from ninedtact.cli.calibration_page import simulated_loaded_camera
 from ninedtact.cli.estimate import COLUMNS, format_estimates
 from ninedtact.force.estimator_and_scale import read_force_scales
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin
@@ -128,7 +126,7 @@ def test_known_loads_on_the_twin_find_how_stiff_its_gel_is(desk: Path, tmp_path:
 def test_loads_whose_solution_misses_its_tolerance_by_a_hair_are_pressed(desk: Path, stiffness: float) -> None:
     folder = load_sensor(desk / "sensor")
     gel = replace(folder.gel, shear_modulus_mpa=folder.gel.shear_modulus_mpa * stiffness)
-    twin = replace(folder.twin(), compliance_of=partial(bonded_layer_compliance, gel=gel))
+    twin = replace(folder.twin(), gel=gel)
     with SimulatedCalibrationCamera(twin, folder.record.design) as camera:
         camera.hold(ball_press_under_load(100.0))
         camera.read()

@@ -34,7 +34,7 @@ from ninedtact_train.population.sensor_population import (
 )
 
 MANY = 300
-ALL_BONDED, ALL_BASED = MechanicsShares(0, 0), MechanicsShares(1, 0)
+ALL_LAYERED, ALL_LINEAR = MechanicsShares(0, 0), MechanicsShares(0, 1)
 
 
 @pytest.fixture(scope="module")
@@ -84,14 +84,17 @@ def test_few_sensors_of_the_population_are_unusual(members: list[SampledSensor])
 @pytest.mark.parametrize("count", [10, 40, MANY])
 def test_kinds_have_their_shares_among_few_members_too(count: int, members: list[SampledSensor]) -> None:
     kinds = [one.kind for one in members[:count]]
-    assert kinds.count("compliant_base") == pytest.approx(0.15 * count, abs=2)
-    assert kinds.count("finite_strain") == pytest.approx(0.55 * count, abs=2)
-    assert all((one.base is not None) == (one.kind == "compliant_base") for one in members)
+    assert kinds.count("rigid_base") == pytest.approx(0.2 * count, abs=2)
+    assert kinds.count("linear") == pytest.approx(0.1 * count, abs=2)
+    assert all(one.gel.has_rigid_base == (one.kind != "layered") for one in members)
+    assert all(one.gel.finite_strain == (one.kind != "linear") for one in members)
+    assert all(one.gel.gel_over_base_modulus < 0.34 for one in members)
 
 
 def test_a_base_that_yields_lets_a_ball_sink_deeper() -> None:
-    based = sample_sensor(3, kinds=ALL_BASED)
-    rigid = replace(based, kind="bonded", base=None)
+    based = sample_sensor(3, kinds=ALL_LAYERED)
+    based = replace(based, gel=replace(based.gel, gel_over_base_modulus=0.1))
+    rigid = replace(based, gel=replace(based.gel, gel_over_base_modulus=0.0))
     depths = []
     for one in (rigid, based):
         twin = one.twin(0.3)
@@ -100,8 +103,8 @@ def test_a_base_that_yields_lets_a_ball_sink_deeper() -> None:
 
 
 def test_finite_strain_weighs_more_and_piles_up_higher() -> None:
-    bonded = sample_sensor(3, kinds=ALL_BONDED)
-    stiffens = replace(bonded, kind="finite_strain")
+    bonded = sample_sensor(3, kinds=ALL_LINEAR)
+    stiffens = replace(bonded, gel=replace(bonded.gel, finite_strain=1.0))
     linear, stiff = (one.twin(0.3).press(None, FlatPunch(2.0), Pose(depth_mm=1.0)) for one in (bonded, stiffens))
     assert linear.corrected is linear.solved and linear.stiffening == 1
     assert 1.1 < stiff.load_n / linear.load_n < 1.5
@@ -132,7 +135,7 @@ def test_members_of_another_design_are_those_of_the_published_one_carried_to_it(
 
 
 def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
-    one = replace(sample_sensor(2, kinds=ALL_BONDED), misalignment=CalibrationMisalignment(), noise_grey_levels=1e-6)
+    one = replace(sample_sensor(2, kinds=ALL_LINEAR), misalignment=CalibrationMisalignment(), noise_grey_levels=1e-6)
     twin, eye = one.twin(), rectified_renderer(one, (460, 345))
     contact = twin.press(None, Ball(), Pose(2.0, -1.0, 1.2)).corrected
     seen = eye.render(contact, np.random.default_rng(0)).astype(float)
@@ -149,7 +152,7 @@ def test_the_rectified_image_is_that_of_the_raw_one_rectified() -> None:
 
 def test_light_of_reflections_stays_as_it_is_under_a_contact() -> None:
     glare = (GlarePatch((0.3, -0.2), 0.1, 0.06), GlarePatch((-0.8, 0.7), 0.05, 0.03))
-    shiny = replace(sample_sensor(2, kinds=ALL_BONDED), glare=glare)
+    shiny = replace(sample_sensor(2, kinds=ALL_LINEAR), glare=glare)
     plain, reflecting = replace(shiny, glare=()).twin(), shiny.twin()
     contact = plain.press(None, Ball(), Pose(2.0, -1.0, 1.2)).corrected
     added = [

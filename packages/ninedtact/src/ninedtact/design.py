@@ -33,6 +33,10 @@ def require_positive(name: str, value: float) -> None:
         raise DesignImpossible(expected=f"{name} above zero", got=f"{value}", remedy="correct the design")
 
 
+_MAX_DEPTH_ON_YIELDING_BASE = 1.25
+"""Depth over thickness to which presses were compared with finite elements (docs/mechanics.md)."""
+
+
 @dataclass(frozen=True)
 class Gel:
     """The translucent layer that is pressed, bonded to a stiffer transparent one."""
@@ -46,9 +50,9 @@ class Gel:
     """Share of what neo-Hookean rubber does otherwise than a linear layer when it is pressed deep, 0 to 1."""
     base_thickness_mm: Annotated[float, Meta(ge=0.1, le=100.0)] = 9.2
     """Thickness of the transparent layer that the gel is bonded to, above the window."""
-    gel_over_base_modulus: Annotated[float, Meta(ge=0, le=1)] = 0.12
-    """Shear modulus of the gel over that of the transparent layer below it; zero is a rigid base. That of Shore A 5 over Shore A 45 is
-    0.1 to 0.14 by the tables of different authors."""
+    gel_over_base_modulus: Annotated[float, Meta(ge=0, le=10)] = 0.12
+    """Shear modulus of the gel over that of the transparent layer below it; zero is a rigid base. That of Shore A 5 over Shore A
+    45 is 0.1 to 0.14 by the tables of different authors."""
 
     def __post_init__(self) -> None:
         # A gel of a closed form, or of one step of a fit, may be thicker or softer than one that is made.
@@ -65,9 +69,9 @@ class Gel:
                 expected="gel.finite_strain from 0 to 1", got=f"{self.finite_strain}", remedy="correct the design"
             )
         require_positive("gel.base_thickness_mm", self.base_thickness_mm)
-        if not 0 <= self.gel_over_base_modulus <= 1:
+        if not 0 <= self.gel_over_base_modulus <= 10:
             raise DesignImpossible(
-                expected="gel.gel_over_base_modulus from 0, a rigid base, to 1, a base as soft as the gel",
+                expected="gel.gel_over_base_modulus from 0, a rigid base, to 10, a base far softer than the gel",
                 got=f"{self.gel_over_base_modulus}",
                 remedy="correct the design",
             )
@@ -84,8 +88,8 @@ class Gel:
 
     @property
     def max_depth_mm(self) -> float:
-        """How deep an object could reach if both layers vanished under it."""
-        return self.thickness_mm + (0.0 if self.has_rigid_base else self.base_thickness_mm)
+        """How deep an object can be pressed: to a rigid base, or on one that yields as deep as the model of the gel was checked."""
+        return self.thickness_mm * (1.0 if self.has_rigid_base else _MAX_DEPTH_ON_YIELDING_BASE)
 
 
 def shore_a_to_shear_modulus_mpa(shore_a: float) -> float:

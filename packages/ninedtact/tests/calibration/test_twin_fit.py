@@ -16,7 +16,6 @@ from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_
 from ninedtact.calibration.twin.sensor_twin import assemble_twin
 from ninedtact.design import SensingArea, SensorDesign
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.finite_strain import finite_strain_ball_change_mm
 from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, Rectified, skin_grid_mm
@@ -47,8 +46,10 @@ def twin(calibrated_a: Calibration) -> Twin:
 def pressed(twin: Twin, indenter: Indenter, at: Pose, drag_mm: tuple[float, float] = (0.0, 0.0)) -> Contact:
     start = replace(at, x_mm=at.x_mm - drag_mm[0], y_mm=at.y_mm - drag_mm[1])
     down = [replace(start, depth_mm=at.depth_mm * part) for part in (0.25, 0.5, 0.75, 1.0)]
-    *_, contact = twin.model.follow(indenter, [*down, at])
-    return contact
+    press = None
+    for pose in (*down, at):
+        press = twin.press(press, indenter, pose)
+    return press.corrected
 
 
 def press_in(before: Rectified, after: Rectified) -> BallPress:
@@ -66,14 +67,13 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
         for number, contact in enumerate((None, known_press))
     )
     fit = fit_twin_to_ball_press(press_in(before, after), DESIGN)
-    assert fit.press.depth_mm == pytest.approx(1.8, abs=0.03)
+    assert fit.press.depth_mm == pytest.approx(1.8, abs=0.06)
     assert fit.press.drag_mm == pytest.approx((0.4, -0.2), abs=0.03)
     assert fit.press.centre_mm == pytest.approx((0.5, 0.4), abs=0.02)
     assert fit.press.thickness_mm == pytest.approx(2.3, abs=0.15)
     assert fit.press.point_spread_mm == pytest.approx(np.hypot(0.5, fit.problem.observed.blur_mm), abs=0.04)
     assert fit.parameters["brightening_per_mm"] == pytest.approx(0.33, rel=0.1)
     assert fit.image_rmse_grey_levels < 0.3 and fit.radial_rmse_grey_levels < 0.1
-    assert fit.press.finite_strain < 0.2, "the gel of the twin is a linear layer"
     true = {"depth_mm": 1.8, "drag_x_mm": 0.4, "drag_y_mm": -0.2, "thickness_mm": 2.3, "inverse_distance_per_mm": 0.05}
     off = {
         name: abs(fit.parameters[name] - value) / fit.uncertainty.standard_deviations[name]
@@ -82,19 +82,19 @@ def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrate
     assert max(off.values()) < 4, off
 
 
-def test_gel_at_finite_strain_is_not_taken_for_thinner_gel(twin: Twin, calibrated_a: Calibration) -> None:
-    linear = pressed(twin, Ball(4.0), Pose(0.0, 0.0, 1.5))
-    x, y, _ = linear.surface_points_mm
-    added_mm = finite_strain_ball_change_mm(np.hypot(x, y), 4.0, 1.5, GEL.thickness_mm)
-    contact = replace(linear, height_mm=(linear.height_mm + added_mm).astype(np.float32))
+@pytest.mark.parametrize("ratio", [0.0, 0.05, 0.2])
+def test_the_stated_error_covers_what_is_not_known_of_the_base(
+    ratio: float, twin: Twin, calibrated_a: Calibration
+) -> None:
+    gel = replace(GEL, gel_over_base_modulus=ratio)
+    contact = pressed(replace(twin, gel=gel), Ball(4.0), Pose(0.0, 0.0, 1.5))
     before, after = (calibrated_a.rectify(Frame(twin.renderer(one, n))) for n, one in enumerate((None, contact)))
     fit = fit_twin_to_ball_press(press_in(before, after), DESIGN)
-    assert fit.press.finite_strain > 0.7
-    assert fit.press.depth_mm == pytest.approx(1.5, abs=0.04)
-    assert fit.press.thickness_mm == pytest.approx(2.3, rel=0.05)
-    assert fit.gel.finite_strain == fit.press.finite_strain
-    deepest = np.array(-1.5)
-    assert fit.light.brightness_change(deepest) == pytest.approx(LIGHT.brightness_change(deepest), rel=0.03)
+    true = {"depth_mm": 1.5, "gel_over_base_modulus": ratio, "thickness_mm": 2.3}
+    for name, value in true.items():
+        assert abs(fit.parameters[name] - value) < 2 * fit.uncertainty.standard_deviations[name], name
+    assert fit.relative_depth_std > 0.01
+    assert fit.press.depth_mm == pytest.approx(1.5, rel=0.06)
 
 
 def test_the_twin_of_gel_at_finite_strain_bears_more_load_at_the_same_depth(calibrated_a: Calibration) -> None:
@@ -140,8 +140,8 @@ def test_a_real_sheared_press_tells_its_drag(fits: dict[str, TwinFit]) -> None:
 def seen_mm(contact: Contact, rectify_shape: tuple[int, int], mm_per_px: float) -> np.ndarray:
     x, y = skin_grid_mm(rectify_shape, mm_per_px)
     height = np.asarray(contact.height_mm, np.float32)
-    return SightlineGrid(x, y, LIGHT.inverse_distance_per_mm).height_mm(
-        contact.skin.grid, contact.centre_mm, height, fine=True
+    return SightlineGrid(x, y, LIGHT.inverse_distance_per_mm).sample(
+        contact.skin.grid, contact.centre_mm, height, height, fine=True
     )
 
 
@@ -157,7 +157,7 @@ def test_physics_reads_another_ball_better_than_the_rule(
     for method in ("physics", "ratio"):
         read = fit_ball(rectify, *images, DESIGN, method).reader(before, rectify.height_source)(after)
         off[method] = float(np.abs(read.indentation_mm + np.minimum(true, 0))[true < -0.05].mean())
-    assert off["physics"] < 0.03 < 0.06 < off["ratio"]
+    assert off["physics"] < 0.035 < 0.06 < off["ratio"]
 
 
 @pytest.mark.parametrize("method", ["physics", "ratio", "table"])
@@ -166,12 +166,12 @@ def test_every_fit_of_a_ball_knows_the_skin_and_reads_it_back(
 ) -> None:
     fit = fit_ball(calibrated_a.rectify, twin.renderer(None, 1), twin.renderer(known_press, 2), DESIGN, method)
     assert fit.method == method
-    assert fit.depth_mm.max() == pytest.approx(fit.max_indentation_mm, abs=0.02)
-    assert (fit.depth_mm[fit.disc] > 0).all()
-    assert np.array_equal(fit.depth_mm, np.maximum(-fit.height_mm, 0))
+    assert -fit.height_mm.min() == pytest.approx(fit.max_indentation_mm, abs=0.02)
+    assert (fit.thinning_mm[fit.disc] > 0).all()
+    assert (fit.thinning_mm[fit.disc] <= -fit.height_mm[fit.disc] + 1e-6).all()
     read = fit.reader(fit.press.before, calibrated_a.rectify.height_source)(fit.press.after)
     in_view = fit.disc & read.in_view
-    error_mm = np.abs(read.indentation_mm - fit.depth_mm)[in_view].mean()
+    error_mm = np.abs(read.z_mm - fit.height_mm)[in_view].mean()
     assert error_mm == pytest.approx(fit.reconstruction_mae_mm, abs=1e-3)
     assert min(fit.curve.error_mm) >= fit.cross_validation_mae_mm > 0
     assert (fit.deblurring is not None, fit.loss.global_dimming > 0, fit.curve.knows_bulges) == (

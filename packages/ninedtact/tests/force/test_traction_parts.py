@@ -7,15 +7,7 @@ import pytest
 
 from ninedtact.design import Gel
 from ninedtact.force.contact_detection import estimate_cell_noise
-from ninedtact.force.traction.brightness_from_traction import (
-    COMPLIANT_BASE,
-    TYPICAL_SLOPE_RATIO,
-    ForwardModel,
-    InfluenceKernels,
-    Substrate,
-    bulge_to_dent_slope_ratio,
-    identify_substrate,
-)
+from ninedtact.force.traction.brightness_from_traction import ForwardModel, InfluenceKernels
 from ninedtact.force.traction.linearisation_and_qp import (
     DiscretePrior,
     LinearisedBrightnessProblem,
@@ -30,13 +22,13 @@ from ninedtact.force.traction.observation import (
     brightness_law_of_curve,
     cell_grid_over_image,
 )
-from ninedtact.mechanics.layer_compliance import layered_compliance
-from ninedtact.mechanics.skin import PeriodicGrid, Skin, gel_skin
+from ninedtact.mechanics.skin import PeriodicGrid, gel_skin
 from ninedtact.quantities import centred_axis_mm
 from ninedtact.shape.depth import DepthCurve, GlobalDimmingModel
 
 CELLS = CellGrid(20, 26, 0.5, 0.05)
-FORWARD = ForwardModel(CELLS, 2.5, 0.5, 0.6)
+GEL = Gel(2.5, 1.0, finite_strain=0.0, gel_over_base_modulus=0.0)
+FORWARD = ForwardModel(CELLS, GEL, 0.6)
 RNG = np.random.default_rng(0)
 
 
@@ -65,15 +57,16 @@ def test_cells_are_squares_of_their_pitch(shape: tuple[int, int], thickness_mm: 
     assert (overhang_mm > -1e-6).all() and overhang_mm.min() < 1e-6 and overhang_mm.max() < cells.pitch_mm
 
 
-@pytest.mark.parametrize("base", [None, COMPLIANT_BASE])
-def test_heights_are_those_of_the_contact_mechanics(base: Gel | None) -> None:
+@pytest.mark.parametrize("ratio", [0.0, 0.12])
+def test_heights_and_thickness_are_those_of_the_contact_mechanics(ratio: float) -> None:
     tractions = np.zeros((3, *CELLS.patch.shape), np.float32)
     tractions[:, 5:9, 6:12] = drawn(3, 4, 6)
-    gel = Gel(2.5, 1.0)
-    skin = gel_skin(CELLS.patch, gel) if base is None else Skin(CELLS.patch, layered_compliance((gel, base)))
-    true = skin.operators.displacement_mm(*spread_over_cells(tractions))[0]
-    found = ForwardModel(CELLS, 2.5, 0.5, 0.6, base).heights(tractions[:, : CELLS.rows, : CELLS.cols])
-    np.testing.assert_allclose(found, true, atol=1e-4)
+    gel = replace(GEL, gel_over_base_modulus=ratio)
+    skin, spread = gel_skin(CELLS.patch, gel), spread_over_cells(tractions)
+    true = skin.operators.displacement_mm(*spread)[0]
+    found = ForwardModel(CELLS, gel, 0.6).deform(tractions[:, : CELLS.rows, : CELLS.cols])
+    np.testing.assert_allclose(found.height_mm, true, atol=1e-4)
+    np.testing.assert_allclose(found.thickness_change_mm, true - skin.interface_height_mm(*spread), atol=1e-4)
 
 
 def spread_over_cells(tractions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -91,10 +84,10 @@ def test_a_uniform_traction_on_cells_deforms_the_skin_as_on_a_finer_grid() -> No
     bump = np.exp(-((row - 8.0) ** 2 + (col - 10.0) ** 2) / 2 / 1.6**2) * (row < CELLS.rows) * (col < CELLS.cols)
     tractions = (bump * np.array([1.0, 0.3, -0.2])[:, None, None]).astype(np.float32)
     blocks = np.repeat(np.repeat(tractions, finer, axis=1), finer, axis=2)
-    fine_height = gel_skin(fine, Gel(2.5, 1.0)).operators.displacement_mm(blocks[0], blocks[1:])[0]
+    fine_height = gel_skin(fine, GEL).operators.displacement_mm(blocks[0], blocks[1:])[0]
     # The centre of a cell lies between the middle points of its blocks.
     middle = [fine_height[finer // 2 - a :: finer, finer // 2 - b :: finer] for a in (0, 1) for b in (0, 1)]
-    found = FORWARD.heights(tractions[:, : CELLS.rows, : CELLS.cols])
+    found = FORWARD.deform(tractions[:, : CELLS.rows, : CELLS.cols]).height_mm
     scale = float(np.abs(found).max())
     np.testing.assert_allclose(found, np.mean(middle, axis=0), atol=0.01 * scale)
 
@@ -102,7 +95,7 @@ def test_a_uniform_traction_on_cells_deforms_the_skin_as_on_a_finer_grid() -> No
 def test_the_columns_are_what_the_unknowns_do_to_the_light() -> None:
     line = linearised()
     unknowns = drawn(len(line.jacobian))
-    seen = FORWARD.scatter(FORWARD.heights(line.tractions(unknowns)) * line.slope) * line.whitener.per_error
+    seen = FORWARD.scatter(FORWARD.deform(line.tractions(unknowns)).height_mm * line.slope) * line.whitener.per_error
     scale = float(np.abs(seen).max())
     np.testing.assert_allclose((unknowns @ line.jacobian).reshape(seen.shape), seen, atol=5e-3 * scale)
 
@@ -163,17 +156,8 @@ def test_roughness_is_the_noise_whatever_is_smooth_below() -> None:
     assert estimate_cell_noise(field) == pytest.approx(0.01, rel=0.15)
 
 
-def test_bulges_too_faint_for_their_dents_tell_a_base_that_yields() -> None:
-    assert identify_substrate(RIGID) == Substrate(RIGID, None)
-    faint = replace(RIGID, curve=replace(RIGID.curve, brightening=(0.0, 0.15)))
-    ground = identify_substrate(faint)
-    assert ground.base == COMPLIANT_BASE
-    assert bulge_to_dent_slope_ratio(ground.observation_model.curve) == pytest.approx(TYPICAL_SLOPE_RATIO)
-    assert ground.observation_model.curve.darkening == faint.curve.darkening
-
-
 def test_light_scatters_into_the_cells_with_the_variance_of_the_point_spread_and_a_cell() -> None:
-    down, across = ForwardModel(CELLS, 2.5, 0.5, 0.6).point_spread
+    down, across = FORWARD.point_spread
     for axis, weights in ((0, down), (1, across.T)):
         middle = CELLS.shape[axis] // 2
         place_mm = (CELLS.offsets(axis) - middle) * CELLS.pitch_mm

@@ -24,7 +24,7 @@ from ninedtact.simulation.twin import Twin  # noqa: E402
 from ninedtact_train.environments.mujoco_batch import TactileSensorBatch  # noqa: E402
 
 TWIN = default_twin()
-AT_FINITE_STRAIN = replace(TWIN, finite_strain=1.0)
+AT_FINITE_STRAIN = TWIN
 
 
 @pytest.fixture(autouse=True)

@@ -68,7 +68,9 @@ def test_load_thinning_and_skin_are_those_of_the_finite_elements(press: ElementP
     assert load == pytest.approx(press.load_mm2, rel=0.04)
     # The grid has no point under the lowest point of the ball.
     between_points_mm = press.depth_mm + float(linear.height_mm.min())
-    assert -corrected.thickness_change_mm.min() == pytest.approx(press.thinning_mm, abs=0.03 * press.thinning_mm + between_points_mm)
+    assert -corrected.thickness_change_mm.min() == pytest.approx(
+        press.thinning_mm, abs=0.03 * press.thinning_mm + between_points_mm
+    )
     skin_mm, straight_mm = (height_beside_mm(contact) for contact in (corrected, linear))
     assert np.abs(skin_mm - press.skin_mm).max() < 0.025
     assert np.linalg.norm(skin_mm - press.skin_mm) < np.linalg.norm(straight_mm - press.skin_mm)

@@ -1,6 +1,5 @@
 """Drags and twists: what sticks, what slips, and what the skin remembers."""
 
-
 import numpy as np
 import pytest
 from gels import BALL, DOUBLE, SMALL, model, pressed

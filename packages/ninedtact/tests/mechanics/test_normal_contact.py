@@ -1,6 +1,5 @@
 """Pressing without friction: closed forms, laws, and figures from a program written apart from this one."""
 
-
 from dataclasses import replace
 
 import numpy as np
@@ -127,7 +126,10 @@ def test_deeper_presses_harder_and_wider():
 @settings(max_examples=8, deadline=None)
 @given(st.floats(0.01, 3.0), st.floats(0.3, 1.5))
 def test_pressure_goes_with_the_modulus_and_shape_does_not(stiffness, depth):
-    soft, stiff = (pressed(model(replace(GEL, shear_modulus_mpa=g), friction=0.0), Pose(depth_mm=depth)) for g in (0.1, 0.1 * stiffness))
+    soft, stiff = (
+        pressed(model(replace(GEL, shear_modulus_mpa=g), friction=0.0), Pose(depth_mm=depth))
+        for g in (0.1, 0.1 * stiffness)
+    )
     np.testing.assert_allclose(stiff.pressure_mpa, stiffness * soft.pressure_mpa, atol=2e-5 * stiffness)
     np.testing.assert_allclose(stiff.height_mm, soft.height_mm, atol=1e-5)
 

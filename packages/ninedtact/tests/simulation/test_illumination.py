@@ -58,6 +58,7 @@ def test_a_line_of_sight_meets_the_skin_where_it_is() -> None:
     x, y = (axis.astype(np.float32) for axis in patch.positions_mm)
     height = -1.5 * np.exp(-((x - 4) ** 2 + (y + 2) ** 2) / 8)
     through = np.array([[4.2, 3.0, 5.5]], np.float32), np.array([[-2.1, -1.0, -3.0]], np.float32)
-    seen = SightlineGrid(*through, nearness).height_mm(patch, (0.0, 0.0), height.astype(np.float32), fine=True)
+    height = height.astype(np.float32)
+    seen = SightlineGrid(*through, nearness).sample(patch, (0.0, 0.0), height, height, fine=True)
     met = [place * (1 + nearness * seen) for place in through]
     assert seen == pytest.approx(-1.5 * np.exp(-((met[0] - 4) ** 2 + (met[1] + 2) ** 2) / 8), abs=0.01)

@@ -36,10 +36,10 @@ def test_it_ends_where_it_was_sent() -> None:
 
 @pytest.mark.parametrize("load_n", [0.3, 3.0, 12.0])
 def test_a_load_is_that_of_the_gel_as_it_acts_at_finite_strain(load_n: float) -> None:
-    twin, ball = replace(TWIN, finite_strain=1.0), Ball(4.0)
+    twin, ball = TWIN, Ball(4.0)
     pressed = ScriptedPress(load_n=load_n, drag_mm=(0.3, 0.0)).simulate(twin, ball)
     assert -pressed.wrench().force_n[2] == pytest.approx(load_n, rel=LOAD_TOLERANCE)
-    linear = ScriptedPress(load_n=load_n).simulate(TWIN, ball)
+    linear = ScriptedPress(load_n=load_n).simulate(replace(TWIN, gel=replace(TWIN.gel, finite_strain=0.0)), ball)
     assert pressed.pose.depth_mm < linear.pose.depth_mm or load_n < 1  # the gel stiffens
     hand = SimulatedHand()
     hand.aim(HandTarget(Pose(0.0, 0.0), load_n=load_n))
@@ -51,7 +51,7 @@ def test_a_load_is_that_of_the_gel_as_it_acts_at_finite_strain(load_n: float) ->
 
 def test_a_load_is_held_all_the_way() -> None:
     contact = ScriptedPress(load_n=4.0, drag_mm=(0.6, 0.0)).simulate(TWIN, Ball(4.0))
-    assert contact.wrench().force_n[2] == pytest.approx(-4.0, rel=1e-3) and 0.5 < contact.pose.depth_mm < 1.5
+    assert contact.wrench().force_n[2] == pytest.approx(-4.0, rel=LOAD_TOLERANCE) and 0.5 < contact.pose.depth_mm < 1.5
 
 
 @pytest.mark.parametrize(
@@ -73,10 +73,10 @@ def test_what_a_twin_cannot_answer_for_is_refused() -> None:
     for beside in ((15.0, 0.0), (0.0, -11.0)):
         with pytest.raises(PoseOutOfView, match=r"expected the object over the skin .*; press nearer to the centre"):
             ScriptedPress(1.0, at_mm=beside).simulate(TWIN, Ball(4.0))
-    with pytest.raises(InputError, match=r"the gel is thick, 2.5 mm, got 2.7 mm"):
-        ScriptedPress(2.7).simulate(TWIN, Ball(4.0))
-    with pytest.raises(InvalidPose, match=r"its base, 2.5 mm, got 2.59"):
-        TWIN.press(None, Ball(4.0), Pose(depth_mm=2.6))
+    with pytest.raises(InputError, match=r"the gel allows, 3.125 mm, got 3.2 mm"):
+        ScriptedPress(3.2).simulate(TWIN, Ball(4.0))
+    with pytest.raises(InvalidPose, match=r"the gel allows, 3.125 mm, got 3.19"):
+        TWIN.press(None, Ball(4.0), Pose(depth_mm=3.2))
     for large, at in ((FlatPunch(18.0), (0.0, 0.0)), (FlatPunch(13.0), (0.0, 0.0)), (Ball(4.0), (13.5, 0.0))):
         with pytest.raises(ContactLeavesGel, match=r"touch no more than the gel of 29.5 x 22.5 mm, .* smaller object"):
             ScriptedPress(1.0, at_mm=at).simulate(TWIN, large)
@@ -123,4 +123,4 @@ def test_gauge_images_are_those_that_a_calibration_asks_for() -> None:
         after.astype(int) - before
         for after, before in ((images.ball, images.ball_reference), (images.board, images.board_reference))
     )
-    assert ball.min() < -40 < -4 > board.min() > -40
+    assert ball.min() < -35 < -4 > board.min() > -35

@@ -4,7 +4,6 @@ import resource
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -16,6 +15,7 @@ from playwright.sync_api import Browser, Page
 from reading_clients import page_errors
 from small_sensor import wait_until
 
+from height_observation import HeightObservationModel
 from ninedtact.calibration.force_calibration import ForceScaleImpossible, UnscaledForceReader
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.frame_source import CameraLost
@@ -26,8 +26,6 @@ from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_and_scale import read_force_scales
 from ninedtact.force.traction.estimator import TractionForce
-from ninedtact.force.traction.observation import HeightObservationModel
-from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
 from ninedtact.simulation.twin import default_twin
@@ -43,8 +41,9 @@ from ninedtact.studio.page_server import page_server
 
 PATIENCE_S = 120.0
 STIFFNESS = 1.2
-STIFFER = replace(Gel(), shear_modulus_mpa=Gel().shear_modulus_mpa * STIFFNESS)
-TWIN = replace(default_twin(), compliance_of=partial(bonded_layer_compliance, gel=STIFFER))
+RIGID = Gel(gel_over_base_modulus=0.0)
+STIFFER = replace(RIGID, shear_modulus_mpa=Gel().shear_modulus_mpa * STIFFNESS)
+TWIN = replace(default_twin(), gel=STIFFER)
 ESTIMATOR = "ninedtact.calibration.sensor_folder.SensorFolder.estimator"
 
 
@@ -59,7 +58,10 @@ def session(
 ) -> Iterator[ForceCalibrationSession]:
     # The sensor of the tests is calibrated by the method that is done soonest, which has no model of its brightness.
     monkeypatch.setattr(
-        ESTIMATOR, lambda folder, force, with_force_scale=True: TractionForce(HeightObservationModel(), Gel())
+        ESTIMATOR,
+        lambda folder, force, with_force_scale=True: TractionForce(
+            HeightObservationModel(), Gel(gel_over_base_modulus=0.0)
+        ),
     )
     folder = load_sensor(shutil.copytree(twin_sensor.path, tmp_path / "s"))
     one = ForceCalibrationSession(
@@ -213,7 +215,10 @@ def test_the_live_page_that_follows_shows_the_estimator_that_was_calibrated(
     twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        ESTIMATOR, lambda folder, force, with_force_scale=True: TractionForce(HeightObservationModel(), Gel())
+        ESTIMATOR,
+        lambda folder, force, with_force_scale=True: TractionForce(
+            HeightObservationModel(), Gel(gel_over_base_modulus=0.0)
+        ),
     )
     served: list[PageSettings] = []
     monkeypatch.setattr(

@@ -19,12 +19,12 @@ from reading_clients import page_errors
 from small_press_simulation import PRESSED, TWIN
 from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
+from height_observation import HeightObservationModel
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
 from ninedtact.design import Gel
 from ninedtact.errors import FileFormatError
 from ninedtact.force.traction.estimator import TractionForce
-from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.live.sensor_poller import SensorPoller
 from ninedtact.live.wrench_history import WrenchHistory
 from ninedtact.mechanics.pose import InvalidPose, Pose
@@ -104,7 +104,7 @@ def pressed_twin(
             sources.camera.__post_init__()
             sources.force_torque.__post_init__()
             sensor, pollers = twin_sensor_and_true_wrench(folder.shape, sources)
-            sensor.estimator = TractionForce(HeightObservationModel(), Gel())
+            sensor.estimator = TractionForce(HeightObservationModel(), Gel(gel_over_base_modulus=0.0))
             estimated = WrenchHistory("estimated", "by physics", states_errors=True)
             keep = partial(keep_reading, estimated=estimated, number=number, listeners=listeners)
             loop = opened.enter_context(SensorPoller(sensor, keep))

@@ -18,7 +18,7 @@ from ninedtact.errors import InputError, NinedtactError
 from ninedtact.interop.geom_undersides import CompoundIndenter
 from ninedtact.interop.mujoco import ContactSolveRequest, TactileReading, TactileSensor
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter import BallUnderside, Heights, Indenter, PosedHeights
+from ninedtact.mechanics.indenter import Heights, Indenter, PosedHeights
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin
 from ninedtact.simulation.renderer import BatchRenderer
@@ -39,11 +39,6 @@ class _SolidsOfScenes(Indenter):
     def name(self) -> str:  # type: ignore[override]
         """The names of the bodies of all scenes, joined by commas."""
         return ", ".join(one.name for one in self.each)
-
-    @property
-    def balls(self) -> tuple[BallUnderside | None, ...]:
-        """The ball of each scene, None where the bodies are no ball."""
-        return tuple(one.balls[0] for one in self.each)
 
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> PosedHeights:
         """Return the undersides of all scenes, computed on the processor, on the device of the skin."""

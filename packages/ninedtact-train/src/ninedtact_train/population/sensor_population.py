@@ -80,7 +80,8 @@ def _sample_presses(rng: Random, gel: Gel, design: SensorDesign) -> CalibrationP
 
 
 _BASE_MODULUS_RATIO = 3.0, 100.0
-"""Range of the modulus of the layer below the gel over that of the gel, whose logarithm is uniform; the upper end counts as rigid."""
+"""Range of the modulus of the layer below the gel over that of the gel, whose logarithm is uniform; the upper end counts as
+rigid."""
 
 
 def _sample_gel(rng: Random, kind: MechanicsKind, meant: Gel = PUBLISHED_DESIGN.gel) -> Gel:

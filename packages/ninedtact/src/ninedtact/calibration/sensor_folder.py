@@ -32,8 +32,8 @@ from ninedtact.calibration.sensor_toml_schema import (
 )
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.design import Gel
-from ninedtact.mechanics.interface_deflection import InterfaceDeflection
 from ninedtact.errors import CalibrationError, FileFormatError, NinedtactError
+from ninedtact.mechanics.interface_deflection import InterfaceDeflection
 from ninedtact.quantities import EstimateWarning, Frame, HeightSource
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.lens_and_rectification import (

@@ -229,7 +229,6 @@ def simulated_loaded_camera(folder: "SensorFolder") -> "tuple[SimulatedCalibrati
 
     The factor is drawn anew each time, so that the person who calibrates does not know it. Raises `CalibrationError`.
     """
-    from ninedtact.mechanics.layer_compliance import bonded_layer_compliance
     from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
 
     stiffness = uniform(*_STIFFNESS_RANGE)

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter
-from ninedtact.mechanics.indenter import NO_OBJECT_MM, BallUnderside, Heights, Indenter, PosedHeights
+from ninedtact.mechanics.indenter import NO_OBJECT_MM, Heights, Indenter, PosedHeights
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.objects.mesh_raster import rasterize_lowest_mm
 
@@ -174,15 +174,6 @@ class CompoundIndenter(Indenter):
     """The x and the y on the skin between which they count: gel beyond its rim cannot be pressed."""
     base_mm: float = 0.0
     """Height of the lowest point in the sensor frame, which counts as zero here."""
-
-    @property
-    def balls(self) -> tuple[BallUnderside | None, ...]:
-        """The ball, where one solid is the only one and is a sphere."""
-        solid = self.solids[0] if len(self.solids) == 1 else None
-        if not isinstance(solid, EllipsoidSolid) or len(set(solid.size_mm)) > 1:
-            return (None,)
-        x_mm, y_mm = (float(solid.centre_mm[axis] - self.about_mm[axis]) for axis in (0, 1))
-        return (BallUnderside(solid.size_mm[0], x_mm, y_mm),)
 
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
         """Return the lowest surface of all solids at positions about the origin."""

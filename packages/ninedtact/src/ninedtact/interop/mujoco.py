@@ -255,10 +255,10 @@ class TactileSensor(FrameSource):
     def _require_depth_within_gel(self, touching: list[BodyContact]) -> None:
         """Refuse bodies that overlap the gel by more than its thickness; raises `SimulationError`."""
         for one in touching:
-            if one.deepest_mm >= self.twin.thickness_mm:
+            if one.deepest_mm >= self.twin.gel.max_depth_mm:
                 raise SimulationError(
-                    expected=f"body {self.model.body(one.body).name or one.body} less deep in the gel than its "
-                    f"base, {self.twin.thickness_mm:g} mm",
+                    expected=f"body {self.model.body(one.body).name or one.body} less deep in the gel than it "
+                    f"allows, {self.twin.gel.max_depth_mm:g} mm",
                     got=f"{one.deepest_mm:.2f} mm at {self.data.time:.3f} s",
                     remedy="place it above the skin, move it slower, or take smaller time steps",
                 )

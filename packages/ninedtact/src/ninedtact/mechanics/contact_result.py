@@ -170,10 +170,10 @@ def periodic_image_error_mm(contact: Contact, times: int = 3) -> Float64[Array, 
 
 
 def require_depth_within_gel(deepest_mm: float, gel: Gel) -> None:
-    """Refuse an object that reaches through all layers, and depths that are not finite; raises `InvalidPose`."""
+    """Refuse an object that reaches deeper than the gel allows, and depths that are not finite; raises `InvalidPose`."""
     if not deepest_mm < gel.max_depth_mm:
         raise InvalidPose(
-            expected=f"the object less deep in the skin than its base, {gel.max_depth_mm:g} mm",
+            expected=f"the object less deep in the skin than the gel allows, {gel.max_depth_mm:g} mm",
             got=f"{deepest_mm:g} mm",
             remedy="press less, or give the skin its true thickness",
         )

@@ -1,10 +1,10 @@
 """Finite strain: what a neo-Hookean gel does differently from the linear layer when it is pressed deep.
 
-Two corrections turn the contact of the linear gel into that of a neo-Hookean one: its tractions grow faster, and the skin around the
-object is shaped differently. Their constants were fitted to axisymmetric finite elements of an incompressible gel under a ball of two
-thicknesses to which the skin sticks, on a rigid base and on bases 3 to 40 times as stiff as the gel (`benchmarks/finite_strain.py`;
-docs/mechanics.md has tables). The shape of the skin matters little for loads, but a calibration that leaves it out attributes it to
-thinner gel and a deeper ball.
+Two corrections turn the contact of the linear gel into that of a neo-Hookean one: its tractions grow faster, and the skin around
+the object is shaped differently. Their constants were fitted to axisymmetric finite elements of an incompressible gel under a
+ball of two thicknesses to which the skin sticks, on a rigid base and on bases 3 to 40 times as stiff as the gel
+(`benchmarks/finite_strain.py`; docs/mechanics.md has tables). The shape of the skin matters little for loads, but a calibration
+that leaves it out attributes it to thinner gel and a deeper ball.
 """
 
 from dataclasses import replace
@@ -44,8 +44,8 @@ def correct_for_finite_strain(contact: Contact) -> Contact:
 def finite_strain_stiffening(height_mm: ScalarField, thickness_change_mm: ScalarField, gel: Gel) -> ScalarField:
     """Return the factor on pressure and shear of the linear gel: 1 + 1.7 f s², where the gel is thinner.
 
-    f is the share of finite strain of the gel, and s = t²/(d h), with the thinning t, the depth d of the skin and the thickness h. On a
-    rigid base t is d. On one that yields, the object has more room, and the gel is sheared less for the same thinning.
+    f is the share of finite strain of the gel, and s = t²/(d h), with the thinning t, the depth d of the skin and the thickness
+    h. On a rigid base t is d. On one that yields, the object has more room, and the gel is sheared less for the same thinning.
     """
     xp = array_namespace_of(height_mm)
     zero = 0 * height_mm
@@ -54,17 +54,21 @@ def finite_strain_stiffening(height_mm: ScalarField, thickness_change_mm: Scalar
         strain = thinning / gel.thickness_mm
     else:
         depth = xp.where(height_mm < 0, -height_mm, zero)
-        strain = thinning / gel.thickness_mm * xp.where(depth > thinning, thinning / xp.where(depth > 0, depth, 1 + zero), 1 + zero)
+        strain = (
+            thinning
+            / gel.thickness_mm
+            * xp.where(depth > thinning, thinning / xp.where(depth > 0, depth, 1 + zero), 1 + zero)
+        )
     return 1 + gel.finite_strain * PRESSURE_STIFFENING * strain**2
 
 
 def finite_strain_height_mm(contact: Contact) -> ScalarField:
     """Return the height of the skin under and around an object; under the object it is the linear one.
 
-    Around it the bulge b (the height where it is above zero) grows near the object and shrinks far from it, and is carried along by
-    the skin that is pushed outwards: f [g s b − r s G(b) − t ∇·(b u)], where f is the share of finite strain, s the greatest thinning
-    over the thickness, u the tangential displacement and G a Gaussian mean over one thickness. On a base that yields the bulge is
-    wider and shrinks most of all.
+    Around it the bulge b (the height where it is above zero) grows near the object and shrinks far from it, and is carried along
+    by the skin that is pushed outwards: f [g s b − r s G(b) − t ∇·(b u)], where f is the share of finite strain, s the greatest
+    thinning over the thickness, u the tangential displacement and G a Gaussian mean over one thickness. On a base that yields the
+    bulge is wider and shrinks most of all.
     """
     gel, grid, height = contact.skin.gel, contact.skin.grid, contact.height_mm
     xp = array_namespace_of(height)

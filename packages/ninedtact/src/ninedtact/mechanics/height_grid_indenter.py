@@ -19,7 +19,7 @@ from numpy import ndarray as Array
 from ninedtact.design import require_positive
 from ninedtact.errors import InputError
 from ninedtact.mechanics.contact_arrays import array_namespace_of, expand_over_grid
-from ninedtact.mechanics.indenter import NO_OBJECT_MM, BallUnderside, Heights, Indenter
+from ninedtact.mechanics.indenter import NO_OBJECT_MM, Heights, Indenter
 
 _MAX_STORED_GRIDS = 512
 """Largest number of height grids kept on a device; when there are more, all are dropped."""
@@ -113,11 +113,6 @@ class IndenterBatch(Indenter):
     def name(self) -> str:  # type: ignore[override]
         """The names of all objects, joined by commas."""
         return ", ".join(indenter.name for indenter in self.indenters)
-
-    @property
-    def balls(self) -> tuple[BallUnderside | None, ...]:
-        """The ball that each object is, None for those of any other shape."""
-        return tuple(indenter.balls[0] for indenter in self.indenters)
 
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
         """Return the undersides of all objects, (batch, rows, cols), each at its own positions."""

@@ -36,28 +36,11 @@ _TILT_HALVINGS = 3
 for walls."""
 
 
-@dataclass(frozen=True)
-class BallUnderside:
-    """A ball that faces the skin: its radius, and where its axis is from the object's origin."""
-
-    radius_mm: float
-    x_mm: float = 0.0
-    y_mm: float = 0.0
-
-
 class Indenter(ABC):
     """A rigid object over the skin."""
 
     name: str
     """The object's name, which is also its identifier in a data set."""
-
-    @property
-    def balls(self) -> "tuple[BallUnderside | None, ...]":
-        """The ball that the object is, None for any other shape; one entry for each object of a batch of different ones.
-
-        Beside balls the skin at finite strain is known from finite elements (`finite_strain`).
-        """
-        return (None,)
 
     @abstractmethod
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
@@ -190,11 +173,6 @@ class Ball(Indenter):
     def name(self) -> str:  # type: ignore[override]
         """The shape with its diameter in mm."""
         return f"ball_{2 * self.radius_mm:g}mm"
-
-    @property
-    def balls(self) -> tuple[BallUnderside | None, ...]:
-        """The ball itself."""
-        return (BallUnderside(self.radius_mm),)
 
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
         """Return the lower cap; no object beyond the equator."""

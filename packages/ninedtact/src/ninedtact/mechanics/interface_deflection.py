@@ -1,9 +1,9 @@
 """The height of the skin from the thickness of the gel, where the layer below it yields.
 
-Light shows how thick the gel is, not how high its skin lies: height = change of thickness + deflection of the interface below. Under
-pressure the interface of a linear gel follows from the change of thickness t by one filter, û = Nᵢ/(N − Nᵢ) t̂, with the compliances
-of `layer_compliance`; shear moves both in nearly the same ratio. At finite strain the load, and with it the deflection, grows by the
-factor of `finite_strain_stiffening`, which needs the height itself: three iterations find it.
+Light shows how thick the gel is, not how high its skin lies: height = change of thickness + deflection of the interface below.
+Under pressure the interface of a linear gel follows from the change of thickness t by one filter, û = Nᵢ/(N − Nᵢ) t̂, with the
+compliances of `layer_compliance`; shear moves both in nearly the same ratio. At finite strain the load, and with it the
+deflection, grows by the factor of `finite_strain_stiffening`, which needs the height itself: three iterations find it.
 """
 
 from dataclasses import dataclass
@@ -25,8 +25,8 @@ MARGIN_MM = 6.0
 """Width of the skin beyond the field; thicker or thinner gel there is not seen and taken as untouched."""
 ITERATIONS = 3
 STIFFENING_BY_SHEAR = 1.3
-"""Factor on the stiffening, because friction carries a part of the load that the filter attributes to pressure. Found on balls of 4 mm
-on bases of ratio 3 to 10, down to 0.8 of the thickness: with it, depths are right to 2 %."""
+"""Factor on the stiffening, because friction carries a part of the load that the filter attributes to pressure. Found on balls of
+4 mm on bases of ratio 3 to 10, down to 0.8 of the thickness: with it, depths are right to 2 %."""
 
 Field = Float32[Array, "rows cols"]
 
@@ -48,7 +48,9 @@ class InterfaceDeflection:
         grid = padded_grid(cols * mm_per_px, rows * mm_per_px, PITCH_MM, MARGIN_MM)
         # The field's middle lies on the grid's middle; points of the grid beyond the field are untouched.
         zoom = mm_per_px / PITCH_MM
-        to_grid = np.array([[zoom, 0, (grid.cols - 1 - zoom * (cols - 1)) / 2], [0, zoom, (grid.rows - 1 - zoom * (rows - 1)) / 2]])
+        to_grid = np.array(
+            [[zoom, 0, (grid.cols - 1 - zoom * (cols - 1)) / 2], [0, zoom, (grid.rows - 1 - zoom * (rows - 1)) / 2]]
+        )
         smooth = cv2.GaussianBlur(thickness_change_mm, (0, 0), max(0.4 / zoom, 0.3))
         coarse = cv2.warpAffine(smooth, to_grid, (grid.cols, grid.rows), flags=cv2.INTER_LINEAR, borderValue=0.0)
         interface = self._interface_mm(coarse, grid)

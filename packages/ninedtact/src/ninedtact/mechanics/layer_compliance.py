@@ -10,10 +10,10 @@ gel's thickness changes by −(N − Nᵢ) p̂ − i (M − Mᵢ)(e·q̂). A Poi
 case. The closed form of N on a rigid base is Bentall and Johnson's (1968, docs/references.md); L, S and M follow from the same four
 boundary conditions.
 
-On a base that yields, a wave of plane strain in the gel is u_x = i U(z) e^{ikx}, u_z = W(z) e^{ikx} with four unknowns: two of waves
-that fade upwards and two of waves that fade downwards; z is counted from the gel's bottom. There the gel moves as the base does,
-which is a bonded layer itself. State (U, W, σ_zz/k, σ_xz/ik) and unknowns are free of units of length, and every exponential is at
-most one, so that nothing overflows.
+On a base that yields, a wave of plane strain in the gel is u_x = i U(z) e^{ikx}, u_z = W(z) e^{ikx} with four unknowns: two of
+waves that fade upwards and two of waves that fade downwards; z is counted from the gel's bottom. There the gel moves as the base
+does, which is a bonded layer itself. State (U, W, σ_zz/k, σ_xz/ik) and unknowns are free of units of length, and every
+exponential is at most one, so that nothing overflows.
 """
 
 from collections.abc import Callable
@@ -64,8 +64,8 @@ ComplianceFunction = Callable[[WaveNumbers, Gel], Compliance]
 def gel_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
     """Return the compliance of a gel on its base, rigid or not.
 
-    wave_number: |k| in 1/mm, any shape, float64 advised; zero means the mean of the field. There a mean pressure moves the skin only
-    as far as gel and base are compressible, and a mean shear moves it by h/G of each.
+    wave_number: |k| in 1/mm, any shape, float64 advised; zero means the mean of the field. There a mean pressure moves the skin
+    only as far as gel and base are compressible, and a mean shear moves it by h/G of each.
     """
     return bonded_layer_compliance(wave_number, gel) if gel.has_rigid_base else _two_layer_compliance(wave_number, gel)
 

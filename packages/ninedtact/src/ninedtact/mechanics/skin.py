@@ -256,7 +256,9 @@ class Skin:
         """Return the displacement of the gel's bottom along z under tractions on the skin, in mm; zero on a rigid base."""
         if self.gel.has_rigid_base:
             return 0 * pressure
-        from_pressure, *from_shear = (self.asarray(symbol.real) + 1j * self.asarray(symbol.imag) for symbol in self.interface_symbols)
+        from_pressure, *from_shear = (
+            self.asarray(symbol.real) + 1j * self.asarray(symbol.imag) for symbol in self.interface_symbols
+        )
         wave = forward_transform(pressure, self.grid.shape) * from_pressure
         for axis, symbol in enumerate(from_shear):
             wave = wave + forward_transform(shear[..., axis, :, :], self.grid.shape) * symbol

@@ -62,7 +62,8 @@ class BrightnessModel:
                 )
 
     def brightness_change(self, thickness_change_mm: Float[Any, "*shape"]) -> Float[Any, "*shape"]:
-        """Return f(u), the relative change of brightness at changes of thickness of any shape, before scattering; NumPy or torch."""
+        """Return f(u), the relative change of brightness at changes of thickness of any shape, before scattering; NumPy or
+        torch."""
         xp = array_namespace(thickness_change_mm)
         pressed = xp.clip(thickness_change_mm, -self.thickness_mm, 0.0)
         dark = darkening_equivalent_height_mm(pressed, self.saturation, self.thickness_mm) * self.darkening_per_mm

@@ -174,9 +174,9 @@ class ScriptedPress:
 
     def _require_within_gel(self, twin: Twin) -> None:
         """Refuse a depth at which the object would go through the gel; raises `InputError`."""
-        if self.depth_mm is not None and self.depth_mm >= twin.thickness_mm:
+        if self.depth_mm is not None and self.depth_mm >= twin.gel.max_depth_mm:
             raise InputError(
-                expected=f"a press less deep than the gel is thick, {twin.thickness_mm:g} mm",
+                expected=f"a press less deep than the gel allows, {twin.gel.max_depth_mm:g} mm",
                 got=f"{self.depth_mm:g} mm",
                 remedy="press less",
             )

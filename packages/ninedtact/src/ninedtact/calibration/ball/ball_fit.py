@@ -333,7 +333,9 @@ class TwinBallFit(BallFit):
     def with_errors(self, curve: DepthCurve) -> DepthCurve:
         """Return the curve with its errors: cross-validation on the ball, and the uncertainty of the depth of the press."""
         reconstruction_error_mm = np.hypot(self.error_mm(curve, self.disc), self.cross_validation_mae_mm)
-        deeper = self.max_indentation_mm / self._calibrated_depth_mm  # a base that yields adds its deflection to the thinning
+        deeper = (
+            self.max_indentation_mm / self._calibrated_depth_mm
+        )  # a base that yields adds its deflection to the thinning
         depth_error_mm = self.twin_fit.relative_depth_std * deeper * np.array(curve.indentation_mm)
         error_mm = np.hypot(reconstruction_error_mm, depth_error_mm)
         extrapolated_mm = np.array(curve.beyond.indentation_mm) - curve.max_indentation_mm

@@ -76,7 +76,9 @@ def plot_depth_curve(calibration: Calibration) -> bytes:
     curve = calibration.ball.curve
     mean_reference_grey = float(calibration.ball.press.before.grey[calibration.ball.disc].mean())
     figure = new_certificate_figure()
-    axes = add_labelled_axes(figure, (0.13, 0.135, 0.85, 0.725), f"darkening {DARKENING[curve.signal]}", "thinning of the gel (mm)")
+    axes = add_labelled_axes(
+        figure, (0.13, 0.135, 0.85, 0.725), f"darkening {DARKENING[curve.signal]}", "thinning of the gel (mm)"
+    )
     shades: dict[str, Any] = {"cmap": "Blues", "norm": LogNorm(vmin=MIN_PIXELS_PER_SPOT)}
     axes.hexbin(
         _disc_darkening(calibration.ball, curve.signal),

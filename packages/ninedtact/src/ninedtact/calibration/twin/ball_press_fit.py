@@ -168,8 +168,8 @@ BASE_MODULUS_STD = 0.06
 """Standard deviation of the gel's modulus over that of its base, about the designed one, before the image is seen: from a base that
 is nearly rigid to one four times as stiff as the gel."""
 BASE_MODULUS_MODEL_STD = 0.04
-"""Standard deviation of the same that no single image of a ball can reduce: changes of the model of gel and light that are within its
-error move the result by as much."""
+"""Standard deviation of the same that no single image of a ball can reduce: changes of the model of gel and light that are within
+its error move the result by as much."""
 TYPICAL_PARAMETERS = {
     "thickness_mm": 2.0,
     "point_spread_mm": 0.45,
@@ -364,7 +364,9 @@ def fit_twin_to_ball_press(
     else:
         start = initial.vector
     _, initial_residual = problem.fit_linear_terms(start)
-    while not np.isfinite(initial_residual).all():  # the coarse grid, which has no point under the ball's lowest, allows a little more
+    while not np.isfinite(
+        initial_residual
+    ).all():  # the coarse grid, which has no point under the ball's lowest, allows a little more
         start[PARAMETER_NAMES.index("depth_mm")] *= _SHALLOWER
         _, initial_residual = problem.fit_linear_terms(start)
     observations = effective_observation_count(observed.image(initial_residual))
@@ -407,7 +409,9 @@ def _fit_coarsely(problem: BallPressProblem, start: ParameterVector) -> Paramete
         return _image_jacobian(problem.starting_from(vector), vector, residual(vector))
 
     lower, upper = parameter_bounds()
-    fixed = PARAMETER_NAMES.index("gel_over_base_modulus")  # no image determines it before the other parameters are known
+    fixed = PARAMETER_NAMES.index(
+        "gel_over_base_modulus"
+    )  # no image determines it before the other parameters are known
     lower[fixed] = start[fixed] - 1e-3
     upper[fixed] = start[fixed] + 1e-3
     scales = parameter_scales()

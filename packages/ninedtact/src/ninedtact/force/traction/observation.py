@@ -230,7 +230,7 @@ class BrightnessObservationModel(ObservationModel):
 
     def observe(self, reading: Reading, cells: CellGrid) -> ObservationOnCells:
         """Return the relative change of brightness."""
-        below, pixel, beyond = _orthorectify_onto_cells(reading.height, cells)
+        below, pixel, beyond = orthorectify_onto_cells(reading.height, cells)
         change = _at_pixels(self._relative_change(reading.rectified, reading.reference, cells), pixel)
         largest = cell_noise_upper_bound(
             reading.rectified.grey, reading.reference.grey, int(np.prod(cells.image_shape))
@@ -270,7 +270,7 @@ def build_brightness_observation_model(calibrated: CalibratedShape) -> Brightnes
     return BrightnessObservationModel(calibrated.curve, calibrated.loss, calibrated.deblurring.point_spread_mm)
 
 
-def _orthorectify_onto_cells(
+def orthorectify_onto_cells(
     height: HeightMap, cells: CellGrid
 ) -> tuple[HeightMap, Float32[Array, "2 rows cols"], View]:
     """Return the height map on the cells, the column and row of the line of sight of each, and each cell's extrapolated fraction.
