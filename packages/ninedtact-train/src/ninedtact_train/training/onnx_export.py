@@ -23,7 +23,7 @@ from ninedtact.force.onnx_model import (
     stamp_checksum,
 )
 from ninedtact_train.training.networks import WrenchNetwork
-from ninedtact_train.training.training_module import silence_loggers
+from ninedtact_train.training.training_loop import silence_loggers
 
 _PARITY_TOLERANCE = 1e-3
 """Largest difference between ONNX Runtime and torch, relative to the labels' unit plus the predicted value."""
