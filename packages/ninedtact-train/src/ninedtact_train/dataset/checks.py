@@ -70,6 +70,7 @@ class FileCheck(msgspec.Struct):
     image_digests: list[str]
     """Digest of every image; empty where the image cannot be read."""
     findings: list[PairFinding]
+    """Findings without the name of the file."""
 
 
 def check_dataset(
@@ -93,7 +94,11 @@ def check_dataset(
 
 def combine_file_checks(checks: list[FileCheck], names: list[str], dropped: bool = False) -> QualityReport:
     """Return the report of all files, including the duplicates across them; names are those of the files."""
-    findings = [finding for check in checks for finding in check.findings]
+    findings = [
+        msgspec.structs.replace(finding, file=name)
+        for check, name in zip(checks, names, strict=True)
+        for finding in check.findings
+    ]
     pairs = sum(len(check.ids) for check in checks)
     return summarise_findings(pairs, [*findings, *_find_duplicates(checks, names)], dropped)
 
@@ -111,7 +116,7 @@ def check_pair_file(path: Path, references: Path, settings: PairCheckSettings) -
             digest = blake2b(image.tobytes(), digest_size=12, salt=f"{image.shape[1]}".encode()).hexdigest()
         check.ids.append(row["id"])
         check.image_digests.append(digest)
-        check.findings += [PairFinding(fault, row["id"], message, number, path.name) for fault, message in faults]
+        check.findings += [PairFinding(fault, row["id"], message, number) for fault, message in faults]
     return check
 
 
