@@ -257,18 +257,3 @@ def test_what_cannot_be_is_refused_in_one_sentence(
     (sentence,) = capsys.readouterr().err.splitlines()
     assert sentence.startswith("ninedtact: ") and "expected" in sentence and REFUSED[words] in sentence
     assert not (desk / "sensor" / "force.toml").exists()
-
-
-def test_an_estimator_is_judged_on_a_data_set_by_sensors_that_calibrate_themselves(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pairs = tmp_path / "pairs"
-    of_twin = "--pairs 14 --sensors 1 --object-names ball:4 star_01 --pitch-mm 0.4 --workers 1 --no-contact 0.2 --compliant-base 0"
-    asked(capsys, "simulate", "dataset", "--out", pairs, *of_twin.split(), "--finite-strain", "0")
-    told = asked(capsys, "evaluate", "--data", pairs, "--workers", "1", "--out", tmp_path / "report")
-    assert told["pairs"] == 14 and told["skill"][2] > 0.6 and told["no_contact"]["largest_force_n"] == 0
-    again = asked(capsys, "evaluate", "--predictions", tmp_path / "report" / "predictions.csv", "--trust-units")
-    assert again["skill"] == pytest.approx(told["skill"])
-    assert main(["evaluate", "--data", str(pairs), "--predictions", "some.csv"]) == 1
-    assert main(["evaluate"]) == 1
-    assert "got neither" in capsys.readouterr().err

@@ -16,9 +16,9 @@ from msgspec import Meta
 from tqdm import tqdm
 
 from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.design import ForceTorqueMount
 from ninedtact.force.estimator_and_scale import ForceEstimator, ScaledForceEstimator, select_force_scale
 from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file_of_spec, without_contact_detection
-from ninedtact.force.onnx_model import read_force_model
 from ninedtact.parallel_jobs import Cluster, Workers, run_jobs
 from ninedtact_train.dataset.calibrated_readings import (
     DatasetSensorCalibration,
@@ -32,16 +32,15 @@ from ninedtact_train.workflows.dataset_calibrations import load_dataset_sensors,
 from ninedtact_train.workflows.simulated_force_calibration import calibrate_on_simulated_loads
 
 _Value = TypeVar("_Value")
-_PAPER_TORQUE_POINT_MM = (0.0, 0.0, -35.0)
 _MECHANICS_LABELS = {
     "bonded": "rigid substrate, small strains (as the calibration assumes)",
     "finite_strain": "rigid substrate, finite-strain (neo-Hookean) gel",
     "compliant_base": "compliant substrate",
 }
 """Descriptions of the mechanics of simulated sensors, as in the model card."""
-_PHYSICS_LABEL = ", physics without correction"
 _KEYS_NOT_IN_CARD = ("published", "by_object", "by_sensor", "axes", "units")
 """Keys of an evaluation that are not stored in a card."""
+_PHYSICS_LABEL = ", physics without correction"
 
 
 @dataclass(frozen=True)
@@ -209,24 +208,18 @@ def _build_estimator(
 def evaluate_per_mechanics_kind(
     model: Path, data: Path, workers: int, progress: bool, notify: Callable[[str], None] = lambda _: None
 ) -> dict[str, dict[str, Any]]:
-    """Evaluate a model on a data set of simulated sensors for its card: one table for each kind of mechanics, and one for all.
+    """Evaluate a model that corrects physics, beside physics, on a data set of simulated sensors for its card: one table for each
+    kind of mechanics, and one for all.
 
-    Every sensor is calibrated from its own images and its force with five simulated loads. A network that corrects physics is
-    evaluated beside physics, any other also without contact detection where there is no contact.
+    Every sensor is calibrated from its own images and its force with five simulated loads.
     """
-    settings = DatasetEvaluationSettings(str(model), modulus="calibrated")
     mechanics = {name: member.kind for name, member in load_simulated_sensors(data).items()}
     tables: dict[str, dict[str, Any]] = {}
-    corrects_physics = read_force_model(model).card.input.channels.of_physics
-    for force, label in ((str(model), ""), *([(PHYSICS, _PHYSICS_LABEL)] if corrects_physics else [])):
-        predictions = predict_dataset(data, replace(settings, force=force), workers, progress=progress, notify=notify)
+    for force, label in ((str(model), ""), (PHYSICS, _PHYSICS_LABEL)):
+        settings = DatasetEvaluationSettings(force, modulus="calibrated")
+        predictions = predict_dataset(data, settings, workers, progress=progress, notify=notify)
         for words, part in _split_by_mechanics(predictions, mechanics):
             tables[words + label] = _card_table(part)
-    if corrects_physics:
-        return tables
-    undetected = replace(settings, modulus="true", without_contact_detection=True)
-    without_detection = evaluate_predictions(predict_dataset(data, undetected, workers, progress=progress))
-    tables["all"]["no_contact_without_detection"] = without_detection.to_json_dict()["no_contact"]
     return tables
 
 
@@ -245,6 +238,6 @@ def _split_by_mechanics(
 def _card_table(predictions: WrenchPredictions) -> dict[str, Any]:
     """Return the scores about the skin's centre, and the skill with torques about the paper's point."""
     scores = evaluate_predictions(predictions).to_json_dict()
-    skill = evaluate_predictions(predictions.about(_PAPER_TORQUE_POINT_MM)).scores.skill
+    skill = evaluate_predictions(predictions.about(ForceTorqueMount().origin_mm)).scores.skill
     kept = {key: value for key, value in scores.items() if key not in _KEYS_NOT_IN_CARD}
     return {**kept, "skill_35_mm_below": skill.tolist()}
