@@ -20,7 +20,7 @@ from ninedtact.cli import main
 from ninedtact_train.workflows.force_model_from_simulation import RECIPES, ForceModelRecipe
 if __name__ == "__main__":
     RECIPES["small"] = ForceModelRecipe(
-        24, 1, 1, 10, 1, held_out="standard", pitch_mm=0.4, validation_pitch_mm=0.4
+        24, 1, 1, 20, 1, held_out="standard", pitch_mm=0.4, validation_pitch_mm=0.4
     )
     code = main(["model", "make", "--out", sys.argv[1], "--design", sys.argv[2], "--workers", "1", "--json"])
     (sensor,) = (Path(sys.argv[1]) / "validation_data" / "sensors").iterdir()
@@ -48,7 +48,7 @@ def test_the_model_is_that_of_the_design_and_its_card_tells_what_it_was_judged_o
     (sensor,) = (made / "validation_data" / "sensors").iterdir()
     assert load_sensor(sensor).record.design.sensing_area.width_mm == 27
     table = card.evaluation["all"]
-    assert table["pairs"] == 10 and len(table["skill"]) == len(table["skill_35_mm_below"]) == 6
+    assert table["pairs"] == 20 and len(table["skill"]) == len(table["skill_35_mm_below"]) == 6
     assert table["no_contact"]["largest_force_n"] == 0
     assert card.evaluation["all, physics without correction"]["pairs"] == table["pairs"]
     page = (made / "model_card.md").read_text()

@@ -8,6 +8,7 @@ import pytest
 from ninedtact.errors import InputError
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.topics_and_messages import PairLabel
+from ninedtact_train.collecting.collection_tare import ReferenceImageDifference, TareInProgress, TareResult
 from ninedtact_train.collecting.collector import WrenchHistory
 from ninedtact_train.collecting.pair_selection import (
     CollectSettings,
@@ -16,7 +17,6 @@ from ninedtact_train.collecting.pair_selection import (
     SavedPairCounts,
     ZeroDriftMonitor,
 )
-from ninedtact_train.collecting.tare_and_reference import ReferenceImageDifference, TareInProgress, TareResult
 from ninedtact_train.collecting.training_pair_rule import SamplingRule, SamplingRuleSettings
 
 S, MS = 1_000_000_000, 1_000_000

@@ -23,16 +23,16 @@ from ninedtact.mechanics.indenter import Ball
 from ninedtact_train.batched.session_requests import run_session_on_cpu
 from ninedtact_train.cli.simulate_dataset import SimulateDatasetCommand
 from ninedtact_train.collecting.training_pair_rule import PairKindShares
-from ninedtact_train.dataset.generation.generate import generate_dataset, make_simulated_sensor
-from ninedtact_train.dataset.generation.press_session import RandomPress, session_objects, session_quotas
-from ninedtact_train.dataset.generation.settings import GenerationSettings, PressSettings, PressTarget
-from ninedtact_train.dataset.statistics_and_card import (
+from ninedtact_train.dataset.dataset_card import (
     REAL_PERCENTILES,
     compute_dataset_statistics,
     differences_from_real_percentiles,
     move_to_force_sensor,
     wrench_percentiles,
 )
+from ninedtact_train.dataset.generation.generate import generate_dataset, make_simulated_sensor
+from ninedtact_train.dataset.generation.press_session import RandomPress, session_objects, session_quotas
+from ninedtact_train.dataset.generation.settings import GenerationSettings, PressSettings, PressTarget
 from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
 from ninedtact_train.population.sensor_population import sample_sensor, sampled_sensor_from_json
 

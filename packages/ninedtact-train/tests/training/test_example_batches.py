@@ -6,8 +6,8 @@ import torch
 from toy import of_heights, of_images
 
 from ninedtact.force.network_input import InputChannels
-from ninedtact_train.training.error_scale_and_model_card import LAPLACE_QUANTILES, fit_error_scale_correction
 from ninedtact_train.training.examples import BatchDataset, rows_of_batches
+from ninedtact_train.training.trained_network import LAPLACE_QUANTILES, fit_error_scale_correction
 
 
 def test_processes_share_an_epoch_and_every_epoch_is_shuffled_anew() -> None:

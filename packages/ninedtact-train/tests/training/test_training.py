@@ -16,7 +16,6 @@ from ninedtact.force.network_input import InputChannels
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact_train.dataset.folder import begin_or_resume_folder, interrupt_as_stopped
 from ninedtact_train.dataset.split import SplitRows
-from ninedtact_train.training.error_scale_and_model_card import TrainedNetwork
 from ninedtact_train.training.examples import TrainingBatch, TrainingExamples, move_torques_from_skin_centre
 from ninedtact_train.training.networks import WrenchNetwork
 from ninedtact_train.training.onnx_export import rewrite_card
@@ -28,6 +27,7 @@ from ninedtact_train.training.settings import (
     TrainingSettings,
 )
 from ninedtact_train.training.train import TrainingResult, train_network
+from ninedtact_train.training.trained_network import TrainedNetwork
 from ninedtact_train.training.training_loop import (
     CHECKPOINT_FOLDER,
     ForceTraining,

@@ -164,7 +164,6 @@ def _bars(counts: "Array") -> str:
 
 
 def _missing_line(counts: "SavedPairCounts") -> str:
-    """Return the force ranges to collect next."""
     ranges = counts.missing_ranges()
     more = f" and {len(ranges) - _MISSING_SHOWN} more" if len(ranges) > _MISSING_SHOWN else ""
     return f"  missing: {', '.join(ranges[:_MISSING_SHOWN])}{more}" if ranges else "  every range has pairs"

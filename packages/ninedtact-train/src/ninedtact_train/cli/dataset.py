@@ -14,7 +14,7 @@ from ninedtact_train.dataset.checks import PairCheckSettings
 from ninedtact_train.dataset.sources.source import SourceConventions
 
 if TYPE_CHECKING:
-    from ninedtact_train.dataset.statistics_and_card import DatasetStatistics
+    from ninedtact_train.dataset.dataset_card import DatasetStatistics
 
 _MOST_NAMES = 8
 """Names of a kind that are printed one by one."""
@@ -111,8 +111,8 @@ class ShowDatasetCommand:
 
     def run(self) -> int:
         """Count the pairs, draw some, and print the counts."""
+        from ninedtact_train.dataset.dataset_card import compute_dataset_statistics
         from ninedtact_train.dataset.folder import find_pair_files
-        from ninedtact_train.dataset.statistics_and_card import compute_dataset_statistics
 
         statistics = compute_dataset_statistics(find_pair_files(self.folder))
         preview = self._draw_preview() if self.pairs > 0 else None
@@ -128,7 +128,6 @@ class ShowDatasetCommand:
         return print_result(self.json, figures, _format_contents(self.folder, statistics, preview))
 
     def _draw_preview(self) -> Path:
-        """Write the image of some pairs and return its path."""
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact_train.dataset.preview_image import render_preview
 

@@ -134,7 +134,6 @@ def _require_training_packages() -> None:
 
 
 def _result_to_json(trained: "TrainingResult") -> dict[str, Any]:
-    """Return the result as plain values for JSON."""
     training = trained.model.card.training
     return {
         "model": str(trained.path),
@@ -147,7 +146,6 @@ def _result_to_json(trained: "TrainingResult") -> dict[str, Any]:
 
 
 def _format_training_result(trained: "TrainingResult") -> Iterator[str]:
-    """Yield the lines of a report for a terminal."""
     from ninedtact_train.evaluation.report import format_evaluation_report
 
     training = trained.model.card.training
@@ -225,7 +223,6 @@ Model = (
 
 
 def _format_made_model(made: "ForceModelResult") -> Iterator[str]:
-    """Yield the card, and how to try the model."""
     from ninedtact_train.evaluation.model_card_markdown import format_model_card
 
     yield format_model_card(made.card)

@@ -165,7 +165,6 @@ def _simulate_script(twin: Twin, names: Sequence[str], touches: int, seed: int) 
 
 
 def _random_touch(twin: Twin, indenter: Indenter, rng: np.random.Generator) -> Trajectory:
-    """Return one touch with random load, position, drag, twist and tilt."""
     load_n = float(rng.uniform(*_LOADS_N))
     depth_mm = ScriptedPress(load_n=load_n).simulate(twin, indenter, solver_settings=None).pose.depth_mm
     x, y = rng.uniform(-_OFFSET_MM, _OFFSET_MM, 2) * (1, 0.7)

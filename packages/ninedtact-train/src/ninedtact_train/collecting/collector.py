@@ -28,6 +28,7 @@ from ninedtact.recording.topics_and_messages import PairLabel, RecordingEvent, R
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import FindReferenceFaults
 from ninedtact_train.collecting.collection_sources import CollectSetup
+from ninedtact_train.collecting.collection_tare import TareInProgress, TareResult
 from ninedtact_train.collecting.merge_streams import MergedArrival
 from ninedtact_train.collecting.pair_selection import (
     CollectSettings,
@@ -42,7 +43,6 @@ from ninedtact_train.collecting.sample_faults import (
     SampleFault,
     SampleFaultHistory,
 )
-from ninedtact_train.collecting.tare_and_reference import TareInProgress, TareResult
 from ninedtact_train.collecting.training_pair_rule import SamplingRule
 
 COLLECTED_TOPICS = (Topic.IMAGES, Topic.REFERENCE, Topic.MEASURED, Topic.LABELS)
@@ -93,7 +93,6 @@ class WrenchHistory:
 
 
 def _numbered_objects() -> Iterator[str]:
-    """Yield object_001, object_002 and so on."""
     return (f"object_{number:03d}" for number in count(1))
 
 

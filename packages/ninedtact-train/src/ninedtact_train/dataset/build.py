@@ -25,6 +25,12 @@ from ninedtact.calibration.sensor_folder import SENSOR_FILE
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
 from ninedtact_train.dataset.checks import FileCheck, PairCheckSettings, check_pair_file, combine_file_checks
+from ninedtact_train.dataset.dataset_card import (
+    DatasetStatistics,
+    compute_dataset_statistics,
+    format_build_card,
+    require_licence_name,
+)
 from ninedtact_train.dataset.fault_report import (
     PairFault,
     PairFinding,
@@ -55,12 +61,6 @@ from ninedtact_train.dataset.parquet_files import (
 )
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem
 from ninedtact_train.dataset.sources.source import Source, SourcePart
-from ninedtact_train.dataset.statistics_and_card import (
-    DatasetStatistics,
-    compute_dataset_statistics,
-    format_build_card,
-    require_licence_name,
-)
 
 _PARTS_FOLDER = "parts"
 _Value = TypeVar("_Value")
@@ -315,7 +315,6 @@ def _find_unambiguous(entries: Iterable[tuple[str, Any, _Value]]) -> tuple[dict[
 
 
 def _rows_with_faults(report: QualityReport) -> defaultdict[str, set[int]]:
-    """Return the numbers of the rows with faults by file."""
     rows = defaultdict(set)
     for finding in report.findings:
         if finding.row is not None:
@@ -324,7 +323,6 @@ def _rows_with_faults(report: QualityReport) -> defaultdict[str, set[int]]:
 
 
 def _unique_references(files: Sequence[_PartFiles]) -> Iterator[ReferenceImage]:
-    """Yield the reference images of all parts, each id once."""
     known: set[str] = set()
     for file in files:
         for row in iterate_rows(file.references):

@@ -35,9 +35,9 @@ _ROWS_PER_GROUP = 64
 
 @dataclass(frozen=True)
 class DatasetSensorCalibration:
-    """The calibration of one sensor of a data set."""
+    """The calibration of one sensor of a data set; two of the same digest, gel and force scales are equal."""
 
-    shape: CalibratedShape
+    shape: CalibratedShape = field(compare=False)
     gel: Gel
     digest: str
     """A digest that differs between any two calibrations of shape and gel."""

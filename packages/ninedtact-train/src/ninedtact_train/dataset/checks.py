@@ -123,7 +123,6 @@ def check_pair_file(path: Path, references: Path, settings: PairCheckSettings) -
 def _find_pair_faults(
     image: UInt8[Array, "_ _"], reference: UInt8[Array, "_ _"] | None, row: dict[str, Any], settings: PairCheckSettings
 ) -> Iterator[tuple[PairFault, str]]:
-    """Yield every fault of one pair with a message."""
     wrench, delay_ms = decode_stored_wrench(row["wrench"]), row["wrench_delay_ms"]
     is_finite = bool(np.isfinite(wrench).all())
     if is_finite:

@@ -167,7 +167,6 @@ def _compute_missing_files(
     workers: int,
     progress: bool,
 ) -> None:
-    """Compute the files that no earlier run computed, in several processes."""
     from tqdm import tqdm
 
     missing = [file for file in files if not _cache_file(target, file).is_file()]

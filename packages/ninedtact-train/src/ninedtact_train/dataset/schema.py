@@ -6,12 +6,15 @@ its name or meaning; a data set of another format is refused.
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
 from ninedtact.quantities import NO_OBJECT
-from ninedtact_train.dataset.fault_report import PairFault
+
+if TYPE_CHECKING:
+    from ninedtact_train.dataset.fault_report import PairFault
 
 DATASET_FORMAT = 2
 """Stored in the metadata of every Parquet file and in settings.json."""
@@ -29,16 +32,19 @@ class Column:
 
 
 WRENCH_MEANING = "Fx Fy Fz in N, Tx Ty Tz in N·m, of the object on the skin: pressing gives Fz < 0"
+_IMAGE = Column("image", "image", "rectified image of the sensor, grey, PNG")
+_REFERENCE_ID = Column("reference_id", "string", "id of the reference image (no contact), in config `references`")
+_SENSOR = Column("sensor", "string", "name of the sensor")
 PAIR_COLUMNS = (
     Column("id", "string", "unique id of the pair"),
-    Column("image", "image", "rectified image of the sensor, grey, PNG"),
-    Column("reference_id", "string", "id of the reference image (no contact), in config `references`"),
+    _IMAGE,
+    _REFERENCE_ID,
     Column("wrench", "wrench", WRENCH_MEANING),
     Column("object", "string", f"object that touches the skin; `{NO_OBJECT}` without contact"),
     Column("contact_id", "string", "shared by the pairs of one continuous contact; a split should not divide them"),
     Column("step", "int32", "number of the pair within its contact or session"),
     Column("time_ns", "int64", "time of the image in ns; empty if unknown"),
-    Column("sensor", "string", "name of the sensor"),
+    _SENSOR,
     Column(
         "kind",
         "string",
@@ -49,7 +55,7 @@ PAIR_COLUMNS = (
     Column("wrench_delay_ms", "float32", "time from image to wrench in ms; empty if unknown"),
 )
 """All columns of the files in `data/`, in the order of `DatasetRow`."""
-REFERENCE_COLUMNS = tuple(column for column in PAIR_COLUMNS if column.name in ("image", "reference_id", "sensor"))
+REFERENCE_COLUMNS = (_IMAGE, _REFERENCE_ID, _SENSOR)
 """All columns of `references.parquet`."""
 
 
@@ -72,7 +78,7 @@ class DatasetRow:
     source: str | None
     mm_per_px: float | None = None
     wrench_delay_ms: float | None = None
-    faults: tuple[tuple[PairFault, str], ...] = ()
+    faults: "tuple[tuple[PairFault, str], ...]" = ()
     """Faults that were found while the source was read, each with a message; not a column."""
 
 
@@ -90,7 +96,7 @@ class ReferenceImage:
 class RejectedItem:
     """An item of a source that cannot become a pair."""
 
-    fault: PairFault
+    fault: "PairFault"
     id: str
     message: str
 

@@ -80,7 +80,6 @@ class BallRollingEnvironment(TactileEnvironment):
 
     @property
     def _ball_mm(self) -> Any:
-        """The x and y of the ball on the skin."""
         return 1e3 * self.data.body("ball").xpos[:2].copy()
 
     @property

@@ -5,7 +5,7 @@ settings.py          the settings of a training, and the presets `default` and `
 examples.py          the examples, in memory or mapped from a file, and their batches in a seeded order
 augmentation.py      random changes of an example: geometric ones of image and wrench, and perturbations of the image alone
 training_loop.py     loss and optimisation steps, validation, checkpoints and metrics of every epoch
-error_scale_and_model_card.py   the scale of errors calibrated, the evaluation on held-out pairs, and the model card
+trained_network.py   the scale of errors calibrated, the evaluation on held-out pairs, and the model card
 onnx_export.py       the network with its card as one ONNX file
 
 Lightning Fabric runs the loop: accelerator, devices, nodes, strategy and precision are its flags (`ComputeSettings`).

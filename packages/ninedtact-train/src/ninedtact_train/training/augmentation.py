@@ -92,7 +92,6 @@ def _transform_tractions(transform: GeometricTransforms, tractions: Tensor, grid
 
 
 def _transform_wrench(transform: GeometricTransforms, wrench: Tensor) -> Tensor:
-    """Return the transformed wrenches (n, 6), N and N·m about the skin's centre."""
     sign = transform.mirror.prod(1, keepdim=True)
     linear = transform.linear_part
     force, torque = wrench[:, :3], wrench[:, 3:]
@@ -141,7 +140,6 @@ def _perturb_features(settings: HeightPerturbations, features: Tensor, generator
 
 
 def _sample_planes(settings: HeightPerturbations, z_mm: Tensor, mm_per_px: float, generator: Generator) -> Tensor:
-    """Sample an offset and a tilt for each height map."""
     n, rows, cols = z_mm.shape
     x, y = (
         (torch.arange(side, device=z_mm.device) - (side - 1) / 2) * (mm_per_px * settings.tilt) for side in (cols, rows)
@@ -171,7 +169,6 @@ def perturb_light(settings: PhotometricPerturbations, batch: TrainingBatch, gene
 
 
 def _normal_samples(generator: Generator, *shape: int) -> Tensor:
-    """Sample standard normal numbers on the generator's device."""
     return torch.randn(*shape, generator=generator, device=generator.device)
 
 

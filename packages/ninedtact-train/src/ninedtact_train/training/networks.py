@@ -208,7 +208,7 @@ class WrenchNetwork(nn.Module):
         self.offset: Tensor
         self.gain: Tensor
         self.power: Tensor
-        """The returned scale is gain · scale^power in units of the labels, from held-out images (`error_scale_and_model_card`)."""
+        """The returned scale is gain · scale^power in units of the labels, from held-out images (`trained_network`)."""
 
     def forward(self, x: Tensor) -> tuple[Tensor, ...]:
         """Return the wrench (n, 6) for images (n, channels, rows, cols) and, for networks with a scale, that scale (n, 6)."""

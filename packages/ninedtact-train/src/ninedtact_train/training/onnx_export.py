@@ -71,7 +71,6 @@ def _build_onnx_graph(network: WrenchNetwork, card: ModelCard) -> onnx.ModelProt
 
 
 def _serialise_with_card(graph: onnx.ModelProto, card: ModelCard) -> bytes:
-    """Return the content of the model file."""
     card_text = msgspec.json.encode(card).decode()
     onnx.helper.set_model_props(graph, {METADATA_KEY: card_text, CHECKSUM_METADATA_KEY: CHECKSUM_PLACEHOLDER})
     _remove_traces(graph)

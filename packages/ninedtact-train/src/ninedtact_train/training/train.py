@@ -22,10 +22,10 @@ from ninedtact_train.dataset.folder import begin_or_resume_folder, interrupt_as_
 from ninedtact_train.dataset.split import SplitRows
 from ninedtact_train.evaluation import WrenchEvaluation
 from ninedtact_train.evaluation.report import plot_training_curves
-from ninedtact_train.training.error_scale_and_model_card import TrainedNetwork
 from ninedtact_train.training.examples import TrainingExamples, require_trainable_examples
 from ninedtact_train.training.onnx_export import export_model
 from ninedtact_train.training.settings import ComputeSettings, TrainingSettings
+from ninedtact_train.training.trained_network import TrainedNetwork
 from ninedtact_train.training.training_loop import (
     MONITORED_METRIC,
     ForceTraining,
@@ -96,7 +96,6 @@ def _digest_examples(examples: TrainingExamples, rows: SplitRows) -> dict[str, A
 
 
 def _digest_arrays(arrays: Iterable[Array | None]) -> str:
-    """Return a digest of the numbers of arrays, of which some may be missing."""
     digest = blake2b(digest_size=8)
     for array in arrays:
         digest.update(b"" if array is None else np.ascontiguousarray(array).tobytes())

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from io import BytesIO, StringIO
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import Any, cast
 from warnings import catch_warnings, filterwarnings
 
 import numpy as np
@@ -215,7 +215,7 @@ class _TrainingRun:
     def train(self, epoch: int, batches: Iterable[TrainingBatch], bar: Any) -> EpochMetrics:
         """Take the optimisation steps of one epoch."""
         self.network.train()
-        errors, pairs = torch.zeros((), device=self.fabric.device), 0
+        errors, pairs = torch.zeros(1, device=self.fabric.device), 0
         for number, batch in enumerate(batches):
             generator = self._batch_generator(epoch, number)
             loss, error = self.training.loss(self.network, batch.to(self.fabric.device), generator)
@@ -258,9 +258,9 @@ class _TrainingRun:
             tensorboard.add_scalar(name, value, len(self.history.epochs))
 
     def _mean_over_processes(self, total: Tensor, pairs: int) -> Tensor:
-        """Return the mean over the pairs of all processes."""
-        count = torch.tensor(float(pairs), device=self.fabric.device)
-        return self.fabric.all_reduce(total, reduce_op="sum") / self.fabric.all_reduce(count, reduce_op="sum")  # type: ignore[operator]
+        sums = torch.cat([total, torch.tensor([float(pairs)], device=self.fabric.device)])
+        summed = cast(Tensor, self.fabric.all_reduce(sums, reduce_op="sum"))
+        return summed[:-1] / summed[-1]
 
     def _batch_generator(self, epoch: int, number: int) -> torch.Generator:
         """Return the random generator of one batch; its seed is the same when a training is resumed."""
@@ -309,7 +309,6 @@ def silence_loggers(*names: str, warnings_of: str) -> Iterator[None]:
 
 
 def _metrics_csv(epochs: list[EpochMetrics]) -> bytes:
-    """Return a CSV table with a header and a row for every epoch."""
     text = StringIO()
     table = csv.DictWriter(text, list(epochs[0]), lineterminator="\n")
     table.writeheader()

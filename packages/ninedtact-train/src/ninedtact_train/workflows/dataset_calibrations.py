@@ -176,7 +176,6 @@ def calibrate_simulated_sensor(folder: Path, name: str, member: SampledSensor) -
 
 
 def _load_calibrated_sensor(folder: Path) -> DatasetSensorCalibration:
-    """Read a sensor folder; raises `SensorFolderDamaged`, `FileFormatError`."""
     sensor = load_sensor(folder)
     digest = sha256((folder / SENSOR_FILE).read_bytes()).hexdigest()
     force_scales = tuple(read_force_scales(folder).scales.items())

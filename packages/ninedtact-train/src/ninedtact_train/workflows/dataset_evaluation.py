@@ -4,9 +4,9 @@
 scores a model on simulated sensors by the mechanics of their gels.
 """
 
-from collections.abc import Callable, Collection, Hashable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
-from hashlib import sha256
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal, TypeVar
@@ -80,7 +80,7 @@ def predict_dataset(
     image.
     """
     read_pair_columns(data)
-    _estimators.clear()  # a model file may have been written anew since the last evaluation in this process
+    _build_estimator.cache_clear()  # a model file may have been written anew since the last evaluation in this process
     known = load_dataset_sensors(data, settings.sensors, workers, progress)
     for notice in known.notices():
         notify(notice)
@@ -98,29 +98,20 @@ def predict_dataset(
             groups[number] = group
             bar.update(len(group))
     pairs = [pair for number in sorted(groups) for pair in groups[number]]
-    if refused := sum(pair.is_refused for pair in pairs):
+    truth, wrenches, std, objects, names, refused = zip(*pairs, strict=True) if pairs else ((),) * 6
+    if any(refused):
         notify(
-            f"nothing is estimated from {refused} of {len(pairs)} images, which no press can cause; they count as zero"
+            f"nothing is estimated from {sum(refused)} of {len(pairs)} images, which no press can cause; they count as zero"
         )
-    columns = [pair.truth for pair in pairs], [pair.wrench for pair in pairs], [pair.std for pair in pairs]
-    six = [np.array(column, float).reshape(-1, 6) for column in columns]
-    objects, names = [pair.object for pair in pairs], [pair.sensor for pair in pairs]
+    six = [np.array(column, float).reshape(-1, 6) for column in (truth, wrenches, std)]
     distribution = ErrorDistribution.GAUSSIAN if settings.force == PHYSICS else ErrorDistribution.LAPLACE
     claimed = np.where(np.isfinite(six[2]), six[2], np.nan)
     return WrenchPredictions(six[0], six[1], claimed, distribution, objects, names, (0.0, 0.0, 0.0))
 
 
-@dataclass(frozen=True)
-class _EstimatedPair:
-    """A true wrench with its estimate and the standard deviations of it, N and N·m about the skin's centre."""
-
-    truth: Any
-    wrench: Any
-    std: Any
-    object: str
-    sensor: str
-    is_refused: bool
-    """Whether no press can cause the image, so that nothing is estimated from it."""
+_EstimatedPair = tuple[Any, Any, Any, str, str, bool]
+"""A true wrench with its estimate and the standard deviations of it, N and N·m about the skin's centre; object and sensor; and
+whether no press can cause the image, so that nothing is estimated from it."""
 
 
 def _select(names: Collection[str], all_of: Mapping[str, _Value]) -> dict[str, _Value]:
@@ -141,34 +132,14 @@ def _estimate_pairs(
     settings: DatasetEvaluationSettings,
     model: bytes | None,
 ) -> list[_EstimatedPair]:
-    """Estimate the wrenches of some rows."""
     pairs = []
     for pair in rows.readings(sensors):
-        key = (
-            pair.sensor,
-            sensors[pair.sensor].digest,
-            sensors[pair.sensor].gel,
-            sensors[pair.sensor].force_scales,
-            settings,
-            model and sha256(model).digest(),
-        )
-        if key not in _estimators:
-            _estimators[key] = _build_estimator(settings, sensors[pair.sensor], members.get(pair.sensor), model)
-            while len(_estimators) > _MOST_ESTIMATORS:
-                del _estimators[next(iter(_estimators))]
-        estimator = _estimators[key]
+        estimator = _build_estimator(settings, sensors[pair.sensor], members.get(pair.sensor), model)
         estimator.forget()
         estimate = estimator.estimate(pair.reading)
         is_refused = bool(pair.reading.image_warnings)
-        pairs.append(
-            _EstimatedPair(pair.wrench, estimate.wrench.six, estimate.std, pair.object, pair.sensor, is_refused)
-        )
+        pairs.append((pair.wrench, estimate.wrench.six, estimate.std, pair.object, pair.sensor, is_refused))
     return pairs
-
-
-_estimators: dict[Hashable, ForceEstimator] = {}
-"""The estimators that this process built last, by sensor and settings: groups of rows that follow have the same sensors."""
-_MOST_ESTIMATORS = 32
 
 
 def _with_true_modulus(sensor: DatasetSensorCalibration, member: SampledSensor | None) -> DatasetSensorCalibration:
@@ -178,13 +149,14 @@ def _with_true_modulus(sensor: DatasetSensorCalibration, member: SampledSensor |
     return replace(sensor, gel=replace(sensor.gel, shear_modulus_mpa=member.gel.shear_modulus_mpa))
 
 
+@lru_cache(maxsize=32)
 def _build_estimator(
     settings: DatasetEvaluationSettings,
     sensor: DatasetSensorCalibration,
     member: SampledSensor | None,
     model: bytes | None,
 ) -> ForceEstimator:
-    """Build the estimator for one sensor, with this content of its model's file where it was sent along.
+    """Build the estimator for one sensor, with this content of its model's file where it was sent along; the last ones are kept.
 
     A real sensor has the force scale of its folder, as in live use; that of a simulated one follows from `settings.modulus`.
     """

@@ -81,7 +81,6 @@ def _read_height_examples(
     progress: bool,
     notify: Callable[[str], None],
 ) -> tuple[TrainingExamples, Sequence[str]]:
-    """Read heights, computed with the calibration of each sensor."""
     known = load_dataset_sensors(data, sensors, workers, progress)
     for notice in known.notices():
         notify(notice)
@@ -108,7 +107,6 @@ def _read_height_examples(
 def _read_image_examples(
     data: Path, grid: NetworkInputSettings, workers: int, progress: bool
 ) -> tuple[TrainingExamples, Sequence[str]]:
-    """Read grey images with their references."""
     pairs = load_dataset(data, (grid.cols, grid.rows), threads=workers, progress=progress)
     examples = TrainingExamples(
         pairs.decoded.images,

@@ -12,7 +12,7 @@ files is therefore computed again as a whole, and only those files are written.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
 from importlib.metadata import version
@@ -28,6 +28,11 @@ from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writi
 from ninedtact.simulation.objects.catalogue import mesh_file_of_name
 from ninedtact_train.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
 from ninedtact_train.batched.session_requests import SimulatedSetup, run_session_on_cpu
+from ninedtact_train.dataset.dataset_card import (
+    DatasetStatistics,
+    compute_dataset_statistics,
+    format_generation_card,
+)
 from ninedtact_train.dataset.folder import (
     CARD_FILE,
     REFERENCES_FILE,
@@ -41,11 +46,6 @@ from ninedtact_train.dataset.generation.press_session import SimulatedPressSessi
 from ninedtact_train.dataset.generation.settings import GenerationSettings
 from ninedtact_train.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
 from ninedtact_train.dataset.schema import ReferenceImage
-from ninedtact_train.dataset.statistics_and_card import (
-    DatasetStatistics,
-    compute_dataset_statistics,
-    format_generation_card,
-)
 from ninedtact_train.population.rectified_renderer import rectified_renderer
 
 
@@ -112,7 +112,7 @@ def generate_dataset(
     files = [pair_file(out, number, settings.files) for number in range(settings.files)]
     missing = [number for number, file in enumerate(files) if not file.is_file()]
     if on.is_batched and isinstance(workers, int):
-        pair_counts = _BatchedGeneration(files, settings, on, sessions_per_batch, workers, notify).make_files(missing)
+        pair_counts = _make_files_in_batches(files, missing, settings, on, sessions_per_batch, workers, notify)
     else:
         jobs = [(files[number].name, settings, number) for number in missing]
         pair_counts = (pairs for _, pairs in run_writing_jobs(generate_file, out / "data", jobs, workers))
@@ -182,56 +182,56 @@ def generate_file(folder: Path, name: str, settings: GenerationSettings, number:
     return len(rows)
 
 
-@dataclass
-class _BatchedGeneration:
-    """Makes files in batches of sessions on one device."""
+def _make_files_in_batches(
+    files: Sequence[Path],
+    missing: Sequence[int],
+    settings: GenerationSettings,
+    device: Device,
+    sessions_per_batch: int,
+    threads: int,
+    notify: Callable[[str], None],
+) -> Iterator[int]:
+    """Make the missing files in batches of sessions on one device; yield numbers of new pairs from time to time.
 
-    files: Sequence[Path]
-    settings: GenerationSettings
-    device: Device
-    sessions_per_batch: int
-    """A batch consists of whole files; a file with more sessions is a batch of its own."""
-    threads: int
-    notify: Callable[[str], None]
-    executor: BatchExecutor | None = field(default=None, init=False)
-    """The executor of the batch before; None before the first."""
-
-    def make_files(self, missing: Sequence[int]) -> Iterator[int]:
-        """Make the missing files; yield numbers of new pairs from time to time."""
-        files_per_batch = max(1, self.sessions_per_batch // self.settings.sessions_per_file)
-        for first in range(0, self.settings.files, files_per_batch):
-            batch = range(first, min(first + files_per_batch, self.settings.files))
-            if wanted := [number for number in batch if number in missing]:
-                yield from self._make_batch(batch, wanted)
-
-    def _make_batch(self, batch: range, wanted: Sequence[int]) -> Iterator[int]:
-        """Run the sessions of one batch; every wanted file is written when its last session has ended."""
-        executor = self.executor = self._next_executor(batch)
-        files = {number: self._make_sessions(number, executor) for number in batch}
-        sessions = [session for sessions in files.values() for session in sessions]
-        unwritten, known = set(wanted), 0
-        for running in run_sessions(sessions, executor, self.threads):
-            new = sum(len(session.rows) for number in wanted for session in files[number])
+    A batch consists of whole files; a file with more sessions is a batch of its own. Every file is written when its last session
+    has ended.
+    """
+    executor: BatchExecutor | None = None
+    files_per_batch = max(1, sessions_per_batch // settings.sessions_per_file)
+    for first in range(0, len(files), files_per_batch):
+        batch = range(first, min(first + files_per_batch, len(files)))
+        unwritten = {number for number in batch if number in missing}
+        if not unwritten:
+            continue
+        executor = _next_executor(executor, batch, settings, device, sessions_per_batch, notify)
+        sessions = {
+            file: [
+                SimulatedPressSession(number, settings, executor.setup(number % settings.sensors))
+                for number in settings.sessions_of_file(file)
+            ]
+            for file in batch
+        }
+        counted, known = [session for file in unwritten for session in sessions[file]], 0
+        for running in run_sessions([one for own in sessions.values() for one in own], executor, threads):
+            new = sum(len(session.rows) for session in counted)
             yield new - known
             known = new
-            ended = {number for number in unwritten if running.isdisjoint(self.settings.sessions_of_file(number))}
+            ended = {number for number in unwritten if running.isdisjoint(settings.sessions_of_file(number))}
             for number in sorted(ended):
-                rows = [row for session in files[number] for row in session.rows]
-                write_pair_file(self.files[number], rows)
+                write_pair_file(files[number], [row for session in sessions[number] for row in session.rows])
             unwritten -= ended
 
-    def _make_sessions(self, file: int, executor: BatchExecutor) -> list[SimulatedPressSession]:
-        sensors = self.settings.sensors
-        return [
-            SimulatedPressSession(number, self.settings, executor.setup(number % sensors))
-            for number in self.settings.sessions_of_file(file)
-        ]
 
-    def _next_executor(self, batch: range) -> BatchExecutor:
-        """Return an executor with the sensors of these files; it keeps the setups and the batch size of the one before."""
-        before = dict(zip(self.executor.sensor_numbers, self.executor.setups, strict=True)) if self.executor else {}
-        sessions = (session for number in batch for session in self.settings.sessions_of_file(number))
-        numbers = sorted({session % self.settings.sensors for session in sessions})
-        setups = [before.get(number) or make_simulated_sensor(number, self.settings) for number in numbers]
-        batch_size = self.executor.batch_size if self.executor else self.sessions_per_batch
-        return BatchExecutor(numbers, setups, self.device, batch_size, self.notify)
+def _next_executor(
+    last: BatchExecutor | None,
+    batch: range,
+    settings: GenerationSettings,
+    device: Device,
+    sessions_per_batch: int,
+    notify: Callable[[str], None],
+) -> BatchExecutor:
+    """Return an executor with the sensors of these files; it keeps the setups and the batch size of the last one."""
+    before = dict(zip(last.sensor_numbers, last.setups, strict=True)) if last else {}
+    numbers = sorted({session % settings.sensors for file in batch for session in settings.sessions_of_file(file)})
+    setups = [before.get(number) or make_simulated_sensor(number, settings) for number in numbers]
+    return BatchExecutor(numbers, setups, device, last.batch_size if last else sessions_per_batch, notify)

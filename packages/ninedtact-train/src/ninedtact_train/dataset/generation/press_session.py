@@ -3,7 +3,7 @@
 A session yields requests for contact steps and images and receives their answers (`ninedtact_train.batched`). A press is controlled
 by force, like one by hand: every step sinks in under its load, and moves sideways by the missing shear force over the stiffness of
 the contact, until the shear is reached or the object slips. The distributions of the targets were tuned so that the wrenches have
-the percentiles of real ones (`dataset/statistics_and_card.py`); the wrenches themselves come from contact mechanics.
+the percentiles of real ones (`dataset/dataset_card.py`); the wrenches themselves come from contact mechanics.
 """
 
 from collections.abc import Iterator
@@ -100,7 +100,6 @@ class SimulatedPressSession:
             yield from self._add_selected_rows(object_name)
 
     def _add_selected_rows(self, object_name: str) -> RequestGenerator[None]:
-        """Add what the sampling rule selects of one press."""
         self._rule.end_contact()
         press = self._start_press(object_name)
         for target in press.targets():
@@ -269,7 +268,6 @@ class RandomPress:
 
 
 def _interpolate_targets(before: PressTarget, after: PressTarget, part: float) -> PressTarget:
-    """Return the target at this part of the way from one to the next."""
     values = {
         name: getattr(before, name) + part * (value - getattr(before, name)) for name, value in vars(after).items()
     }

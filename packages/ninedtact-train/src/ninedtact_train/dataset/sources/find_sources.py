@@ -9,7 +9,7 @@ from ninedtact.errors import InputError
 from ninedtact_train.dataset.parquet_files import escape_invalid_utf8
 from ninedtact_train.dataset.sources.htt_episodes import EPISODE_SUFFIX, TactileTransformerSource
 from ninedtact_train.dataset.sources.original_9dtact import OriginalDatasetSource, find_original_dataset
-from ninedtact_train.dataset.sources.recordings_and_datasets import (
+from ninedtact_train.dataset.sources.own_formats import (
     RECORDING_SUFFIX,
     ExistingDatasetSource,
     RecordingsSource,
@@ -54,7 +54,6 @@ def _require_effect(conventions: SourceConventions, sources: Sequence[Source]) -
 
 
 def _open_source(name: str, path: Path, conventions: SourceConventions, several: bool) -> Source:
-    """Return the source at a path; raises `InputError`."""
     if not path.exists():
         raise InputError(expected=f"a source at {path}", got="nothing there", remedy="check the path")
     if find_original_dataset(path):
@@ -69,7 +68,6 @@ def _open_source(name: str, path: Path, conventions: SourceConventions, several:
 
 
 def _contains_suffix(path: Path, suffix: str) -> bool:
-    """Return whether the path is a file with this suffix, or a folder with one."""
     return path.suffix == suffix if path.is_file() else any(path.rglob(f"*{suffix}"))
 
 

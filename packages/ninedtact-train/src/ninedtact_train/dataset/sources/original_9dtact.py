@@ -158,7 +158,6 @@ def _read_six_numbers(path: Path) -> Float64[Array, "6"]:
 
 
 def _read_grey_image(path: Path) -> _GreyImage:
-    """Return an image file as grey levels; raises `FileFormatError`."""
     return to_whole_grey_levels(read_image(path), 1.0).grey.astype(np.uint8)
 
 

@@ -66,7 +66,6 @@ def _fit_axis_correction(absolute_error: Float64[Array, " n"], scale: Float64[Ar
 def _error_quantiles(
     absolute_error: Float64[Array, " n"], scale: Float64[Array, " n"], power: float
 ) -> Float64[Array, "2"]:
-    """Return the quantiles of errors divided by scales to this power."""
     return np.maximum(np.quantile(absolute_error / scale**power, _SHARES), 1e-12)
 
 
@@ -147,7 +146,6 @@ class TrainedNetwork:
             yield batch.network_input(settings.input.channels)
 
     def _summarise_training(self, history: TrainingHistory) -> TrainingProvenance:
-        """Return the card's summary of data, epochs, settings and versions."""
         kept = np.concatenate([self.rows.train, self.rows.test])
         return TrainingProvenance(
             pairs=len(self.rows.train),

@@ -184,7 +184,6 @@ class _FilePart(SourcePart):
             yield self._read_row(row)
 
     def _read_row(self, row: dict[str, Any]) -> DatasetRow | RejectedItem:
-        """Return one pair unchanged."""
         row_id, content, reference_id = (
             self._make_unique(row["id"]),
             stored_image_bytes(row["image"]),
@@ -259,7 +258,6 @@ class ExistingDatasetSource(Source):
 
     @cached_property
     def _settings(self) -> dict[str, Any]:
-        """The settings in the folder; raises `FileFormatError`."""
         return read_dataset_settings(self.path)
 
     @property

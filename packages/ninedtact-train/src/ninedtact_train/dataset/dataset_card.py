@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -17,12 +18,14 @@ from numpy import ndarray as Array
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import InputError
 from ninedtact.quantities import NO_OBJECT, WRENCH_AXES, Wrench
-from ninedtact_train.dataset.fault_report import QualityReport
 from ninedtact_train.dataset.folder import REPORT_FILE
 from ninedtact_train.dataset.generation.settings import GenerationSettings
 from ninedtact_train.dataset.parquet_files import escape_invalid_utf8, read_columns, wrench_array
 from ninedtact_train.dataset.schema import PAIR_COLUMNS
-from ninedtact_train.dataset.sources.source import Source
+
+if TYPE_CHECKING:
+    from ninedtact_train.dataset.fault_report import QualityReport
+    from ninedtact_train.dataset.sources.source import Source
 
 _RANKS = (5, 50, 95)
 _FORCE_SENSOR_MM = ForceTorqueMount().origin_mm
@@ -105,8 +108,8 @@ def compute_dataset_statistics(pair_files: Sequence[Path]) -> DatasetStatistics:
     wrenches = wrenches[by_rule] if by_rule.any() else wrenches
     sensors, objects = ([name or "" for name in table[column].to_pylist()] for column in ("sensor", "object"))
     finite = wrenches[np.isfinite(wrenches).all(1)]
-    counts = (dict(sorted(Counter(names).items())) for names in (kinds, sensors, objects))
-    return DatasetStatistics(*counts, finite)
+    by_kind, by_sensor, by_object = (dict(sorted(Counter(names).items())) for names in (kinds, sensors, objects))
+    return DatasetStatistics(by_kind, by_sensor, by_object, finite)
 
 
 def wrench_percentiles(wrenches: _Wrenches) -> _Percentiles:
@@ -142,7 +145,11 @@ def require_licence_name(licence: str | None) -> None:
 
 
 def format_build_card(
-    statistics: DatasetStatistics, sources: Sequence[Source], licence: str | None, report: QualityReport, version: str
+    statistics: DatasetStatistics,
+    sources: "Sequence[Source]",
+    licence: str | None,
+    report: "QualityReport",
+    version: str,
 ) -> str:
     """Return the card of a data set that was built from sources."""
     lines = [
