@@ -94,7 +94,7 @@ def test_every_sensor_is_pressed_by_more_and_more_objects(sensors: int) -> None:
 
 
 def test_sessions_of_one_pair_have_ids_of_their_own(tmp_path: Path) -> None:
-    settings = replace(TWINS, pairs=4, sensors=4, shares=PairKindShares(0.5, 0.5))
+    settings = replace(TWINS, pairs=4, sensors=4, shares=PairKindShares(1.0, 0.0))
     generate_dataset(tmp_path / "single", settings)
     assert len({row["id"] for row in rows_in(tmp_path / "single")}) == 4
 

@@ -4,6 +4,7 @@ Darkening: the image is averaged over tiles of at least 6 x 6 pixels, and the da
 simulated data, noise alone comes to 0.5 grey levels, and 2 N to more than 0.8 with every object and sensor.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -18,11 +19,12 @@ from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.force.brightness_channels import format_image_size
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import WRENCH_AXES, WRENCH_UNITS
 from ninedtact.shape.image_plausibility import find_exposure_warning
 from ninedtact_train.collecting.training_pair_rule import wrench_limits
-from ninedtact_train.dataset.fault_report import PairFault, PairFinding, QualityReport, summarise_findings
+from ninedtact_train.dataset.fault_report import UNUSABLE_FAULTS, PairFault, PairFinding, QualityReport
 from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact_train.dataset.parquet_files import (
     ReferenceImageFile,
@@ -99,8 +101,13 @@ def combine_file_checks(checks: list[FileCheck], names: list[str], dropped: bool
         for check, name in zip(checks, names, strict=True)
         for finding in check.findings
     ]
+    findings += _find_duplicates(checks, names)
+    in_rows = [finding for finding in findings if finding.row is not None]
+    faulty = {(finding.file, finding.row) for finding in in_rows}
+    unusable = {(finding.file, finding.row) for finding in in_rows if dropped or finding.fault in UNUSABLE_FAULTS}
+    counts = dict(sorted(Counter(finding.fault.value for finding in findings).items()))
     pairs = sum(len(check.ids) for check in checks)
-    return summarise_findings(pairs, [*findings, *_find_duplicates(checks, names)], dropped)
+    return QualityReport(pairs, pairs - len(faulty), pairs - len(unusable), counts, dropped, findings)
 
 
 def check_pair_file(path: Path, references: Path, settings: PairCheckSettings) -> FileCheck:
@@ -135,7 +142,10 @@ def _find_pair_faults(
     if reference is None:
         yield PairFault.NO_REFERENCE, f"no readable reference image has the id {row['reference_id']!r}"
     elif reference.shape != image.shape:
-        yield PairFault.WRONG_SIZE, f"{_describe_size(image)}, and its reference image {_describe_size(reference)}"
+        yield (
+            PairFault.WRONG_SIZE,
+            f"{format_image_size(image)}, and its reference image {format_image_size(reference)}",
+        )
     elif is_finite:
         yield from _find_contradictions(image, reference, wrench, settings)
 
@@ -189,7 +199,3 @@ def _find_duplicates(checks: Iterable[FileCheck], files: Iterable[str]) -> Itera
                 yield PairFinding(PairFault.DUPLICATE_IMAGE, name, message, number, file)
             id_places.setdefault(name, f"row {number} of {file}")
             image_ids.setdefault(digest, name)
-
-
-def _describe_size(image: _GreyImage) -> str:
-    return f"{image.shape[1]} x {image.shape[0]} pixels"

@@ -1,7 +1,6 @@
 """What the checks of a data set found: faults of single pairs, listed in a JSON file and counted."""
 
-from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 
@@ -51,7 +50,7 @@ class PairFault(StrEnum):
     MIXED_IMAGE_DIFFERS = "mixed image differs", "mixed_image and image of the original project contradict each other"
 
 
-_UNUSABLE_FAULTS = frozenset({PairFault.UNREADABLE, PairFault.NO_REFERENCE, PairFault.NOT_FINITE})
+UNUSABLE_FAULTS = frozenset({PairFault.UNREADABLE, PairFault.NO_REFERENCE, PairFault.NOT_FINITE})
 """Faults that make a pair unusable for training; a pair with one of the others may be a good one."""
 
 
@@ -91,16 +90,6 @@ class QualityReport(msgspec.Struct, frozen=True):
         for fault in PairFault:
             if count := self.counts.get(fault):
                 yield f"{count:8d} {fault}: {fault.meaning}"
-
-
-def summarise_findings(pairs: int, findings: Iterable[PairFinding], dropped: bool = False) -> QualityReport:
-    """Count the findings of a data set of this many pairs."""
-    findings = list(findings)
-    in_rows = [finding for finding in findings if finding.row is not None]
-    faulty = {(finding.file, finding.row) for finding in in_rows}
-    unusable = {(finding.file, finding.row) for finding in in_rows if dropped or finding.fault in _UNUSABLE_FAULTS}
-    counts = dict(sorted(Counter(finding.fault.value for finding in findings).items()))
-    return QualityReport(pairs, pairs - len(faulty), pairs - len(unusable), counts, dropped, findings)
 
 
 def write_quality_report(path: Path, report: QualityReport) -> None:
