@@ -211,7 +211,7 @@ def data_kinds(folder: Path) -> Iterator[tuple[str, Kind]]:
             found.ids.tolist(),
             found.wrenches.tolist(),
             batch.images.sum((1, 2)).tolist(),
-            found.objects.values.tolist(),
+            found.objects.tolist(),
         ]
 
     for name in ("settings.json", "sensors.json"):
