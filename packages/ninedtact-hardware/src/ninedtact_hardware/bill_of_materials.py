@@ -92,7 +92,6 @@ def _sensor_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[
 
 
 def _cut_item(kind: BillItemKind, name: str, thick_mm: str, cm3: Mapping[str, float]) -> BillItem:
-    """Return a part that is cut from a sheet of acrylic."""
     price = CUT_USD + ACRYLIC_USD_PER_CM3 * cm3[name]
     return BillItem(kind, name, 1, f"clear acrylic, {thick_mm} mm, laser-cut", price)
 
@@ -111,14 +110,12 @@ def _describe_camera(design: HardwareDesign) -> str:
 
 
 def _connection_items() -> Iterator[BillItem]:
-    """Yield what connects one sensor to a computer and to its supply."""
     yield BillItem("connection", "light cable", 1, "micro-USB cable; any 5 V USB supply", 2.0)
     adapter = "from the camera's flat cable to USB (UVC), as its seller offers it"
     yield BillItem("connection", "camera adapter", 1, adapter, 5.0)
 
 
 def _tool_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[BillItem]:
-    """Yield the tools that are needed once for many sensors."""
     for name, thick in (
         ("base_board", design.moulds.base_mm),
         ("first_mould", design.heights.first_mould),

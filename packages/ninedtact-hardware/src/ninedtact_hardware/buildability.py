@@ -107,13 +107,11 @@ def list_design_rules(design: HardwareDesign) -> Iterator[DesignRule]:
 
 
 def _wall_rules(design: HardwareDesign) -> Iterator[DesignRule]:
-    """Yield the thickness of every wall, which must print and hold."""
     for name, thick in _wall_thicknesses(design):
         yield DesignRule("wall_too_thin", name, thick, MIN_WALL_MM, remedy="make it thicker")
 
 
 def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
-    """Yield name and thickness of every wall."""
     shell, base, plan = design.shell, design.base, design.horizontal_dimensions
     yield "shell.wall_mm", shell.wall_mm
     yield "shell.frame_wall_mm", shell.frame_wall_mm

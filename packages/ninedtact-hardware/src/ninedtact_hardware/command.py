@@ -50,7 +50,6 @@ class DesignOptions:
 
 
 def _require_build123d() -> None:
-    """Refuse where build123d is missing; raises `MissingLibraryError`."""
     if find_spec("build123d") is None:
         raise MissingLibraryError(
             expected="build123d, which models the parts", got="none", remedy=f"run {installation_command('hardware')}"
@@ -126,13 +125,11 @@ class CheckHardwareCommand:
         return 1 if table["interferences"] or table["led_board_differences"] else 0
 
     def _refuse(self, broken: "list[BrokenRule]") -> int:
-        """Print the broken rules and return the exit code."""
         print_result(self.json, {"broken": [asdict(each) for each in broken]}, _format_broken_rules(broken))
         return 1
 
 
 def _format_broken_rules(broken: "list[BrokenRule]") -> Iterator[str]:
-    """Yield the broken rules as lines of text."""
     yield f"{'1 rule' if len(broken) == 1 else f'{len(broken)} rules'} broken; nothing was built:"
     yield from (f"  {each.rule}: {each.message}" for each in broken)
 
@@ -178,7 +175,6 @@ class ExploreDesignsCommand:
         return print_result(self.json, table, format_design_comparison(found))
 
     def _write_files(self, found: "list[ExploredDesign]") -> list[str]:
-        """Write table, plot and design files if a folder was given."""
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact_hardware.design_comparison import design_comparison_to_csv, plot_design_comparison
         from ninedtact_hardware.design_file import hardware_design_to_toml
@@ -232,7 +228,6 @@ def format_fabrication_warnings(manifest: dict[str, Any]) -> Iterator[str]:
 
 
 def _format_export_report(out: Path, manifest: dict[str, Any], seconds: float) -> Iterator[str]:
-    """Yield the contents of the folder as lines of text."""
     yield f"{len(manifest['files'])} files of the {manifest['variant']} design in {out}, in {seconds:.0f} s"
     for folder, use in (
         ("printed", "STL and STEP for the print shop"),

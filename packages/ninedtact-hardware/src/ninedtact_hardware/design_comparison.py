@@ -116,7 +116,6 @@ NAME_WIDE = 34
 
 
 def _columns_of(found: Sequence[ExploredDesign]) -> tuple[tuple[str, str, str], ...]:
-    """Return the columns for which any of the designs has a value."""
     calibrated = any(each.calibration_errors for each in found)
     return PREDICTION_COLUMNS + CALIBRATION_COLUMNS if calibrated else PREDICTION_COLUMNS
 
@@ -135,7 +134,6 @@ def format_design_comparison(found: Sequence[ExploredDesign]) -> Iterator[str]:
 
 
 def _format_design_values(each: ExploredDesign, names: Sequence[str]) -> str:
-    """Return the values of one design in columns."""
     assert each.prediction is not None
     table = each.to_json_dict()
     values = "".join(f"{_format_number(table[name]) if name in table else '-':>9}" for name in names)
@@ -143,7 +141,6 @@ def _format_design_values(each: ExploredDesign, names: Sequence[str]) -> str:
 
 
 def _format_number(value: float) -> str:
-    """Return a number with three digits."""
     return f"{value:.3f}" if value < 1 else f"{value:.2f}" if value < 10 else f"{value:.1f}"
 
 
@@ -184,7 +181,6 @@ def plot_design_comparison(found: Sequence[ExploredDesign]) -> bytes:
 
 
 def _draw_bars(axes: "Axes", names: list[str], values: list[float], title: str) -> None:
-    """Draw the bars of one quantity."""
     drawn = axes.barh(names, values, color="#4477aa", height=0.62)
     labels = [_format_number(value) if value else "not calibrated" for value in values]
     axes.bar_label(drawn, labels, padding=3, fontsize=8, color="#333333")

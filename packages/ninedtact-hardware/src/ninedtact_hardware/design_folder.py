@@ -62,7 +62,6 @@ shell is white, to spread light. Fits are clearances on each side as drawn: try 
 
 
 def _sheet_thickness_mm(part: BuiltPart) -> float:
-    """Return the thickness of the sheet from which a flat part is cut."""
     return part.size_mm[2]
 
 
@@ -78,21 +77,18 @@ def format_shop_notes(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
 
 
 def _format_cut_part(sensor: BuildableDesign, part: BuiltPart) -> Iterator[str]:
-    """Yield the line of one plate."""
     shelf = "" if round(_sheet_thickness_mm(part), 3) in STOCK_THICKNESSES_MM else "; not on every shelf: measure"
     material = MATERIAL_OF_PART[part.name].name
     yield f"{part.name}: {_sheet_thickness_mm(part):.2f} mm, {_part_count(sensor, part)} x, {material}{shelf}"
 
 
 def _format_printed_part(sensor: BuildableDesign, part: BuiltPart) -> Iterator[str]:
-    """Yield the line of one printed part, and what has to fit it."""
     made, cm3 = MATERIAL_OF_PART[part.name].name, part.volume_mm3 / 1000
     yield f"{part.name}: {made}, {_part_count(sensor, part)} x, {cm3:.2f} cm³"
     yield from (f"    {fit.clearance_mm:.3f}  {fit.faces}" for fit in fits_of_part(sensor.design, part.name))
 
 
 def _part_count(sensor: BuildableDesign, part: BuiltPart) -> int:
-    """Return how many of a part the bill of materials has."""
     return next(item.count for item in sensor.bill if item.name == part.name)
 
 
@@ -142,7 +138,6 @@ def write_design_folder(
 
 
 def _folder_files(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
-    """Yield path and content of every file but the manifest."""
     for part in sensor.parts.values():
         yield from _part_files(sensor, part)
     yield from format_shop_notes(sensor)
@@ -158,7 +153,6 @@ def _folder_files(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
 
 
 def _part_files(sensor: BuildableDesign, part: BuiltPart) -> Iterator[tuple[str, bytes]]:
-    """Yield the files of one part: STEP, STL or DXF, image and drawing."""
     yield f"{part.method}/{part.name}.step", part_to_step(part.name, part.solid)
     if part.method == "printed":
         yield f"{part.method}/{part.name}.stl", part_to_stl(part.solid)
@@ -172,14 +166,12 @@ def _part_files(sensor: BuildableDesign, part: BuiltPart) -> Iterator[tuple[str,
 
 
 def _assembly_files(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
-    """Yield the files of the assembled sensor."""
     yield "assembly/sensor.step", assembly_to_step(sensor.bodies)
     for name, drawn in (("sensor", render_sensor), ("exploded", render_exploded_view), ("section", render_section)):
         yield f"images/{name}.png", _encode_png(drawn(sensor.bodies))
 
 
 def _build_manifest(sensor: BuildableDesign, folder: Path) -> dict[str, Any]:
-    """Return what is in the folder, and volume and box of every part."""
     parts = {
         part.name: {
             "method": part.method,
@@ -197,5 +189,4 @@ def _build_manifest(sensor: BuildableDesign, folder: Path) -> dict[str, Any]:
 
 
 def _encode_png(image: BgrImage) -> bytes:
-    """Return an image as PNG."""
     return cv2.imencode(".png", image)[1].tobytes()

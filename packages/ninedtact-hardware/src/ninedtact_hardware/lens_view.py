@@ -38,7 +38,6 @@ def required_camera_distance_mm(design: HardwareDesign) -> float:
 
 
 def _lens_half_angle_rad(design: HardwareDesign) -> float:
-    """Return half the angle that the lens sees in air."""
     return radians(design.sensor.camera.lens_angle_deg / 2)
 
 

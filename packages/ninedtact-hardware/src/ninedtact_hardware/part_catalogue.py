@@ -85,7 +85,6 @@ def build_parts(design: HardwareDesign) -> dict[str, BuiltPart]:
 
 
 def _build_part(made: _CatalogueEntry, design: HardwareDesign) -> Part:
-    """Build one part; raises `DesignImpossible`."""
     try:
         return made.build(design)
     except (ValueError, RuntimeError) as trouble:

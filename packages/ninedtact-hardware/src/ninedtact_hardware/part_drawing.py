@@ -86,7 +86,6 @@ def _list_places(found: RoundFeatures) -> Iterator[str]:
 
 
 def _list_dimensions(design: HardwareDesign, part: str) -> Iterator[str]:
-    """Yield each dimension as `name value`, named as in the design file without its `hardware.`."""
     for name in DIMENSIONS_OF_PART[part]:
         table, _, only = name.partition(".")
         found = getattr(design, table, None) or getattr(design.sensor, table)
@@ -169,7 +168,6 @@ def _choose_scale(size_mm: tuple[float, float, float]) -> float:
 
 
 def _draw_notes(axes: "Axes", notes: dict[str, list[str]]) -> None:
-    """Write the notes in one column, the headings bold."""
     rows = [
         row for heading, lines in notes.items() for row in ((heading, 8.0, "bold"), *((x, 6.6, None) for x in lines))
     ]

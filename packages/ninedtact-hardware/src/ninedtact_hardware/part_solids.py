@@ -38,7 +38,6 @@ _COINCIDENT_MM = 1e-4
 
 
 def _make_plate(size: XY, heights: ZRange, radius_mm: float = 0.0, at: XY = (0.0, 0.0)) -> Part:
-    """Return a plate with vertical corners of this radius."""
     outline = deepcopy(_rounded_rectangle(size, radius_mm)) if radius_mm > _COINCIDENT_MM else Rectangle(*size)
     return _extrude_along_z(outline, heights, at)
 
@@ -50,17 +49,14 @@ def _rounded_rectangle(size: XY, radius_mm: float) -> Sketch:
 
 
 def _make_cylinder(diameter_mm: float, heights: ZRange, at: XY = (0.0, 0.0)) -> Part:
-    """Return a cylinder along z, centred at a point."""
     return _extrude_along_z(Circle(diameter_mm / 2), heights, at)
 
 
 def _extrude_along_z(outline: Sketch | Face, heights: ZRange, at: XY = (0.0, 0.0)) -> Part:
-    """Extrude an outline in x and y along z."""
     return Part() + extrude(Pos(*at, heights[0]) * outline, amount=heights[1] - heights[0])
 
 
 def _make_cylinders_at(diameter_mm: float, heights: ZRange, places: Iterable[XY]) -> list[Part]:
-    """Return equal cylinders along z, one at each position."""
     return [_make_cylinder(diameter_mm, heights, place) for place in places]
 
 
@@ -79,7 +75,6 @@ def _extrude_along_y(outline_xz: list[XY], y_mm: XY, rounds: dict[XY, float] | N
 
 
 def _filleted_polygon(corners: list[XY], rounds: dict[XY, float]) -> Face:
-    """Return a polygon with fillets at the corners that are given by their position."""
     outline = Polygon(*corners, align=None)
     for place, radius in rounds.items():
         if radius > _COINCIDENT_MM:
@@ -93,7 +88,6 @@ def _add_mirror_image(right: list[XY]) -> list[XY]:
 
 
 def _nearest_vertex(vertices: Iterable[Vertex], place: XY) -> Vertex:
-    """Return the vertex that is nearest to a position."""
     return min(vertices, key=lambda vertex: hypot(vertex.X - place[0], vertex.Y - place[1]))
 
 
@@ -122,7 +116,6 @@ def build_sensor_base(design: HardwareDesign) -> Part:
 
 
 def _locating_pins(design: HardwareDesign) -> list[Part]:
-    """Return the locating pins on the posts, rounded at their tips."""
     base, levels = design.base, design.heights
     tip = levels.board_bottom + base.pin_tall_mm
     pins = _make_cylinders_at(base.pin_mm, (levels.plate_top, tip), design.horizontal_dimensions.posts)
@@ -174,7 +167,6 @@ def build_sensor_shell(design: HardwareDesign) -> Part:
 
 
 def _window_frame(design: HardwareDesign) -> Part:
-    """Return the frame around the window's seat."""
     outside, inside = design.horizontal_dimensions.frame_outside, design.horizontal_dimensions.frame_inside
     heights = design.heights.floor_top, design.heights.frame_top
     return _make_plate((outside, outside), heights) - _make_plate((inside, inside), heights)
@@ -268,7 +260,6 @@ def build_second_mould(design: HardwareDesign) -> Part:
 
 
 def _mould(design: HardwareDesign, thick: float, window: XY, radius: float) -> Part:
-    """Return a clamping plate with a window."""
     return _single_solid_of_part(
         _clamping_plate(design, thick) - _make_plate(window, (-_CUT_MARGIN_MM, thick + _CUT_MARGIN_MM), radius)
     )
@@ -367,13 +358,11 @@ def _usb_receptacle(design: HardwareDesign) -> Part:
 
 
 def _driver_position(design: HardwareDesign) -> XY:
-    """Return the centre of the LED driver."""
     x, from_edge = design.board.driver_at_mm
     return x, design.horizontal_dimensions.led_board[1] / 2 + from_edge
 
 
 def _box_on(size: _Block, at: XY, bottom: float) -> Part:
-    """Return a box that stands at this height."""
     return Part() + Pos(*at, bottom + size[2] / 2) * Box(*size)
 
 

@@ -89,7 +89,6 @@ def predict_performance(design: HardwareDesign) -> PerformancePrediction:
 
 
 def _centre_grey_level(twin: Twin) -> float:
-    """Return the brightness of the reference image in the middle, in grey levels."""
     rows, cols = twin.renderer.pixel_map.raw_shape
     return float(twin.renderer.reference[rows // 2 - 20 : rows // 2 + 20, cols // 2 - 20 : cols // 2 + 20].mean())
 
@@ -100,7 +99,6 @@ def _depth_noise_mm(twin: Twin) -> float:
 
 
 def _mm_per_px(twin: Twin) -> float:
-    """Return the distance of neighbouring pixels in the middle."""
     plane = twin.renderer.pixel_map.plane_mm
     rows, cols = twin.renderer.pixel_map.raw_shape
     across = plane[rows // 2, cols // 2 + 5] - plane[rows // 2, cols // 2 - 5]
@@ -148,6 +146,5 @@ def _validation_press(design: SensorDesign) -> ScriptedPress:
 
 
 def _read_contact(shape: CalibratedShape, twin: Twin, contact: Contact) -> Reading:
-    """Return the calibrated sensor's reading of one image of a contact."""
     depth = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-GUIDED_FRAMES, 0)))
     return read_frame(Frame(twin.renderer(contact, 1)), shape, depth)

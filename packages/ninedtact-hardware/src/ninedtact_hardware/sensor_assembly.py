@@ -108,7 +108,6 @@ def measure_body_pair(first: AssemblyBody, second: AssemblyBody) -> BodyPair:
 
 
 def _overlap_mm3(first: AssemblyBody, second: AssemblyBody) -> float:
-    """Return the volume of the intersection of two bodies."""
     common = first.solid.intersect(second.solid)
     if common is None:
         return 0.0

@@ -244,7 +244,6 @@ def _video_mode(settings: CameraSettings) -> Iterator[_PropertySetting]:
 
 
 def _image_controls(settings: CameraSettings) -> Iterator[_PropertySetting]:
-    """Yield exposure, gain and white balance."""
     if settings.auto_exposure is not None or settings.exposure_ms is not None:
         accepted = _AUTOMATIC if settings.auto_exposure else _MANUAL
         yield _PropertySetting("exposure mode (1 manual, 3 automatic)", cv2.CAP_PROP_AUTO_EXPOSURE, accepted)
@@ -333,7 +332,6 @@ def _silence_remedy(device: int | str) -> str:
 
 
 def _device_path(device: int | str) -> Path:
-    """Return the file of a device on Linux."""
     return Path(f"/dev/video{device}" if isinstance(device, int) else device)
 
 
@@ -352,7 +350,6 @@ def _exposure_limits_ms(path: Path) -> tuple[float, float]:
 
 
 def _query_device(path: Path, request: int, reply: bytearray) -> None:
-    """Fill the reply of a Video4Linux device to a request; raises `OSError`."""
     import fcntl  # not on Windows, where no device gets this far
 
     handle = os.open(path, os.O_RDWR | os.O_NONBLOCK)

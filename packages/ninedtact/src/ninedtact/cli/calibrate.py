@@ -117,7 +117,6 @@ class CalibrateCommand:
         return self.id or self.out.name or self.out.resolve().name  # without a name as in --out .
 
     def _calibrate_from_images(self) -> "SensorFolder":
-        """Calibrate from files or with a camera, and write the sensor folder."""
         from ninedtact.calibration.board.detection import BoardNotFound
         from ninedtact.calibration.certificate.plot_board import save_board_not_found_drawing
         from ninedtact.calibration.save import save_sensor
@@ -251,7 +250,6 @@ class CalibrateCommand:
 
     @property
     def _complete_sets(self) -> tuple[tuple[str, ...], ...]:
-        """The sets of images that can be calibrated from."""
         return (_BALL_NAMES,) if self.from_import is not None else (_IMAGE_NAMES, _BOARD_NAMES, _BALL_NAMES)
 
     def _names_in(self, folder: Path) -> tuple[str, ...]:
@@ -263,7 +261,6 @@ class CalibrateCommand:
 
 
 def _read_images(paths: dict[str, tuple[Path, ...]]) -> "CalibrationImages":
-    """Read the images, each the mean of the files given for it."""
     from ninedtact.calibration.procedure import CalibrationImages
     from ninedtact.capture.strict_image_reading import average_images, read_image
 
@@ -273,7 +270,6 @@ def _read_images(paths: dict[str, tuple[Path, ...]]) -> "CalibrationImages":
 
 
 def _require_no_depth_lost(out: Path) -> None:
-    """Raise `InputError` where the folder holds a sensor that is calibrated for depth."""
     from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 
     if (out / SENSOR_FILE).is_file() and load_sensor(out).record.depth is not None:

@@ -81,7 +81,6 @@ class Doctor:
         return 1 if failed else 0
 
     def _check_cameras(self) -> "list[CameraCheck]":
-        """The source that was named, or every camera of this machine."""
         from ninedtact.capture.camera_check import check_camera
         from ninedtact.capture.source_from_address import camera_or_file_source
         from ninedtact.capture.uvc_camera import list_cameras
@@ -99,7 +98,6 @@ class Doctor:
 
 
 def _software_versions() -> dict[str, str]:
-    """Return the versions of the package, its main libraries and the system."""
     import platform
     from importlib.metadata import version
 
@@ -116,7 +114,6 @@ def _software_versions() -> dict[str, str]:
 
 
 def _optional_parts() -> list[_OptionalPart]:
-    """Return the optional parts, and the command that installs each."""
     from importlib.util import find_spec
 
     found = []
@@ -127,7 +124,6 @@ def _optional_parts() -> list[_OptionalPart]:
 
 
 def _to_json(report: _DoctorReport) -> str:
-    """Return the report as one JSON object."""
     import json
     from dataclasses import asdict
 
@@ -135,7 +131,6 @@ def _to_json(report: _DoctorReport) -> str:
 
 
 def _to_text(report: _DoctorReport) -> str:
-    """Return the report as text for a person."""
     none = ["  none found: plug one in, or name a stream, video or folder with --source"]
     lines = [", ".join(f"{name} {number}" for name, number in report.versions.items()), "", "cameras"]
     lines += [line for camera in report.cameras for line in camera_lines(camera)] or none
@@ -164,7 +159,6 @@ def camera_lines(camera: "CameraCheck") -> list[str]:
 
 
 def _rate_text(camera: "CameraCheck") -> str:
-    """Return the frame rate of a camera as text."""
     if camera.rate is None:
         return f"a recording at {camera.recorded_hz:g} images per second"
     duplicates = f"{camera.rate.duplicates} of {camera.rate.frames} twice" if camera.rate.duplicates else "none twice"

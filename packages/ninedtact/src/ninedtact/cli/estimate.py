@@ -180,12 +180,10 @@ class Estimate:
 
 
 def _is_image(text: str) -> bool:
-    """Return whether the text names a single image."""
     return text.lower().endswith((".png", ".jpg", ".jpeg", ".bmp"))
 
 
 def _write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Write one line of CSV per image; raises `FileNotWritten`."""
     import csv
     from io import StringIO
 

@@ -135,7 +135,6 @@ class Record:
             )
 
     def _print_result(self, writers: "dict[str, RecordingWriter]", errors: "dict[str, NinedtactError]") -> None:
-        """Print how many messages were written, how many images were dropped or have which warning, and which sensors were lost."""
         messages = {
             topic.path(writer.metadata.topic_name, self.images): number
             for writer in writers.values()
@@ -173,7 +172,6 @@ class Record:
         return SensorToRecord(camera, folder, force_torque, estimator, camera_delay_ms)
 
     def _sources(self, folder: "SensorFolder", address: str, name: str) -> "tuple[FrameSource, WrenchSource | None]":
-        """Return camera and force/torque sensor, not yet opened."""
         if is_twin_address(address):
             return twin_sources(folder, self.force_torque is not None, name)
         camera = source_in_real_time(address, camera_settings(self.automatic))

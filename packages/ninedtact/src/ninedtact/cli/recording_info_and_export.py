@@ -125,7 +125,6 @@ def _ending_notices(recordings: "list[Recording]") -> dict[Path, str]:
 
 
 def _load_lerobot_exporter() -> Callable[..., dict[str, int]]:
-    """Return the exporter of the LeRobot plugin; raises `MissingLibraryError`."""
     found = find_entry_point("exporters", "lerobot")
     if found is None:
         raise MissingLibraryError(

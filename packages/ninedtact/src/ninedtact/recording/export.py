@@ -71,7 +71,6 @@ def require_exportable(recordings: Sequence[Recording]) -> None:
 
 
 def _export_into(recording: Recording, out: Path, on_image: Callable[[], None]) -> dict[str, int]:
-    """Write everything into a folder that exists."""
     written = {
         "images": _export_images(recording, out, on_image),
         "references": _export_references(recording, out),
@@ -111,7 +110,6 @@ def _export_references(recording: Recording, out: Path) -> int:
 
 
 def _export_measured(recording: Recording, path: Path) -> int:
-    """Write a table of the measured wrenches about the skin centre."""
     rows = ((*_both_times(recording, wrench.stamp_ns), *wrench.six.tolist()) for wrench in recording.wrenches())
     return _write_csv(path, (*_TIME_COLUMNS, *WRENCH_COLUMNS), rows)
 
@@ -151,7 +149,6 @@ def _export_pairs(recording: Recording, path: Path) -> int:
 
 
 def _export_events(recording: Recording, path: Path) -> int:
-    """Write a table of the events."""
     rows = (
         (*_both_times(recording, event.stamp_ns), event.kind.value, event.subject, event.text)
         for event in recording.events()
@@ -160,7 +157,6 @@ def _export_events(recording: Recording, path: Path) -> int:
 
 
 def _export_spans(recording: Recording, path: Path) -> int:
-    """Write a table of the labelled spans, with the time of both ends."""
     rows = (
         (span.label, *_both_times(recording, span.begin_ns), *_both_times(recording, span.end_ns))
         for span in recording.spans()
@@ -170,7 +166,6 @@ def _export_spans(recording: Recording, path: Path) -> int:
 
 
 def _both_times(recording: Recording, stamp_ns: int) -> tuple[int, int]:
-    """Return a stamp on the monotonic and on the wall clock."""
     return stamp_ns, recording.metadata.wall_ns(stamp_ns)
 
 

@@ -108,7 +108,6 @@ def _write_whole(source: McapFile, file: BinaryIO) -> None:
 
 
 def _attach(path: Path, attachment: Attachment) -> None:
-    """Attach a list of labels to a finished recording, in place of an earlier one at the end of its data."""
     with Recording(recorded_sensor_addresses(path)[0]) as recording:
         summary, end = recording.file.summary, recording.file.end
     if summary is None or summary.statistics is None:

@@ -165,7 +165,6 @@ class McapFile:
             self._chunks.pop()
 
     def _add_positions(self, channel: int, stamps_ns: Array) -> None:
-        """Add the messages of a channel in the last chunk."""
         found = np.empty(len(stamps_ns), MESSAGE_POSITION)
         found["stamp_ns"], found["number"] = stamps_ns, np.arange(len(stamps_ns))
         found["channel"], found["chunk"] = channel, len(self._chunks) - 1
@@ -188,7 +187,6 @@ class McapFile:
             raise self._damage_error(self.end)
 
     def _content(self, start: int, end: int) -> bytes:
-        """Return the content of a record."""
         self._file.seek(start + _PREFIX.size)
         return self._file.read(end - start - _PREFIX.size)
 

@@ -269,7 +269,6 @@ class EstimateRecorder:
         return not isinstance(self.estimator, NoForceEstimator)
 
     def _report_faults(self, depth_reader: DepthReader, writer: RecordingWriter) -> None:
-        """Report the faults of the reference, as remarks in the recording and to the person who records."""
         for fault in depth_reader.reference_faults:
             stamp_ns = self._first[0].stamp_ns
             writer.write_event(RecordingEvent(stamp_ns, RecordingEventKind.REMARK, "reference image", fault))

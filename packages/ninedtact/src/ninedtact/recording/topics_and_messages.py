@@ -331,7 +331,6 @@ def _without_stamp(item: RecordingEvent | PairLabel) -> dict[str, Any]:
 
 
 def _encode_pixels(topic: Topic, header: Any, shape: tuple[int, ...], encoding: str, values: Array) -> bytes:
-    """Return an image message, row by row, little-endian."""
     rows, cols = shape
     data = np.ascontiguousarray(values).view(np.uint8).reshape(-1)
     layout = {"height": rows, "width": cols, "encoding": encoding, "is_bigendian": 0, "step": data.size // rows}

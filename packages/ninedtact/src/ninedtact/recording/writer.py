@@ -244,7 +244,6 @@ class RecordingWriter:
         return encode_image(frame.image, wall_ns, self.metadata.images, self._frame_id(CAMERA_FRAME))
 
     def _begin(self) -> None:
-        """Write metadata and attachments."""
         now_ns, mcap = monotonic_ns(), self._open_file.mcap
         mcap.add_metadata(METADATA_RECORD, self.metadata.to_mcap_metadata())
         for name, content in self._attachments.items():

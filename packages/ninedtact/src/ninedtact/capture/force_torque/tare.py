@@ -192,5 +192,4 @@ def compute_tare(wrenches: Sequence[Wrench], settings: TareSettings) -> Tare:
 
 
 def _format_vector(three: Float64[Array, "3"], decimals: int) -> str:
-    """Return three numbers in parentheses."""
     return "(" + ", ".join(f"{number:.{decimals}f}" for number in three) + ")"
