@@ -8,7 +8,7 @@ from ninedtact.cli import main
 from ninedtact.design import Gel, SensingArea, SensorDesign, read_design_file
 from ninedtact.errors import FileFormatError
 from ninedtact_hardware.buildability import find_broken_rules
-from ninedtact_hardware.design import HardwareDesign, default_hardware_design, original_hardware_design
+from ninedtact_hardware.design import HardwareDesign, original_hardware_design
 from ninedtact_hardware.design_file import hardware_design_to_toml, read_hardware_design
 
 OURS = SensorDesign(gel=Gel(2.0), sensing_area=SensingArea(20, 15))
@@ -20,9 +20,7 @@ def written(tmp_path: Path, text: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    "hardware", [default_hardware_design(OURS), original_hardware_design()], ids=["default", "original"]
-)
+@pytest.mark.parametrize("hardware", [HardwareDesign(OURS), original_hardware_design()], ids=["default", "original"])
 def test_hardware_comes_back_too(tmp_path: Path, hardware: HardwareDesign) -> None:
     path = written(tmp_path, hardware_design_to_toml(hardware))
     assert read_hardware_design(path, hardware.variant) == hardware

@@ -92,8 +92,13 @@ def require_buildable_design(design: HardwareDesign) -> None:
 
 def list_design_rules(design: HardwareDesign) -> Iterator[DesignRule]:
     """Yield all rules of a design, kept and broken."""
-    yield from _wall_rules(design)
-    yield from _clearance_rules(design)
+    for name, thick in _wall_thicknesses(design):
+        yield DesignRule("wall_too_thin", name, thick, MIN_WALL_MM, remedy="make it thicker")
+    # Clearances that are merely tight are only reported by `hardware check`.
+    for each in list_clearances(design):
+        if each.impossible_below_mm is not None:
+            subject, remedy = f"clearance between {each.faces}", f"change {each.adjusted_by}"
+            yield DesignRule(each.rule, subject, each.clearance_mm, each.impossible_below_mm, remedy=remedy)
     yield from _boss_rules(design)
     yield from _slot_and_ring_rules(design)
     yield from _cable_ramp_rules(design)
@@ -104,11 +109,6 @@ def list_design_rules(design: HardwareDesign) -> Iterator[DesignRule]:
     led_ma = compute_operating_point(design.board.resistor_ohm).led_ma
     remedy = "raise board.resistor_ohm"
     yield DesignRule("leds_too_bright", "a current in each LED", led_ma, most=LED_LIMIT_MA, remedy=remedy, unit="mA")
-
-
-def _wall_rules(design: HardwareDesign) -> Iterator[DesignRule]:
-    for name, thick in _wall_thicknesses(design):
-        yield DesignRule("wall_too_thin", name, thick, MIN_WALL_MM, remedy="make it thicker")
 
 
 def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
@@ -132,14 +132,6 @@ def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
     yield "the ring's wall", (plan.ring_side - design.ring.bore_mm) / 2
     if shell.relief_deep_mm:
         yield "shell.relief_left_mm", shell.relief_left_mm
-
-
-def _clearance_rules(design: HardwareDesign) -> Iterator[DesignRule]:
-    """Yield the clearances below which no sensor can be built; tight ones are only reported by `hardware check`."""
-    for each in list_clearances(design):
-        if each.impossible_below_mm is not None:
-            subject, remedy = f"clearance between {each.faces}", f"change {each.adjusted_by}"
-            yield DesignRule(each.rule, subject, each.clearance_mm, each.impossible_below_mm, remedy=remedy)
 
 
 @dataclass(frozen=True)

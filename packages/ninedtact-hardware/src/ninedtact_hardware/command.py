@@ -170,7 +170,8 @@ class ExploreDesignsCommand:
             self.out.mkdir(parents=True, exist_ok=True)
         with connect_workers(self.workers, self.cluster) as workers:
             explored = explore_designs(candidates, self.calibrated, workers)
-            found = list(tqdm(explored, total=len(candidates), unit="design", disable=None, leave=False))
+            done = dict(tqdm(explored, total=len(candidates), unit="design", disable=None, leave=False))
+        found = [done[number] for number in range(len(candidates))]
         table: dict[str, Any] = {"designs": [each.to_json_dict() for each in found], "files": self._write_files(found)}
         return print_result(self.json, table, format_design_comparison(found))
 

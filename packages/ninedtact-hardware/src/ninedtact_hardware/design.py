@@ -37,7 +37,8 @@ DesignVariant = Literal["default", "original"]
 
 @dataclass(frozen=True)
 class HardwareDesign:
-    """The chosen dimensions of every part; `horizontal_dimensions` and `heights` hold what follows from them."""
+    """The chosen dimensions of every part, by default with the improvements that docs/hardware.md lists; `heights` and
+    `horizontal_dimensions` hold what follows from them."""
 
     sensor: SensorDesign = SensorDesign()
     variant: DesignVariant = "default"
@@ -79,11 +80,6 @@ PART_TABLES = tuple(field.name for field in fields(HardwareDesign) if field.name
 """Names of the parts, which are those of their tables in a design file."""
 
 
-def default_hardware_design(sensor: SensorDesign = SensorDesign()) -> HardwareDesign:
-    """Return the design with the improvements that docs/hardware.md lists."""
-    return HardwareDesign(sensor)
-
-
 def original_hardware_design(sensor: SensorDesign = SensorDesign()) -> HardwareDesign:
     """Return the design with the dimensions of the original 9DTact."""
     return HardwareDesign(
@@ -100,7 +96,7 @@ def original_hardware_design(sensor: SensorDesign = SensorDesign()) -> HardwareD
 
 def hardware_design_of_variant(sensor: SensorDesign, variant: DesignVariant) -> HardwareDesign:
     """Return the design of the variant with this name."""
-    return original_hardware_design(sensor) if variant == "original" else default_hardware_design(sensor)
+    return original_hardware_design(sensor) if variant == "original" else HardwareDesign(sensor)
 
 
 XY = tuple[float, float]

@@ -66,18 +66,12 @@ class ExploredDesign:
 
 def explore_designs(
     candidates: Sequence[tuple[HardwareDesign, float | None]], calibrated: bool = False, workers: Workers = 1
-) -> Iterator[ExploredDesign]:
-    """Yield the designs with their predictions, in the order of the candidates.
+) -> Iterator[tuple[int, ExploredDesign]]:
+    """Yield the number of every candidate and the design with its predictions, in the order in which they are done.
 
     calibrated: whether the twin of each is calibrated and read as well. workers: number of processes, or a cluster.
     """
-    early: dict[int, ExploredDesign] = {}
-    expected = 0
-    for number, found in run_jobs(_explore_design, [(*candidate, calibrated) for candidate in candidates], workers):
-        early[number] = found
-        while expected in early:
-            yield early.pop(expected)
-            expected += 1
+    return run_jobs(_explore_design, [(*candidate, calibrated) for candidate in candidates], workers)
 
 
 def _explore_design(design: HardwareDesign, shore_a: float | None, calibrated: bool) -> ExploredDesign:

@@ -117,7 +117,7 @@ def record_several(
     recorders: dict[str, Recorder] = {}
     for name, part in sensors.items():
         beside = next((one.writer for one in recorders.values()), None)
-        said = partial(_notify_of, name, notify)
+        said = partial(lambda name, sentence: notify(f"{name}: {sentence}" if name else sentence), name)
         recorders[name] = _new_recorder(part, out, replace(first, name=name), heights, said, beside)
     writers, errors = {name: recorder.writer for name, recorder in recorders.items()}, dict[str, NinedtactError]()
     ending = Event()
@@ -149,11 +149,6 @@ def record_several(
             for one in written:
                 one.result()
     return writers, errors
-
-
-def _notify_of(name: str, notify: Callable[[str], None], sentence: str) -> None:
-    """Report a sentence about a sensor, with its name among several."""
-    notify(f"{name}: {sentence}" if name else sentence)
 
 
 def _new_recorder(
