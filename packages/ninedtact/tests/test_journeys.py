@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -170,20 +169,6 @@ def test_images_of_a_guided_calibration_that_fails_are_kept(
     assert "expected to write" in said[-1] and not out.exists()
     assert main([*guided[:-2], "--images", str(kept), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["ball"] is not None
-
-
-def test_images_are_kept_among_temporary_files_where_nothing_can_be_written_beside_the_sensor(
-    recording_without_ball: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    (tmp_path / "file").touch()
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    out = tmp_path / "file" / "s"
-    assert main(["calibrate", "--out", str(out), "--source", str(recording_without_ball)]) == 1
-    assert f"the images are kept in {tmp_path / 's_images'};" in capsys.readouterr().err
-    assert len(list((tmp_path / "s_images").iterdir())) == 2
 
 
 def test_the_board_of_a_guided_calibration_that_ends_too_soon_is_kept(

@@ -28,7 +28,7 @@ from ninedtact.cli import main
 from ninedtact.cli.record import twin_sources
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_and_scale import ForceEstimator
-from ninedtact.open_sensor import assemble_live_sensor
+from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
@@ -44,7 +44,7 @@ from ninedtact.recording.recorder import EstimateRecorder, Recorder, SensorToRec
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
-from ninedtact.source_addresses import load_given_or_recorded_sensor, source_in_real_time
+from ninedtact.source_addresses import load_recorded_sensor, source_in_real_time
 
 
 @pytest.fixture(scope="module")
@@ -271,7 +271,7 @@ def test_a_recording_is_shown_live_with_the_sensor_that_it_carries(tmp_path: Pat
     path = tmp_path / "hand.mcap"
     record_hand(path, sensor, seconds=0.5)
     with (
-        load_given_or_recorded_sensor(None, str(path)) as folder,
+        load_recorded_sensor(str(path)) as folder,
         LatestFrameSource(source_in_real_time(str(path), DEFAULT_CAMERA)) as source,
     ):
         assert folder.id == "twin" and folder.shape.rectify.raw_shape == (480, 640)

@@ -87,7 +87,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run_command(arguments: Sequence[str] | None) -> int:
     """Run one command and return its exit code; raises `OSError` from files and from the output."""
     if list(sys.argv[1:] if arguments is None else arguments) == ["--version"]:
-        return _print_version()
+        print(f"ninedtact {__version__}")
+        return 0
     try:
         return parse_arguments(arguments).run()
     except NinedtactError as refusal:
@@ -271,11 +272,6 @@ def _joined_lines(helptext: Any) -> Callable[[], str | None]:
         return "\n\n".join(" ".join(paragraph.split()) for paragraph in written.split("\n\n"))
 
     return text
-
-
-def _print_version() -> int:
-    print(f"ninedtact {__version__}")
-    return 0
 
 
 def _report_failure(sentence: str) -> int:

@@ -11,7 +11,7 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
-from tempfile import TemporaryDirectory, gettempdir
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
@@ -234,14 +234,6 @@ class CalibrateCommand:
                 got=f"{', '.join(got) or 'none of them'}",
                 remedy="give the two images of the ball",
             )
-        lacking = [partner for pair in (_BOARD_NAMES, _BALL_NAMES) for partner in pair if len({*pair} & {*given}) == 1]
-        if sum(ways) == 1 and lacking:
-            missing = ", ".join("--" + name.replace("_", "-") for name in lacking if name not in given)
-            raise InputError(
-                expected="two images of each press, without and with contact",
-                got=f"{', '.join(got)} alone",
-                remedy=f"give {missing} as well",
-            )
         raise InputError(
             expected=f"all of {_IMAGE_OPTIONS}, or the two of one press, or --images alone, or --source alone",
             got=f"{', '.join(got) or 'none of them'}",
@@ -304,10 +296,12 @@ def _capture_guided_images(
     recording."""
     from ninedtact.calibration.guidance import guided_capture_steps
     from ninedtact.calibration.procedure import CalibrationImages
+    from ninedtact.capture.frame_pacing import LatestFrameSource
 
     status = StatusLine()
     simulated = simulated_calibration_camera(design) if is_twin_address(source) else None
-    with _open_camera(source if simulated is None else simulated, automatic) as camera:
+    chosen = source_for(source, camera_settings(automatic)) if simulated is None else simulated
+    with LatestFrameSource(chosen) if chosen.is_live else chosen as camera:
         for step in guided_capture_steps(design, settings):
             status.print_title(step.instruction)
             if simulated is not None:
@@ -318,8 +312,7 @@ def _capture_guided_images(
 
 @contextmanager
 def _keep_images_of_failure(out: Path, taken: "dict[str, BgrImage]") -> Iterator[None]:
-    """Where the block fails, keep the images of complete presses that a camera has taken, in a folder beside the sensor folder, or
-    in the folder for temporary files where nothing can be written there."""
+    """Where the block fails, keep the images of complete presses that a camera has taken, in a folder beside the sensor folder."""
     from ninedtact.calibration.save import save_images_beside
 
     try:
@@ -328,23 +321,12 @@ def _keep_images_of_failure(out: Path, taken: "dict[str, BgrImage]") -> Iterator
         complete = {
             name: taken[name] for pair in (_BOARD_NAMES, _BALL_NAMES) for name in pair if taken.keys() >= {*pair}
         }
-        for place in (out, Path(gettempdir(), out.name)) if complete else ():
+        if complete:
             with suppress(OutputError, OSError):  # the first failure is the one to report
-                kept = save_images_beside(place, complete)
+                kept = save_images_beside(out, complete)
                 again = f"--images {quote(str(kept))} in place of --source"
                 print_notice(f"the images are kept in {kept}; run the command with {again}")
-                break
         raise
-
-
-@contextmanager
-def _open_camera(source: "str | FrameSource", automatic: bool) -> "Iterator[FrameSource]":
-    """Open the source; a camera gives its newest frame, a recording every frame."""
-    from ninedtact.capture.frame_pacing import LatestFrameSource
-
-    camera = source_for(source, camera_settings(automatic)) if isinstance(source, str) else source
-    with LatestFrameSource(camera) if camera.is_live else camera as frames:
-        yield frames
 
 
 def _follow_step(

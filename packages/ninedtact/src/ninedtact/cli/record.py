@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from ninedtact.cli.result_and_interrupt import (
     given_or_recorded_sensor,
@@ -141,18 +141,14 @@ class Record:
             for topic, number in sorted(writer.written.items())
         }
         lost = {name: str(error) for name, error in errors.items()}
-        figures: dict[str, Any] = {"out": str(self.out), "written": messages}
+        dropped, warned = (
+            {name: getattr(one, what) for name, one in writers.items()} for what in ("dropped", "warned")
+        )
+        figures = {"out": str(self.out), "written": messages, "dropped": dropped, "warnings": warned, "lost": lost}
         if "" in writers:
-            figures |= {"dropped": writers[""].dropped, "warnings": writers[""].warned}
-            dropped = f"{writers[''].dropped} images dropped"
-        else:
-            figures |= {
-                "dropped": {name: writer.dropped for name, writer in writers.items()},
-                "warnings": {name: writer.warned for name, writer in writers.items()},
-                "lost": lost,
-            }
-            dropped = "images dropped: " + ", ".join(f"{writer.dropped} of {name}" for name, writer in writers.items())
-        lines = [f"{self.out}: {self.out.stat().st_size / 1e6:.1f} MB, {dropped}"]
+            figures |= {"dropped": dropped[""], "warnings": warned[""]}
+        counts = ", ".join(f"{number} of {name}" if name else f"{number}" for name, number in dropped.items())
+        lines = [f"{self.out}: {self.out.stat().st_size / 1e6:.1f} MB, images dropped: {counts}"]
         lines += [f"  {number:8d}  {topic}" for topic, number in messages.items()]
         lines += [
             f"  {f'{name}: ' * bool(name)}{number} {'image has' if number == 1 else 'images have'} the warning '{text}'"

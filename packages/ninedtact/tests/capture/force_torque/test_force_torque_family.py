@@ -22,7 +22,6 @@ from ninedtact.capture.force_torque.netft import ATI, NetFtDriver
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SkippingWrenchSource
 from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareSettings
 from ninedtact.capture.force_torque.wrench_source_from_address import (
-    CheckAndTareSettings,
     MountedWrenchSource,
     build_wrench_source,
     force_torque_sensor_for,
@@ -82,8 +81,7 @@ class Bench:
 
     def measured(self) -> WrenchSource:
         device = self.onrobot()
-        settings = CheckAndTareSettings(tare=QUICK)
-        return build_wrench_source(device, ForceTorqueMount(), lambda loss: pytest.fail(str(loss)), settings=settings)
+        return build_wrench_source(device, ForceTorqueMount(), lambda loss: pytest.fail(str(loss)), tare=QUICK)
 
 
 DEVICES = {"onrobot": Bench.onrobot, "ati": Bench.ati, "serial": Bench.serial, "bota": Bench.bota}

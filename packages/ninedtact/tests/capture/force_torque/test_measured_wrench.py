@@ -1,7 +1,5 @@
 """Around every device: what is refused, the tare, the mount, and a device's clock beside ours."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -19,10 +17,8 @@ from ninedtact.capture.force_torque.tare import (
     TaredWrenchSource,
     TareRefused,
     TareSettings,
-    ZeroDrift,
 )
 from ninedtact.capture.force_torque.wrench_source_from_address import (
-    CheckAndTareSettings,
     DeviceFrameWrenchSource,
     MountedWrenchSource,
     build_wrench_source,
@@ -204,17 +200,7 @@ def test_noise_alone_hardly_ever_refuses_a_tare(count: int) -> None:
     assert refused <= 0.003 * tares
 
 
-def test_how_far_the_untouched_reading_wandered_is_told_and_too_few_samples_are_refused() -> None:
-    warmer = BIAS + np.array([0, 0, 0.15, 0, 0, 0])
-    with TaredWrenchSource(Played([*noisy(101, BIAS), *noisy(101, BIAS, seed=1), *noisy(101, warmer)], 10.0)) as source:
-        near = source.measure_zero_drift(1.0)
-        assert not near.exceeds_limit and "no need" in near.sentence and near.since_s == pytest.approx(1.01)
-        far = source.measure_zero_drift()
-        assert far.since_s == pytest.approx(1.52) and far.error == pytest.approx(
-            source.tare.deviation * np.sqrt(1 / 51 + 1 / 101)
-        )
-        assert (far.limit_n, far.limit_nm) == (0.1, 0.005)
-        assert far.exceeds_limit and far.six[2] == pytest.approx(0.15, abs=0.02) and "; tare again" in far.sentence
+def test_too_few_samples_are_no_tare() -> None:
     with pytest.raises(TareRefused, match="expected 8 samples"), TaredWrenchSource(Played(noisy(10), 400.0)):
         pass
 
@@ -267,8 +253,8 @@ def test_measured_is_all_of_them_in_order() -> None:
     mount = ForceTorqueMount(rotation_deg=(0.0, 0.0, 90.0))
     pressed = BIAS + np.array([2.0, 0, -3.0, 0, 0, 0])
     played = Played([*noisy(1001, BIAS), *noisy(50, pressed), np.array([0, 0, -30, 0, 0, 0]), *noisy(50, pressed)])
-    settings = CheckAndTareSettings(SampleCheckSettings(range_n=(30, 30, 30)))
-    with build_wrench_source(played, mount, lambda loss: None, settings=settings) as source:
+    limits = SampleCheckSettings(range_n=(30, 30, 30))
+    with build_wrench_source(played, mount, lambda loss: None, checks=limits) as source:
         wrenches = [source.read() for _ in range(50)]
         with pytest.raises(WrenchSaturated):  # judged by what the device measured, not by what the tare leaves
             source.read()
@@ -303,12 +289,3 @@ def test_numbers_that_never_arrived_are_counted_over_the_wrap() -> None:
 def test_five_repeats_are_a_frozen_reading_of_a_slow_device(repeats: int, frozen: bool) -> None:
     told = heard(CheckedWrenchSource(Played([BIAS, *[BIAS] * repeats], 100.0)))
     assert told == ["."] * (repeats + 1 - frozen) + ["WrenchFrozen"] * frozen
-
-
-def test_the_zero_has_drifted_beyond_its_limit_and_three_deviations() -> None:
-    drift = ZeroDrift(np.array([0, 0, 0.129, 0, 0, 0]), np.array([0.01] * 3 + [1e-4] * 3), 120.0, 0.1, 0.005)
-    assert not drift.exceeds_limit
-    assert not replace(drift, six=np.array([0, 0, 0, -0.0052, 0, 0])).exceeds_limit
-    assert replace(drift, six=np.array([0, 0, -0.131, 0, 0, 0])).exceeds_limit
-    bent = replace(drift, six=np.array([0, 0, 0, 0.0054, 0, 0]))
-    assert bent.exceeds_limit and "(5.4, 0.0, 0.0) N·mm" in bent.sentence and "; tare again" in bent.sentence

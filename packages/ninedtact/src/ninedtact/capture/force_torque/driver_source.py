@@ -16,7 +16,7 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import SourceNotOpen
-from ninedtact.capture.wrench_source import WrenchFaulty, WrenchSampleRejected, WrenchSensorLost, WrenchSource
+from ninedtact.capture.wrench_source import WrenchFaulty, WrenchSaturated, WrenchSensorLost, WrenchSource
 from ninedtact.errors import DeviceError
 from ninedtact.quantities import Wrench
 
@@ -40,8 +40,10 @@ class ForceTorqueSample:
     """Time of arrival on the monotonic clock."""
     number: int | None = None
     """The number that the device gave the sample; None where it gives none."""
-    flaw: WrenchSampleRejected | None = None
-    """Why the sample must not be used, as far as the device reports it."""
+    is_saturated: bool = False
+    """Whether the device reports a load beyond its range."""
+    fault: str = ""
+    """Why else the sample must not be used, as far as the device reports it, and what to do: words that follow "got"."""
 
 
 class ForceTorqueDriver(ABC):
@@ -158,8 +160,15 @@ class DriverWrenchSource(WrenchSource):
         with self._changed:
             self._wait_for_sample()
             sample = self._waiting.popleft()
-        if sample.flaw is not None:
-            raise sample.flaw
+        if sample.is_saturated:
+            raise WrenchSaturated(
+                expected=f"a load that {self.name} can measure", got="its mark of saturation", remedy="press less"
+            )
+        if sample.fault:
+            got, _, remedy = sample.fault.partition("; ")
+            raise WrenchFaulty(
+                expected=f"a usable sample from {self.name}", got=got, remedy=remedy or "check the device"
+            )
         if not np.isfinite(sample.six).all():
             raise WrenchFaulty(
                 expected=f"six numbers from {self.name}", got=f"{sample.six.tolist()}", remedy="check the device"

@@ -1,7 +1,6 @@
 """The tare of a force/torque sensor: its reading without contact, which consists of weights on it and of its bias.
 
-`TaredWrenchSource` subtracts the tare; `ZeroDrift` states how far the zero has moved since, because the bias drifts with
-temperature.
+`TaredWrenchSource` subtracts the tare.
 """
 
 from collections.abc import Sequence
@@ -30,16 +29,13 @@ class TareRefused(DeviceError):
 
 @dataclass(frozen=True)
 class TareSettings:
-    """How the reading without contact is measured, and how far it may move."""
+    """How the reading without contact is measured."""
 
     seconds: float = 1.0
     least_samples: int = 8
     still_n: float = 0.05
     """How far the force may move within a tare, beyond what its noise explains."""
     still_nm: float = 0.002
-    drift_limit_n: float = 0.1
-    """How far the zero may have moved since the tare before a new tare is advised."""
-    drift_limit_nm: float = 0.005
 
 
 @dataclass(frozen=True)
@@ -65,34 +61,6 @@ class Tare:
         )
 
 
-@dataclass(frozen=True)
-class ZeroDrift:
-    """How far the reading without contact has moved since the tare, through temperature or strain."""
-
-    six: Float64[Array, "6"]
-    error: Float64[Array, "6"]
-    """Standard deviation of `six` from the noise of the samples."""
-    since_s: float
-    limit_n: float
-    limit_nm: float
-
-    @property
-    def exceeds_limit(self) -> bool:
-        """Whether a new tare is advised: the drift is beyond the limit, and noise does not explain it."""
-        limits = np.repeat([self.limit_n, self.limit_nm], 3)
-        return bool((np.abs(self.six) > limits + 3 * self.error).any())
-
-    @property
-    def sentence(self) -> str:
-        """The drift as a sentence for a person."""
-        advice = "tare again" if self.exceeds_limit else "no need to tare"
-        return (
-            f"without contact, the reading has drifted by {_format_vector(self.six[:3], 3)} N, "
-            f"{_format_vector(1e3 * self.six[3:], 1)} N·mm in "
-            f"{self.since_s / 60:.0f} min since the tare (limits {self.limit_n:g} N, {1e3 * self.limit_nm:g} N·mm); {advice}"
-        )
-
-
 class TaredWrenchSource(WrenchSourceWrapper):
     """Wraps a source and subtracts its tare, which is taken at each opening and whenever `take_tare` is called."""
 
@@ -111,7 +79,7 @@ class TaredWrenchSource(WrenchSourceWrapper):
         with self._reading:
             self._source.open()
             try:
-                self.tare = self._measure_tare()
+                self._measure_tare()
             except BaseException:
                 self._source.close()
                 raise
@@ -127,42 +95,19 @@ class TaredWrenchSource(WrenchSourceWrapper):
     def take_tare(self) -> Tare:
         """Take a new tare while no other thread reads; raises `TareRefused` and keeps the last tare."""
         with self._reading:
-            self.tare = self._measure_tare()
+            self._measure_tare()
         return self.tare
 
-    def _measure_tare(self) -> Tare:
-        return compute_tare(_collect_samples(self._source, self._settings.seconds), self._settings)
-
-    def measure_zero_drift(self, seconds: float = 0.5) -> ZeroDrift:
-        """Return how far the zero has moved since the tare; nothing may touch the skin meanwhile."""
-        with self._reading:
-            wrenches = _collect_samples(self._source, seconds)
-        return self._zero_drift([wrench.six - self.tare.mean for wrench in wrenches], wrenches[-1].stamp_ns)
-
-    def _zero_drift(self, without_contact: Sequence[Float64[Array, "6"]], stamp_ns: int) -> ZeroDrift:
-        """Return the drift from tared samples that were taken without contact; the last one has this stamp."""
-        since_s = (stamp_ns - self.tare.stamp_ns) / _NS_PER_S
-        error = self.tare.deviation * np.sqrt(1 / len(without_contact) + 1 / self.tare.samples)
-        return ZeroDrift(
-            np.mean(without_contact, axis=0),
-            error,
-            since_s,
-            self._settings.drift_limit_n,
-            self._settings.drift_limit_nm,
-        )
+    def _measure_tare(self) -> None:
+        wrenches = [self._source.read()]
+        while wrenches[-1].stamp_ns - wrenches[0].stamp_ns < self._settings.seconds * _NS_PER_S:
+            wrenches.append(self._source.read())
+        self.tare = compute_tare(wrenches, self._settings)
 
     def close(self) -> None:
         """Close the source that this one wraps."""
         self._is_open = False
         self._source.close()
-
-
-def _collect_samples(source: WrenchSource, seconds: float) -> list[Wrench]:
-    """Return the samples that an open source delivers in this time, measured by their stamps."""
-    wrenches = [source.read()]
-    while wrenches[-1].stamp_ns - wrenches[0].stamp_ns < seconds * _NS_PER_S:
-        wrenches.append(source.read())
-    return wrenches
 
 
 def compute_tare(wrenches: Sequence[Wrench], settings: TareSettings) -> Tare:

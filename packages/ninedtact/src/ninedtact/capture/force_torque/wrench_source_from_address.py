@@ -10,7 +10,7 @@ the torque from there to the skin centre.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float64
@@ -109,24 +109,17 @@ def _mount_rotation(mount: ForceTorqueMount) -> Float64[Array, "3 3"]:
     return matrix
 
 
-@dataclass(frozen=True)
-class CheckAndTareSettings:
-    """Which samples are rejected, and how the tare is taken."""
-
-    checks: SampleCheckSettings = SampleCheckSettings()
-    tare: TareSettings = TareSettings()
-
-
 def build_wrench_source(
     device: WrenchSource,
     mount: ForceTorqueMount,
     on_lost: Callable[[WrenchSensorLost], None],
     on_back: Callable[[], None] = lambda: None,
-    settings: CheckAndTareSettings = CheckAndTareSettings(),
+    checks: SampleCheckSettings = SampleCheckSettings(),
+    tare: TareSettings = TareSettings(),
 ) -> TaredWrenchSource:
     """Return the wrench that the object applies to the skin, in the sensor frame: checked, tared on opening, reopened when lost."""
-    checked = CheckedWrenchSource(ReconnectingWrenchSource(device, on_lost, on_back), settings.checks)
-    return TaredWrenchSource(MountedWrenchSource(checked, mount), settings.tare)
+    checked = CheckedWrenchSource(ReconnectingWrenchSource(device, on_lost, on_back), checks)
+    return TaredWrenchSource(MountedWrenchSource(checked, mount), tare)
 
 
 def untared_wrench_source_for(address: str, mount: ForceTorqueMount, notify: Callable[[str], None]) -> WrenchSource:
