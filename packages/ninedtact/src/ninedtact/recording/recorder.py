@@ -19,7 +19,7 @@ from ninedtact.errors import InputError, NinedtactError
 from ninedtact.force.estimator_and_scale import ForceEstimator, NoForceEstimator
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.reading import read_frame
-from ninedtact.recording.background_reader import BackgroundReader
+from ninedtact.recording.background_reader import STALL_S, BackgroundReader
 from ninedtact.recording.errors import RecordingStopped
 from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses, sensor_folder_attachments
@@ -286,7 +286,8 @@ class Recorder:
     force_torque: WrenchSource | None = None
     estimates: EstimateRecorder | None = None
     notify: Callable[[str], None] = lambda sentence: None
-    """Receives a sentence each time that a device has delivered nothing for a while."""
+    """Receives a sentence each time that a device has delivered nothing for `stall_s`."""
+    stall_s: float = STALL_S
 
     def run(self, should_stop: Callable[[], bool]) -> None:
         """Open the devices and `write`."""
@@ -299,9 +300,11 @@ class Recorder:
         with ExitStack() as opened:
             samples = None
             if self.force_torque is not None:
-                wrenches = BackgroundReader[Wrench](self.force_torque, _BUFFERED_SAMPLES, on_stall=self.notify)
+                wrenches = BackgroundReader[Wrench](
+                    self.force_torque, _BUFFERED_SAMPLES, on_stall=self.notify, stall_s=self.stall_s
+                )
                 samples = opened.enter_context(wrenches)
-            frames = BackgroundReader[Frame](self.camera, _BUFFERED_IMAGES, on_stall=self.notify)
+            frames = BackgroundReader[Frame](self.camera, _BUFFERED_IMAGES, on_stall=self.notify, stall_s=self.stall_s)
             yield _Streams(opened.enter_context(frames), samples)
 
     def write(self, streams: "_Streams", should_stop: Callable[[], bool]) -> None:
