@@ -25,8 +25,8 @@ from ninedtact.errors import InputError
 from ninedtact.force.contact_detection import detect_contact
 from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate
 from ninedtact.force.traction.estimator import _on_one_blas_thread
-from ninedtact.mechanics.indenter import Ball
 from ninedtact.live_sensor import assemble_live_sensor
+from ninedtact.mechanics.indenter import Ball
 from ninedtact.quantities import HeightSource, Rectified, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import RecordingMetadata

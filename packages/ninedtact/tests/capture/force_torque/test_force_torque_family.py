@@ -20,20 +20,16 @@ from ninedtact._version import installation_command
 from ninedtact.capture.force_torque.driver_source import DriverWrenchSource
 from ninedtact.capture.force_torque.netft import ATI, NetFtDriver
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SkippingWrenchSource
-from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareSettings
 from ninedtact.capture.force_torque.wrench_source_from_address import (
     MountedWrenchSource,
-    build_wrench_source,
     force_torque_sensor_for,
 )
 from ninedtact.capture.frame_source import SourceNotOpen
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
 from ninedtact.capture.wrench_source import ForceTorqueLibraryMissing, WrenchSensorLost, WrenchSource
-from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import DeviceError, InputError
 from ninedtact.simulation.simulated_sources import SimulatedForceTorque
 
-QUICK = TareSettings(seconds=0.05)
 DUMMY = {
     "driver_config": {
         "communication_interface_name": "Bota_Dummy",
@@ -79,10 +75,6 @@ class Bench:
     def reopening(self) -> WrenchSource:
         return ReconnectingWrenchSource(self.onrobot(), on_lost=lambda loss: pytest.fail(str(loss)))
 
-    def measured(self) -> WrenchSource:
-        device = self.onrobot()
-        return build_wrench_source(device, ForceTorqueMount(), lambda loss: pytest.fail(str(loss)), tare=QUICK)
-
 
 DEVICES = {"onrobot": Bench.onrobot, "ati": Bench.ati, "serial": Bench.serial, "bota": Bench.bota}
 FAMILY: dict[str, Callable[[Bench], WrenchSource]] = {
@@ -91,9 +83,7 @@ FAMILY: dict[str, Callable[[Bench], WrenchSource]] = {
     "trusted twin": lambda bench: CheckedWrenchSource(bench.twin()),
     "skipping twin": lambda bench: SkippingWrenchSource(bench.twin(), lambda reason: pytest.fail(str(reason))),
     "mounted serial": lambda bench: MountedWrenchSource(bench.serial()),
-    "tared serial": lambda bench: TaredWrenchSource(bench.serial(), QUICK),
     "reopening onrobot": Bench.reopening,
-    "measured onrobot": Bench.measured,
 }
 
 

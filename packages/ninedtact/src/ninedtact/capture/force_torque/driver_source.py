@@ -1,7 +1,7 @@
 """A force/torque sensor as a wrench source, and the `ForceTorqueDriver` interface that a device implements.
 
 A background thread receives from the driver, so that every sample is stamped when it arrives. `DeviceClock` removes the
-jitter of the transport from these stamps; `MissingSampleCounter` counts samples that never arrived.
+jitter of the transport from these stamps.
 """
 
 import time
@@ -102,20 +102,6 @@ class DeviceClock:
         return self._last_stamp_ns
 
 
-class MissingSampleCounter:
-    """Counts the samples that a device numbered and that never arrived."""
-
-    def __init__(self, bits: int) -> None:
-        self._bits = bits
-        self._last: int | None = None
-
-    def count_missing(self, number: int) -> int:
-        """Return how many samples are missing between the last one and this; none when the device began to count anew."""
-        passed = 1 if self._last is None else counter_step(self._last, number, self._bits)
-        self._last = number
-        return max(passed - 1, 0)
-
-
 class DriverWrenchSource(WrenchSource):
     """A force/torque device that is read sample by sample: the load on its tool side, in its own frame about its own origin.
 
@@ -142,7 +128,7 @@ class DriverWrenchSource(WrenchSource):
             self._driver.connect()
             self._waiting.clear()
             self.dropped, self._error, self._closing = 0, None, Event()
-            self._counter = MissingSampleCounter(self._driver.number_bits)
+            self._last_number: int | None = None
             self._thread = Thread(target=self._listen, args=(self._closing,), name=f"listen {self.name}", daemon=True)
             self._thread.start()
             try:
@@ -220,8 +206,10 @@ class DriverWrenchSource(WrenchSource):
 
     def _store(self, sample: ForceTorqueSample) -> None:
         with self._changed:
-            if sample.number is not None:
-                self.dropped += self._counter.count_missing(sample.number)
+            if sample.number is not None and self._last_number is not None:
+                # A step back is a device that began to count anew.
+                self.dropped += max(counter_step(self._last_number, sample.number, self._driver.number_bits) - 1, 0)
+            self._last_number = self._last_number if sample.number is None else sample.number
             self._waiting.append(sample)
             while sample.stamp_ns - self._waiting[0].stamp_ns > _BUFFERED_NS:
                 self._waiting.popleft()

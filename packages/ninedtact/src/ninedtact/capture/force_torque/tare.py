@@ -1,21 +1,15 @@
-"""The tare of a force/torque sensor: its reading without contact, which consists of weights on it and of its bias.
-
-`TaredWrenchSource` subtracts the tare.
-"""
+"""The tare of a force/torque sensor: its reading without contact, which consists of weights on it and of its bias."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from threading import Lock
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.capture.wrench_source import WrenchSource, WrenchSourceWrapper
 from ninedtact.errors import DeviceError
 from ninedtact.quantities import Wrench
 
-_NS_PER_S = 1_000_000_000
 _TARE_QUARTERS = 4
 _SPREAD_SIGMAS = 7.0
 """Spread of the means of a tare's quarters, in standard deviations, that a tare at rest exceeds once in ten thousand tares."""
@@ -46,68 +40,6 @@ class Tare:
     """Mean reading, N and N·m, in the order of `Wrench.six`."""
     deviation: Float64[Array, "6"]
     """Standard deviation of one sample."""
-    samples: int
-    seconds: float
-    stamp_ns: int
-    """Stamp of the last sample."""
-
-    @property
-    def sentence(self) -> str:
-        """The tare as a sentence for a person."""
-        force_n, torque_nmm = self.deviation[:3], 1e3 * self.deviation[3:]
-        return (
-            f"tared over {self.seconds:.1f} s, {self.samples} samples; noise of one sample "
-            f"{_format_vector(force_n, 3)} N, {_format_vector(torque_nmm, 2)} N·mm"
-        )
-
-
-class TaredWrenchSource(WrenchSourceWrapper):
-    """Wraps a source and subtracts its tare, which is taken at each opening and whenever `take_tare` is called."""
-
-    tare: Tare
-    """The last tare that was taken."""
-
-    def __init__(self, source: WrenchSource, settings: TareSettings = TareSettings()) -> None:
-        super().__init__(source)
-        self._settings = settings
-        self._reading, self._is_open = Lock(), False
-
-    def open(self) -> None:
-        """Open the source and take a tare; raises `TareRefused` and what the source raises."""
-        if self._is_open:
-            return
-        with self._reading:
-            self._source.open()
-            try:
-                self._measure_tare()
-            except BaseException:
-                self._source.close()
-                raise
-        self._is_open = True
-
-    def read(self) -> Wrench:
-        """Return the next sample minus the tare; raises what the source raises."""
-        with self._reading:
-            wrench = self._source.read()
-            mean = self.tare.mean
-        return replace(wrench, force_n=wrench.force_n - mean[:3], torque_nm=wrench.torque_nm - mean[3:])
-
-    def take_tare(self) -> Tare:
-        """Take a new tare while no other thread reads; raises `TareRefused` and keeps the last tare."""
-        with self._reading:
-            self._measure_tare()
-        return self.tare
-
-    def _measure_tare(self) -> None:
-        wrenches = [self._source.read()]
-        while wrenches[-1].stamp_ns - wrenches[0].stamp_ns < self._settings.seconds * _NS_PER_S:
-            wrenches.append(self._source.read())
-        self.tare = compute_tare(wrenches, self._settings)
-
-    def close(self) -> None:
-        """Close the source that this one wraps."""
-        self._is_open = False
-        self._source.close()
 
 
 def compute_tare(wrenches: Sequence[Wrench], settings: TareSettings) -> Tare:
@@ -132,8 +64,7 @@ def compute_tare(wrenches: Sequence[Wrench], settings: TareSettings) -> Tare:
             got=f"one that moved by {_format_vector(spread[:3], 3)} N, {_format_vector(1000.0 * spread[3:], 1)} N·mm",
             remedy="take the hand away and tare again",
         )
-    seconds = (wrenches[-1].stamp_ns - wrenches[0].stamp_ns) / _NS_PER_S
-    return Tare(six.mean(axis=0), six.std(axis=0, ddof=1), len(six), seconds, wrenches[-1].stamp_ns)
+    return Tare(six.mean(axis=0), six.std(axis=0, ddof=1))
 
 
 def _format_vector(three: Float64[Array, "3"], decimals: int) -> str:
