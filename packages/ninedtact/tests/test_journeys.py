@@ -246,11 +246,6 @@ def test_swapped_images_are_named(real_data: Path, tmp_path: Path, capsys: pytes
     assert (tmp_path / "out_board_not_found.png").stat().st_size > 1000
 
 
-def test_half_of_the_images_is_not_enough(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", "--out", str(tmp_path / "s"), "--board", str(real_data / "sensor_a" / "board.png")]) == 1
-    assert "--board-reference as well" in refusal(capsys)
-
-
 def test_a_folder_that_may_not_be_written(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").write_text("in the way")
     assert main([*calibrate_options(real_data / "sensor_a", tmp_path / "file" / "sensor"), *QUICKLY]) == 1

@@ -95,20 +95,16 @@ class BackgroundReader(Generic[Item]):
     def _read_all(self) -> None:
         try:
             while not self._closing:
-                self._store(self._read_next())
+                item: Any
+                try:
+                    item = self.source.read()
+                except self._delivered_errors as error:
+                    item = error
+                with self._changed:
+                    if len(self._items) < self._capacity:
+                        self._items.append(Arrival(item, monotonic_ns()))
+                        self._changed.notify_all()
         except BaseException as error:  # handed to the thread that takes items
             with self._changed:
                 self._error = error
-                self._changed.notify_all()
-
-    def _read_next(self) -> Any:
-        try:
-            return self.source.read()
-        except self._delivered_errors as error:
-            return error
-
-    def _store(self, item: Any) -> None:
-        with self._changed:
-            if len(self._items) < self._capacity:
-                self._items.append(Arrival(item, monotonic_ns()))
                 self._changed.notify_all()
