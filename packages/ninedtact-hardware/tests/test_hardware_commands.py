@@ -17,7 +17,7 @@ from ninedtact_hardware.command import format_bill_of_materials
 from ninedtact_hardware.design import HardwareDesign, original_hardware_design
 from ninedtact_hardware.design_comparison import explore_designs
 from ninedtact_hardware.design_file import read_hardware_design
-from ninedtact_hardware.design_sweep import USUAL_SWEEP, DesignSweep, change_design
+from ninedtact_hardware.design_sweep import DesignSweep, change_design
 from ninedtact_hardware.fabrication_guide import format_fabrication_guide, write_fabrication_guide
 from ninedtact_hardware.lens_view import lens_view_radius_mm
 from ninedtact_hardware.materials import TRANSLUCENT_SILICONE, translucent_silicone_of_modulus
@@ -123,13 +123,6 @@ def test_a_value_that_no_sensor_has_is_refused_before_any_design_is_built() -> N
     with pytest.raises(DesignImpossible, match=r"gel\.thickness_mm"):
         built.extend(explore_designs([*DesignSweep(gel_mm=(2.5, 40.0)).designs(HardwareDesign())]))
     assert not built
-
-
-def test_the_usual_sweep_compares_the_gels() -> None:
-    usual = [*USUAL_SWEEP.designs(HardwareDesign())]
-    assert {(design.sensor.gel.thickness_mm, shore) for design, shore in usual} == {
-        (gel, shore) for gel in (1.5, 2.5, 4.0) for shore in (5.0, 15.0)
-    }
 
 
 def test_a_wider_area_takes_a_taller_sensor() -> None:

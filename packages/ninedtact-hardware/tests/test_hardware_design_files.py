@@ -1,6 +1,4 @@
-import os
 from pathlib import Path
-from threading import Thread
 
 import pytest
 
@@ -52,14 +50,3 @@ def test_the_example_of_the_docs_can_be_built(tmp_path: Path) -> None:
     design = read_hardware_design(written(tmp_path, page.split("```toml\n")[1].split("```")[0]), "default")
     assert (design.shell.wall_mm, design.sensor.gel.thickness_mm) == (2.4, 2.0)
     assert find_broken_rules(design) == []
-
-
-def test_a_design_may_come_through_a_pipe(tmp_path: Path) -> None:
-    """It is read once: a pipe has nothing to give a second time."""
-    pipe = tmp_path / "design.toml"
-    os.mkfifo(pipe)
-    writer = Thread(target=pipe.write_text, args=("[gel]\nthickness_mm = 2.0\n[hardware.shell]\nwall_mm = 2.4\n",))
-    writer.start()
-    found = read_hardware_design(pipe, "default")
-    writer.join()
-    assert (found.sensor.gel.thickness_mm, found.shell.wall_mm) == (2.0, 2.4)

@@ -105,21 +105,6 @@ def test_a_changed_description_a_changed_attachment_and_a_missing_message_are_re
             recording.save_sensor_folder(tmp_path / "sensor")
 
 
-def test_damage_is_told_and_never_passes_for_an_image(tmp_path: Path) -> None:
-    whole = bytearray(write_episode(tmp_path / "whole.mcap", frames=3, samples=20).read_bytes())
-    told = 0
-    for at in range(len(whole) // 5, len(whole), 211):
-        damaged = whole.copy()
-        damaged[at] ^= 0x55
-        (tmp_path / "damaged.mcap").write_bytes(damaged)
-        try:
-            read_beginning(tmp_path / "damaged.mcap")
-        except RecordingUnreadable as refusal:
-            told += 1
-            assert "expected" in str(refusal) and "got" in str(refusal)
-    assert told > 10
-
-
 RECORDING = """
 import sys, time
 import numpy as np
