@@ -106,7 +106,7 @@ def test_explore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert thin["depth_noise_mm"] < thick["depth_noise_mm"]
     assert thin["depth_range_mm"] < thick["depth_range_mm"] and thin["depth_at_1n_mm"] < thick["depth_at_1n_mm"]
     assert cv2.imread(str(out / "explore.png")) is not None
-    assert len((out / "explore.csv").read_text().splitlines()) == 4
+    assert json.loads((out / "explore.json").read_text())["designs"] == found["designs"]
 
 
 def test_a_comparison_leaves_no_design_of_an_earlier_one(tmp_path: Path) -> None:
@@ -115,7 +115,7 @@ def test_a_comparison_leaves_no_design_of_an_earlier_one(tmp_path: Path) -> None
     for name in (*kept, "design_01.toml", "design_02.toml", "design_101.toml"):
         (tmp_path / name).write_text("earlier")
     assert main(["hardware", "explore", "--gel-mm", "1", "--out", str(tmp_path)]) == 0
-    assert {path.name for path in tmp_path.iterdir()} == kept | {"explore.csv", "explore.png"}
+    assert {path.name for path in tmp_path.iterdir()} == kept | {"explore.json", "explore.png"}
 
 
 def test_a_value_that_no_sensor_has_is_refused_before_any_design_is_built() -> None:

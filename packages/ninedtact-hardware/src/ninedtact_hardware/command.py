@@ -1,6 +1,7 @@
 """ninedtact hardware: files to make the parts, bill of materials, checks, comparison of designs, and how to build the
 sensor."""
 
+import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -151,7 +152,7 @@ class ExploreDesignsCommand:
     workers: WorkersOption = 1
     cluster: ClusterOption = None
     out: Path | None = None
-    """Folder for explore.csv, explore.png and a design file of every design. Those of an earlier comparison there are removed,
+    """Folder for explore.json, explore.png and a design file of every design. Those of an earlier comparison there are removed,
     other files stay."""
     json: JsonOption = False
 
@@ -177,14 +178,15 @@ class ExploreDesignsCommand:
 
     def _write_files(self, found: "list[ExploredDesign]") -> list[str]:
         from ninedtact.atomic_write import write_file_atomically
-        from ninedtact_hardware.design_comparison import design_comparison_to_csv, plot_design_comparison
+        from ninedtact_hardware.design_comparison import plot_design_comparison
         from ninedtact_hardware.design_file import hardware_design_to_toml
 
         if self.out is None:
             return []
         designs = {f"design_{number:02d}.toml": each.design for number, each in enumerate(found, 1) if each.prediction}
         contents = {name: hardware_design_to_toml(design).encode() for name, design in designs.items()}
-        contents |= {"explore.csv": design_comparison_to_csv(found), "explore.png": plot_design_comparison(found)}
+        table = {"designs": [each.to_json_dict() for each in found]}
+        contents |= {"explore.json": json.dumps(table, indent=2).encode(), "explore.png": plot_design_comparison(found)}
         for name, content in contents.items():
             write_file_atomically(self.out / name, content)
         for stale in self.out.glob("design_[0-9][0-9]*.toml"):

@@ -1,9 +1,7 @@
-"""Comparison of the designs of a sweep by their predicted performance, as a text table, as CSV and as a plot."""
+"""Comparison of the designs of a sweep by their predicted performance, as a text table and as a plot."""
 
-import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from io import StringIO
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
@@ -136,24 +134,6 @@ def _format_design_values(each: ExploredDesign, names: Sequence[str]) -> str:
 
 def _format_number(value: float) -> str:
     return f"{value:.3f}" if value < 1 else f"{value:.2f}" if value < 10 else f"{value:.1f}"
-
-
-def design_comparison_to_csv(found: Sequence[ExploredDesign]) -> bytes:
-    """Return all fields of all designs as CSV."""
-    rows = [_flatten_row(each.to_json_dict()) for each in found]
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    text = StringIO()
-    writer = csv.DictWriter(text, names, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue().encode()
-
-
-def _flatten_row(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return one number a column: size_mm of three becomes size_mm_1, size_mm_2, size_mm_3."""
-    several = {name: value for name, value in row.items() if isinstance(value, tuple | list)}
-    split = {f"{name}_{number}": one for name, value in several.items() for number, one in enumerate(value, 1)}
-    return {name: value for name, value in row.items() if name not in several} | split
 
 
 def plot_design_comparison(found: Sequence[ExploredDesign]) -> bytes:

@@ -223,10 +223,7 @@ def test_a_sensor_that_is_lost_is_reported_and_the_others_go_on(sensor: Path, tm
         assert event.subject == "lost" and "plug the camera in" in event.text and recording.is_finished
 
 
-def test_a_full_disk_keeps_what_was_recorded_of_several_sensors(
-    sensor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("ninedtact.recording.writer.CHUNK_BYTES", 30_000)
+def test_a_full_disk_keeps_what_was_recorded_of_several_sensors(sensor: Path, tmp_path: Path) -> None:
     folder, path, said = load_sensor(sensor), tmp_path / "grasp.mcap", list[str]()
     parts = {name: SensorToRecord(Camera(10.0), folder) for name in ("left", "right")}
     room, limit = 2 * sum(map(len, read_folder_files(sensor).values())) + 600_000, resource.RLIMIT_FSIZE
