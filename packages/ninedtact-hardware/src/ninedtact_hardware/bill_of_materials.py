@@ -171,8 +171,8 @@ def bill_to_html(design: HardwareDesign, items: Sequence[BillItem], drawn: Colle
     # jinja2 is slow to import, and only this function needs it.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    loader, options = PackageLoader("ninedtact_hardware", "."), {"trim_blocks": True, "lstrip_blocks": True}
-    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, **options)
+    loader = PackageLoader("ninedtact_hardware", ".")
+    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     page = pages.get_template("bill_of_materials.html.jinja")
     return page.render(
         design=design, items=items, sections=BILL_SECTIONS, cost_usd=bill_items_cost_usd, drawn=drawn

@@ -296,15 +296,18 @@ class CameraDevice:
 def list_cameras(kernel_list: Path = _KERNEL_DEVICE_LIST, device_folder: Path = Path("/dev")) -> list[CameraDevice]:
     """Return all devices that can deliver images, in the order of their numbers; none where the system is not Linux."""
     nodes = sorted(kernel_list.glob("video*"), key=lambda node: (len(node.name), node.name))
-    found = [CameraDevice(str(device_folder / node.name), _kernel_name(node), _usb_addresses(node)) for node in nodes]
+    found = [
+        CameraDevice(str(device_folder / node.name), _read_text(node / "name", "unnamed"), _usb_addresses(node))
+        for node in nodes
+    ]
     return [device for device in found if _delivers_images(device.path)]
 
 
-def _kernel_name(node: Path) -> str:
+def _read_text(path: Path, default: str) -> str:
     try:
-        return (node / "name").read_text().strip()
+        return path.read_text().strip()
     except OSError:
-        return "unnamed"
+        return default
 
 
 def _usb_addresses(node: Path) -> tuple[str, ...]:
@@ -316,10 +319,7 @@ def _usb_addresses(node: Path) -> tuple[str, ...]:
     port, colon, _ = interface.name.partition(":")
     if not colon or "-" not in port:
         return ()
-    try:
-        serial = (interface.parent / "serial").read_text().strip()
-    except OSError:
-        serial = ""
+    serial = _read_text(interface.parent / "serial", "")
     return (_USB + port, _USB + serial) if serial else (_USB + port,)
 
 

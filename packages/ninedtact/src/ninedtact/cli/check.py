@@ -91,14 +91,9 @@ def _format_results(results: list[dict[str, Any]]) -> Iterator[str]:
     for found in results:
         yield f"{found['image']}: {found['diagnosis']}"
         for finding in found["findings"]:
-            yield f"  {finding['sentence']}{_format_height_effect(finding)}"
+            effect = f"height off by up to {finding['height_mm'] or 0:.2f} mm with the calibration's reference image"
+            yield f"  {finding['sentence']}" + (f" ({effect})" if finding["height_mm"] is not None else "")
         yield from _format_measurement(found)
-
-
-def _format_height_effect(finding: dict[str, Any]) -> str:
-    if finding["height_mm"] is None:
-        return ""
-    return f" (height off by up to {finding['height_mm']:.2f} mm with the calibration's reference image)"
 
 
 def _format_measurement(found: dict[str, Any]) -> Iterator[str]:

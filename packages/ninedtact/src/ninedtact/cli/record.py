@@ -162,21 +162,18 @@ class Record:
         from ninedtact.capture.camera_delay import resolve_camera_delay_ms
         from ninedtact.recording.recorder import SensorToRecord
 
-        camera, force_torque = self._sources(folder, address, name)
+        if is_twin_address(address):
+            camera, force_torque = twin_sources(folder, self.force_torque is not None, name)
+        else:
+            camera, force_torque = source_in_real_time(address, camera_settings(self.automatic)), None
+            if self.force_torque is not None:
+                from ninedtact.capture.force_torque.wrench_source_from_address import untared_wrench_source_for
+
+                mount = folder.record.design.force_torque
+                force_torque = untared_wrench_source_for(self.force_torque, mount, print_notice)
         camera_delay_ms = resolve_camera_delay_ms(self.camera_delay_ms, folder.path, camera.name)
         estimator = load_estimator_with_notices(self.force, folder)
         return SensorToRecord(camera, folder, force_torque, estimator, camera_delay_ms)
-
-    def _sources(self, folder: "SensorFolder", address: str, name: str) -> "tuple[FrameSource, WrenchSource | None]":
-        if is_twin_address(address):
-            return twin_sources(folder, self.force_torque is not None, name)
-        camera = source_in_real_time(address, camera_settings(self.automatic))
-        if self.force_torque is None:
-            return camera, None
-        from ninedtact.capture.force_torque.wrench_source_from_address import untared_wrench_source_for
-
-        mount = folder.record.design.force_torque
-        return camera, untared_wrench_source_for(self.force_torque, mount, print_notice)
 
 
 def twin_sources(

@@ -251,7 +251,10 @@ class EstimateRecorder:
             if len(self._first) < REFERENCE_FRAMES:
                 return
             self._depth_reader = self.shape.depth_reader(*self._first, find_faults=self.find_reference_faults)
-            self._report_faults(self._depth_reader, writer)
+            for fault in self._depth_reader.reference_faults:
+                remark = RecordingEvent(frame.stamp_ns, RecordingEventKind.REMARK, "reference image", fault)
+                writer.write_event(remark)
+                self.notify(f"the reference image is doubtful; {fault}")
         for waiting in self._first:
             reading = read_frame(waiting, self.shape, self._depth_reader)
             if self._estimates_force:
@@ -262,12 +265,6 @@ class EstimateRecorder:
     @property
     def _estimates_force(self) -> bool:
         return not isinstance(self.estimator, NoForceEstimator)
-
-    def _report_faults(self, depth_reader: DepthReader, writer: RecordingWriter) -> None:
-        for fault in depth_reader.reference_faults:
-            stamp_ns = self._first[0].stamp_ns
-            writer.write_event(RecordingEvent(stamp_ns, RecordingEventKind.REMARK, "reference image", fault))
-            self.notify(f"the reference image is doubtful; {fault}")
 
 
 class _Streams(NamedTuple):
