@@ -17,28 +17,11 @@ from ninedtact_hardware.lens_view import lens_view_radius_mm, required_camera_di
 
 
 @dataclass(frozen=True)
-class BrokenRule:
-    """A rule that a design breaks."""
-
-    rule: str
-    """Name of the rule, such as `wall_too_thin`."""
-    message: str
-    """What was expected, what was found, and what to do."""
-
-
-class DesignNotBuildable(DesignImpossible):
-    """Raised for a design that cannot be built; `broken` holds every broken rule."""
-
-    def __init__(self, broken: Iterable[BrokenRule]) -> None:
-        self.broken = tuple(broken)
-        super().__init__("; also ".join(f"{each.message} (rule {each.rule})" for each in self.broken))
-
-
-@dataclass(frozen=True)
 class DesignRule:
     """A number of a design that has to lie between two limits."""
 
-    name: str
+    rule: str
+    """Name of the rule, such as `wall_too_thin`."""
     subject: str
     """What has these limits: a dimension by its name in the design file, or a description."""
     value: float
@@ -61,6 +44,14 @@ class DesignRule:
         return f"expected {self.subject} {limits} {self.unit}, got {found} {self.unit}; {self.remedy}"
 
 
+class DesignNotBuildable(DesignImpossible):
+    """Raised for a design that cannot be built; `broken` holds every broken rule."""
+
+    def __init__(self, broken: Iterable[DesignRule]) -> None:
+        self.broken = tuple(broken)
+        super().__init__("; also ".join(f"{each.message} (rule {each.rule})" for each in self.broken))
+
+
 ROUNDING = 1e-9
 MORE = 1e-6
 """Difference by which a value that has to be more than another is more."""
@@ -79,9 +70,9 @@ SLOT_BELOW_FLOOR_MM = 0.3
 """Least plastic between the USB slot and the shell's floor."""
 
 
-def find_broken_rules(design: HardwareDesign) -> list[BrokenRule]:
+def find_broken_rules(design: HardwareDesign) -> list[DesignRule]:
     """Return every rule that a design breaks; none if it can be built."""
-    return [BrokenRule(rule.name, rule.message) for rule in list_design_rules(design) if rule.is_broken]
+    return [rule for rule in list_design_rules(design) if rule.is_broken]
 
 
 def require_buildable_design(design: HardwareDesign) -> None:

@@ -20,7 +20,6 @@ from ninedtact_hardware.design_sweep import USUAL_SWEEP, DesignSweep
 
 if TYPE_CHECKING:
     from ninedtact_hardware.bill_of_materials import BillItem
-    from ninedtact_hardware.buildability import BrokenRule
     from ninedtact_hardware.buildable_design import BuildableDesign
     from ninedtact_hardware.design import HardwareDesign
     from ninedtact_hardware.design_comparison import ExploredDesign
@@ -107,12 +106,12 @@ class CheckHardwareCommand:
 
     def run(self) -> int:
         """Check the rules; build and measure a design that keeps them."""
-        from ninedtact_hardware.buildability import BrokenRule, find_broken_rules
+        from ninedtact_hardware.buildability import find_broken_rules
 
         # Read once: a pipe has nothing to give a second time.
         design = self.design_options.read_hardware()
         if broken := find_broken_rules(design):
-            return self._refuse(broken)
+            return self._refuse([(each.rule, each.message) for each in broken])
         _require_build123d()
         from ninedtact.design import DesignImpossible
         from ninedtact_hardware.buildable_design import BuildableDesign
@@ -121,18 +120,16 @@ class CheckHardwareCommand:
             sensor = BuildableDesign(design)
             table = {"broken": [], **sensor.to_json_dict()}
         except DesignImpossible as refused:
-            return self._refuse([BrokenRule("part_not_modelled", str(refused))])
+            return self._refuse([("part_not_modelled", str(refused))])
         print_result(self.json, table, sensor.check_report_lines())
         return 1 if table["interferences"] or table["led_board_differences"] else 0
 
-    def _refuse(self, broken: "list[BrokenRule]") -> int:
-        print_result(self.json, {"broken": [asdict(each) for each in broken]}, _format_broken_rules(broken))
+    def _refuse(self, broken: list[tuple[str, str]]) -> int:
+        table = {"broken": [{"rule": rule, "message": message} for rule, message in broken]}
+        count = "1 rule" if len(broken) == 1 else f"{len(broken)} rules"
+        lines = [f"{count} broken; nothing was built:", *(f"  {rule}: {message}" for rule, message in broken)]
+        print_result(self.json, table, lines)
         return 1
-
-
-def _format_broken_rules(broken: "list[BrokenRule]") -> Iterator[str]:
-    yield f"{'1 rule' if len(broken) == 1 else f'{len(broken)} rules'} broken; nothing was built:"
-    yield from (f"  {each.rule}: {each.message}" for each in broken)
 
 
 @dataclass(frozen=True)
