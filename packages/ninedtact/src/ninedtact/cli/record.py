@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from ninedtact.cli.result_and_interrupt import (
     given_or_recorded_sensor,
@@ -141,10 +141,15 @@ class Record:
             for topic, number in sorted(writer.written.items())
         }
         lost = {name: str(error) for name, error in errors.items()}
-        dropped, warned = (
-            {name: getattr(one, what) for name, one in writers.items()} for what in ("dropped", "warned")
-        )
-        figures = {"out": str(self.out), "written": messages, "dropped": dropped, "warnings": warned, "lost": lost}
+        dropped = {name: writer.dropped for name, writer in writers.items()}
+        warned = {name: writer.warned for name, writer in writers.items()}
+        figures: dict[str, Any] = {
+            "out": str(self.out),
+            "written": messages,
+            "dropped": dropped,
+            "warnings": warned,
+            "lost": lost,
+        }
         if "" in writers:
             figures |= {"dropped": dropped[""], "warnings": warned[""]}
         counts = ", ".join(f"{number} of {name}" if name else f"{number}" for name, number in dropped.items())

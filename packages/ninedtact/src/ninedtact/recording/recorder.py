@@ -117,7 +117,7 @@ def record_several(
     recorders: dict[str, Recorder] = {}
     for name, part in sensors.items():
         beside = next((one.writer for one in recorders.values()), None)
-        said = partial(lambda name, sentence: notify(f"{name}: {sentence}" if name else sentence), name)
+        said = partial(lambda beginning, sentence: notify(beginning + sentence), f"{name}: " if name else "")
         recorders[name] = _new_recorder(part, out, replace(first, name=name), heights, said, beside)
     writers, errors = {name: recorder.writer for name, recorder in recorders.items()}, dict[str, NinedtactError]()
     ending = Event()

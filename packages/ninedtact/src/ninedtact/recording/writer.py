@@ -103,7 +103,8 @@ class RecordingWriter:
         try:
             opened.mcap.start("ros2", f"ninedtact {self.metadata.software}")
             for writer in opened.writers:
-                now_ns, wall_ns = monotonic_ns(), writer.metadata.wall_ns(monotonic_ns())
+                now_ns = monotonic_ns()
+                wall_ns = writer.metadata.wall_ns(now_ns)
                 opened.mcap.add_metadata(METADATA_RECORD, writer.metadata.to_mcap_metadata())
                 for name, content in writer._attachments.items():
                     opened.mcap.add_attachment(wall_ns, now_ns, name, "application/octet-stream", content)
