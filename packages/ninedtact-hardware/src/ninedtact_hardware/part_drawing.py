@@ -153,8 +153,7 @@ def draw_part(part: BuiltPart, notes: dict[str, list[str]]) -> Any:
     heights = find_face_positions(solid, Axis.Z)
     front.label_faces("z", heights, zero=heights[0])
     left, _, cut_right, cut_top = cut.box
-    title = {"fontsize": 8, "color": INK, "ha": "center", "weight": "bold"}
-    axes.text((left + cut_right) / 2, cut_top + 15.0, "A–A", **title)
+    axes.text((left + cut_right) / 2, cut_top + 15.0, "A–A", fontsize=8, color=INK, ha="center", weight="bold")
     _draw_notes(axes, notes)
     return figure
 
@@ -257,9 +256,10 @@ class _ViewOnPaper:
     def label_faces(self, name: str, places: Sequence[float], is_below: bool = False, zero: float = 0.0) -> None:
         """Label the position of every flat face across one axis of the sheet: beside the view, or below it."""
         left, bottom, _, _ = self.box
+        style: dict[str, Any] = {"fontsize": 6, "color": NOTE}
         wanted = ((place, self.paper(place, place)[0 if is_below else 1]) for place in places)
         for place, at, label_at in _spread_labels(wanted):
-            text, style = f"{name} {place - zero:.2f}", {"fontsize": 6, "color": NOTE}
+            text = f"{name} {place - zero:.2f}"
             if is_below:
                 self.axes.plot([at, at, label_at], [bottom - 1, bottom - 3, bottom - 5], color=NOTE, linewidth=0.4)
                 self.axes.text(label_at, bottom - 5.5, text, ha="center", va="top", rotation=90, **style)
