@@ -19,7 +19,7 @@ from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
 from ninedtact.cli import main
 from ninedtact.cli.live import Live
 from ninedtact.errors import InputError, MissingLibraryError
-from ninedtact.open_sensor import assemble_live_sensor
+from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.studio.page_controller import PageMoment
 from ninedtact.studio.sensor_page import SensorPage
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.live.socket_guard import SocketGuard
     from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller
-    from ninedtact.open_sensor import LiveSensor
+    from ninedtact.live_sensor import LiveSensor
     from ninedtact.quantities import Frame
     from ninedtact.reading import Reading
     from ninedtact.sensor import Sensor
