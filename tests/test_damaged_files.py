@@ -17,7 +17,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -409,13 +409,18 @@ def test_damaged_files_are_refused_or_change_nothing_silently(
                 print(f"| {name} | {' | '.join(map(str, counts))} |")
 
 
-def outcomes_of(name: str, kind: Kind) -> Counter[str]:
-    """Damage the file of a kind again and again; return how often each outcome came."""
-    content, found = kind.path.read_bytes(), Counter[str]()
+@cache
+def usual_run(work: Callable[[Path], int]) -> Run:
+    """Work on whole files, in this process, so that what is needed is imported once."""
     said, complained = io.StringIO(), io.StringIO()
     with TemporaryDirectory(prefix="results_") as folder, redirect_stdout(said), redirect_stderr(complained):
-        code = kind.work(Path(folder))  # here, so that what it needs is imported once
-    usual = Run(code, said.getvalue(), complained.getvalue())
+        code = work(Path(folder))
+    return Run(code, said.getvalue(), complained.getvalue())
+
+
+def outcomes_of(name: str, kind: Kind) -> Counter[str]:
+    """Damage the file of a kind again and again; return how often each outcome came."""
+    content, found, usual = kind.path.read_bytes(), Counter[str](), usual_run(kind.work)
     assert usual.code == 0, (name, usual)
 
     def judge(damage: str, change: Callable[[], object]) -> None:
