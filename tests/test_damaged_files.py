@@ -16,7 +16,7 @@ import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -56,7 +56,7 @@ from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.depth import Deblurring
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact_hardware.design import default_hardware_design
-from ninedtact_hardware.design_file import hardware_design_to_toml
+from ninedtact_hardware.design_file import hardware_design_to_toml, read_hardware_design
 from ninedtact_train.dataset import load_dataset
 from ninedtact_train.evaluation.predictions import WrenchPredictions, write_predictions
 
@@ -129,8 +129,8 @@ def sensor_kinds(sensor: Path, folder: Path) -> Iterator[tuple[str, Kind]]:
     hardware.write_text(hardware_design_to_toml(default_hardware_design()))
     read_design = printing(lambda out: msgspec.to_builtins(read_design_file(design)))
     yield "design", Kind(design, read_design, damaged_text, is_authored=True)
-    check = commands(f"hardware check --design {hardware} --json")
-    yield "hardware design", Kind(hardware, check, damaged_text, is_authored=True)
+    read_hardware = printing(lambda out: asdict(read_hardware_design(hardware, "default")))
+    yield "hardware design", Kind(hardware, read_hardware, damaged_text, is_authored=True)
     model = folder / "model.onnx"
     model.write_bytes(with_card(None))
     by_model = commands(f"{estimate} --force {model} {ball}")
