@@ -37,22 +37,32 @@ from ninedtact.simulation.twin import default_twin  # noqa: E402
 _LONGEST_FILES = (
     "test_types.py",
     "test_model_journey.py",
-    "test_damaged_files.py",
     "test_benchmarks.py",
-    "test_export.py",
     "test_pressing_by_hand.py",
-    "test_calibration_page.py",
-    "test_recordings_on_page.py",
-    "test_train_command.py",
-    "test_sensor_folder.py",
-    "test_board.py",
-    "test_journeys.py",
-    "test_hardware_commands.py",
-    "test_recording_journeys.py",
+    "test_force_journeys.py",
+    "test_damaged_files.py",
     "test_examples.py",
+    "test_board.py",
+    "test_calibration_session.py",
+    "test_sensor_folder.py",
+    "test_calibration_page.py",
+    "test_force_calibration_page.py",
+    "test_recordings_on_page.py",
+    "test_twin_fit.py",
+    "test_train_command.py",
+    "test_recording_journeys.py",
+    "test_sensor_group.py",
+    "test_twin_journeys.py",
+    "test_hardware_commands.py",
+    "test_journeys.py",
+    "test_ball.py",
+    "test_export.py",
+    "test_one_press.py",
+    "test_docs.py",
+    "test_open_sensor.py",
     "test_rules.py",
 )
-"""Files that take a minute. They begin first, so that no worker is left with one at the end while the others have none."""
+"""Files that take half a minute or more. They begin first, so that no worker is left with one at the end while the others have none."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
