@@ -62,7 +62,8 @@ _LONGEST_FILES = (
     "test_open_sensor.py",
     "test_rules.py",
 )
-"""Files that take half a minute or more. They begin first, so that no worker is left with one at the end while the others have none."""
+"""Files that take half a minute or more. They begin first, so that no worker is left with one at the end while the others have
+none."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
