@@ -70,7 +70,7 @@ def fe_presses(
     by another sensor, which is calibrated sooner.
     """
     member = twins_of_real_fits()[SENSOR]
-    member = replace(member, gel=Gel(FE_THICKNESS_MM, MODULUS_MPA))
+    member = replace(member, gel=Gel(FE_THICKNESS_MM, MODULUS_MPA, gel_over_base_modulus=0.0))
     twin = member.twin()
     folder = out / f"sensor_{SENSOR}_fe{'_ball' if ball_of_elements else ''}"
     if not quick and not (folder / SENSOR_FILE).is_file():
@@ -78,9 +78,11 @@ def fe_presses(
             calibrate_on_elements(member, next(one for one in read_presses(presses) if one.name == DEEPEST), folder)
         else:
             calibrate_twin(member, folder)
-    sensor = SensorFolder(Path(), calibrated("sensor_a").record) if quick else load_sensor(folder)
-    share = sensor.record.twin.fit.parameters["finite_strain"]
-    print(f"calibrated: {sensor.gel.thickness_mm:.3f} mm of gel, finite strain {share.value:.2f} ± {share.std:.2f}")
+    sensor = SensorFolder(Path(), calibrated("sensor_a", "physics").record) if quick else load_sensor(folder)
+    base = sensor.record.twin.fit.parameters["gel_over_base_modulus"]
+    print(
+        f"calibrated: {sensor.gel.thickness_mm:.3f} mm of gel, modulus over that of its base {base.value:.2f} ± {base.std:.2f}"
+    )
     estimator = build_estimator("physics", sensor.shape, replace(sensor.gel, shear_modulus_mpa=MODULUS_MPA))
     references = [Frame(twin.renderer(None, -1 - number)) for number in range(REFERENCES)]
     depth_reader = sensor.shape.depth_reader(*references)
@@ -96,7 +98,7 @@ def fe_presses(
     deviations = []
     for number, press in enumerate(read_presses(presses)[: 1 if quick else None]):
         linear = press_twin(twin, press)
-        finite = correct_for_finite_strain(linear, FE_THICKNESS_MM)
+        finite = correct_for_finite_strain(linear)
         drawn = draw_surface(linear, press)
         frame = Frame(twin.renderer(drawn, number))
         rectified = sensor.shape.rectify(frame)

@@ -42,9 +42,9 @@ from ninedtact_train.dataset.generation.press_session import PressSettings, Rand
 from ninedtact_train.evaluation import WrenchPredictions, evaluate_predictions
 from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
 from ninedtact_train.population.rectified_renderer import rectified_renderer
-from ninedtact_train.population.sensor_population import SampledSensor, sample_transparent_layer
+from ninedtact_train.population.sensor_population import SampledSensor
 
-Wrong = Literal["nothing", "pitch", "radius", "thinner", "thicker", "compliant_base", "finite_strain"]
+Wrong = Literal["nothing", "pitch", "radius", "thinner", "thicker", "yielding_base", "linear"]
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 ESTIMATORS = ("physics", "corrected")
 LOADS_N = 0.3, 12.0
@@ -111,7 +111,7 @@ def force_on_real_fits(
     uncalibrated = [(one.member, one.folder, wrong) for one in setups if not (one.folder / SENSOR_FILE).is_file()]
     if quick:
         uncalibrated = []
-        save_sensor(setups[0].folder, calibrated("sensor_a"))  # it is another sensor, but calibrated sooner
+        save_sensor(setups[0].folder, calibrated("sensor_a", "physics"))  # it is another sensor, but calibrated sooner
     for work, jobs in ((make_presses, new), (calibrate_twin, uncalibrated)):
         list(run_jobs(work, jobs, workers))
     for one in setups:
@@ -172,9 +172,9 @@ def mistaken(member: SampledSensor, wrong: Wrong) -> SampledSensor:
         return replace(member, design=replace(design, pin_board=replace(design.pin_board, pitch_mm=3.1)))
     if wrong == "radius":
         return replace(member, design=replace(design, ball=replace(design.ball, radius_mm=5.0)))
-    if wrong == "compliant_base":
-        return replace(member, kind=wrong, base=sample_transparent_layer(np.random.default_rng(5), gel))
-    return replace(member, kind="finite_strain") if wrong == "finite_strain" else member
+    if wrong == "yielding_base":
+        return replace(member, gel=replace(gel, gel_over_base_modulus=0.15))
+    return replace(member, gel=replace(gel, finite_strain=0.0)) if wrong == "linear" else member
 
 
 def stated_design(member: SampledSensor, wrong: Wrong) -> SensorDesign:

@@ -1,10 +1,10 @@
 """Presses that a laboratory measured on sensors of this kind, beside the mechanics of the twin.
 
-`--data` is a folder with ladders.csv, ball8_ramps.csv and shear_ball8.csv (unit, probe, repeat, depth, force; docs/accuracy.md), by
-default real_force beside the real images; a unit is named RECIPE_THICKNESSmm_RUN. Three models predict the loads: gel on a rigid base
-with one shear modulus for each recipe, gel on one base for all units, and the same with a modulus for each unit. The depth at which a
-ramp begins is uncertain by some hundredths of a millimetre and is fitted for each ramp. Then each probe is predicted from the others
-of its unit, and shear from normal presses alone.
+`--data` is a folder with ladders.csv, ball8_ramps.csv and shear_ball8.csv (unit, probe, repeat, depth, force; docs/accuracy.md),
+by default real_force beside the real images; a unit is named RECIPE_THICKNESSmm_RUN. Three models predict the loads: gel on a
+rigid base with one shear modulus for each recipe, gel on one base for all units, and the same with a modulus for each unit. The
+depth at which a ramp begins is uncertain by some hundredths of a millimetre and is fitted for each ramp. Then each probe is
+predicted from the others of its unit, and shear from normal presses alone.
 """
 
 import csv
@@ -110,7 +110,7 @@ def probe_indenter(probe: str) -> Indenter:
 @cache
 def load_table(probe: str, thickness_mm: float, base_mm: float) -> RegularGridInterpolator:
     """Return load over shear modulus, mm², by modulus of the gel over that of the base and by depth."""
-    indenter, depths = probe_indenter(probe), DEPTHS_MM[DEPTHS_MM < 0.8 * thickness_mm]
+    indenter, depths = probe_indenter(probe), DEPTHS_MM[0.8 * thickness_mm > DEPTHS_MM]
     loads = []
     for ratio in GEL_OVER_BASE:
         gel = Gel(thickness_mm, 1.0, base_thickness_mm=base_mm, gel_over_base_modulus=float(ratio))
@@ -182,7 +182,9 @@ def fit(
         zeros = [z / ZERO_STD_MM.get(r.probe, 0.03) for r, z in zip(ramps, vector[-len(ramps) :], strict=True)]
         return np.concatenate([*misfit, zeros])
 
-    start = np.concatenate([np.full(len(names), np.log(0.1)), *([] if fixed is not None else [[0.0]]), np.zeros(len(ramps))])
+    start = np.concatenate(
+        [np.full(len(names), np.log(0.1)), *([] if fixed is not None else [[0.0]]), np.zeros(len(ramps))]
+    )
     found = least_squares(residual, start, loss="soft_l1").x
     moduli, base, _ = unpack(found)
     return Fitted(ramps, moduli, base, predict(found))

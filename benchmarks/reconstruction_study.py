@@ -33,9 +33,9 @@ DEEPER_THAN_MM = 0.05
 LIMIT_MM = 0.020
 PUBLISHED = {"MAE": 0.0462, "Std": 0.0304}
 KINDS: dict[str, MechanicsShares] = {
-    "as the estimator assumes": MechanicsShares(compliant_base=0.0, finite_strain=0.0),
-    "compliant base": MechanicsShares(compliant_base=1.0, finite_strain=0.0),
-    "finite strain": MechanicsShares(compliant_base=0.0, finite_strain=1.0),
+    "base that yields": MechanicsShares(rigid_base=0.0, linear=0.0),
+    "rigid base": MechanicsShares(rigid_base=1.0, linear=0.0),
+    "linear gel": MechanicsShares(rigid_base=0.0, linear=1.0),
 }
 
 

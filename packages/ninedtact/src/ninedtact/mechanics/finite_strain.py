@@ -70,12 +70,20 @@ def finite_strain_height_mm(contact: Contact) -> ScalarField:
     thinning over the thickness, u the tangential displacement and G a Gaussian mean over one thickness. On a base that yields the
     bulge is wider and shrinks most of all.
     """
+    gel, xp, height = contact.skin.gel, array_namespace_of(contact.height_mm), contact.height_mm
+    change = sum(
+        float(np.interp(gel.gel_over_base_modulus, GEL_OVER_BASE_MODULUS, constants)) * term
+        for constants, term in zip(
+            (GROWTH, REDISTRIBUTION, TRANSPORT), finite_strain_height_terms_mm(contact), strict=True
+        )
+    )
+    return height + gel.finite_strain * xp.where(contact.pressure_mpa > 0, 0 * height, change)
+
+
+def finite_strain_height_terms_mm(contact: Contact) -> tuple[ScalarField, ScalarField, ScalarField]:
+    """Return the changes of height at finite strain for constants of one: the bulge grows, spreads and is carried along."""
     gel, grid, height = contact.skin.gel, contact.skin.grid, contact.height_mm
     xp = array_namespace_of(height)
-    growth, redistribution, transport = (
-        float(np.interp(gel.gel_over_base_modulus, GEL_OVER_BASE_MODULUS, constants))
-        for constants in (GROWTH, REDISTRIBUTION, TRANSPORT)
-    )
     bulge = xp.where(height > 0, height, 0 * height)
     thinnest = xp.max(xp.max(-contact.thickness_change_mm, axis=-1, keepdims=True), axis=-2, keepdims=True)
     wave_x, wave_y = grid.wave_vectors
@@ -85,8 +93,8 @@ def finite_strain_height_mm(contact: Contact) -> ScalarField:
     carried = sum(
         _difference(xp, bulge * contact.tangential_mm[..., axis, :, :], -1 - axis, grid.pitch_mm) for axis in (0, 1)
     )
-    change = thinnest / gel.thickness_mm * (growth * bulge - redistribution * smooth) - transport * carried
-    return height + gel.finite_strain * xp.where(contact.pressure_mpa > 0, 0 * height, change)
+    strain = thinnest / gel.thickness_mm
+    return strain * bulge, -strain * smooth, -carried
 
 
 def _difference(xp: Any, field: ScalarField, axis: int, pitch_mm: float) -> ScalarField:
