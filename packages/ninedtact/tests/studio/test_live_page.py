@@ -2,6 +2,7 @@
 
 import socket
 import threading
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -14,12 +15,13 @@ from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.design import Gel
 from ninedtact.errors import DeviceError
 from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.live.socket_guard import SocketGuard
 from ninedtact.studio.calibration_session import CalibrationSession
 from ninedtact.studio.guided_page import GuidedPageLayout
 from ninedtact.studio.guided_session import SwitchableCamera
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
-from ninedtact.studio.page_server import PORTS_TRIED, page_server
-from ninedtact.studio.saved_files import SaveLimits
+from ninedtact.studio.page_server import PageServer, page_server
+from ninedtact.studio.saved_files import SaveLimits, SaveQuota
 from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_page import SensorPage
 
@@ -36,7 +38,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
     tab.on("request", lambda request: asked.add(request.url.split("/")[2] if "//" in request.url else ""))
     sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
-        studio = PageController([DisplayedSensor(loop)], tmp_path, save_limits=SaveLimits(per_minute=1))
+        studio = PageController([DisplayedSensor(loop)], tmp_path, SaveQuota(SaveLimits(per_minute=1)))
         page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
         address = f"127.0.0.1:{server.port}"
 
@@ -107,21 +109,20 @@ def theme(browser: PageClient) -> bool:
 def test_a_port_in_use_is_refused_and_not_replaced_by_another() -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as other,
-        pytest.raises(DeviceError, match=r"free for the page, got it in use .*choose another with --port"),
+        pytest.raises(DeviceError, match=r"free for the page, got one in use; choose another with --port"),
         page_server("127.0.0.1", other.getsockname()[1]),
     ):
         pass
 
 
-def test_without_a_port_the_next_free_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        taken = other.getsockname()[1]
-        monkeypatch.setattr("ninedtact.studio.page_server.DEFAULT_PORT", taken)
-        with page_server("127.0.0.1", None) as server:
-            assert taken < server.port < taken + PORTS_TRIED
-        monkeypatch.setattr("ninedtact.studio.page_server.PORTS_TRIED", 1)
-        with pytest.raises(DeviceError, match="got it in use"), page_server("127.0.0.1", None):
-            pass
+def test_of_several_ports_the_next_free_one_is_taken() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other, page_server("127.0.0.1", 0) as first:
+        ports = [other.getsockname()[1], first.port]
+        with closing(PageServer(SocketGuard.for_host("127.0.0.1"))) as server:
+            with pytest.raises(DeviceError, match="got one in use"):
+                server.listen("127.0.0.1", ports)
+            server.listen("127.0.0.1", [*ports, 0])
+            assert server.port not in ports
 
 
 @pytest.mark.parametrize(

@@ -20,14 +20,15 @@ from small_press_simulation import PRESSED, TWIN
 from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
 
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
 from ninedtact.design import Gel
 from ninedtact.errors import FileFormatError
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import HeightObservationModel
+from ninedtact.live.reading_recorder import RecordedSensorMetadata
 from ninedtact.live.sensor_poller import SensorPoller
-from ninedtact.live.wrench_history import WrenchHistory
+from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller
 from ninedtact.mechanics.pose import InvalidPose, Pose
+from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.reading import Reading
 from ninedtact.simulation.ground_truth import true_height_map_like
 from ninedtact.simulation.hand_moved_object import HandTarget, SimulatedHand
@@ -35,7 +36,6 @@ from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press_sequence import PressSequence
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
-from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
 from ninedtact.studio.page_server import PageServer, page_server
 from ninedtact.studio.press_control import (
     MAX_DEPTH_MM,
@@ -103,22 +103,20 @@ def pressed_twin(
             sources.camera.simulation = sources.force_torque.simulation = simulation
             sources.camera.__post_init__()
             sources.force_torque.__post_init__()
-            sensor, pollers = twin_sensor_and_true_wrench(folder.shape, sources)
-            sensor.estimator = TractionForce(HeightObservationModel(), Gel())
+            force = TractionForce(HeightObservationModel(), Gel())
+            live = assemble_live_sensor(folder, sources, follow_reference=False, estimator=force)
             estimated = WrenchHistory("estimated", "by physics", states_errors=True)
             keep = partial(keep_reading, estimated=estimated, number=number, listeners=listeners)
-            loop = opened.enter_context(SensorPoller(sensor, keep))
-            opened.enter_context(pollers[0])
+            loop = opened.enter_context(SensorPoller(live.sensor, keep))
+            true = opened.enter_context(WrenchPoller(sources.force_torque, "true", "of the simulation")).history
             controls.append(TwinPressController(simulation))
-            sensors.append(DisplayedSensor(loop, [pollers[0].history, estimated], controls[-1], name))
+            sensors.append(DisplayedSensor(loop, [true, estimated], controls[-1], name))
         studio = PageController(sensors, out)
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-        recorded = [
-            PageSensorToRecord(folder, "twin", one.wrenches, name) for one, name in zip(sensors, names, strict=True)
-        ]
-        recorder = PageRecorder(recorded, out, studio.quota)
+        recorded = [RecordedSensorMetadata(folder, "twin", has_estimates=True, name=name) for name in names]
+        recorder = studio.quota.new_recorder(recorded, out)
         opened.callback(recorder.stop)
-        listeners.append(recorder.keep)
+        listeners.append(recorder.add)
         desk = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorder))
         page = SensorPage(server, studio, block, "twin", [desk])
         yield PressedTwin(controls[0], studio, page, server)

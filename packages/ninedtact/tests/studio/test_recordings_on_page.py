@@ -33,6 +33,7 @@ from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.errors import InputError, NinedtactError, OutputError
 from ninedtact.force.estimator_and_scale import ForceEstimator
+from ninedtact.live.reading_recorder import ReadingRecorder, RecordedSensorMetadata, RecorderState
 from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.live.wrench_history import MOST_HZ, WrenchHistory, WrenchWithUncertainty
 from ninedtact.open_sensor import assemble_live_sensor
@@ -52,7 +53,6 @@ from ninedtact.studio.page_controller import (
     SensorMoment,
     SensorStatusMessage,
 )
-from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord, RecorderState
 from ninedtact.studio.page_server import PageServer, page_server
 from ninedtact.studio.reading_view import full_range_colour_scale
 from ninedtact.studio.recording_player import (
@@ -99,9 +99,8 @@ class Bench:
             WrenchHistory("estimated", "", states_errors=True),
         )
         self.quota = SaveQuota(SaveLimits(per_minute=100, disk_share=share))
-        self.recorder = PageRecorder(
-            [PageSensorToRecord(self.folder, "bench", [self.true, self.estimated])], out, self.quota
-        )
+        recorded = RecordedSensorMetadata(self.folder, "bench", "of the bench", has_estimates=True)
+        self.recorder = self.quota.new_recorder([recorded], out)
         self.camera = SkinCamera()
         self.sensor = sensor_on(self.camera)
         self.sensor.estimator = ScaledForce()
@@ -115,8 +114,8 @@ class Bench:
             self.sensor.read()
             reading = self.sensor.read()
             wrench = Wrench(np.array([0.0, 0.0, float(-level)]), np.zeros(3), stamp_ns=reading.stamp_ns)
-            self.true.add(WrenchWithUncertainty(wrench, np.full(6, np.nan)))
-            self.recorder.keep(reading)
+            for item in (wrench, reading):
+                self.recorder.add(item)
             self.kept.append(reading)
 
 
@@ -357,7 +356,7 @@ def test_a_label_ends_with_a_recording_that_the_quota_ends(tmp_path: Path) -> No
 
 def test_buttons_of_two_viewers_do_what_they_say(recorded: tuple[Path, Bench]) -> None:
     path, bench = recorded
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera()), bench.recorder.keep) as loop:
+    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera()), bench.recorder.add) as loop:
         page, controller = recordings_page(server, loop, bench, path.parent)
         with page_viewer(page, server) as (client, _), page_viewer(page, server) as (other, _):
 
@@ -388,7 +387,7 @@ def test_a_reading_is_not_in_a_recording_that_begins_while_it_is_kept(tmp_path: 
     bench, paths, seen = Bench(tmp_path / "small", tmp_path / "out"), list[Path](), set[int]()
 
     def begin_another(frame: FrameType, event: str, argument: object) -> Callable[..., Any] | None:
-        if frame.f_code is not unwrap(PageRecorder.keep).__code__:
+        if frame.f_code is not unwrap(ReadingRecorder.add).__code__:
             return None
         if event == "line" and seen and frame.f_lineno not in seen:
             bench.recorder.stop()
@@ -402,7 +401,7 @@ def test_a_reading_is_not_in_a_recording_that_begins_while_it_is_kept(tmp_path: 
         traced = sys.gettrace()
         sys.settrace(begin_another)
         try:
-            bench.recorder.keep(reading)
+            bench.recorder.add(reading)
         finally:
             sys.settrace(traced)
         bench.recorder.stop()
@@ -510,7 +509,7 @@ def recordings_page(
     server: PageServer, loop: SensorPoller, bench: Bench, out: Path
 ) -> tuple[SensorPage, PageController]:
     """Return the page of a sensor with the recorder of the bench, and its controller."""
-    controller = PageController([DisplayedSensor(loop)], out, save_limits=SaveLimits(per_minute=100))
+    controller = PageController([DisplayedSensor(loop)], out, SaveQuota(SaveLimits(per_minute=100)))
     panel = partial(RecordingsPanel, context=RecordingsPanelContext(bench.folder, bench.recorder))
     block = gel_block_under_skin(bench.folder.shape, bench.folder.record.design.gel)
     return SensorPage(server, controller, block, "small", [panel]), controller
@@ -692,15 +691,16 @@ def test_a_browser_records_opens_scrubs_labels_and_exports(browser: Browser, tmp
     errors = page_errors(tab)
     tab.set_default_timeout(PATIENCE_S * 200)
     sensor.estimator = ScaledForce()
-    estimated, limits = WrenchHistory("estimated", "by the bench", states_errors=True), SaveLimits(per_minute=100)
-    recorder = PageRecorder([PageSensorToRecord(folder, "bench", [estimated])], out, SaveQuota(limits))
+    estimated = WrenchHistory("estimated", "by the bench", states_errors=True)
+    quota = SaveQuota(SaveLimits(per_minute=100))
+    recorder = quota.new_recorder([RecordedSensorMetadata(folder, "bench", has_estimates=True)], out)
 
     def keep(reading: Reading) -> None:
         estimated.add_estimate(scaled_force(reading))
-        recorder.keep(reading)
+        recorder.add(reading)
 
     with page_server("127.0.0.1", 0) as server, SensorPoller(sensor, keep) as loop:
-        controller = PageController([DisplayedSensor(loop, [estimated])], out, limits)
+        controller = PageController([DisplayedSensor(loop, [estimated])], out, quota)
         panel = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorder))
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
         page = SensorPage(server, controller, block, "small", [panel])

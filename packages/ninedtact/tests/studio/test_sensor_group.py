@@ -26,6 +26,7 @@ from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.cli import main
 from ninedtact.cli.live import Live
 from ninedtact.errors import InputError
+from ninedtact.live.reading_recorder import ReadingRecorder, RecordedSensorMetadata
 from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.live.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 from ninedtact.quantities import Wrench
@@ -39,12 +40,11 @@ from ninedtact.studio.page_controller import (
     SensorMoment,
     SensorStatusMessage,
 )
-from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
 from ninedtact.studio.page_server import PageServer, page_server
 from ninedtact.studio.reading_view import full_range_colour_scale
 from ninedtact.studio.recording_player import RecordedSensor, RecordingPlayer
 from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
-from ninedtact.studio.saved_files import SaveLimits
+from ninedtact.studio.saved_files import SaveLimits, SaveQuota
 from ninedtact.studio.scene_3d import FIELD_OF_VIEW_RAD, GelBlock, SideBySideLayout, gel_block_under_skin
 from ninedtact.studio.sensor_group import grip_forces
 from ninedtact.studio.sensor_page import SensorPage
@@ -53,12 +53,12 @@ PATIENCE_S = 90.0
 SMALLEST_IMAGE_PX = 30
 
 
-def keep(reading: Reading, number: int, history: WrenchHistory, recorder: list[PageRecorder]) -> None:
+def keep(reading: Reading, number: int, history: WrenchHistory, recorder: list[ReadingRecorder]) -> None:
     """What the page keeps of a reading of one of its sensors."""
     assert reading.force is not None
     history.add_estimate(reading.force)
     for one in recorder:
-        one.keep(reading, number)
+        one.add(reading, number)
 
 
 @dataclass
@@ -95,7 +95,7 @@ def gripper(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Gripper]
     folder, out, names = load_sensor(sensor_folder(tmp_path / "small")), tmp_path / "readings", request.param
     cameras = {name: SkinCamera(0.03) for name in names}
     histories = {name: WrenchHistory("estimated", "by the bench", states_errors=True) for name in names}
-    recorders: list[PageRecorder] = []
+    recorders: list[ReadingRecorder] = []
     sensors: list[DisplayedSensor] = []
     with ExitStack() as opened:
         server = opened.enter_context(page_server("127.0.0.1", 0))
@@ -105,11 +105,11 @@ def gripper(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Gripper]
             kept = partial(keep, number=number, history=histories[name], recorder=recorders)
             loop = opened.enter_context(SensorPoller(sensor, kept))
             sensors.append(DisplayedSensor(loop, [histories[name]], name=name))
-        controller = PageController(sensors, out, SaveLimits(per_minute=100))
+        controller = PageController(sensors, out, SaveQuota(SaveLimits(per_minute=100)))
         # A level that a test sets before a sensor has read would become its reference.
         wait_until(lambda: all(one.poller.snapshot(0).reading is not None for one in sensors))
-        recorded = [PageSensorToRecord(folder, "bench", [histories[name]], name) for name in names]
-        recorders.append(PageRecorder(recorded, out, controller.quota))
+        recorded = [RecordedSensorMetadata(folder, "bench", has_estimates=True, name=name) for name in names]
+        recorders.append(controller.quota.new_recorder(recorded, out))
         panel = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorders[0]))
         block = gel_block_under_skin(folder.shape, folder.record.design.gel)
         page = SensorPage(server, controller, block, " · ".join(names), [panel])

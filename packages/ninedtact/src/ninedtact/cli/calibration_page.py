@@ -12,7 +12,7 @@ from time import sleep
 from typing import TYPE_CHECKING, Any
 
 from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
-from ninedtact.cli.serve_sensor_page import PageSettings, page_sensor, require_page_library, serve_sensor_page
+from ninedtact.cli.serve_sensor_page import PageSensor, PageSettings, require_page_libraries, serve_sensor_page
 from ninedtact.cli.shared_options import PageHostOption, PageOriginOption, PagePortOption, camera_settings
 from ninedtact.force.estimator_loading import NONE, PHYSICS
 from ninedtact.open_sensor import assemble_live_sensor
@@ -65,7 +65,7 @@ class CalibrationPageServer:
 
     def serve(self) -> "SensorFolder | None":
         """Serve the page until Ctrl-C, and the live page once somebody asks for it; return the sensor, None without one."""
-        require_page_library()
+        require_page_libraries()
         from ninedtact.live.socket_guard import SocketGuard
         from ninedtact.studio.calibration_page import CalibrationPage
         from ninedtact.studio.calibration_session import CalibrationSession
@@ -108,7 +108,7 @@ class ForceCalibrationPageServer:
 
     def serve(self, guard: "SocketGuard | None" = None) -> Path | None:
         """Serve the page until Ctrl-C, and the live page once somebody asks for it; return the file that was written, if any."""
-        require_page_library()
+        require_page_libraries()
         from ninedtact.calibration.force_calibration import UnscaledForceReader
         from ninedtact.errors import CameraError
         from ninedtact.live.socket_guard import SocketGuard
@@ -201,10 +201,11 @@ def serve_calibrated_sensor(
 
     force: estimator that it shows; without it physics, which a sensor needs a twin for.
     """
-    live = assemble_live_sensor(folder, source, settings=camera_settings(automatic), notify=print_notice)
     force = force or (NONE if folder.record.twin is None else PHYSICS)
-    settings = PageSettings(_READINGS, _LIVE_HZ, guard.host, port, force, guard=guard)
-    serve_sensor_page([page_sensor(folder, live)], settings, ends=False)
+    camera = camera_settings(automatic)
+    live = assemble_live_sensor(folder, source, settings=camera, estimator=force, notify=print_notice)
+    settings = PageSettings(_READINGS, _LIVE_HZ, guard.host, port, guard=guard)
+    serve_sensor_page([PageSensor(folder, live)], settings, ends=False)
 
 
 def list_calibration_cameras(source: str | None = None, simulated: bool = True) -> dict[str, str]:

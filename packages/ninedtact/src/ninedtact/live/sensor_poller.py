@@ -121,25 +121,6 @@ class SensorSnapshot:
         return self.phase.value
 
 
-class SensorOutageNotifier:
-    """Notices when a sensor begins or ceases to deliver readings. notify: receives a sentence about it, for a terminal."""
-
-    def __init__(self, notify: Callable[[str], None]) -> None:
-        self._notify = notify
-        self._last: tuple[SensorPhase, type] = SensorPhase.READING, type(None)
-
-    def has_changed(self, now: SensorSnapshot) -> bool:
-        """Return whether phase or kind of trouble is another than at the last call, at first than that of a sensor that reads."""
-        before, self._last = self._last, (now.phase, type(now.trouble))
-        if self._last == before:
-            return False
-        if now.trouble is not None:
-            self._notify(now.trouble_sentence)
-        elif before[1] is not type(None):
-            self._notify("readings arrive again")
-        return True
-
-
 class SensorPoller:
     """Reads a sensor in its own thread while it is open (`with`); its source should be a `LatestFrameSource`.
 

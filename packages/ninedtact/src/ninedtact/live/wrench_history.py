@@ -6,7 +6,7 @@ answers comes with its readings. Both fill a `WrenchHistory`, which the page rea
 
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from threading import Event, Lock, Thread
@@ -120,11 +120,17 @@ class WrenchHistory:
 
 
 class WrenchPoller:
-    """Reads a wrench source in its own thread while it is open (`with`)."""
+    """Reads a wrench source in its own thread while it is open (`with`). on_sample: is called there with every sample."""
 
-    def __init__(self, source: WrenchSource, name: str, meaning: str) -> None:
+    def __init__(
+        self,
+        source: WrenchSource,
+        name: str,
+        meaning: str,
+        on_sample: Callable[[Wrench], None] = lambda wrench: None,
+    ) -> None:
         self.history = WrenchHistory(name, meaning)
-        self.source = source
+        self.source, self._on_sample = source, on_sample
         self._closing = Event()
         self._thread = Thread(target=self._run, name=f"read {source.name}", daemon=True)
 
@@ -144,7 +150,9 @@ class WrenchPoller:
     def _run(self) -> None:
         try:
             while not self._closing.is_set():
-                self.history.add(WrenchWithUncertainty(self.source.read().about(np.zeros(3)), _UNKNOWN_STD))
+                wrench = self.source.read().about(np.zeros(3))
+                self.history.add(WrenchWithUncertainty(wrench, _UNKNOWN_STD))
+                self._on_sample(wrench)
         except SourceEnded:
             pass
         except BaseException as trouble:  # the page shows it

@@ -16,6 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy import ndarray as Array
 from viser import ViserServer
 
+from ninedtact.live.reading_recorder import RecorderState
 from ninedtact.live.wrench_history import WrenchSourceSnapshot, WrenchWithUncertainty
 from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Wrench
 from ninedtact.shape.coloured_height_map import ColourScale
@@ -40,8 +41,7 @@ from ninedtact.studio.scene_3d import (
 )
 from ninedtact.studio.skin_fields import NO_CONTACT, SLIP, STICK
 
-if TYPE_CHECKING:  # a page without recordings does not need its libraries
-    from ninedtact.studio.page_recorder import RecorderState
+if TYPE_CHECKING:
     from ninedtact.studio.recording_player import RecordingPlayer
 
 _TEMPLATES = Environment(
@@ -177,7 +177,7 @@ def format_signed_hundredths(number: float, sign: str = "-") -> str:
     return f"{round(number, 2) + 0.0:{sign}.2f}".replace("-", "\N{MINUS SIGN}")
 
 
-def recorder_html(state: "RecorderState") -> str:
+def recorder_html(state: RecorderState) -> str:
     """Return length, size, drops and labels of the recording, and why it ended."""
     if state.path is None:
         return ""

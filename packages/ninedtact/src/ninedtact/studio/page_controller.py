@@ -24,7 +24,7 @@ from ninedtact.shape.calibrated_shape import ReferenceUnusable
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.reading_view import ReadingView, full_range_colour_scale
-from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_moment_files
+from ninedtact.studio.saved_files import SaveQuota, save_moment_files
 
 SILENT_AFTER_MS = 1000.0
 """Time without images after which the page no longer counts as current: ten images of the slowest camera in use."""
@@ -249,11 +249,11 @@ class PageController:
         self,
         sensors: Sequence[DisplayedSensor],
         out: Path,
-        save_limits: SaveLimits = SaveLimits(),
+        quota: SaveQuota | None = None,
         recheck_s: float = RECHECK_S,
     ) -> None:
         """recheck_s: longest time between two refreshes while no new reading arrives."""
-        self.sensors, self.out, self.quota, self._recheck_s = tuple(sensors), out, SaveQuota(save_limits), recheck_s
+        self.sensors, self.out, self.quota, self._recheck_s = tuple(sensors), out, quota or SaveQuota(), recheck_s
         scales = [full_range_colour_scale(one.poller.sensor.shape.curve) for one in self.sensors]
         self.scale: ColourScale = max(scales, key=lambda scale: scale.pressed_mm)
         """The colours of the heights of all sensors."""

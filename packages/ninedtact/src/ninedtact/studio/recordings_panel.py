@@ -17,6 +17,7 @@ from viser import GuiApi, GuiButtonHandle, GuiEvent, Icon, IconName
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.errors import InputError
+from ninedtact.live.reading_recorder import ReadingRecorder, RecorderState
 from ninedtact.reading import Reading
 from ninedtact.recording.export import export_each_sensor
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses
@@ -33,7 +34,6 @@ from ninedtact.studio.page_cards import (
     time_slider_marks,
 )
 from ninedtact.studio.page_controller import WITHOUT_READING, PageMoment
-from ninedtact.studio.page_recorder import PageRecorder, RecorderState
 from ninedtact.studio.recording_player import SPEEDS, RecordedSensor, RecordingPlayer
 from ninedtact.studio.saved_files import save_surface_sequence, save_video
 from ninedtact.studio.viewer import Side, ViewerPage, is_user_event, set_gui_control
@@ -52,7 +52,7 @@ class RecordingsPanelContext:
     """What the recordings panels of all viewers share: recorder, first recording, calibrations and exporters."""
 
     sensor: SensorFolder
-    recorder: PageRecorder | None = None
+    recorder: ReadingRecorder | None = None
     """None on a page without a sensor."""
     opens: Path | None = None
     """The recording that every viewer begins with."""
@@ -150,7 +150,7 @@ class RecordingsPanel:
             self._listed_at, self._was_running = monotonic(), state.is_running
             self._list_recordings(state)
 
-    def _build_record(self, gui: GuiApi, recorder: PageRecorder) -> None:
+    def _build_record(self, gui: GuiApi, recorder: ReadingRecorder) -> None:
         with gui.add_folder("record"):
             self._record = gui.add_button("Record", icon=Icon.PLAYER_RECORD, color="red", hint=f"into {recorder.out}")
             self._recorded = gui.add_html("")
@@ -159,7 +159,7 @@ class RecordingsPanel:
             self._record.on_click(lambda event: self._toggle_record(recorder))
             self._live_begin.on_click(lambda event: self._toggle_label(recorder))
 
-    def _toggle_record(self, recorder: PageRecorder) -> None:
+    def _toggle_record(self, recorder: ReadingRecorder) -> None:
         """Do what the button says, also where another person has just done so."""
         with self._viewer.notify_refusal("Not recorded"):
             if self._shown_state.is_running:
@@ -169,7 +169,7 @@ class RecordingsPanel:
             else:
                 recorder.start()
 
-    def _toggle_label(self, recorder: PageRecorder) -> None:
+    def _toggle_label(self, recorder: ReadingRecorder) -> None:
         with self._viewer.notify_refusal("No label"):
             if self._shown_state.label is None:
                 recorder.begin_label(self._live_label.value)

@@ -7,10 +7,11 @@ import json
 import shutil
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from math import ceil
 from pathlib import Path
 from secrets import token_hex
@@ -24,8 +25,10 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import FileNotWritten, create_folder_atomically, write_file_atomically
 from ninedtact.errors import OutputError
+from ninedtact.live.reading_recorder import ReadingRecorder, RecordedSensorMetadata
 from ninedtact.live.wrench_history import WrenchSourceSnapshot
 from ninedtact.reading import Reading
+from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.export import export_shape
 
@@ -50,7 +53,7 @@ _SAVED_BYTES_PER_PX = 100
 class SaveQuota:
     """Counts what is saved from one page, and refuses what would exceed the limits."""
 
-    def __init__(self, limits: SaveLimits) -> None:
+    def __init__(self, limits: SaveLimits = SaveLimits()) -> None:
         self._limits, self._saved_at_s = limits, deque[float](maxlen=limits.per_minute)
         self._written_bytes, self._lock, self._exporting = 0, Lock(), Lock()
         self.writing = Lock()
@@ -72,6 +75,18 @@ class SaveQuota:
         """Count bytes that were written."""
         with self._lock:
             self._written_bytes += written
+
+    def new_recorder(self, sensors: Sequence[RecordedSensorMetadata], out: Path) -> ReadingRecorder:
+        """Return a recorder of readings with heights and labels, whose recordings count too."""
+
+        def count_growth(more_bytes: int) -> None:
+            self.add_bytes(more_bytes)
+            self.require_space(0, out, "a recording that goes on")
+
+        refuse = partial(self.count_save, 0, out, "a recording")
+        return ReadingRecorder(
+            sensors, out, topics=(Topic.HEIGHTS, Topic.SPANS), before_start=refuse, on_growth=count_growth
+        )
 
     @contextmanager
     def one_export(self) -> Iterator[None]:
