@@ -424,7 +424,7 @@ def test_a_hand_holds_depth_load_and_place_and_a_refused_step_leaves_the_object(
 def test_controls_stay_within_their_limits_and_rotations_come_back() -> None:
     control = TwinPressController(PressSequence(TWIN, [PRESSED]))
     control.move(depth_mm=99.0, x_mm=-99.0, tilt_x_deg=99.0)
-    assert control.state.depth_mm == MAX_DEPTH_MM and control.state.x_mm == -control.reach_mm[0]
+    assert control.state.depth_mm == MAX_DEPTH_MM and control.state.x_mm == control.limits["x_mm"][0]
     assert not control.state.is_playing and control.simulation.hand.held_object is not None
     control.play()
     assert control.state.is_playing and control.simulation.hand.held_object is None

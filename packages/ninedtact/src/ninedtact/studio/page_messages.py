@@ -34,14 +34,20 @@ def _message(kind: str, **fields: Any) -> Any:
 
 CameraMessage = _message(
     "ViewerCameraMessage",
-    wxyz=_Quaternion, position=_Vector, look_at=_Vector, up_direction=_Vector,
+    wxyz=_Quaternion,
+    position=_Vector,
+    look_at=_Vector,
+    up_direction=_Vector,
     **dict.fromkeys(("fov", "near", "far", "image_height", "image_width"), _Number),
 )
 """The pose of a browser's view. The first one says that the browser is ready."""
 _UploadMessage = _message(
     "FileTransferStartUpload",
     **_Transfer,
-    filename=_Text, mime_type=_Text, part_count=_PartNumber, size_bytes=_UploadSize,
+    filename=_Text,
+    mime_type=_Text,
+    part_count=_PartNumber,
+    size_bytes=_UploadSize,
 )
 _PartMessage = _message("FileTransferPart", **_Transfer, part_index=_PartNumber, content=_Part)
 _OTHER_MESSAGES = (
