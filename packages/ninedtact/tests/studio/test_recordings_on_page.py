@@ -249,8 +249,7 @@ def test_labels_are_kept_in_the_file_and_exported_and_the_rest_of_it_stays(
     player = player_of(path, bench)
     player.add_span(0.0, player.duration_s, " whole ")
     deep_s, marks = player.span_s(deep), list(time_slider_marks(player))
-    assert marks[0] == (0.0, "whole") and marks[-1] == (player.duration_s, f"{player.duration_s:.1f} s")
-    assert ((deep_s[0], "deep") if deep_s[0] > 0.2 * player.duration_s else deep_s[0]) in marks and deep_s[1] in marks
+    assert marks[-1] == (player.duration_s, f"{player.duration_s:.1f} s") and {0.0, *deep_s} <= set(marks)
     size = path.stat().st_size
     player.add_span(0.0, 0.01, "first")
     assert path.stat().st_size < size + 200  # an earlier list of labels does not pile up

@@ -124,9 +124,9 @@ class ReadingRecorder:
         recording.change_label(name)
 
     def end_label(self) -> None:
-        """End the labelled span now; raises `InputError` where none has begun."""
-        if self._recording is None or not self._recording.change_label(None):
-            raise InputError(expected="a label that has begun", got="none", remedy="begin one first")
+        """End the labelled span now; nothing happens where none has begun, as where another person has just ended it."""
+        if self._recording is not None:
+            self._recording.change_label(None)
 
     def _new_writers(self, path: Path) -> list[RecordingWriter]:
         """Return the writers of all sensors into one file; the first one opens it."""
@@ -176,14 +176,13 @@ class _Recording:
         if self.is_running and (isinstance(item, Wrench) or self._room.acquire(blocking=False)):
             self._items.put((item, number))
 
-    def change_label(self, label: str | None) -> bool:
-        """End the labelled span, if one has begun, and begin another one now, if it has a name; return whether one has ended."""
+    def change_label(self, label: str | None) -> None:
+        """End the labelled span, if one has begun, and begin another one now, if it has a name."""
         with self._lock:
             before, now_ns = self._label, monotonic_ns()
             self._label = None if label is None else (label, now_ns)
             if before is not None:
                 self._items.put((LabelledSpan(before[1], now_ns, before[0]), 0))
-            return before is not None
 
     def close(self) -> None:
         """Write what waits, and finish the file."""

@@ -28,7 +28,7 @@ from ninedtact.studio.guided_page import (
     live_image_quality_rows,
     steps_html,
 )
-from ninedtact.studio.page_cards import card_html, name_value_table_html
+from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
 from ninedtact.studio.viewer import NOTICE_S, is_user_event, set_gui_control
 
@@ -184,7 +184,7 @@ def _figures_html(state: CalibrationState) -> str:
         rows["pins"] = f"{state.pins.found} of {state.pins.expected}"
         if len(state.pins.missing_px):
             rows["pins"] += f"; {len(state.pins.missing_px)} missing, crossed in the image"
-    return name_value_table_html(rows)
+    return card_html("name_value_table", rows=rows)
 
 
 def _certificate(state: CalibrationState) -> Certificate:

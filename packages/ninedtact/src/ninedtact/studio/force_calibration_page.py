@@ -24,7 +24,7 @@ from ninedtact.studio.guided_page import (
     live_image_quality_rows,
     steps_html,
 )
-from ninedtact.studio.page_cards import card_html, name_value_table_html
+from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
 from ninedtact.studio.viewer import ControlFollower, is_user_event
 
@@ -77,7 +77,7 @@ class ForceCalibrationPage:
             self._figures.content = (
                 ""
                 if state.quality is None or state.presses
-                else name_value_table_html(live_image_quality_rows(state.quality))
+                else card_html("name_value_table", rows=live_image_quality_rows(state.quality))
             )
             self._show_buttons(state)
             if self._simulated is not None:

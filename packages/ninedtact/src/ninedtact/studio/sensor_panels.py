@@ -10,7 +10,6 @@ from ninedtact.live.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.page_cards import (
     card_html,
     explained_wrench_table_html,
-    name_value_table_html,
     shape_summary_html,
     status_html,
 )
@@ -154,7 +153,7 @@ class ReferenceAndRatesPanel:
             f"{one.name} {name}".strip(): rate for one in moment.sensors for name, rate in _format_rates(one).items()
         }
         shown = self._viewer.choose_shown(moment)[0]
-        self._costs.content = name_value_table_html(rates | _format_stage_costs(shown, moment.page_ms))
+        self._costs.content = card_html("name_value_table", rows=rates | _format_stage_costs(shown, moment.page_ms))
         self._reference.disabled = shown.snapshot.phase is not SensorPhase.READING
         self._moments += 1
         if is_curve_redraw_due(self._viewer, moment, self._moments):
