@@ -18,7 +18,7 @@ from ninedtact.studio.calibration_session import CalibrationSession
 from ninedtact.studio.guided_page import GuidedPageLayout
 from ninedtact.studio.guided_session import SwitchableCamera
 from ninedtact.studio.page_server import PageServer, page_server
-from ninedtact.studio.saved_files import SaveLimits, SaveQuota
+from ninedtact.studio.saved_files import SaveQuota
 
 PATIENCE_S = 90.0
 
@@ -32,7 +32,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
     tab.set_default_timeout(PATIENCE_S * 1000)
     tab.on("request", lambda request: asked.add(request.url.split("/")[2] if "//" in request.url else ""))
     source = ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0)
-    with served_small_page(tmp_path, camera=source, quota=SaveQuota(SaveLimits(per_minute=1))) as served:
+    with served_small_page(tmp_path, camera=source, quota=SaveQuota(per_minute=1)) as served:
         sensor, address = served.controller.sensors[0].poller.sensor, f"127.0.0.1:{served.server.port}"
 
         def until_shown(*texts: str) -> None:

@@ -61,7 +61,7 @@ from ninedtact.studio.recording_player import (
     empty_wrench_histories,
 )
 from ninedtact.studio.recordings_panel import WHOLE, RecordingsPanel, RecordingsPanelContext
-from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_surface_sequence, save_video
+from ninedtact.studio.saved_files import SaveQuota, save_surface_sequence, save_video
 from ninedtact.studio.viewer import ViewerPage
 
 PATIENCE_S = 90.0
@@ -95,7 +95,7 @@ class Bench:
             WrenchHistory("true", "of the bench"),
             WrenchHistory("estimated", "", states_errors=True),
         )
-        self.quota = SaveQuota(SaveLimits(per_minute=100, disk_share=share))
+        self.quota = SaveQuota(per_minute=100, disk_share=share)
         recorded = RecordedSensorMetadata(self.folder, "bench", "of the bench", has_estimates=True)
         self.recorder = self.quota.new_recorder([recorded], out)
         self.camera = SkinCamera()
@@ -593,7 +593,7 @@ def test_surfaces_and_a_video_have_every_image_or_nothing(recorded: tuple[Path, 
             lambda quota: save_video(readings.readings(), scale, 10.0, tmp_path / "too" / "long.mp4", quota),
         ):
             with pytest.raises(NinedtactError, match="at most 0% of the free disk"):
-                write(SaveQuota(SaveLimits(disk_share=0.0)))
+                write(SaveQuota(disk_share=0.0))
     assert not list((tmp_path / "too").iterdir())
     with (
         bench.quota.one_export(),

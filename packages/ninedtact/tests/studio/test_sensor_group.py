@@ -41,7 +41,7 @@ from ninedtact.studio.page_controller import (
 from ninedtact.studio.reading_view import full_range_colour_scale
 from ninedtact.studio.recording_player import RecordedSensor, RecordingPlayer
 from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
-from ninedtact.studio.saved_files import SaveLimits, SaveQuota
+from ninedtact.studio.saved_files import SaveQuota
 from ninedtact.studio.scene_3d import FIELD_OF_VIEW_RAD, GelBlock, SideBySideLayout
 from ninedtact.studio.sensor_group import grip_forces
 
@@ -67,7 +67,7 @@ class Gripper(ServedPage):
 def gripper(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Gripper]:
     """As many sensors as the test names, on one page, with a recorder."""
     folder, out, names = load_sensor(sensor_folder(tmp_path / "small")), tmp_path / "readings", request.param
-    cameras, quota = {name: SkinCamera(0.03) for name in names}, SaveQuota(SaveLimits(per_minute=100))
+    cameras, quota = {name: SkinCamera(0.03) for name in names}, SaveQuota(per_minute=100)
     recorded = [RecordedSensorMetadata(folder, "bench", has_estimates=True, name=name) for name in names]
     recorder = quota.new_recorder(recorded, out)
     sensors: list[DisplayedSensor] = []

@@ -153,14 +153,10 @@ def fit_pinhole_camera(rectification: Rectification, distance_mm: float) -> Fitt
 
 def _project(plane: Float64[Array, "n 2"], parameters: Float64[Array, "9"], unit_px: float) -> Float64[Array, "n 2"]:
     """Return the pixels of points at unit distance: scale, centre, roll, then k1, k2, p1, p2, k3; lengths in `unit_px`."""
-    scale, u, v, roll, k1, k2, p1, p2, k3 = parameters
-    x = np.cos(roll) * plane[:, 0] - np.sin(roll) * plane[:, 1]
-    y = np.sin(roll) * plane[:, 0] + np.cos(roll) * plane[:, 1]
-    squared = x * x + y * y
-    growth = 1 + squared * (k1 + squared * (k2 + squared * k3))
-    along_x = x * growth + 2 * p1 * x * y + p2 * (squared + 2 * x * x)
-    along_y = y * growth + p1 * (squared + 2 * y * y) + 2 * p2 * x * y
-    return np.stack([scale * along_x + u, scale * along_y + v], 1) * unit_px
+    scale, u, v, roll = parameters[:4] * (unit_px, unit_px, unit_px, 1.0)
+    matrix, points = np.array([[scale, 0, u], [0, scale, v], [0, 0, 1]]), np.column_stack([plane, np.zeros(len(plane))])
+    pixels = cv2.projectPoints(points, np.array([0.0, 0.0, roll]), np.array([0.0, 0.0, 1.0]), matrix, parameters[4:])[0]
+    return np.asarray(pixels[:, 0])
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from ninedtact.studio.guided_page import (
 )
 from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
-from ninedtact.studio.viewer import NOTICE_S, is_user_event, set_gui_control
+from ninedtact.studio.viewer import NOTICE_S, is_user_event
 
 _STEP_NAMES = ("untouched", "board", "untouched", "ball", "fit")
 _GRADES = {
@@ -75,7 +75,7 @@ class CalibrationPage:
             self._result.content = calibration_result_html(state, self._session.out)
             self._show_buttons(state)
             self._progress.visible = state.phase is CalibrationPhase.FIT
-            set_gui_control(self._progress, 100 * state.fit_progress)
+            self._progress.value = 100 * state.fit_progress
             if self._simulated is not None:
                 self._follow_presses(state, self._simulated)
 

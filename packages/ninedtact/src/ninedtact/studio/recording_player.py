@@ -305,7 +305,7 @@ class RecordingPlayer:
 
     def seek(self, at_s: float) -> None:
         """Stop at the image nearest to a time, within the recording."""
-        self._stop_at(int(np.abs(self._times_s - at_s).argmin()) if np.isfinite(at_s) else 0)
+        self._stop_at(int(np.abs(self._times_s - at_s).argmin()))
 
     def step(self, images: int) -> None:
         """Stop, and go so many images forwards or backwards."""

@@ -36,7 +36,7 @@ from ninedtact.studio.page_cards import (
 from ninedtact.studio.page_controller import WITHOUT_READING, PageMoment
 from ninedtact.studio.recording_player import SPEEDS, RecordedSensor, RecordingPlayer
 from ninedtact.studio.saved_files import save_surface_sequence, save_video
-from ninedtact.studio.viewer import Side, ViewerPage, is_user_event, set_gui_control
+from ninedtact.studio.viewer import Side, ViewerPage, is_user_event
 
 NOTHING, WHOLE = "none", "the whole recording"
 STEPS = {"back": -1, "play": 0, "next": 1}
@@ -157,7 +157,7 @@ class RecordingsPanel:
         if self._player is not None and self._player.at_s != self._slid_s:
             # Only where time has gone on by itself: a slider that a person drags must not be set back.
             self._slid_s = self._player.at_s
-            set_gui_control(self._slider, round(self._slid_s, 3))
+            self._slider.value = round(self._slid_s, 3)
         is_due = monotonic() - self._listed_at > _LIST_EVERY_S or state.is_running != self._was_running
         if self._context.opens is None and is_due:
             self._listed_at, self._was_running = monotonic(), state.is_running
@@ -239,7 +239,7 @@ class RecordingsPanel:
             control.visible = is_open
         if self._context.opens is None:
             self._close_button.visible = is_open
-            set_gui_control(self._choice, self._opened_name)  # also where another one could not be opened
+            self._choice.value = self._opened_name  # also where another one could not be opened
 
     def _seek(self, event: GuiEvent[Any]) -> None:
         if is_user_event(event) and self._player is not None:

@@ -77,7 +77,7 @@ class ThemeChoice:
     def _restore(self) -> None:
         with suppress(RuntimeError, TimeoutError):  # the browser has left, or keeps nothing
             if self._client.local_storage.get_item(_THEME_KEY, _THEME_WITHIN_S) == "dark":
-                set_gui_control(self._dark, True)
+                self._dark.value = True
 
 
 Side = Literal["left", "lower left", "right"]
@@ -333,12 +333,7 @@ class ViewerPage:
                 columns[side] = gui.add_tab_group() if side == "right" else gui.add_panel()
             with columns[side].add_tab(panel.title, panel.icon):
                 panel.build(gui)
-        self._dock(columns.get("left"), columns.get("lower left"))
-
-    def _dock(
-        self, upper: PanelHandle | GuiTabGroupHandle | None, lower: PanelHandle | GuiTabGroupHandle | None
-    ) -> None:
-        """Dock the panels of the left column, one below the other."""
+        upper, lower = columns.get("left"), columns.get("lower left")
         if isinstance(upper, PanelHandle):
             upper.dock_left()
             upper.set_width(LEFT_PX)
@@ -349,11 +344,6 @@ class ViewerPage:
 def is_user_event(event: GuiEvent[Any]) -> bool:
     """Return whether a person changed the control; the page itself changes controls too, to follow what others do."""
     return event.client is not None
-
-
-def set_gui_control(control: Any, value: Any) -> None:
-    """Set a control of one viewer to a value; a control that has it already is left alone."""
-    control.value = value
 
 
 class ControlFollower:
@@ -377,6 +367,6 @@ class ControlFollower:
             if changed_at != self._set_at.get(id(control), changed_at) and time() - changed_at < self.handled_within_s:
                 are_shown &= bool(control.value == value)
             else:
-                set_gui_control(control, value)
+                control.value = value
                 self._set_at[id(control)] = control.update_timestamp
         return are_shown
