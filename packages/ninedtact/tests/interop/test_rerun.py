@@ -1,8 +1,6 @@
 """Recordings and readings in Rerun, read back by its own reader; behind the marker of the doors, where rerun-sdk is installed."""
 
 import os
-import re
-import shlex
 import signal
 import socket
 import subprocess
@@ -239,15 +237,3 @@ def test_one_recording_is_exported_at_a_time_but_for_lerobot_whose_plugin_is_nam
         assert main(["export", str(recorded), "--out", str(tmp_path / "set"), "--to", "lerobot"]) == 1
         assert "run pip install lerobot_camera_ninedtact" in capsys.readouterr().err
     assert not (tmp_path / "out.rrd").exists() and not (tmp_path / "set").exists()
-
-
-def test_the_way_of_the_page_without_a_sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    lines = (Path(__file__).parents[4] / "docs/foxglove_rerun.md").read_text(encoding="utf-8").splitlines()
-    commands = [line.strip() for line in lines if re.match("    ninedtact (calibrate|record|export) ", line)]
-    commands = [line.replace("--seconds 10", "--seconds 5") for line in commands]
-    commands.sort(key=lambda line: ("calibrate", "record", "export").index(line.split()[1]))
-    assert [line.split()[1] for line in commands] == ["calibrate", "record", "export"]
-    for line in commands:
-        assert main(shlex.split(line, comments=True)[1:]) == 0, line
-    assert Path("press.rrd").stat().st_size > 100_000

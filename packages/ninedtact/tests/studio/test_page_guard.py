@@ -6,13 +6,10 @@ import http.server
 import logging
 import re
 import socket
-import subprocess
-import sys
 import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -26,7 +23,7 @@ from reading_clients import CAMERA, page_errors
 from small_calibrated_twin import TWIN as CALIBRATED_TWIN
 from small_calibrated_twin import PluggedCamera
 from small_press_simulation import PRESSED, TWIN
-from small_sensor import SkinCamera, sensor_folder, wait_until
+from small_sensor import sensor_folder, wait_until
 from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
@@ -37,7 +34,6 @@ from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.live.reading_recorder import RecordedSensorMetadata
-from ninedtact.live.sensor_poller import SensorPoller
 from ninedtact.live.socket_guard import SocketGuard, SocketLimits
 from ninedtact.simulation.press_sequence import PressSequence
 from ninedtact.studio.calibration_page import CalibrationPage
@@ -378,44 +374,6 @@ def test_the_memory_of_departed_clients_is_given_back() -> None:
             wait_until(lambda: not any(handle() for handle in handles), limit_s=20)
         finally:
             gc.enable()
-
-
-def test_twenty_clients_do_not_slow_the_sensor(tmp_path: Path) -> None:
-    stop = threading.Event()
-    with (
-        served_small_page(tmp_path, camera=SkinCamera(period_s=1 / 30)) as served,
-        ThreadPoolExecutor(1) as page_thread,
-    ):
-        (sensor,), server = served.controller.sensors, served.server
-        showing = page_thread.submit(served.controller.run, served.page, 15.0, stop.is_set)
-        script = Path(__file__).with_name("reading_clients.py")
-        address = f"ws://127.0.0.1:{server.port}"
-        clients = subprocess.Popen([sys.executable, str(script), address, PROTOCOL, "20", "1"])
-        try:
-            wait_until(lambda: len(server.viser.get_clients()) == 20)
-            lost_shares: list[float] = []
-            while len(lost_shares) < 6 and min(lost_shares, default=1.0) >= 0.05:
-                lost_shares.append(lost_share(sensor.poller, images=60))
-        finally:
-            clients.kill()
-            clients.wait()
-            stop.set()
-        showing.result(timeout=60)
-    assert min(lost_shares) < 0.05, lost_shares
-
-
-def lost_share(loop: SensorPoller, images: int) -> float:
-    """The share of images that arrive and are not read."""
-
-    def count() -> tuple[int, int]:
-        reading = loop.snapshot(0).reading
-        return (-1 if reading is None else reading.frame.index), loop.sensor.frames_read
-
-    wait_until(lambda: count()[0] >= 0)
-    arrived, read = count()
-    wait_until(lambda: count()[0] >= arrived + images)
-    arrived_later, read_later = count()
-    return 1 - (read_later - read) / (arrived_later - arrived)
 
 
 FOREIGN_PAGE = """<body><iframe src="http://127.0.0.1:{port}/"></iframe><script>

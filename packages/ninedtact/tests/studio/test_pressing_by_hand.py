@@ -48,7 +48,7 @@ from ninedtact.studio.press_control import (
     read_uploaded_mesh,
     twist_and_tilts_deg,
 )
-from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
+from ninedtact.studio.reading_view import ImageKind, ShownTraction
 from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
 from ninedtact.studio.saved_files import SaveQuota
 from ninedtact.studio.sensor_group import grip_forces
@@ -148,7 +148,7 @@ def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
         wait_until(lambda: (twin.refresh(), "ball_8mm" in tab.inner_text("body"))[1], PATIENCE_S, 0.05)
         twin.control.choose("primitives", "ball")
         wait_until(lambda: twin.rests_at(0.6), PATIENCE_S, 0.05)
-        before, (shallow,) = images_of(tab), twin.moment.sensors
+        before = images_of(tab)
         depth = tab.locator("label:has-text('depth (mm)')").first.locator("xpath=ancestor::*[.//input][1]//input").last
         depth.fill("1.2")
         depth.press("Enter")
@@ -178,24 +178,9 @@ def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
         estimate, std = re.findall(r"[\d.]+", f_z_row(said)[2])
         # Its force is off by a third, which the stated error, that of a sensor calibrated by physics, does not include.
         assert -float(estimate) == pytest.approx(force_n, abs=4 * float(std) + 0.4 * abs(force_n))
-        surfaces = [
-            each.view.surface(SkinColouring.HEIGHT, 4, ShownTraction.TRUE) for each in (shallow, moment) if each.view
-        ]
-        assert surfaces[1].points_mm[:, 2].min() < surfaces[0].points_mm[:, 2].min() - 0.4
         assert len(before) == 2 and not set(before) & set(images_of(tab))
         assert tab.title() == "small · 9DTact" and "true" in said and "estimated" in said
         assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
-        mesh = trimesh.creation.box((6, 4, 3)).export(file_type="stl")
-        tab.locator("input[type=file]").first.set_input_files(
-            {"name": "my part.stl", "mimeType": "model/stl", "buffer": mesh}
-        )
-        wait_until(lambda: twin.rests_at(0.6) and "my_part" in tab.inner_text("body"), PATIENCE_S, 0.05)
-        assert twin.control.state.kind == "own mesh"
-        tab.locator("input[type=file]").first.set_input_files(
-            {"name": "bad.stl", "mimeType": "model/stl", "buffer": b"solid nothing"}
-        )
-        wait_until(lambda: "Mesh not taken" in tab.inner_text("body"), PATIENCE_S, 0.05)
-        assert twin.control.state.family == "my_part"
     assert errors == []
 
 

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import pytest
 from page_client import PageClient, ServedPage, served_page
+from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
 from small_sensor import SkinCamera, sensor_folder, sensor_on, skin, wait_until
 from test_recordings_on_page import Bench, ScaledForce
@@ -250,29 +251,6 @@ def test_a_lost_finger_is_said_and_the_other_goes_on(gripper: Gripper) -> None:
         assert [one.name for one in viewer.shown_sensors] == ["right"]
 
 
-def overlaps(tab: Page) -> list[str]:
-    """What lies over something else, or outside of the window, of tables, states, images and the plot."""
-    boxes = tab.evaluate(
-        """() => [...document.querySelectorAll('[role=status], table, img[src^=blob], .uplot, button')].map(e => {
-            const box = e.getBoundingClientRect(), seen = [box.left, box.top, box.right, box.bottom];
-            for (let p = e.parentElement; p; p = p.parentElement) if (getComputedStyle(p).overflowY != 'visible') {
-                const clip = p.getBoundingClientRect();
-                seen[1] = Math.max(seen[1], clip.top); seen[3] = Math.min(seen[3], clip.bottom);
-            }
-            return [e.textContent.slice(0, 20) || e.tagName, ...seen];
-        }).filter(([_, left, top, right, bottom]) => right > left && bottom > top)"""
-    )
-    width = tab.viewport_size["width"]  # type: ignore[index]
-    found = [f"{name} outside" for name, left, _, right, _ in boxes if left < -1 or right > width + 1]
-    for number, (one, left, top, right, bottom) in enumerate(boxes):
-        for other, left2, top2, right2, bottom2 in boxes[number + 1 :]:
-            inside = one == other or (left2 >= left and right2 <= right and top2 >= top and bottom2 <= bottom)
-            shared_x, shared_y = min(right, right2) - max(left, left2), min(bottom, bottom2) - max(top, top2)
-            if not inside and shared_x > 2 and shared_y > 2:
-                found.append(f"{one} over {other}")
-    return found
-
-
 @pytest.mark.parametrize("gripper", [("thumb", "first", "second", "third")], indirect=True)
 def test_four_fingers_have_room_on_a_desktop_and_on_a_phone(browser: Browser, gripper: Gripper, tmp_path: Path) -> None:
     for width, height in ((1280, 800), (390, 844)):
@@ -291,8 +269,7 @@ def test_four_fingers_have_room_on_a_desktop_and_on_a_phone(browser: Browser, gr
         until_shown("1.20 N", "2.80 N", "1.60 mm, ")
         gripper.refresh_for(2.0)
         tab.screenshot(path=tmp_path / f"four_{width}.png")
-        assert overlaps(tab) == []
-        assert tab.evaluate("document.documentElement.scrollWidth") <= width
+        assert find_layout_faults(tab) == []
         images = [image.bounding_box() for image in tab.locator("img[src^=blob]").all()]
         assert len(images) == 2 and all(box is not None and box["width"] > SMALLEST_IMAGE_PX for box in images)
         status, panels = (
