@@ -61,22 +61,6 @@ class RateMeter:
             self._ticks.popleft()
 
 
-class _IndentationHistory:
-    """The maximum indentation of every reading of the last `HISTORY_S` seconds."""
-
-    def __init__(self) -> None:
-        self._kept = np.zeros((2, 0))
-
-    def add(self, at_ns: int, indentation_mm: float) -> None:
-        """Append the maximum indentation of one reading."""
-        recent = self._kept[:, at_ns - self._kept[0] <= HISTORY_S * NS_PER_S]
-        self._kept = np.column_stack([recent, (at_ns, indentation_mm)])
-
-    def until(self, now_ns: int) -> Float64[Array, "2 n"]:
-        """Return seconds before now (negative) and indentations in mm."""
-        return np.stack([(self._kept[0] - now_ns) / NS_PER_S, self._kept[1]])
-
-
 class SensorPhase(Enum):
     """The state of the sensor thread."""
 
@@ -137,7 +121,8 @@ class SensorPoller:
         self._phase = SensorPhase.READING
         self._trouble: BaseException | None = None
         self._reading: Reading | None = None
-        self._history, self._delivered, self._read = _IndentationHistory(), RateMeter(), RateMeter()
+        self._history, self._delivered, self._read = np.zeros((2, 0)), RateMeter(), RateMeter()
+        """history: stamps in ns and maximum indentations in mm of the readings of the last `HISTORY_S` seconds."""
         self._lock = Lock()
         self._closing, self._reference_wanted, self._changed = Event(), Event(), Event()
         self._thread = Thread(target=self._run, name=f"read {sensor.source.name}", daemon=True)
@@ -156,7 +141,7 @@ class SensorPoller:
                 self._heard_ns,
                 self._delivered.hz(now_ns),
                 self._read.hz(now_ns),
-                self._history.until(until_ns),
+                np.stack([(self._history[0] - until_ns) / NS_PER_S, self._history[1]]),
                 self._trouble,
                 0 if arrival is None else arrival.stamp_ns,
                 source.is_live and not source.is_simulated,
@@ -231,7 +216,8 @@ class SensorPoller:
             self._phase, self._trouble, self._reading = SensorPhase.READING, None, reading
             self._delivered.tick(arrived_ns, reading.frame.index)
             self._read.tick(arrived_ns, self.sensor.frames_read)
-            self._history.add(arrived_ns, deepest_mm)
+            recent = self._history[:, arrived_ns - self._history[0] <= HISTORY_S * NS_PER_S]
+            self._history = np.column_stack([recent, (arrived_ns, deepest_mm)])
         self._changed.set()
 
     def _after(self, end: SourceEnded) -> tuple[SensorPhase, BaseException | None]:

@@ -7,7 +7,7 @@ arrows, the contact has an outline, and the object of a twin is drawn over the s
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import ceil, sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float32, Float64, UInt32
@@ -30,8 +30,7 @@ AWAY_MM = 0.9
 """Distance of the numbers from their edge."""
 
 
-@dataclass(frozen=True)
-class _Mark:
+class _Mark(NamedTuple):
     """A text at a position in mm in the sensor frame."""
 
     text: str

@@ -12,14 +12,16 @@ from functools import partial
 from pathlib import Path
 from threading import RLock, Thread
 from time import monotonic, monotonic_ns, time
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol
 
 from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
 
 from ninedtact.errors import NinedtactError
+from ninedtact.live.sensor_poller import SensorPhase
 from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
 from ninedtact.studio.page_server import draw_unless_interrupted
 from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
+from ninedtact.studio.recording_player import RecordingPlayer
 from ninedtact.studio.scene_3d import DARK, LIGHT, GelBlock, SideBySideLayout
 
 NOTICE_S = 8.0
@@ -27,6 +29,8 @@ NOTICE_S = 8.0
 MOST_DOWNLOAD_BYTES = 32_000_000
 """Larger files are only written on the sensor's computer."""
 MAX_EXAGGERATION = 10.0
+CURVES_EVERY = 3
+"""Number of moments after which curves are drawn again."""
 MAX_COARSER = 4
 """Largest factor by which points of the surface are farther apart than in the finest one."""
 MAX_LEFT_OUT = 0.5
@@ -133,17 +137,6 @@ class Panel(Protocol):
 PanelFactory = Callable[["ViewerPage"], Panel]
 
 
-@runtime_checkable
-class MomentSource(Protocol):
-    """What one viewer is shown in place of the sensor: a recording that is played."""
-
-    def moment(self, newest: PageMoment) -> PageMoment:
-        """Return the moment to show, given the newest one of the sensor."""
-
-    def close(self) -> None:
-        """Close its file; nothing is asked for afterwards."""
-
-
 class ClientSurfaceDensity:
     """How dense a surface one client gets, from whether it has got each moment before the next one is due."""
 
@@ -201,8 +194,9 @@ class ViewerPage:
         self.moment: PageMoment | None = None
         """The moment that this viewer is shown; None before the first."""
         self.pace = ClientSurfaceDensity()
-        self._played: MomentSource | None = None
-        self._has_left = False
+        self._played: RecordingPlayer | None = None
+        self._has_left, self._moments, self.redraws_curves = False, 0, False
+        """redraws_curves: whether curves are drawn with this moment; with every one of a recording, else from time to time."""
         self._frozen = False
         self._lock = RLock()
         self._panels = [make(self) for make in panels]
@@ -249,7 +243,7 @@ class ViewerPage:
         with self._lock:
             self._frozen = not self._frozen and self.moment is not None
 
-    def play(self, source: MomentSource | None) -> None:
+    def play(self, source: RecordingPlayer | None) -> None:
         """Show a recording in place of the sensor, or the sensor again; what is not shown any more is closed."""
         with self._lock:
             before, self._frozen = [self._played], False
@@ -286,7 +280,9 @@ class ViewerPage:
             moment = newest if self._played is None else self._played.moment(newest)
             if self._frozen and self.moment is not None:
                 moment = self.moment.frozen_copy(moment, monotonic_ns())
-            self.moment = moment
+            self.moment, self._moments = moment, self._moments + 1
+            is_recorded = moment.sensors[0].snapshot.phase is SensorPhase.RECORDED
+            self.redraws_curves = not self._frozen and (is_recorded or self._moments % CURVES_EVERY == 0)
             self._passed_before = passed
             with self.client.atomic():
                 self._beat.content = f"{passed}"
