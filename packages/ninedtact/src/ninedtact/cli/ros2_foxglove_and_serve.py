@@ -283,7 +283,8 @@ class Serve:
             ReadingServer(folder.id, self.host, self.port, self.tcp_port, self.allow_origin) as server,
             stop_on_signal(self.shared.seconds) as until,
         ):
-            addresses = {"websocket": server.websocket_address, "tcp": server.tcp_address, "token": server.guard.token}
+            websocket = server.guard.websocket_address(server.port)
+            addresses = {"websocket": websocket, "tcp": server.tcp_address, "token": server.guard.token}
             print(f"{live.sensor.source.name}: {json.dumps(addresses)}; Ctrl-C ends", flush=True)
             served = server.serve(live.sensor, lambda: until.now, print_notice)
         print(f"stopped after {served} readings")

@@ -82,7 +82,7 @@ class FoxgloveServer:
     @property
     def address(self) -> str:
         """Address to open in Foxglove, with the token."""
-        return self.guard.page_address(self.port).replace("http://", "ws://", 1)
+        return self.guard.websocket_address(self.port)
 
     def __enter__(self) -> "FoxgloveServer":
         self._host = hidden_loopback_address()

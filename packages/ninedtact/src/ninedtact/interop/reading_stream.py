@@ -206,11 +206,6 @@ class ReadingServer:
         self._thread = ServerThread("serve readings")
 
     @property
-    def websocket_address(self) -> str:
-        """Address for WebSocket clients, with the token."""
-        return self.guard.page_address(self.port).replace("http://", "ws://", 1)
-
-    @property
     def tcp_address(self) -> str:
         """Host and port for TCP clients."""
         return urlsplit(self.guard.page_address(self.tcp_port)).netloc

@@ -94,6 +94,10 @@ class SocketGuard:
         host = _outward_address(self.host) if _is_wildcard(self.host) else self.host
         return f"http://{_bracket(host)}:{port}" + (f"/{self.token}/" if self.token else "")
 
+    def websocket_address(self, port: int) -> str:
+        """Return the address for WebSocket clients, with the token."""
+        return self.page_address(port).replace("http://", "ws://", 1)
+
     def own_hosts(self, local_address: str, port: int) -> set[str]:
         """Return the values of the `Host` header that name this server.
 
